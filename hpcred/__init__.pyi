@@ -63,6 +63,7 @@ from .model.loads import Temperature as Temperature
 from .model.loads import Traction as Traction
 from .model.materials import ElementProperties as ElementProperties
 from .model.materials import Material as Material
+from .model.motion_outputs import MotionOutput as MotionOutput
 from .model.parameters import Parameter as Parameter
 from .model.parameters import Term as Term
 from .model.parametric_model import ParametricModel as ParametricModel

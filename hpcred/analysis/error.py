@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..model.damping import Damping, ModalDamping, Structural
+from ..model.derivatives import orders_of
+from ..model.dofs import named_quantity
 from ..parallel.failures import InputError
 from ..reduction.measure import IDLE, NO_INPUT, PAPER, Directions, Measure, directions, measure_called, silent_outputs
 from ..reduction.reduced_model import ReducedModel
@@ -92,6 +94,7 @@ def errors_of(
     `drive` (F, p): drive-point responses of the full model. `measure`: by default that which the model was reduced
     with, else "directions", whose floors are those of `full` where the reduction states none; with `anew` always.
     """
+    full, found = (_of_displacements(reduced, frequencies, H) for H in (full, found))
     asked = None if measure is None else measure_called(measure)
     record = reduced.record
     accuracy = record.accuracy if record is not None else None
@@ -102,7 +105,9 @@ def errors_of(
         nothing = np.flatnonzero((full == 0).all(axis=(0, 2)))
         count = 1 + len(frequencies) * reduced.size**2 // NUMBERS_AT_A_TIME
         states = (reduced.states(2j * np.pi * part) for part in np.array_split(frequencies, count))
-        silent = {*known.silent, *silent_outputs(reduced.C, states), *nothing.tolist()}
+        parts = np.concatenate(reduced.output_parts)
+        quiet = np.isin(np.arange(len(parts)), silent_outputs(parts, states)).reshape(-1, len(reduced.C)).all(axis=0)
+        silent = {*known.silent, *np.flatnonzero(quiet).tolist(), *nothing.tolist()}
         by = directions(frequencies, full, drive, _places(reduced), sorted(silent))
         floors = known.inputs if isinstance(known, Directions) else ()
         idle = [k < len(floors) and floors[k] == IDLE for k in range(len(by.inputs))]
@@ -115,11 +120,22 @@ def errors_of(
     return Errors(relative_error(full, found, used, drive=drive), used, table)
 
 
+def _of_displacements(reduced, frequencies, H):
+    """Return responses (F, r, p) without the factors s and s^2 of velocities and accelerations; 0 at 0 Hz, where these
+    are zero and nothing is known of the displacement."""
+    orders = orders_of(reduced.output_parts)
+    if not (orders > 0).any():
+        return H
+    factors = (2j * np.pi * np.asarray(frequencies))[:, None] ** np.maximum(orders, 0)
+    return np.divide(H, factors[:, :, None], out=np.zeros_like(H), where=factors[:, :, None] != 0)
+
+
 def _places(reduced):
     """Return for each output the input at the same place, by name, and the ratio of the two (see measure.drive_points).
     """
     inputs = {name: i for i, name in enumerate(reduced.input_names)}
-    which = np.array([inputs.get(name, NO_INPUT) for name in reduced.output_names], dtype=int)
+    places = (named_quantity(name)[1] for name in reduced.output_names)
+    which = np.array([inputs.get(place, NO_INPUT) for place in places], dtype=int)
     return which, np.ones(len(which))
 
 

@@ -21,7 +21,7 @@ from ..reduction.reduced_model import ReducedModel, as_measured
 from ..reduction.tolerance.accuracy import Accuracy
 from ..reduction.tolerance.error_estimate import at_poles
 from .error import relative_error
-from .frequency_response import frequency_response, response_and_drive
+from .frequency_response import measured_response, response_and_drive
 
 BESIDE = 0.3  # of its damping ratio: how far from a resonance
 SHARPEST = 1e-7  # damping ratio that counts as such
@@ -141,9 +141,9 @@ def check_reduced(
     seed, frequencies = fresh_frequencies(accuracy.band, _resonances(reduced, accuracy), count, seed, model.comm)
     full, drive = response_and_drive(
         model, frequencies, record.frame, measuring_damping(accuracy, record.damping), factoring=factoring,
-        groups=groups, progress=progress,
+        groups=groups, progress=progress, measured=True,
     )  # fmt: skip
-    measured = frequency_response(as_measured(reduced, accuracy), frequencies)
+    measured = measured_response(as_measured(reduced, accuracy), frequencies)
     errors = relative_error(full, measured, accuracy.measure, drive=drive)
     return Check(
         seed=seed, bound=bound_of(accuracy), frequencies=tuple(frequencies.tolist()),

@@ -102,20 +102,27 @@ def frequency_response(
             found = _full(framed, frequencies, factoring, progress)
         else:
             found = _in_groups(framed, frequencies, factoring, progress, groups)
-    return unscaled(found, inputs * outputs)
+    found = unscaled(found, inputs * outputs)
+    return found if model.derivatives is None else model.derivatives.at(2j * np.pi * frequencies) @ found
 
 
-def response_and_drive(model, frequencies, frame=None, damping=None, **keywords) -> tuple[np.ndarray, np.ndarray]:
+def response_and_drive(
+    model, frequencies, frame=None, damping=None, *, measured=False, **keywords
+) -> tuple[np.ndarray, np.ndarray]:
     """Return H (F, r, p) of a SecondOrderModel, and the responses (F, p) of its inputs where they act; see
-    frequency_response. Collective."""
+    frequency_response. `measured`: H without the factors s and s^2 of velocities and accelerations. Collective."""
     if model.Ct is None:
         found = frequency_response(model, frequencies, frame, damping, **keywords)
         return found, np.einsum("fpp->fp", found)
     both = np.hstack([mat.getDenseArray().real for mat in (model.Ct, model.B)])
     other = model.with_output_columns(both, tuple(map(str, range(both.shape[1]))))
     found = frequency_response(other, frequencies, frame, damping, **keywords)
-    outputs = len(model.output_names)
-    return found[:, :outputs], np.einsum("fpp->fp", found[:, outputs:])
+    outputs = model.Ct.getSize()[1]
+    rows = found[:, :outputs]
+    if model.derivatives is not None:
+        s = 2j * np.pi * np.asarray(frequencies)
+        rows = (model.derivatives.measured_at(s) if measured else model.derivatives.at(s)) @ rows
+    return rows, np.einsum("fpp->fp", found[:, outputs:])
 
 
 def checked_frequencies(frequencies) -> np.ndarray:
@@ -163,10 +170,17 @@ def _in_groups(framed, frequencies, factoring, progress, groups):
     return response
 
 
-def _reduced(reduced, frequencies, comm=MPI.COMM_WORLD):
+def measured_response(reduced, frequencies) -> np.ndarray:
+    """Return the response (F, r, p) of a ReducedModel without the factors s and s^2 of velocities and accelerations.
+    Collective."""
+    return _reduced(reduced, frequencies, reduced.measured_response)
+
+
+def _reduced(reduced, frequencies, response_at=None, comm=MPI.COMM_WORLD):
     """Solve with the frequencies shared among the ranks."""
+    response_at = response_at or reduced.transfer_function
     mine = frequencies[comm.rank :: comm.size]
-    mine = [reduced.transfer_function(2j * np.pi * mine[part]) for part in _parts(len(mine), reduced.size)]
+    mine = [response_at(2j * np.pi * mine[part]) for part in _parts(len(mine), reduced.size)]
     response = np.zeros((len(frequencies), len(reduced.C), reduced.B.shape[1]), dtype=complex)
     for rank, part in enumerate(comm.allgather(mine)):
         if part:

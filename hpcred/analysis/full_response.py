@@ -71,6 +71,8 @@ class FullResponse:
         ends = self.frequencies[0], self.frequencies[-1]
         fine = frequencies_to_draw(ends, self.models.resonances_of_response, self.frequencies)
         H, eps = self.models.at(fine)
+        if (derivatives := self.models.pair.outer.io.derivatives) is not None:
+            H = derivatives.factors_at(2j * np.pi * fine) * H
         return fine, self.scale * H, eps
 
     @property
@@ -216,6 +218,8 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
             models = _Models(pair, again, seen is not None, damping_of_response)
             values, eps, accuracy = decided(model.comm, _evaluate, search, frequencies, models)
         factorisations, warnings = tuple(run.factorisations), (*warnings, *run.notes.warnings)
+    if model.derivatives is not None:
+        values = model.derivatives.factors_at(2j * np.pi * frequencies) * values
     return FullResponse(
         frequencies=frequencies, response=values, eps=eps, accuracy=accuracy, input_names=model.input_names,
         output_names=model.output_names, factorisations=factorisations, warnings=warnings,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..model.dofs import DIRECTIONS, target_of
+from ..model.dofs import DIRECTIONS, named_quantity, target_of
 from ..model.units import Units, rotational
 from ..parallel.failures import InputError
 from .body import Body
@@ -17,14 +17,14 @@ def in_units(body: Body, units: Units) -> Body:
     """Return the body in other units; frequencies stay in Hz. Raises InputError.
 
     The coordinates and matrices are those of sizes_of and fields_in. Inputs are forces or moments, outputs
-    displacements or angles, by their names; of loads the inputs are factors, the outputs work.
+    displacements or angles and their rates, by their names; of loads the inputs are factors, the outputs work.
     """
     reduced, quantities = body.reduced, body.floating_frame
     L, M = units.length, units.mass
     inertia, moment = M * L**2, M * L
     g = sizes_of(reduced, units)
     both = np.outer(g, g)
-    force, displacement = (np.array([_over_energy(kind, units) for kind in _kinds(reduced, names)])
+    force, measured = (np.array([_over_energy(kind, units) for kind in _kinds(reduced, names)])
                            for names in (reduced.input_names, reduced.output_names))  # fmt: skip
     unit = np.repeat([units.energy / L, units.energy], 3)
     resultants = reduced.resultants
@@ -33,7 +33,8 @@ def in_units(body: Body, units: Units) -> Body:
     return Body(
         replace(
             reduced, **fields_in(reduced, units), B=g[:, None] * reduced.B * force,
-            C=displacement[:, None] * reduced.C * g, resultants=resultants,
+            **{key: part if part is None else measured[:, None] * part * g
+               for key, part in (("C", reduced.C), ("Cv", reduced.Cv), ("Ca", reduced.Ca))}, resultants=resultants,
         ),
         replace(
             quantities, masses=quantities.masses / M, mc=quantities.mc / moment, J=quantities.J / inertia,
@@ -89,7 +90,7 @@ def _over_energy(kind: str, units: Units) -> float:
 def _kinds(reduced, names) -> list[str]:
     """Return "force", "moment" or "load" of inputs or outputs, by names. Raises InputError for others."""
     loads = {} if reduced.record is None else {item.name for item in reduced.record.loads if item.kind != "given"}
-    targets = {name: target_of(name) for name in names if name not in loads}
+    targets = {name: target_of(named_quantity(name)[1]) for name in names if name not in loads}
     lost = [name for name, target in targets.items() if not isinstance(target, tuple)]
     if lost:
         raise InputError(

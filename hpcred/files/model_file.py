@@ -2,7 +2,8 @@
 
 matrices/indptr (n + 1), matrices/indices (nonzeros): one sorted pattern for all matrices, columns from 0
 matrices/K, M and, where there is one, D (nonzeros)
-inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T
+inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T, and then Cv, Ca (r, n) where
+    velocities and accelerations are measured
 loads/name, kind, remark, area (l) in m^2, sums (l, 4, 3): of the inputs that are loads, as of model.loads.LoadColumn;
     the sums are force, moment, and the parts of both on held dofs
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m, where the nodes are known
@@ -51,7 +52,8 @@ SCHEMA = NODES | {
     "loads/name": Array("text", ("l",)), "loads/kind": Array("text", ("l",)),
     "loads/remark": Array("text", ("l",)), "loads/area": Array("real", ("l",)),
     "loads/sums": Array("real", ("l", 4, 3)),
-    "outputs/C": Array("real", ("r", "n")), "outputs/names": Array("text", ("r",)),
+    "outputs/C": Array("real", ("r", "n")), "outputs/Cv": Array("real", ("r", "n")),
+    "outputs/Ca": Array("real", ("r", "n")), "outputs/names": Array("text", ("r",)),
     "remarks": Array("text", ("?",)),
 }  # fmt: skip
 
@@ -74,8 +76,12 @@ def write_model(path, model: SecondOrderModel):
         write_csr(file, model.comm, indptr, indices, parts)
         for group, (mat, names) in dense.items():
             if mat is not None:
-                name = f"{group}/{'B' if group == 'inputs' else 'C'}"
-                file.rows(name, np.ascontiguousarray(mat.getDenseArray().real.T), axis=1)
+                rows = np.ascontiguousarray(mat.getDenseArray().real.T)
+                parts = {"B": rows} if group == "inputs" else {"C": rows}
+                if group == "outputs" and model.derivatives is not None:
+                    parts = dict(zip(("C", "Cv", "Ca"), model.derivatives.of(rows), strict=True))
+                for key, part in parts.items():
+                    file.rows(f"{group}/{key}", np.ascontiguousarray(part), axis=1)
                 file.small(f"{group}/names", list(names))
         if model.loads:
             for key in ("name", "kind", "remark", "area"):
@@ -162,6 +168,7 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         for group, key in (("inputs", "B"), ("outputs", "C")):
             dense[group] = file[f"{group}/{key}"][:, first:last].T if group in file else None
             names[group] = texts(file[f"{group}/names"]) if f"{group}/names" in file else []
+        rates = {key: file[f"outputs/{key}"][:, first:last].T for key in ("Cv", "Ca") if f"outputs/{key}" in file}
         dofs = _dofs(file["dofs"], first, last) if "dofs" in file else None
         held = _dofs(file["held"], *row_range(comm, len(file["held/node"]))) if "held" in file else None
         elements = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in file.get("elements", {}).items()}
@@ -171,10 +178,14 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         properties = read_properties(file, comm)
         loads = _loads(file["loads"]) if "loads" in file else ()
     model = SecondOrderModel.from_csr(
-        comm, size, indptr - indptr[0], indices, values, dense["inputs"], dense["outputs"], dofs=dofs,
-        input_names=names["inputs"], output_names=names["outputs"], name=Path(path).name, elements=elements, held=held,
+        comm, size, indptr - indptr[0], indices, values, dense["inputs"], None if rates else dense["outputs"],
+        dofs=dofs, input_names=names["inputs"], output_names=() if rates else names["outputs"], name=Path(path).name,
+        elements=elements, held=held,
         sets=sets, remarks=remarks, converted_from=converted_from, properties=properties,
     )  # fmt: skip
+    if rates:
+        with model:
+            model = model.with_output_columns(dense["outputs"], names["outputs"], **rates)
     if not loads:
         return model
     with model:

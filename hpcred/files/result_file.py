@@ -1,7 +1,7 @@
 """Read and write result.h5: a reduced model, its body and its basis.
 
 attributes: format, version; loss_factor of structural damping
-reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names
+reduced/M, D, K (m, m), B (m, p), C (r, m), Cv, Ca where not zero, frequencies (m) in Hz, input_names, output_names
 reduced/resultants (p, 6): force in N and moment about the origin in N m of each input, of a model with nodes
 reduced/interfaces/name, node (k), position (k, 3): in interface coordinates, the nodes whose displacements come first
 basis/V (m, n), one row a basis vector in the dofs of the full model (basis/W: the left one of a two-sided projection)
@@ -53,6 +53,7 @@ NAMES = ("input_names", "output_names")
 QUANTITIES = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
 SCHEMA = NODES | {
     **{f"reduced/{key}": Array("real", ("m", "m"), needed=True) for key in "MDK"},
+    "reduced/Cv": Array("real", ("r", "m")), "reduced/Ca": Array("real", ("r", "m")),
     "reduced/B": Array("real", ("m", "p"), needed=True), "reduced/C": Array("real", ("r", "m"), needed=True),
     "reduced/frequencies": Array("real", ("m",), needed=True), "reduced/resultants": Array("real", ("p", 6)),
     "reduced/input_names": Array("text", ("p",), needed=True),
@@ -360,6 +361,9 @@ def write_result(
         file.attribute("loss_factor", reduced.loss_factor)
         for key in ARRAYS:
             file.small(f"reduced/{key}", getattr(reduced, key))
+        for key in ("Cv", "Ca"):
+            if getattr(reduced, key) is not None:
+                file.small(f"reduced/{key}", getattr(reduced, key))
         for key in NAMES:
             file.small(f"reduced/{key}", list(getattr(reduced, key)))
         if reduced.resultants is not None:
@@ -413,6 +417,7 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
             raise InputError(f"{path}: the record of the run is damaged: {error.errors()[0]['msg']}") from error
         reduced = ReducedModel(
             **{key: group[key][...] for key in ARRAYS},
+            **{key: group[key][...] for key in ("Cv", "Ca") if key in group},
             **{key: tuple(texts(group[key])) for key in NAMES},
             interfaces=_interfaces(group["interfaces"]) if "interfaces" in group else (),
             resultants=group["resultants"][...] if "resultants" in group else None,

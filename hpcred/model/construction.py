@@ -16,6 +16,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI, PETSc, free_dropped
 from ..parallel.shares import row_range
 from .checked_arrays import check_columns, check_rows, coordinates, named_columns, real_columns, real_values, row_name
+from .derivatives import Derivatives, check_names, packed_parts
 from .dofs import Dofs, check_labels, dofs_per_node
 from .elements import check_elements
 from .materials import ElementProperties, check_properties
@@ -142,6 +143,33 @@ def columns_of(K: PETSc.Mat, local, names, what: str) -> tuple[PETSc.Mat | None,
     """Return B or C^T from the rows of this rank, and the names of its columns; None and () for None."""
     local, names = named_columns(K.comm.tompi4py(), K.getLocalSize()[0], local, names, what)
     return None if local is None else dense_matrix(K, local), names
+
+
+def local_columns(model, key: str, item, is_local: bool) -> np.ndarray | None:
+    """Return the rows of this rank of C^T, from C (r, n) of all ranks, or (r, local rows) where it `is_local`."""
+    if item is None:
+        return None
+    rows = model.local_rows if is_local else model.size
+    columns = real_columns(_columns(None, item, rows)[1], rows, f"{model.name}: {key}")
+    return columns if is_local else columns[model.first_row : model.first_row + model.local_rows]
+
+
+def measured_columns(K: PETSc.Mat, C, Cv, Ca, names, what: str) -> tuple[PETSc.Mat, Derivatives]:
+    """Return the measured columns, and the outputs of them, from rows of this rank (local rows, r) of C^T, Cv^T and
+    Ca^T, each or None."""
+    comm, rows = K.comm.tompi4py(), K.getLocalSize()[0]
+    with agreed(comm):
+        given = {key: real_columns(item, rows, f"{what}: {key}") for key, item in (("C", C), ("Cv", Cv), ("Ca", Ca))
+                 if item is not None}  # fmt: skip
+        shapes = {key: item.shape for key, item in given.items()}
+        if set(shapes.values()) != {(rows, len(names))}:
+            found = ", ".join(f"{key} of {shape[1]} rows" for key, shape in shapes.items())
+            raise InputError(f"{what}: found {found} and {len(names)} names, expected as many rows as names")
+    parts = np.stack([given.get(key, np.zeros((rows, len(names)))).T for key in ("C", "Cv", "Ca")])
+    there = np.any(comm.allgather(parts.any(axis=2)), axis=0)
+    check_names(names, there, what)
+    columns, derivatives = packed_parts(parts, there)
+    return dense_matrix(K, columns), derivatives
 
 
 def _columns(B, C, rows):

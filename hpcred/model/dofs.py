@@ -11,6 +11,7 @@ from ..parallel.declared import declared
 from ..parallel.failures import InputError
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz", "scalar", "own1", "own2", "own3", "own4", "own5", "own6")
+QUANTITIES = ("displacement", "velocity", "acceleration")  # of outputs, by the number of their derivatives
 SCALAR = 6  # a dof that rigid-body motions do not move: a modal coordinate, a scalar point
 SAME_PLACE = 1e-6  # times the largest coordinate
 OWN = 7  # and five more: directions 1..6 of a displacement system of the node's own, which are none of x .. rz
@@ -169,7 +170,9 @@ def require_dofs(model, purpose: str) -> Dofs:
 
 
 def target_of(name: str):
-    """Return the target of a name made by target_name, or None for another name."""
+    """Return the target of a name made by target_name, or None for another name, also of a velocity."""
+    if named_quantity(name)[0] != QUANTITIES[0]:
+        return None
     head, colon, tail = name.rpartition(":")
     if colon and tail in DIRECTIONS:
         return int(head) if head.isdecimal() else head, tail
@@ -178,13 +181,24 @@ def target_of(name: str):
 
 def node_of(name: str):
     """Return the node of an input or output by its name, or None, also for scalar dofs and own directions."""
-    target = target_of(name)
+    target = target_of(named_quantity(name)[1])
     return target[0] if isinstance(target, tuple) and DIRECTIONS.index(target[1]) < SCALAR else None
 
 
 def target_name(target) -> str:
     """Return "20:z" for a pair (node, direction), "dof 115" for a number."""
     return f"dof {target}" if isinstance(target, (int, np.integer)) else f"{target[0]}:{target[1]}"
+
+
+def quantity_name(quantity: str, name: str) -> str:
+    """Return the name of an output: "velocity 20:z" for the velocity of 20:z, and 20:z for its displacement."""
+    return name if quantity == QUANTITIES[0] else f"{quantity} {name}"
+
+
+def named_quantity(name: str) -> tuple[str, str]:
+    """Return quantity and place of the name of an output, such as "velocity" and "20:z"."""
+    first, _, rest = name.partition(" ")
+    return (first, rest) if first in QUANTITIES[1:] and rest else (QUANTITIES[0], name)
 
 
 def dofs_per_node(dofs: Dofs) -> int:

@@ -8,6 +8,7 @@ from math import frexp, inf
 
 import numpy as np
 
+from ..linalg.blocks import dense_matrix
 from ..parallel.failures import ComputationError
 
 USUAL = 2.0**160  # largest entries up to this, and down to its inverse, are left as they are
@@ -24,7 +25,7 @@ def in_usual_units(model) -> Iterator[tuple]:
         return
     usual = model.with_input_columns(model.B.getDenseArray().real / inputs, model.input_names)
     if model.Ct is not None:
-        usual = usual.with_output_columns(model.Ct.getDenseArray().real / outputs, model.output_names)
+        usual = usual.with_fields(Ct=dense_matrix(model.K, model.Ct.getDenseArray().real / outputs))
     yield usual, inputs, outputs
 
 

@@ -19,6 +19,7 @@ from ..parallel.petsc import MPI, PETSc
 from . import construction
 from .checked_arrays import check_finite
 from .construction import Labels
+from .derivatives import Derivatives, check_names
 from .digests import digest_of
 from .dofs import SCALAR, Dofs
 from .interface_motion import with_interfaces
@@ -26,8 +27,9 @@ from .interfaces import Interface, InterfaceNode
 from .load_columns import with_loads
 from .loads import AnyLoad, LoadColumn
 from .materials import ElementProperties, Material
+from .motion_outputs import MotionOutput
 from .stress_outputs import StressOutput
-from .targets import interface_targets, unit_columns
+from .targets import interface_targets, output_columns, unit_columns
 
 if TYPE_CHECKING:
     from typing import TypeAlias
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
 
     Matrix: TypeAlias = spmatrix | sparray | np.ndarray
     Targets: TypeAlias = Iterable[int | str | Sequence[int | str]]  # dofs, names of interfaces, (node, direction)
-    OutputTargets: TypeAlias = Iterable[int | str | Sequence[int | str] | StressOutput]
+    OutputTargets: TypeAlias = Iterable[int | str | Sequence[int | str] | MotionOutput | StressOutput]
 
 SYMMETRIC_TO = 1e-10  # ||A - A^T|| / ||A|| above which a matrix counts as unsymmetric
 
@@ -62,6 +64,8 @@ class SecondOrderModel:
         Columns of the inputs; with PETSc matrices the rows of this rank. `with_inputs` makes them from dofs.
     C : ndarray or SciPy sparse matrix, shape (r, n), optional
         Rows of the outputs, by default B^T; with PETSc matrices the columns that belong to the rows of this rank.
+    Cv, Ca : ndarray or SciPy sparse matrix, shape (r, n), optional
+        Rows for velocities and accelerations, y = C q + Cv q' + Ca q''; beside them C is zero by default.
     dofs : Dofs, optional
         Node, direction and position of the rows, which frames, interfaces and exports need.
     input_names, output_names : sequence of str, optional
@@ -117,6 +121,8 @@ class SecondOrderModel:
         The inputs that are loads, with the sums of their forces and moments.
     converted_from : str
         The original units of a model that was converted to SI.
+    derivatives : Derivatives or None
+        How velocities, accelerations and mixed outputs follow from the columns of Ct; None if these are the outputs.
     properties : ElementProperties or None
         Numbers, types and materials of the elements, if known, for stresses and loads.
     """
@@ -139,6 +145,7 @@ class SecondOrderModel:
     loads: tuple[LoadColumn, ...] = ()
     converted_from: str = ""
     properties: ElementProperties | None = None
+    derivatives: Derivatives | None = None
 
     def __init__(
         self,
@@ -153,10 +160,18 @@ class SecondOrderModel:
         output_names: Iterable[str] = (),
         name: str = "model",
         comm: MPI.Comm | None = None,
+        Cv: Matrix | None = None,
+        Ca: Matrix | None = None,
     ) -> None:
+        rates = Cv is not None or Ca is not None
         self._take(construction.from_given(
-            M, D, K, B, C, comm, dofs=dofs, input_names=input_names, output_names=output_names, name=name,
+            M, D, K, B, None if rates else C, comm, dofs=dofs, input_names=input_names,
+            output_names=() if rates else output_names, name=name,
         ))  # fmt: skip
+        if rates:
+            local = [construction.local_columns(self, key, item, isinstance(K, PETSc.Mat))
+                     for key, item in (("C", C), ("Cv", Cv), ("Ca", Ca))]  # fmt: skip
+            self._take_outputs(*local, output_names)
 
     @classmethod
     def assembled(cls, M, K, D=None, **known) -> SecondOrderModel:
@@ -172,6 +187,13 @@ class SecondOrderModel:
                 vars(self)[item.name] = item.default_factory()
         vars(self).update((key, value) for key, value in given.items() if value is not None)
         watched(self.comm)
+
+    def _take_outputs(self, C, Cv, Ca, names):
+        """Set the outputs from rows of this rank of C^T, Cv^T and Ca^T, each or None. Collective."""
+        count = next(item.shape[1] for item in (C, Cv, Ca) if item is not None)
+        names = tuple(names) or tuple(f"output {k + 1}" for k in range(count))
+        Ct, derivatives = construction.measured_columns(self.K, C, Cv, Ca, names, f"{self.name}: outputs")
+        vars(self).update(Ct=Ct, derivatives=derivatives, own_output_names=names)
 
     def __enter__(self) -> SecondOrderModel:
         return self
@@ -267,7 +289,7 @@ class SecondOrderModel:
 
     @property
     def output_names(self) -> tuple[str, ...]:
-        return self.input_names if self.Ct is None else self.own_output_names
+        return self.own_output_names if self.Ct is not None or self.derivatives is not None else self.input_names
 
     @property
     def symmetry_defects(self) -> dict[str, float]:
@@ -378,14 +400,14 @@ class SecondOrderModel:
         return self.with_input_columns(*unit_columns(self, "inputs", targets))
 
     def with_outputs(self, targets: OutputTargets) -> SecondOrderModel:
-        """Return the model with displacements at dofs, or stresses, as outputs.
+        """Return the model with displacements, velocities or accelerations at dofs, or stresses, as outputs.
 
         Collective.
 
         Parameters
         ----------
-        targets : iterable of int, str, (int or str, str) or StressOutput
-            As for with_inputs; or stresses at nodes.
+        targets : iterable of int, str, (int or str, str), MotionOutput or StressOutput
+            As for with_inputs, for displacements; or velocities and accelerations; or stresses at nodes.
 
         Returns
         -------
@@ -396,7 +418,8 @@ class SecondOrderModel:
         InputError
             For nodes, directions and names that do not exist.
         """
-        return self.with_output_columns(*unit_columns(self, "outputs", targets))
+        parts, names = output_columns(self, targets)
+        return self.with_output_columns(parts.pop("C"), names, **parts)
 
     def with_material(self, material: Material) -> SecondOrderModel:
         """Return the model with all its elements of one material, where the files did not tell it.
@@ -470,7 +493,10 @@ class SecondOrderModel:
         """
         return with_loads(self, loads, given)
 
-    def with_output_columns(self, local: ArrayLike | None, names: Iterable[str]) -> SecondOrderModel:
+    def with_output_columns(
+        self, local: ArrayLike | None, names: Iterable[str], *, Cv: ArrayLike | None = None,
+        Ca: ArrayLike | None = None,
+    ) -> SecondOrderModel:  # fmt: skip
         """Return the model with another C.
 
         Collective.
@@ -478,9 +504,11 @@ class SecondOrderModel:
         Parameters
         ----------
         local : array_like or None, shape (rows of this rank, r)
-            The rows of C^T that belong to this rank; None on all ranks for C = B^T.
+            The rows of C^T that belong to this rank; None on all ranks for C = B^T, or beside Cv and Ca for zero.
         names : iterable of str
             Names of the r outputs.
+        Cv, Ca : array_like, shape (rows of this rank, r), optional
+            The rows of Cv^T and Ca^T: y = C q + Cv q' + Ca q''.
 
         Returns
         -------
@@ -491,8 +519,13 @@ class SecondOrderModel:
         InputError
             For NaN, Inf, and shapes and numbers of names that do not fit.
         """
-        Ct, names = construction.columns_of(self.K, local, names, f"{self.name}: outputs")
-        return self.with_fields(Ct=Ct, own_output_names=names)
+        if Cv is None and Ca is None:
+            Ct, names = construction.columns_of(self.K, local, names, f"{self.name}: outputs")
+            check_names(names, np.array([[True], [False], [False]]).repeat(len(names), axis=1), f"{self.name}: outputs")
+            return self.with_fields(Ct=Ct, own_output_names=names, derivatives=None)
+        names = tuple(names)
+        Ct, derivatives = construction.measured_columns(self.K, local, Cv, Ca, names, f"{self.name}: outputs")
+        return self.with_fields(Ct=Ct, own_output_names=names, derivatives=derivatives)
 
     def with_damping_matrix(self, D: PETSc.Mat | None) -> SecondOrderModel:
         """Return the model with another damping matrix.
@@ -520,9 +553,11 @@ class SecondOrderModel:
         return self.with_fields(D=D)
 
     def as_dual(self) -> SecondOrderModel:
-        """Return the model of the transposed transfer function: D^T for D, C^T for B. Collective."""
+        """Return the model of the transposed transfer function of the measured columns: D^T for D, C^T for B.
+        Collective."""
         changed = {
-            "B": None if self.Ct is None else copy(self.Ct), "Ct": None, "input_names": self.output_names, "loads": ()
+            "B": None if self.Ct is None else copy(self.Ct), "Ct": None, "loads": (), "derivatives": None,
+            "input_names": self.output_names if self.derivatives is None else (),
         }  # fmt: skip
         if self.D is not None and not self.symmetric:
             changed["D"] = PETSc.Mat()
@@ -538,6 +573,7 @@ class SecondOrderModel:
         return self.assembled(
             matrices["M"], matrices["K"], matrices.get("D"), B=B, Ct=Ct, dofs=dofs, input_names=self.input_names,
             own_output_names=self.own_output_names, name=self.name, Gt=Gt, interfaces=self.interfaces,
+            derivatives=self.derivatives,
         )  # fmt: skip
 
     def frequency_response(self, frequencies: ArrayLike, *, frame=None, damping=None, **more) -> np.ndarray:

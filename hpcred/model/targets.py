@@ -6,33 +6,60 @@ import numpy as np
 
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
-from .dofs import DIRECTIONS, row_of, rows_of_node, target_name
+from .dofs import DIRECTIONS, QUANTITIES, quantity_name, row_of, rows_of_node, target_name
 from .interfaces import SIX, find_interface, node_number
+from .motion_outputs import MotionOutput
 from .stress_outputs import StressOutput, stress_columns
 
 
 def unit_columns(model, key: str, targets) -> tuple[np.ndarray, list[str]]:
-    """Return the rows of this rank of unit columns, of columns of G^T, or of stresses, and their names. Collective."""
-    kinds = int | str | tuple[int | str, str]
-    if key == "outputs":
-        kinds |= StressOutput
-    targets = declared(key, targets, tuple[kinds, ...])
+    """Return the rows of this rank of unit columns or of columns of G^T, and their names. Collective."""
+    targets = [single for target in _declared(key, targets) for single in _single_targets(model, target)]
+    return np.column_stack([_column(model, target) for target in targets]), list(map(target_name, targets))
+
+
+def output_columns(model, targets) -> tuple[dict[str, np.ndarray | None], list[str]]:
+    """Return the rows of this rank of the columns of C^T, Cv^T and Ca^T, each None where it is zero, and the names of
+    the outputs. Collective."""
+    singles = []  # (place or StressOutput, quantity)
+    for target in _declared("outputs", targets, MotionOutput | StressOutput):
+        if isinstance(target, MotionOutput):
+            singles += [(single, target.quantity) for single in _single_targets(model, target.target)]
+        else:
+            places = [target] if isinstance(target, StressOutput) else _single_targets(model, target)
+            singles += [(single, QUANTITIES[0]) for single in places]
+    names = [item.name if isinstance(item, StressOutput) else quantity_name(quantity, target_name(item))
+             for item, quantity in singles]  # fmt: skip
+    local = np.zeros((model.local_rows, len(singles)))
+    stresses = [j for j, (item, _) in enumerate(singles) if isinstance(item, StressOutput)]
+    if stresses:
+        local[:, stresses] = stress_columns(model, [singles[j][0] for j in stresses])
+    for j, (item, _) in enumerate(singles):
+        if j not in stresses:
+            local[:, j] = _column(model, item)
+    parts = {}
+    for key, quantity in zip(("C", "Cv", "Ca"), QUANTITIES, strict=True):
+        chosen = np.array([own == quantity for _, own in singles])
+        parts[key] = local * chosen if chosen.any() else None
+    return parts, names
+
+
+def _declared(key, targets, more=int):
+    """Return targets of the declared types. Raises InputError for others, and for none."""
+    targets = declared(key, targets, tuple[int | str | tuple[int | str, str] | more, ...])
     if not targets:
         raise InputError(f"{key}: found an empty list, expected dof numbers, (node, direction) or interfaces")
-    targets = [single for target in targets for single in _single_targets(model, target)]
-    local = np.zeros((model.local_rows, len(targets)))
-    stresses = [j for j, target in enumerate(targets) if isinstance(target, StressOutput)]
-    if stresses:
-        local[:, stresses] = stress_columns(model, [targets[j] for j in stresses])
-    for j, target in enumerate(targets):
-        if j in stresses:
-            continue
-        column = _interface_column(model, target)
-        if column is not None:
-            local[:, j] = model.Gt.getColumnVector(column).getArray(readonly=True).real
-        elif 0 <= (row := row_of(model, target) - model.first_row) < model.local_rows:
-            local[row, j] = 1.0
-    return local, [target.name if isinstance(target, StressOutput) else target_name(target) for target in targets]
+    return targets
+
+
+def _column(model, target) -> np.ndarray:
+    """Return the rows of this rank of the column of a single target. Collective."""
+    local, column = np.zeros(model.local_rows), _interface_column(model, target)
+    if column is not None:
+        return model.Gt.getColumnVector(column).getArray(readonly=True).real
+    if 0 <= (row := row_of(model, target) - model.first_row) < model.local_rows:
+        local[row] = 1.0
+    return local
 
 
 def interface_targets(interfaces) -> tuple[str, ...]:
@@ -45,7 +72,7 @@ def _single_targets(model, target) -> list:
 
     Interface nodes are named. Collective. Raises InputError.
     """
-    if isinstance(target, int | StressOutput):
+    if isinstance(target, int):
         return [target]
     node, direction = (target, "all") if isinstance(target, str) else target
     place = find_interface(model, node_number(model, node))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..linalg.blocks import dense_matrix
 from ..parallel.failures import InputError
-from .dofs import DIRECTIONS, OWN, SCALAR, Dofs, target_of
+from .dofs import DIRECTIONS, OWN, QUANTITIES, SCALAR, Dofs, named_quantity, target_of
 from .second_order_model import SecondOrderModel
 from .stress_outputs import stress_output_of
 
@@ -116,8 +116,12 @@ def rotational(direction: np.ndarray) -> np.ndarray:
 def unit_of_response(output: str, given: str) -> str:
     """Return the SI unit of a response, such as rad/N, from the names of its output and input.
 
-    It is "" if one of them is neither a displacement nor a rotation.
+    It is "" if one of them is neither a translation nor a rotation.
     """
+    quantity, output = named_quantity(output)
+    if quantity != QUANTITIES[0]:
+        unit, slash, load = unit_of_response(output, given).partition("/")
+        return slash and f"{unit}/s{'' if quantity == 'velocity' else '^2'}/{load}"
     if stress_output_of(output) is not None:
         load = unit_of_response("1:x", given)
         return load and f"Pa{load.removeprefix('m')}"
@@ -177,8 +181,9 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
             mats[key] = model.matrices[key].copy()
             mats[key].diagonalScale(inverse, inverse)
             mats[key].scale(units.energy * units.time**power)
-    dense = [None if mat is None else dense_matrix(model.K, _columns(model, mat, names, moved, scale, units))
-             for mat, names in ((model.B, model.input_names), (model.Ct, model.own_output_names))]  # fmt: skip
+    dense = [None if mat is None else dense_matrix(model.K, _columns(model, mat, names, moved, scale, units, parts))
+             for mat, names, parts in ((model.B, model.input_names, None),
+                                       (model.Ct, model.own_output_names, model.derivatives))]  # fmt: skip
     properties = model.properties
     if properties is not None:
         stress, density = units.energy / units.length**3, units.mass / units.length**3
@@ -190,13 +195,17 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
     return model.with_fields(
         M=mats["M"], K=mats["K"], D=mats.get("D"), B=dense[0], Ct=dense[1], dofs=dofs, held=held,
         converted_from=units.name, properties=properties,
+        derivatives=model.derivatives and model.derivatives.in_time(units.time),
     )  # fmt: skip
 
 
-def _columns(model, mat, names, moved, scale, units):
-    """Return the rows of this rank of B, or of C^T, in SI."""
+def _columns(model, mat, names, moved, scale, units, derivatives=None):
+    """Return the rows of this rank of B, or of the measured columns C^T, in SI."""
     local = mat.getDenseArray().real.copy()
     of_forces = np.array(model.comm.allgather((local[moved] != 0).any(axis=0))).any(axis=0)
-    factors = np.where(of_forces, units.length, 1.0)
+    rows = np.arange(len(of_forces)) if derivatives is None else derivatives.rows_of_columns
+    translates = np.zeros(len(names), bool)
+    np.logical_or.at(translates, rows, of_forces)
+    factors = np.where(translates, units.length, 1.0)
     factors[[stress_output_of(name) is not None for name in names]] = units.energy / units.length**3
-    return local / scale[:, None] * factors
+    return local / scale[:, None] * factors[rows]

@@ -62,6 +62,7 @@ class BasisReductor(Reductor):
             reduced = self._reduce(usual)
         if usual is not model:
             reduced.B, reduced.C = reduced.B * inputs, reduced.C * outputs
+            reduced.Cv, reduced.Ca = (part if part is None else part * outputs for part in (reduced.Cv, reduced.Ca))
             accuracy = reduced.record.accuracy
             reduced.record = replace(
                 reduced.record, signature=signature_of(model), loads=loads_of(model),
@@ -208,13 +209,20 @@ class BasisReductor(Reductor):
             moved = to_interface_coordinates(framed, Projected(columns, **small, B=inputs, C=outputs))
             small = {"M": moved.M, "D": moved.D, "K": moved.K}
             frequencies = np.concatenate([np.zeros(framed.rigid_size), frequencies])
-            reduced = reduced_model(model, framed, small, moved.B, moved.C, frequencies)
+            reduced = with_derivatives(model, reduced_model(model, framed, small, moved.B, moved.C, frequencies))
             reduced.interfaces = full.interfaces
             reduced.columns = everywhere(model, framed, moved.columns)
             return reduced, defect
-        reduced = reduced_model(model, framed, small, inputs, outputs, frequencies)
+        reduced = with_derivatives(model, reduced_model(model, framed, small, inputs, outputs, frequencies))
         reduced.columns = everywhere(model, framed, columns)
         return reduced, defect
+
+
+def with_derivatives(model, reduced):
+    """Return a reduced model, whose C has the measured columns, with the C, Cv and Ca of its outputs."""
+    if model.derivatives is not None:
+        reduced.C, reduced.Cv, reduced.Ca = model.derivatives.of(reduced.C)
+    return reduced
 
 
 def extend_by_all(basis, bases, runs, groups, last=True):

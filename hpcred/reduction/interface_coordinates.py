@@ -146,8 +146,9 @@ def elastic_part(reduced: ReducedModel, count: int | None = None) -> ReducedMode
     X = _eigh(reduced.K, reduced.M)[1][:, count:]
     small = {key: X.T @ getattr(reduced, key) @ X for key in ("M", "D", "K")}
     return replace(
-        reduced, **small, B=X.T @ reduced.B, C=reduced.C @ X, frequencies=reduced.frequencies[count:], interfaces=(),
-        columns=None,
+        reduced, **small, B=X.T @ reduced.B, frequencies=reduced.frequencies[count:], interfaces=(), columns=None,
+        **{key: part if part is None else part @ X
+           for key, part in (("C", reduced.C), ("Cv", reduced.Cv), ("Ca", reduced.Ca))},
     )  # fmt: skip
 
 

@@ -92,6 +92,9 @@ class IRKA(Reductor):
         if isinstance(damping, NoDamping | Structural):
             raise InputError(f"irka: found the damping '{damping.kind}', expected a viscous one, such as Rayleigh: "
                              "poles without it have no mirror image; or reduce to a tolerance")  # fmt: skip
+        if model.derivatives is not None:
+            raise InputError("irka: found outputs that are velocities or accelerations, expected displacements; reduce "
+                             "to a tolerance")  # fmt: skip
         two_sided = {"projection": "two_sided", "allow_unstable": True} if model.Ct is not None else {}
         points, inputs, outputs = self._first(model)
         reduced, moved = None, np.inf

@@ -142,6 +142,8 @@ def signature_of(model) -> dict[str, tuple[float, ...]]:
     for key, mat in (("B", model.B), ("C", model.Ct)):
         if mat is not None:
             found[key] = inner(z, from_dense(mat))
+    if model.derivatives is not None:
+        found["C"] = np.concatenate([found["C"].ravel(), model.derivatives.parts.ravel()])
     return model.comm.bcast({key: tuple(values.ravel().tolist()) for key, values in found.items()})
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..model.derivatives import combined
 from ..model.interfaces import InterfaceNode
 from ..model.second_order_model import SecondOrderModel, listed
 from ..parallel.failures import InputError, settle
@@ -26,9 +27,10 @@ DOUBLE_ZERO = 1e-7  # of the largest pole: rigid-body motions have double zeros,
 
 @dataclass
 class ReducedModel:
-    """M x'' + D x' + K x = B u, y = C x with m coordinates, p inputs, r outputs; SI units.
+    """M x'' + D x' + K x = B u, y = C x + C_v x' + C_a x'' with m coordinates, p inputs, r outputs; SI units.
 
-    M, D, K (m, m), B (m, p), C (r, m); `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52).
+    M, D, K (m, m), B (m, p), C, Cv, Ca (r, m), the last two None where they are zero.
+    `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52).
     `loss_factor`: eta of structural damping, for frequency responses only. `record`: what made it.
     `interfaces`: in interface coordinates, the nodes whose displacements x, y, z, rx, ry, rz are the first coordinates,
     six a node, in this order; empty in pseudo-modal ones.
@@ -54,6 +56,8 @@ class ReducedModel:
     columns: object = None
     left_columns: object = None
     model: SecondOrderModel | None = None
+    Cv: np.ndarray | None = None
+    Ca: np.ndarray | None = None
 
     @property
     def size(self) -> int:
@@ -92,8 +96,24 @@ class ReducedModel:
     __repr__ = __str__
 
     def transfer_function(self, s: complex | np.ndarray) -> np.ndarray:
-        """Return H(s) = C (s^2 M + s D + (1 + i eta) K)^-1 B (r, p), (25, 41); (..., r, p) for an array (...) of s."""
-        return self.C @ self.states(s)
+        """Return H(s) = (C + s C_v + s^2 C_a) (s^2 M + s D + (1 + i eta) K)^-1 B (r, p), (25, 41); (..., r, p) for an
+        array (...) of s."""
+        return combined(self.output_parts, s) @ self.states(s)
+
+    def measured_response(self, s: complex | np.ndarray) -> np.ndarray:
+        """Return H(s) without the factors s and s^2 of velocities and accelerations, whose relative error is that of
+        the displacement."""
+        return combined(self.output_parts, s, without=True) @ self.states(s)
+
+    @property
+    def output_parts(self) -> np.ndarray:
+        """C, C_v and C_a (3, r, m), with zeros for None."""
+        return np.stack([np.zeros_like(self.C) if part is None else part for part in (self.C, self.Cv, self.Ca)])
+
+    @property
+    def displaces(self) -> np.ndarray:
+        """Which outputs (r,) have no part that is a velocity or an acceleration."""
+        return ~self.output_parts[1:].any(axis=(0, 2))
 
     def states(self, s: complex | np.ndarray) -> np.ndarray:
         """Return (s^2 M + s D + (1 + i eta) K)^-1 B (m, p); (..., m, p) for an array (...) of s."""
@@ -167,6 +187,8 @@ class ReducedModel:
             raise InputError(f"to_pymor: pyMOR is missing ({error}); install it by `pip install pymor`") from error
         import hpcred
 
+        if self.Cv is not None or self.Ca is not None:
+            raise InputError("to_pymor: found outputs that are velocities or accelerations; take to_state_space")
         found = hpcred.state_space(self)  # which refuses structural damping
         keys = ("mass", "damping", "stiffness", "input_matrix", "output_matrix")
         return PymorModel.from_matrices(*(found[key] for key in keys))
@@ -247,8 +269,10 @@ def _semidefinite(matrix):
 
 def require_finite(reduced: ReducedModel):
     """Raise InputError for NaN and Inf in a reduced model, as one that was made by hand may have."""
-    for key in ("M", "D", "K", "B", "C", "frequencies"):
-        numbers = np.asarray(getattr(reduced, key))
+    for key in ("M", "D", "K", "B", "C", "Cv", "Ca", "frequencies"):
+        if (value := getattr(reduced, key)) is None:
+            continue
+        numbers = np.asarray(value)
         wrong = numbers.size - np.count_nonzero(np.isfinite(numbers))
         if wrong:
             raise InputError(f"reduced model: {key} has {wrong} of {numbers.size} numbers that are NaN or Inf")

@@ -9,7 +9,7 @@ from ..model.damping import ModalDamping
 from ..model.digits import warnings_of_digits
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError
-from .basis_reductor import BasisReductor, reduced_model
+from .basis_reductor import BasisReductor, reduced_model, with_derivatives
 from .projection import diagonalise, everywhere, project, project_columns
 from .reduced_damping import reduced_damping
 
@@ -48,7 +48,7 @@ class TwoSidedReductor(BasisReductor):
         if "D" not in small:
             small["D"] = reduced_damping(framed.damping, small["K"], frequencies)
         inputs, outputs = project_columns(W, full.B), project_columns(V, full.Ct)
-        reduced = reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies)
+        reduced = with_derivatives(model, reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies))
         unstable = decided(model.comm, reduced.unstable_poles)
         if len(unstable) and not self.settings.allow_unstable:
             listed = ", ".join(f"{pole.real:.3g}{pole.imag:+.4g}i" for pole in unstable[:6])

@@ -16,6 +16,7 @@ from ..model.dofs import direction_index, target_of
 from ..model.frames import Frame, NoFrame
 from ..model.interfaces import Interface
 from ..model.loads import AnyLoad
+from ..model.motion_outputs import MotionOutput
 from ..model.stress_outputs import StressOutput
 from ..parallel.failures import InputError
 from ..parallel.ranges import COORDINATE, LABEL, require_band, within
@@ -37,7 +38,7 @@ from .toml_file import CONFIG, check_file_names, parse, read_table
 FILES_OF_STATE = ("stresses", "file", "opposite")
 PLACES = ("output", "inputs", "outputs", "out_of_core", "store")  # keys that may be names of files, besides `model`
 Targets = str | tuple[int | str | tuple[int | str, str], ...]
-OutputTargets = str | tuple[int | str | tuple[int | str, str] | StressOutput, ...]
+OutputTargets = str | tuple[int | str | tuple[int | str, str] | MotionOutput | StressOutput, ...]
 
 
 AnyComponent = Annotated[
@@ -52,7 +53,8 @@ class Job:
     """One reduction: settings and files. Relative file names in a job file are relative to its folder.
 
     `model`: model.h5, or matrix files. `inputs` and `outputs`: a matrix file, or a list of dofs as numbers from 1 or
-    [node, direction], and of names of interfaces, for all of their directions, and among the outputs of stresses at
+    [node, direction], and of names of interfaces, for all of their directions; among the outputs also velocities and
+    accelerations, {node = 20, direction = "z", quantity = "acceleration"}, and stresses at
     nodes, {node = 20, stress = "xx"}; without them those of the model are taken, or all directions of all
     interfaces. `interface`: see model.interfaces.Interface; its name stands for a
     node in inputs, outputs and frames. `load`: further inputs, behind `inputs`.
@@ -191,7 +193,7 @@ def _check_targets(key, targets):
     if not targets:
         raise InputError(f"{key}: found an empty list, expected dof numbers or [node, direction]; or leave it out")
     for target in targets:
-        if isinstance(target, StressOutput):
+        if isinstance(target, MotionOutput | StressOutput):
             continue
         within(key, target[0] if isinstance(target, tuple) else target, LABEL)  # a name of an interface passes
         if isinstance(target, tuple) and target[1] != "all":  # of a node, whose directions the model knows

@@ -12,6 +12,7 @@ from ..files.model_file import read_model
 from ..linalg.solvers.settings import PACKAGES, Factoring, LinearSolver
 from ..model.damping import Damping, NoDamping
 from ..model.dofs import target_of
+from ..model.motion_outputs import motion_output_of
 from ..model.second_order_model import SecondOrderModel
 from ..model.stress_outputs import stress_output_of
 from ..parallel import startup
@@ -102,7 +103,7 @@ def _as_recorded(model, key, names, record, path):
             return model.with_output_columns(None, ())
     if getattr(model, f"{key}_names") == names:
         return model
-    targets = [stress_output_of(name) or target_of(name) for name in names]
+    targets = [stress_output_of(name) or motion_output_of(name) or target_of(name) for name in names]
     file = (record.job or {}).get(key + "s")
     if None in targets and not isinstance(file, str):
         with model:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model.dofs import target_of
+from ..model.dofs import named_quantity, target_of
 from ..model.units import unit_of_response
 from ..reduction.record import version_of
 from ..reduction.tolerance.directions import rows_of_directions
@@ -171,7 +171,7 @@ def _facts(sheet):
             ),
         }  # fmt: skip
     interface = sorted({target[0] for name in (*record.inputs, *record.outputs)
-                        if isinstance(target := target_of(name), tuple)},
+                        if isinstance(target := target_of(named_quantity(name)[1]), tuple)},
                        key=lambda node: (isinstance(node, str), node))  # fmt: skip
     return {
         "model": f"{record.model}, {record.size} dofs, {record.nonzeros} nonzeros",

@@ -27,8 +27,8 @@ def arrays_of(body: Body) -> dict:
     """Everything by its name in the file. Raises InputError for NaN and Inf in the matrices."""
     require_finite(body.reduced)
     reduced, count = body.reduced, body.reduced.size
-    names = ("M", "D", "K", "B", "C", "frequencies", "loss_factor", "input_names", "output_names")
-    arrays = {name: np.array(getattr(reduced, name)) for name in names}
+    names = ("M", "D", "K", "B", "C", "Cv", "Ca", "frequencies", "loss_factor", "input_names", "output_names")
+    arrays = {name: np.array(value) for name in names if (value := getattr(reduced, name)) is not None}
     if reduced.resultants is not None:
         arrays["resultants"] = resultants_of(body)
     arrays |= body.floating_frame.arrays()

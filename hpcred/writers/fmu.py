@@ -1,7 +1,8 @@
 """Write a ReducedModel as an FMU (FMI 2.0, model exchange and co-simulation): the body in its frame, which is at rest.
 
-Its inputs are forces, its outputs displacements and velocities. The equations are in C in
-fmi2/body.c, the numbers in a header beside it; the compiler of this machine makes the binary. Both are in sources/ too.
+Its inputs are forces, its outputs those of the model, and the rates of displacements and stresses. The equations are
+in C in fmi2/body.c, the numbers in a header beside it; the compiler of this machine makes the binary. Both are in
+sources/ too.
 """
 
 from __future__ import annotations
@@ -18,16 +19,18 @@ import uuid
 import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 
 from ..body.body import check_viscous, instability, maker
 from ..files.outputs import ZIP
-from ..model.dofs import DIRECTIONS, SCALAR, target_of
+from ..model.dofs import DIRECTIONS, QUANTITIES, SCALAR, named_quantity, target_of
 from ..parallel.failures import ComputationError, InputError, printable
 from ..reduction.reduced_model import ReducedModel, require_finite
 from .base import Writer
+from .state_space import state_space
 
 SOURCES = Path(__file__).with_name("fmi2")  # body.c, and the headers of the FMI standard
 DESCRIPTION, LARGEST_XML = "modelDescription.xml", 2**26  # bytes that are read
@@ -45,10 +48,12 @@ UNITS = {
     "Pa/s": {"kg": 1, "m": -1, "s": -3},
     "rad": {"rad": 1},
     "rad/s": {"rad": 1, "s": -1},
+    "m/s2": {"m": 1, "s": -2},
+    "rad/s2": {"rad": 1, "s": -2},
 }
-# what an input, an output and its rate are called, and their units
-TRANSLATION = (("force", "N"), ("displacement", "m"), ("velocity", "m/s"))
-ROTATION = (("moment", "N.m"), ("rotation", "rad"), ("angular_velocity", "rad/s"))
+# what an input, an output and its rates are called, and their units
+TRANSLATION = (("force", "N"), ("displacement", "m"), ("velocity", "m/s"), ("acceleration", "m/s2"))
+ROTATION = (("moment", "N.m"), ("rotation", "rad"), ("angular_velocity", "rad/s"), ("angular_acceleration", "rad/s2"))
 LOAD = (("load", None), ("work", "J"), ("power", "W"))
 STRESS = ((None, None), ("stress", "Pa"), ("stress_rate", "Pa/s"))
 UNKNOWN = (("input", None), ("output", None), ("output_rate", None))
@@ -142,13 +147,15 @@ def _nominal(reduced) -> tuple[float, float]:
 def _data(reduced) -> str:
     """The header with the numbers, without the GUID."""
     displacement, velocity = _nominal(reduced)
-    sizes = {"COORDINATES": reduced.size, "INPUTS": len(reduced.input_names), "OUTPUTS": len(reduced.output_names)}
+    outputs = _outputs(reduced)
+    sizes = {"COORDINATES": reduced.size, "INPUTS": len(reduced.input_names), "OUTPUTS": len(outputs)}
     numbers = sizes | {"NOMINAL_Q": f"{displacement:.17g}", "NOMINAL_V": f"{velocity:.17g}"}
     arrays = {
         "stiffness_matrix": np.linalg.solve(reduced.M, reduced.K),
         "damping_matrix": np.linalg.solve(reduced.M, reduced.D),
         "input_matrix": np.linalg.solve(reduced.M, reduced.B),
-        "output_matrix": reduced.C,
+        "output_matrix": np.array([item.states for item in outputs]),
+        "feed_through": np.array([item.inputs for item in outputs]),
     }
     lines = [f"#define {key} {value}" for key, value in numbers.items()]
     for key, array in arrays.items():
@@ -183,8 +190,8 @@ def _description(reduced, name, identifier, guid) -> bytes:
 
 def _add_variables(root, reduced):
     """The variables, whose value references count from 0 and indices from 1, and what depends on what."""
-    size, inputs, outputs = reduced.size, len(reduced.input_names), len(reduced.output_names)
-    at_q = inputs + 2 * outputs
+    size, inputs, outputs = reduced.size, len(reduced.input_names), _outputs(reduced)
+    at_q = inputs + len(outputs)
     at_v, at_rates = at_q + size, at_q + 2 * size
     nominals = [f"{value:.6g}" for value in _nominal(reduced)]
     variables, taken = ElementTree.SubElement(root, "ModelVariables"), set()
@@ -204,10 +211,8 @@ def _add_variables(root, reduced):
     for name in reduced.input_names:
         word, unit = _kind(name, reduced)[0]
         add(_variable(word, name), "input", f"{word} {name}", unit=unit, start="0")
-    for rate in (0, 1):
-        for name in reduced.output_names:
-            word, unit = _kind(name, reduced)[1 + rate]
-            add(_variable(word, name), "output", f"{word.replace('_', ' ')} {name}", unit=unit)
+    for item in outputs:
+        add(_variable(item.word, item.place), "output", f"{item.word.replace('_', ' ')} {item.place}", unit=item.unit)
     for i in range(size):
         add(f"q[{i + 1}]", "local", "reduced coordinate", start="0", nominal=nominals[0])
     for i in range(size):
@@ -218,9 +223,9 @@ def _add_variables(root, reduced):
 
     structure = ElementTree.SubElement(root, "ModelStructure")
     unknown = {"Outputs": [], "Derivatives": []}
-    for first, at in ((inputs, at_q), (inputs + outputs, at_v)):
-        for i, row in enumerate(reduced.C):
-            unknown["Outputs"].append((first + i, at + np.flatnonzero(row)))
+    for i, item in enumerate(outputs):
+        known = np.concatenate([np.flatnonzero(item.inputs), at_q + np.flatnonzero(item.states)])
+        unknown["Outputs"].append((inputs + i, known))
     unknown["Derivatives"] += [(at_rates + i, [at_v + i]) for i in range(size)]
     unknown["Derivatives"] += [(at_rates + size + i, None) for i in range(size)]  # on everything
     unknown["InitialUnknowns"] = unknown["Outputs"] + unknown["Derivatives"]
@@ -229,6 +234,35 @@ def _add_variables(root, reduced):
         for index, known in entries:
             depends = {} if known is None else {"dependencies": " ".join(str(at + 1) for at in known)}
             ElementTree.SubElement(group, "Unknown", {"index": str(index + 1), **depends})
+
+
+class _Output(NamedTuple):
+    """A variable that is calculated: what it is called, its place and unit, and its rows of the states (2m,) and of
+    the inputs (p,)."""
+
+    word: str
+    place: str
+    unit: str | None
+    states: np.ndarray
+    inputs: np.ndarray
+
+
+def _outputs(reduced) -> list[_Output]:
+    """Return the outputs of the model, then the rates of those that are no velocities or accelerations."""
+    found, still, rates = state_space(reduced), np.zeros(reduced.B.shape[1]), []
+    outputs = []
+    for name, row, through, displaces in zip(
+        reduced.output_names, found["C"], found["D"], reduced.displaces, strict=True
+    ):
+        quantity, place = named_quantity(name)
+        words = _kind(place, reduced)[1:]
+        order = QUANTITIES.index(quantity)
+        if order >= len(words):  # there is no word for it
+            order, place = 0, name
+        outputs.append(_Output(words[order][0], place, words[order][1], row, through))
+        if displaces:
+            rates.append(_Output(words[1][0], place, words[1][1], np.roll(row, reduced.size), still))
+    return [*outputs, *rates]
 
 
 def _kind(name, reduced):
@@ -245,7 +279,8 @@ def _kind(name, reduced):
 def output_rows(reduced) -> dict:
     """Return the rows (m,) of C by the names of the outputs, but for names that are changed since two are alike."""
     words = [_variable(_kind(name, reduced)[1][0], name) for name in reduced.output_names]
-    return {word: row for word, row in zip(words, reduced.C, strict=True) if words.count(word) == 1}
+    rows = zip(words, reduced.C, reduced.displaces, strict=True)
+    return {word: row for word, row, displaces in rows if displaces and words.count(word) == 1}
 
 
 def _variable(word, name) -> str:
@@ -269,7 +304,9 @@ def with_stresses(reduced: ReducedModel, result, wanted) -> ReducedModel:
     modes = result.stress_modes([node for node, _ in places])
     rows = [modes.stress[:, np.searchsorted(modes.node, node), COMPONENTS.index(item)] for node, item in places]
     names = tuple(f"{node}:{item}" for node, item in places)
-    return replace(reduced, C=np.vstack([reduced.C, *rows]), output_names=(*reduced.output_names, *names))
+    still = np.zeros((len(rows), reduced.size))
+    rates = {key: np.vstack([part, still]) for key in ("Cv", "Ca") if (part := getattr(reduced, key)) is not None}
+    return replace(reduced, C=np.vstack([reduced.C, *rows]), **rates, output_names=(*reduced.output_names, *names))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,11 +1,12 @@
 """Write the state-space matrices of a ReducedModel by name, as .mat or .npz; SI units, rad/s.
 
-With x = [q; q'], u the forces of the inputs and y the displacements of the outputs:
+With x = [q; q'], u the forces of the inputs and y the outputs:
 
-    x' = A x + B u,  y = C x + D u                A (2m, 2m), B (2m, p), C (r, 2m), D (r, p), which is zero
-    y' = C_velocity x                             C_velocity (r, 2m): the velocities of the outputs
+    x' = A x + B u,  y = C x + D u                A (2m, 2m), B (2m, p), C (r, 2m), D (r, p): zero but for accelerations
+    y_d' = C_velocity x                           C_velocity (d, 2m): the velocities of the d outputs without q', q''
     E x' = EA x + EB u                            the descriptor form, without the inverse of M: E = diag(I, M)
-    mass q'' + damping q' + stiffness q = input_matrix u,  y = output_matrix q
+    mass q'' + damping q' + stiffness q = input_matrix u
+    y = output_matrix q + velocity_matrix q' + acceleration_matrix q'', the last two where they are not zero
 
 input_names, output_names; velocity_names of the rows of C_velocity; comment. There is no place for structural damping.
 """
@@ -26,14 +27,18 @@ def state_space(reduced: ReducedModel) -> dict:
     require_finite(reduced)
     check_viscous(reduced, "a state space")
     M, D, K, B, C, size = reduced.M, reduced.D, reduced.K, reduced.B, reduced.C, reduced.size
+    _, Cv, Ca = reduced.output_parts
+    by_mass = np.linalg.solve(M.T, Ca.T).T
     zero, one = np.zeros((size, size)), np.eye(size)
-    still, silent = np.zeros((size, B.shape[1])), np.zeros_like(C)
+    still, displaces = np.zeros((size, B.shape[1])), reduced.displaces
+    names = [f"velocity of {name}" for name, displacement in zip(reduced.output_names, displaces, strict=True)
+             if displacement]  # fmt: skip
     return {
         "A": np.block([[zero, one], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]]),
         "B": np.concatenate([still, np.linalg.solve(M, B)]),
-        "C": np.concatenate([C, silent], axis=1),
-        "D": np.zeros((len(C), B.shape[1])),
-        "C_velocity": np.concatenate([silent, C], axis=1),
+        "C": np.concatenate([C - by_mass @ K, Cv - by_mass @ D], axis=1),
+        "D": by_mass @ B,
+        "C_velocity": np.concatenate([np.zeros_like(C), C], axis=1)[displaces],
         "E": np.block([[one, zero], [zero, M]]),
         "EA": np.block([[zero, one], [-K, -D]]),
         "EB": np.concatenate([still, B]),
@@ -42,9 +47,11 @@ def state_space(reduced: ReducedModel) -> dict:
         "stiffness": K,
         "input_matrix": B,
         "output_matrix": C,
+        **{key: part for key, part in (("velocity_matrix", reduced.Cv), ("acceleration_matrix", reduced.Ca))
+           if part is not None},
         "input_names": np.array(reduced.input_names, dtype=str),
         "output_names": np.array(reduced.output_names, dtype=str),
-        "velocity_names": np.array([f"velocity of {name}" for name in reduced.output_names], dtype=str),
+        "velocity_names": np.array(names, dtype=str),
         "comment": np.array("; ".join([maker(reduced), *instability(reduced)])),
     }
 

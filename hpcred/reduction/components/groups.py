@@ -79,7 +79,7 @@ def _copy(model, group, number, groups):
     return SecondOrderModel.assembled(
         mats["M"], mats["K"], mats.get("D"), B=blocks[0] if model.B is not None else None,
         Ct=blocks[-1] if model.Ct is not None else None, dofs=dofs, input_names=model.input_names,
-        own_output_names=model.own_output_names, name=model.name,
+        own_output_names=model.own_output_names, name=model.name, derivatives=model.derivatives,
     )  # fmt: skip
 
 

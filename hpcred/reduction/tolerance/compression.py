@@ -24,9 +24,12 @@ def snapshots(model: PseudoModal, frequencies, measure: Measure) -> np.ndarray:
     right = model.solve(frequencies, model.B)
     h, g = measure.scales(*model.responses(frequencies))
     right *= _inverse(g)[:, None, :]
-    if model.is_reciprocal:
+    if model.is_reciprocal and model.io.derivatives is None:
         return right
-    left = model.solve(frequencies, model.Ct, transposed=True) * _inverse(h)[:, None, :]
+    left = model.solve(frequencies, model.Ct, transposed=True)
+    if model.io.derivatives is not None:
+        left = left @ model.io.derivatives.measured_at(2j * np.pi * frequencies).transpose(0, 2, 1)
+    left *= _inverse(h)[:, None, :]
     # only the product of the two scales has a meaning: equal parts
     balance = (np.linalg.norm(left) / np.linalg.norm(right)) ** 0.5 or 1.0
     return np.concatenate([right * balance, left / balance], axis=2)

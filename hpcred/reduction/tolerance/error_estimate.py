@@ -78,13 +78,17 @@ def measure_over(measure: Measure, band, model: PseudoModal) -> Measure:
     if isinstance(measure, Paper):
         return measure
     frequencies = np.linspace(*band, UNIFORM)
-    of = drive_points(*model.io)
+    columns = model.io.outputs
+    if (derivatives := model.io.derivatives) is not None:
+        columns = columns @ derivatives.static().T
+    of = drive_points(model.io.inputs, columns)
     silent = _silent(model, frequencies) if (of[0] < 0).any() else ()
     return measure.over(frequencies, *model.responses(frequencies), of, silent)
 
 
 def _silent(model, frequencies) -> list[int]:
-    return silent_outputs(model.Ct.T, (model.solve(part, model.B) for part in model.parts_of(frequencies)))
+    columns = silent_outputs(model.Ct.T, (model.solve(part, model.B) for part in model.parts_of(frequencies)))
+    return columns if model.io.derivatives is None else model.io.derivatives.outputs_of_only(columns)
 
 
 def upper_poles(model: PseudoModal) -> np.ndarray:
@@ -247,7 +251,7 @@ def is_free(model: PseudoModal, frequencies, zero: float) -> bool:
 
 def is_silent(model: PseudoModal, frequencies) -> bool:
     """Test whether the outputs do not feel the inputs."""
-    return len(_silent(model, frequencies)) == model.io.outputs.shape[1]
+    return len(_silent(model, frequencies)) == model.io.output_count
 
 
 def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, still=2e-5) -> np.ndarray:

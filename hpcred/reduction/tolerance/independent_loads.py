@@ -50,7 +50,7 @@ def independent_loads(run):
     multiply(L, np.diag(1 / size))
     factor = size[:, None] * factor
     Lb = factor[:, : widths[0]]
-    return L, InputsOutputs(Lb, Lb if model.Ct is None else factor[:, widths[0] :])
+    return L, InputsOutputs(Lb, Lb if model.Ct is None else factor[:, widths[0] :], model.derivatives)
 
 
 def _independent_columns(gram, before):

@@ -17,6 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...model.derivatives import Derivatives
+
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
 NUMBERS_AT_A_TIME = 2**22  # complex numbers of states held at a time
 
@@ -45,10 +47,26 @@ UNDAMPED = Proportional()
 
 class InputsOutputs(NamedTuple):
     """Inputs and outputs in terms of independent loads L: B = L `inputs` (l, p), C^T = L `outputs` (l, r), which are
-    one array where C = B^T."""
+    one array where C = B^T; `derivatives`: what the outputs are of them, the same if None."""
 
     inputs: np.ndarray
     outputs: np.ndarray
+    derivatives: Derivatives | None = None
+
+    @property
+    def output_count(self) -> int:
+        return self.outputs.shape[1] if self.derivatives is None else self.derivatives.parts.shape[1]
+
+    def column_scales(self, s, scales: np.ndarray) -> np.ndarray:
+        """Return scales (S, k) of the columns C^T, from those of the outputs (S, r): the least that an output has."""
+        if self.derivatives is None:
+            return scales
+        weights = np.abs(self.derivatives.measured_at(s)) * _reciprocal(scales)[:, :, None]
+        return _reciprocal(weights.max(axis=1, initial=0.0))
+
+    def measured(self, s, rows: np.ndarray) -> np.ndarray:
+        """Return what errors are measured of (S, r, p), from what is known of the columns C^T (S, k, p) at s (S,)."""
+        return rows if self.derivatives is None else self.derivatives.measured_at(s) @ rows
 
     @property
     def are_same(self) -> bool:
@@ -178,14 +196,16 @@ class PseudoModal:
         return self.responses(frequencies)[0]
 
     def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return H (S, r, p), and the drive-point responses b_i^T A^-1 b_i (S, p) of the inputs."""
+        """Return H (S, r, p), without the factor s^k of derivatives, and the drive-point responses b_i^T A^-1 b_i
+        (S, p) of the inputs."""
         left, right = self.Ct.T, self.B
         H, drive = [], []
         for part in self.parts_of(frequencies):
             states = self.solve(part, right)
-            H.append(left @ states)
+            rows = left @ states
+            H.append(self.io.measured(2j * np.pi * part, rows))
             by_itself = self.io.are_same
-            drive.append(np.einsum("spp->sp", H[-1]) if by_itself else np.einsum("mp,smp->sp", right, states))
+            drive.append(np.einsum("spp->sp", rows) if by_itself else np.einsum("mp,smp->sp", right, states))
         return np.concatenate(H), np.concatenate(drive)
 
 
@@ -235,7 +255,8 @@ def difference(inner: PseudoModal, outer: PseudoModal, embedding, frequencies) -
     for part in outer.parts_of(frequencies):
         right = _residual(inner, outer, embedding, part, *loads)
         left = right if same else _residual(inner, outer, embedding, part, *measures, transposed=True)
-        found.append(left.transpose(0, 2, 1) @ outer.solve(part, right, accuracy=ROUGH))
+        rows = left.transpose(0, 2, 1) @ outer.solve(part, right, accuracy=ROUGH)
+        found.append(outer.io.measured(2j * np.pi * part, rows))
     return np.concatenate(found)
 
 

@@ -133,10 +133,10 @@ def _residual_coefficients(projections, settings, S, damped=True):
     model, io = projections.model(), projections.io
     if not damped:
         model = model.without_D()
-    P, weights = (io.inputs if io.are_same else np.hstack(io)), 1.0
+    P, weights = (io.inputs if io.are_same else np.hstack(io[:2])), 1.0
     if settings is not None:
         h, g = measure_over(settings.error_measure, settings.band, model).scales(*model.responses(S))
-        scales = g if io.are_same else np.hstack([g, h])
+        scales = g if io.are_same else np.hstack([g, io.column_scales(2j * np.pi * S, h)])
         weights = np.divide(1.0, scales, out=np.zeros_like(scales), where=scales > 0)[:, None, :]
     states = model.solve(S, model.L @ P) * weights
     a, b, s = model.damping.coefficients(S)

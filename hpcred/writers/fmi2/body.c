@@ -1,10 +1,11 @@
-/* A reduced body in its frame as an FMU (FMI 2.0): forces u enter, displacements y and velocities y' leave.
+/* A reduced body in its frame as an FMU (FMI 2.0): forces u enter, displacements, velocities and the like y leave.
 
-       q'' = F u - K q - D q',   y = C q,   y' = C q'
+       q'' = F u - K q - D q',   y = C x + E u,   x = (q, q')
 
    body_data.h gives m COORDINATES q, p INPUTS, r OUTPUTS, the GUID, two nominal values, and by rows the matrices
-   stiffness_matrix K (m, m), damping_matrix D (m, m), input_matrix F (m, p) and output_matrix C (r, m), in which the
-   mass matrix is divided out already. Value references count through u, y, y', q, v = q', dq/dt, dv/dt.
+   stiffness_matrix K (m, m), damping_matrix D (m, m), input_matrix F (m, p), output_matrix C (r, 2m) and feed_through
+   E (r, p), in which the mass matrix is divided out already. Value references count through u, y, q, v = q', dq/dt,
+   dv/dt.
 
    Co-simulation makes no error in time but that of the inputs between communication points, which are constant, or
    linear where the master gives their derivatives: with x = (q, v) and a step h
@@ -30,9 +31,8 @@
 /* The first value reference of each kind */
 enum {
     AT_INPUT = 0,
-    AT_DISPLACEMENT = AT_INPUT + INPUTS,
-    AT_VELOCITY = AT_DISPLACEMENT + OUTPUTS,
-    AT_Q = AT_VELOCITY + OUTPUTS,
+    AT_OUTPUT = AT_INPUT + INPUTS,
+    AT_Q = AT_OUTPUT + OUTPUTS,
     AT_V = AT_Q + COORDINATES,
     AT_DQ = AT_V + COORDINATES,
     AT_DV = AT_DQ + COORDINATES,
@@ -75,24 +75,23 @@ static double acceleration(const State *state, int i)
 
 static double value_of(const State *state, int reference)
 {
-    const double *q = state->x, *v = state->x + COORDINATES;
-    if (reference < AT_DISPLACEMENT)
+    const int row = reference - AT_OUTPUT;
+    if (reference < AT_OUTPUT)
         return state->u[reference];
-    if (reference < AT_VELOCITY)
-        return dot(output_matrix + (size_t)(reference - AT_DISPLACEMENT) * COORDINATES, q, COORDINATES);
     if (reference < AT_Q)
-        return dot(output_matrix + (size_t)(reference - AT_VELOCITY) * COORDINATES, v, COORDINATES);
+        return dot(output_matrix + (size_t)row * STATES, state->x, STATES)
+             + dot(feed_through + (size_t)row * INPUTS, state->u, INPUTS);
     if (reference < AT_DQ)
         return state->x[reference - AT_Q];
     if (reference < AT_DV)
-        return v[reference - AT_DQ];
+        return state->x[COORDINATES + reference - AT_DQ];
     return acceleration(state, reference - AT_DV);
 }
 
 /* Where an input or a state is kept; NULL for what is calculated */
 static double *place_of(State *state, fmi2ValueReference reference)
 {
-    if (reference < AT_DISPLACEMENT)
+    if (reference < AT_OUTPUT)
         return state->u + reference;
     if (reference >= AT_Q && reference < AT_DQ)
         return state->x + (reference - AT_Q);
@@ -370,7 +369,7 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference references[], s
         if (!isfinite(values[i]))
             return failed(self, "fmi2SetReal: found a value that is NaN or infinite");
         *place = values[i];
-        if (references[i] < AT_DISPLACEMENT)
+        if (references[i] < AT_OUTPUT)
             self->state.slope[references[i]] = 0.0;
     }
     return fmi2OK;
@@ -598,7 +597,7 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
     Instance *self = c;
     size_t i;
     for (i = 0; i < count; i++) {
-        if (references[i] >= AT_DISPLACEMENT || orders[i] != 1)
+        if (references[i] >= AT_OUTPUT || orders[i] != 1)
             return failed(self, "fmi2SetRealInputDerivatives: only the first derivatives of inputs can be set");
         if (!isfinite(values[i]))
             return failed(self, "fmi2SetRealInputDerivatives: found a value that is NaN or infinite");

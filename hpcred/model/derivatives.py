@@ -1,0 +1,117 @@
+"""Compute outputs from measured columns and their derivatives: y = sum_k P_k (d/dt)^k (c^T q), k = 0, 1, 2.
+
+The columns c (n, k) are what moments are matched of. A pure output is a multiple of one column, differentiated 0, 1 or
+2 times; a mixed one, such as c^T q + d^T q', has a column for each of its parts. Everything is small, NumPy and local.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..parallel.failures import InputError
+from .dofs import QUANTITIES, named_quantity, quantity_name, target_of
+
+MIXED = -1  # order of an output that has parts of several orders
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Outputs (r) of measured columns (k): `parts` (3, r, k), the factors P_0, P_1, P_2 of the columns, their first
+    and their second derivatives."""
+
+    parts: np.ndarray
+
+    @property
+    def orders(self) -> np.ndarray:
+        """The order (r,) of each output, or MIXED; 0 of an output that is zero."""
+        return orders_of(self.parts)
+
+    def at(self, s: np.ndarray) -> np.ndarray:
+        """Return P_0 + s P_1 + s^2 P_2 (S, r, k) at s (S,): H is this times the responses of the columns."""
+        return combined(self.parts, s)
+
+    def measured_at(self, s: np.ndarray) -> np.ndarray:
+        """Return the same (S, r, k) without the factor s^k of pure outputs, whose relative error it does not change:
+        it is that of the displacement, also at 0 Hz."""
+        return combined(self.parts, s, without=True)
+
+    def static(self) -> np.ndarray:
+        """Return the columns (r, k) that pure outputs differentiate; zero rows for mixed ones."""
+        return np.where((self.orders == MIXED)[:, None], 0.0, self.parts.sum(axis=0))
+
+    @property
+    def rows_of_columns(self) -> np.ndarray:
+        """The output (k,) that has each column, as `packed_parts` makes them."""
+        return self.parts.any(axis=0).argmax(axis=0)
+
+    def in_time(self, unit: float) -> Derivatives:
+        """Return the outputs in seconds, from another unit of time. An output of several orders has the unit of its
+        lowest: of y = c^T q + d^T q' a displacement, d is a time."""
+        lowest = self.parts.any(axis=2).argmax(axis=0)
+        powers = np.maximum(np.arange(len(self.parts))[:, None] - lowest, 0)
+        return Derivatives(self.parts * (float(unit) ** powers)[:, :, None])
+
+    def factors_at(self, s: np.ndarray) -> np.ndarray:
+        """Return the factors s^k (S, r, 1) of pure outputs, which `measured_at` leaves out; 1 for mixed ones."""
+        return np.asarray(s)[:, None, None] ** np.maximum(self.orders, 0)[:, None]
+
+    def outputs_of_only(self, columns) -> list[int]:
+        """Return the outputs that have no part of other columns than these."""
+        others = np.setdiff1d(np.arange(self.parts.shape[2]), columns)
+        return np.flatnonzero(~self.parts[:, :, others].any(axis=(0, 2))).tolist()
+
+    def of(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return C, C_v and C_a (r, m) of measured rows (k, m)."""
+        return tuple(part @ columns for part in self.parts)
+
+
+def orders_of(parts: np.ndarray) -> np.ndarray:
+    """Return the order (r,) of each row of C, C_v and C_a (3, r, m), or MIXED; 0 of a row that is zero."""
+    there = np.asarray(parts).any(axis=2)
+    return np.where(there.sum(axis=0) > 1, MIXED, there.argmax(axis=0))
+
+
+def combined(parts: np.ndarray, s: np.ndarray, without: bool = False) -> np.ndarray:
+    """Return C + s C_v + s^2 C_a (..., r, m) at s (...); `without` the factor s^k of rows that have one part."""
+    powers = np.asarray(s)[..., None, None] ** np.arange(len(parts))  # (..., 1, 3)
+    powers = np.broadcast_to(powers, (*np.shape(s), parts.shape[1], len(parts)))
+    if without:
+        powers = np.where((orders_of(parts) == MIXED)[:, None], powers, 1.0)
+    return np.einsum("...rd,drm->...rm", powers, parts)
+
+
+def packed_parts(parts: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, Derivatives]:
+    """Return measured columns (rows, k), and the outputs of them, from the rows (3, r, rows) of C, Cv and Ca on this
+    rank; `there` (3, r): which of them are not zero on all ranks.
+
+    The first r columns are those of the lowest order of each output, the others follow them.
+    """
+    r = parts.shape[1]
+    first = there.argmax(axis=0)
+    more = [(order, row) for row in range(r) for order in range(len(parts)) if there[order, row] and order > first[row]]
+    columns = [parts[first[row], row] for row in range(r)] + [parts[order, row] for order, row in more]
+    factors = np.zeros((len(parts), r, len(columns)))
+    factors[first, np.arange(r), np.arange(r)] = 1.0
+    for place, (order, row) in enumerate(more, r):
+        factors[order, row, place] = 1.0
+    return np.array(columns).T.reshape(parts.shape[2], len(columns)), Derivatives(factors)
+
+
+def check_names(names, there: np.ndarray, what: str):
+    """Raise InputError for names of displacements, velocities or accelerations of outputs that are something else.
+
+    `there` (3, r): which rows of C, Cv and Ca are not zero.
+    """
+    for name, row in zip(names, there.T, strict=True):
+        quantity, place = named_quantity(name)
+        found = [word for word, is_there in zip(QUANTITIES, row, strict=True) if is_there]
+        if found and found != [quantity] and target_of(place) is not None:
+            raise InputError(
+                f"{what}: found '{name}', the name of a {quantity}, for a row of {' and '.join(found)}; name it "
+                f"'{quantity_name(found[0], place)}', or by a word of your own"
+                if len(found) == 1 else
+                f"{what}: found '{name}', the name of a {quantity}, for a row of {' and '.join(found)}; name it by a "
+                "word of your own"
+            )  # fmt: skip
