@@ -52,6 +52,7 @@ from .model.frames import Tangent as Tangent
 from .model.interfaces import Interface as Interface
 from .model.interfaces import InterfaceNode as InterfaceNode
 from .model.interfaces import Nodes as Nodes
+from .model.loads import Centrifugal as Centrifugal
 from .model.loads import DeckLoad as DeckLoad
 from .model.loads import GivenLoad as GivenLoad
 from .model.loads import Gravity as Gravity

@@ -4,7 +4,7 @@ matrices/indptr (n + 1), matrices/indices (nonzeros): one sorted pattern for all
 matrices/K, M and, where there is one, D (nonzeros)
 inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T, and then Cv, Ca (r, n) where
     velocities and accelerations are measured
-loads/name, kind, remark, area (l) in m^2, sums (l, 4, 3): of the inputs that are loads, as of model.loads.LoadColumn;
+loads/name, kind, remark, spins, area (l) in m^2, sums (l, 4, 3): of the inputs that are loads, as of model.loads.LoadColumn;
     the sums are force, moment, and the parts of both on held dofs
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m, where the nodes are known
 elements/<kind> (elements, nodes): node numbers, where known, for pictures; kinds of model.elements
@@ -51,6 +51,7 @@ SCHEMA = NODES | {
     "inputs/B": Array("real", ("p", "n")), "inputs/names": Array("text", ("p",)),
     "loads/name": Array("text", ("l",)), "loads/kind": Array("text", ("l",)),
     "loads/remark": Array("text", ("l",)), "loads/area": Array("real", ("l",)),
+    "loads/spins": Array("flag", ("l",)),
     "loads/sums": Array("real", ("l", 4, 3)),
     "outputs/C": Array("real", ("r", "n")), "outputs/Cv": Array("real", ("r", "n")),
     "outputs/Ca": Array("real", ("r", "n")), "outputs/names": Array("text", ("r",)),
@@ -84,7 +85,7 @@ def write_model(path, model: SecondOrderModel):
                     file.rows(f"{group}/{key}", np.ascontiguousarray(part), axis=1)
                 file.small(f"{group}/names", list(names))
         if model.loads:
-            for key in ("name", "kind", "remark", "area"):
+            for key in ("name", "kind", "remark", "area", "spins"):
                 file.small(f"loads/{key}", [getattr(item, key) for item in model.loads])
             file.small("loads/sums", np.array([[getattr(item, key) for key in SUMS] for item in model.loads]))
         write_nodes(file, model)
@@ -199,11 +200,13 @@ def sets_of(file) -> dict:
 
 def _loads(group) -> tuple[LoadColumn, ...]:
     words = [texts(group[key]) for key in ("name", "kind", "remark")]
-    rows = zip(*words, group["area"][...].tolist(), group["sums"][...].tolist(), strict=True)
+    spins = group["spins"][...].astype(bool).tolist() if "spins" in group else [False] * len(words[0])
+    rows = zip(*words, spins, group["area"][...].tolist(), group["sums"][...].tolist(), strict=True)
     return tuple(
-        LoadColumn(name=name, kind=kind, remark=remark, area=area, **dict(zip(SUMS, map(tuple, sums), strict=True)))
-        for name, kind, remark, area, sums in rows
-    )
+        LoadColumn(name=name, kind=kind, remark=remark, spins=turns, area=area,
+                   **dict(zip(SUMS, map(tuple, sums), strict=True)))
+        for name, kind, remark, turns, area, sums in rows
+    )  # fmt: skip
 
 
 def _dofs(group, first, last):

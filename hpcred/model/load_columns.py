@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..linalg.blocks import from_dense, inner
+from ..linalg.csr import diagonal_of
 from ..parallel.declared import declared, nearest
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed
@@ -65,7 +66,11 @@ def _column(model, load):
         return hpcred.read_load(model, load)
     require_dofs(model, where)
     if load.kind == "gravity":
-        return weight(model, load.name, np.broadcast_to(load.value, model.dofs.position.shape), load.kind)
+        return inertia_force(model, load.name, lambda points: np.broadcast_to(load.value, points.shape), load.kind)
+    if load.kind == "centrifugal":
+        field = centrifugal_field(model, load.name, [(load.value**2, load.point, load.axis)])
+        column, sums = inertia_force(model, load.name, field, load.kind)
+        return column, replace(sums, spins=True)
     if load.kind == "temperature":
         forces = thermal_forces(model, where, lambda nodes: np.full(len(nodes), load.value))
     elif load.kind == "line":
@@ -122,27 +127,58 @@ def _path(model, load, where):
     return nodes, points
 
 
-def weight(model, name, acceleration, kind):
-    """Return the rows of this rank of M a, and its LoadColumn, for the accelerations a (rows, 3) in m/s^2 at the places
-    of the rows; nodes do not turn. Collective. Raises InputError."""
+def inertia_force(model, name, acceleration, kind):
+    """Return the rows of this rank of M a, and its LoadColumn, for a function that gives the accelerations a (k, 3) in
+    m/s^2 at points (k, 3); nodes do not turn. Collective. Raises InputError."""
     dofs = model.dofs
     if any(model.comm.allgather(bool((dofs.direction >= OWN).any()))):
         raise InputError(f"load '{name}': {model.name} has dofs in directions of their own, whose weight is not known")
-    moved = np.flatnonzero(dofs.direction < 3)
-    values = np.zeros(model.local_rows)
-    values[moved] = acceleration[moved, dofs.direction[moved]]
+    values = _components(dofs, acceleration)
     field, product = model.M.createVecRight(), model.M.createVecLeft()
     field.setArray(values)
     model.M.mult(field, product)
     column = product.getArray(readonly=True).real.copy()
-    held = model.comm.allreduce(0 if model.held is None else int((model.held.direction < 3).sum()))
+    held = 0 if model.held is None else np.count_nonzero(_components(model.held, acceleration))
+    beside = np.abs(column - diagonal_of(model.M) * values).max(initial=0.0)
+    held, beside, size = np.array(model.comm.allgather((held, beside, np.abs(column).max(initial=0.0)))).T
     remark = ""
-    if held:
+    if held.any() and beside.max() > ROUND_OFF * size.max():
         remark = (
-            f"the mass of {held} held dofs is not in M, nor is its part in the forces beside them; export the body "
-            "without supports where the weight has to be exact there"
+            f"the mass of {held.sum():.0f} held dofs is not in M, nor is its part in the forces beside them; export the "
+            "body without supports where these have to be exact"
         )
+    elif held.any():
+        remark = f"the mass of {held.sum():.0f} held dofs is not in M, and missing in its sums; it deforms nothing"
     return column, replace(sums_of_column(model, column, name, kind), remark=remark)
+
+
+def _components(dofs, acceleration):
+    """Return the accelerations (rows,) of dofs in their directions, zero of those that turn."""
+    moved = np.flatnonzero(dofs.direction < 3)
+    values = np.zeros(len(dofs.direction))
+    values[moved] = acceleration(dofs.position)[moved, dofs.direction[moved]]
+    return values
+
+
+def centrifugal_field(model, name, spins):
+    """Return a function of points (k, 3) that gives the accelerations (k, 3) of the centrifugal forces of `spins`:
+    squares of angular velocities in (rad/s)^2, a point (3,) in m and a direction (3,) of each axis. Collective. Raises
+    InputError for nodes that turn, whose angular accelerations depend on the elements."""
+    turns = (model.dofs.direction > 2) & (model.dofs.direction < SCALAR)
+    if any(model.comm.allgather(bool(turns.any()))):
+        raise InputError(
+            f"load '{name}': found a centrifugal load and nodes that turn, expected solids, of which the mass matrix "
+            "gives it exactly"
+        )
+
+    def field(points):
+        total = np.zeros_like(points)
+        for square, point, direction in spins:
+            axis, arm = np.divide(direction, np.linalg.norm(direction)), points - point
+            total += square * (arm - np.outer(arm @ axis, axis))
+        return total
+
+    return field
 
 
 def added(name, kind, parts):
@@ -152,7 +188,10 @@ def added(name, kind, parts):
              for key in ("force", "moment", "held_force", "held_moment")}  # fmt: skip
     remarks = dict.fromkeys(item.remark for item in sums if item.remark)
     area = sum(item.area for item in sums)
-    return sum(columns), LoadColumn(name=name, kind=kind, area=area, remark="; ".join(remarks), **total)
+    spins = any(item.spins for item in sums)
+    return sum(columns), LoadColumn(
+        name=name, kind=kind, area=area, remark="; ".join(remarks), spins=spins, **total
+    )
 
 
 def sums_of_column(model, column, name, kind) -> LoadColumn:

@@ -155,6 +155,41 @@ class Gravity:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Centrifugal:
+    """The centrifugal forces of a body of solids that spins about an axis: omega^2 M r, exact for its mass matrix.
+
+    Parameters
+    ----------
+    name : str
+        Name of the input. Its factor is the square of the angular velocity by `value`.
+    axis : tuple of three floats
+        Direction of the axis.
+    point : tuple of three floats, default (0, 0, 0)
+        A point of the axis in m.
+    value : float, default 1.0
+        Angular velocity in rad/s.
+
+    Raises
+    ------
+    InputError
+        As Pressure, and for an axis without direction.
+    """
+
+    name: str
+    axis: Vector
+    point: Vector = (0.0, 0.0, 0.0)
+    value: float = 1.0
+    kind: Literal["centrifugal"] = field(default="centrifugal", repr=False)
+
+    def __post_init__(self):
+        _checked(self, "value")
+        for key in ("axis", "point"):
+            within(f"load '{self.name}': {key}", getattr(self, key), ANYTHING)
+        if not any(self.axis):
+            raise InputError(f"load '{self.name}': axis: found {self.axis}, which has no direction")
+
+
+@dataclass(frozen=True, kw_only=True)
 class GivenLoad:
     """A column of a matrix file, as those of inputs.
 
@@ -316,7 +351,7 @@ class MovingLoad:
 
 
 AnyLoad = Annotated[
-    Pressure | Traction | LineLoad | Gravity | Temperature | MovingLoad | GivenLoad | DeckLoad,
+    Pressure | Traction | LineLoad | Gravity | Centrifugal | Temperature | MovingLoad | GivenLoad | DeckLoad,
     Field(discriminator="kind"),
 ]
 
@@ -344,6 +379,8 @@ class LoadColumn:
         Of the faces that it acts on, in m^2.
     remark : str
         What to know of it.
+    spins : bool
+        Whether centrifugal forces are in it.
     """
 
     name: str
@@ -354,6 +391,7 @@ class LoadColumn:
     held_moment: Vector = (0.0, 0.0, 0.0)
     area: float = 0.0
     remark: str = ""
+    spins: bool = False
 
     @property
     def row(self) -> dict:

@@ -471,7 +471,7 @@ class SecondOrderModel:
 
         Parameters
         ----------
-        loads : iterable of Pressure, Traction, LineLoad or Gravity, default ()
+        loads : iterable of loads such as Pressure, Gravity or Centrifugal, default ()
             Each is a column of B.
         given : dict of str to array_like, shape (rows of this rank,), optional
             Load vectors by name.

@@ -8,9 +8,9 @@ import numpy as np
 
 from ..files.text import end_to_end, first_bytes, pieces
 from ..files.text_numbers import labels, numbers
-from ..model.dofs import SCALAR, require_dofs
+from ..model.dofs import require_dofs
 from ..model.face_loads import NodalForces, forces_on_faces
-from ..model.load_columns import added, column_of, sums_of_column, weight
+from ..model.load_columns import added, centrifugal_field, column_of, inertia_force, sums_of_column
 from ..model.loads import DeckLoad, GivenLoad, LoadColumn, Temperature
 from ..model.surface_faces import places_of
 from ..model.thermal_loads import thermal_forces
@@ -121,15 +121,12 @@ def _placed(model, load, found: DeckLoads, units: Units):
     faces, pressure = found.faces
     pressed = forces_on_faces(model, faces, where, pressure=pressure * force / units.length**2)
     parts.append(column_of(model, replace(NodalForces.joined([nodal, pressed]), area=pressed.area), load.name, "deck"))
-    field = np.zeros_like(model.dofs.position) + found.acceleration * acceleration
-    for square, point, axis in found.spins:
-        turns = (model.dofs.direction > 2) & (model.dofs.direction < SCALAR)
-        if any(model.comm.allgather(bool(turns.any()))):
-            raise InputError(f"{where}: found a centrifugal load (CENTRIF) and nodes that turn, expected solids, of "
-                             "which the mass matrix gives it exactly")  # fmt: skip
-        arm = model.dofs.position - point * units.length
-        field += square / units.time**2 * (arm - (arm @ axis)[:, None] * axis)
-    if found.spins or found.acceleration.any():
-        parts.append(weight(model, load.name, field, "deck"))
+    if found.acceleration.any():
+        field = found.acceleration * acceleration
+        parts.append(inertia_force(model, load.name, lambda points: np.broadcast_to(field, points.shape), "deck"))
+    if found.spins:
+        spins = [(square / units.time**2, point * units.length, axis) for square, point, axis in found.spins]
+        turning, sums = inertia_force(model, load.name, centrifugal_field(model, load.name, spins), "deck")
+        parts.append((turning, replace(sums, spins=True)))
     column, sums = added(load.name, "deck", parts)
     return column, replace(sums, remark="; ".join([*found.remarks, *([sums.remark] if sums.remark else [])]))

@@ -7,6 +7,7 @@ from helpers import block_with_ends, columns_of, dense_model, gather
 
 import hpcred
 from hpcred import (
+    Centrifugal,
     Dofs,
     Gravity,
     InputError,
@@ -137,6 +138,52 @@ def test_gravity_is_mass_times_acceleration(comm):
             assert sums.moment == pytest.approx((R.T @ b)[3:], abs=1e-12 * np.abs(R.T @ b).max())
 
 
+def test_centrifugal_forces_are_mass_times_distance(comm):
+    """omega^2 M (r - its part along the axis) in numpy; the sums are those of the centre of mass; no stress by beams."""
+    axis, point = np.array([1.0, 2.0, -2.0]), np.array([0.01, -0.02, 0.3])
+    with hpcred.solid((3, 2, 2), clamped=False, comm=comm) as model:
+        _, M, _ = dense_model(model)
+        position = np.concatenate(comm.allgather(model.dofs.position))[::3]
+        load = Centrifugal(name="spin", axis=tuple(axis), point=tuple(point), value=20.0)
+        b, sums = loaded(model, load)
+    arm = position - point
+    field = 400.0 * (arm - np.outer(arm @ axis, axis) / 9.0)
+    expected = (M @ field.ravel()).reshape(-1, 3)
+    assert np.abs(b - expected).max() < 1e-12 * np.abs(b).max()
+    assert sums.force == pytest.approx(expected.sum(axis=0)) and sums.spins
+    assert sums.moment == pytest.approx(np.cross(position, expected).sum(axis=0))
+    with hpcred.linkage(comm) as model, pytest.raises(InputError, match="'spin': found a centrifugal load and nodes"):
+        model.with_loads([load])
+
+
+@pytest.mark.parametrize(
+    ("mass", "held", "gravity", "says"),
+    [
+        ("consistent", (2,), (0.0, 0.0, -9.81), "the mass of 4 held dofs is not in M, nor is its part in the forces"),
+        ("consistent", (2,), (1.0, 0.0, 0.0), ""),  # its forces are in directions that are not held
+        ("consistent", (), (0.0, 0.0, -9.81), ""),
+        ("lumped", (0, 2), (1.0, 0.0, -9.81), "the mass of 8 held dofs is not in M, and missing in its sums"),
+    ],
+)
+def test_gravity_of_bodies_that_are_held(comm, mass, held, gravity, says):
+    """A rod of springs that its first four nodes hold: what is wrong with its weight, and only that, is said."""
+    count = 20
+    scalar = scipy.sparse.diags([1.0, 4.0, 1.0], [-1, 0, 1], shape=(count, count))
+    M = scipy.sparse.kron(scalar if mass == "consistent" else 6.0 * scipy.sparse.eye(count), scipy.sparse.eye(3)).tocsr()
+    dofs = Dofs(np.repeat(np.arange(1, count + 1), 3), np.tile(np.arange(3), count), np.zeros((3 * count, 3)))
+    still = (dofs.node <= 4) & np.isin(dofs.direction, held)
+    there = comm.rank == comm.size - 1
+    free = M[~still][:, ~still]
+    with SecondOrderModel.from_scipy(
+        scipy.sparse.eye(free.shape[0]), free, comm=comm, dofs=dofs.take(~still), held=dofs.take(still & there),
+    ) as model, model.with_loads([Gravity(name="g", value=gravity)]) as found:  # fmt: skip
+        exact = (M @ np.tile(gravity, count))[~still]
+        b = columns_of(found.B)[:, -1]
+        (sums,) = found.loads
+    assert sums.remark.startswith(says) and bool(sums.remark) == bool(says)
+    assert np.allclose(b, exact) == ("forces" not in says)
+
+
 def test_line_loads_on_edges_and_beams(comm):
     """Straight edges: halves at ends, 1/6 and 4/6 with a middle; a beam of two elements; each edge once."""
     points = points_of("hexahedron20")
@@ -159,13 +206,15 @@ def test_line_loads_on_edges_and_beams(comm):
 def test_loads_come_behind_the_inputs_and_are_kept_in_the_file(comm, folder):
     with hpcred.solid((3, 2, 2), inputs=2, comm=comm) as model:
         first = columns_of(model.B)
-        loads = [Pressure(name="p", on=END), Gravity(name="g", value=(0.0, 0.0, -9.81))]
+        spin = Centrifugal(name="s", axis=(0.0, 0.0, 1.0))
+        loads = [Pressure(name="p", on=END), Gravity(name="g", value=(0.0, 0.0, -9.81)), spin]
         wind = np.arange(model.first_row, model.first_row + model.local_rows, dtype=float)
         with model.with_loads(loads, {"wind": wind}) as found:
-            assert found.input_names == (*model.input_names, "p", "g", "wind") == found.output_names
+            assert found.input_names == (*model.input_names, "p", "g", "s", "wind") == found.output_names
             assert np.array_equal(columns_of(found.B)[:, :2], first)
             assert np.array_equal(columns_of(found.B)[:, -1], np.arange(model.size))
-            assert [item.name for item in found.loads] == ["p", "g", "wind"]
+            assert [item.name for item in found.loads] == ["p", "g", "s", "wind"]
+            assert [item.spins for item in found.loads] == [False, False, True, False]
             hpcred.write_model(folder / "loaded.h5", found)
             with hpcred.read_model(folder / "loaded.h5", comm) as again:
                 assert again.loads == found.loads and again.input_names == found.input_names
@@ -173,7 +222,7 @@ def test_loads_come_behind_the_inputs_and_are_kept_in_the_file(comm, folder):
             with found.with_inputs([(20, "x")]) as other:
                 assert other.loads == ()
         with model.with_input_columns(None, []) as bare, bare.with_loads(loads) as alone:
-            assert alone.input_names == ("p", "g")
+            assert alone.input_names == ("p", "g", "s")
 
 
 def test_loads_on_held_dofs_count_in_the_sums(comm):
@@ -376,6 +425,9 @@ def test_refusals_of_names_and_models(comm):
         (lambda: Pressure(name="1p", on="A"), "load.name: found '1p', expected a word that begins with a letter"),
         (lambda: Pressure(name="p", on="A", value=0.0), "load 'p': value: found 0.0, which is no load; leave it out"),
         (lambda: Gravity(name="g", value=(0, 0, 0)), r"load 'g': value: found \(0.0, 0.0, 0.0\), which is no load"),
+        (lambda: Centrifugal(name="c", axis=(0, 0, 0)), r"load 'c': axis: found \(0.0, 0.0, 0.0\), which has no direction"),
+        (lambda: Centrifugal(name="c", axis=(0, 0, 1), value=0), "load 'c': value: found 0.0, which is no load"),
+        (lambda: Centrifugal(name="c", axis=(0, 0, 1), point=(0, 0, np.nan)), "load 'c': point: found nan"),
         (lambda: Gravity(name="g", value=(0, 0, np.inf)), "load 'g': value: found inf, expected a finite number"),
         (lambda: Pressure(name="p", on=()), "load 'p': on: expected at least one number of a node, and each once"),
         (lambda: Pressure(name="p", on=(1, 1)), "load 'p': on: expected at least one number of a node, and each once"),
