@@ -4,8 +4,8 @@ matrices/indptr (n + 1), matrices/indices (nonzeros): one sorted pattern for all
 matrices/K, M and, where there is one, D (nonzeros)
 inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T, and then Cv, Ca (r, n) where
     velocities and accelerations are measured
-loads/name, kind, remark, spins, area (l) in m^2, sums (l, 4, 3): of the inputs that are loads, as of model.loads.LoadColumn;
-    the sums are force, moment, and the parts of both on held dofs
+loads/name, kind, remark, spins, area (l) in m^2, sums (l, 4, 3): of the inputs that are loads, as of
+    model.loads.LoadColumn; the sums are force, moment, and the parts of both on held dofs
 dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m, where the nodes are known
 elements/<kind> (elements, nodes): node numbers, where known, for pictures; kinds of model.elements
 element_properties/<kind> (elements, 3), where known: number of the element, place of its type in element_types, and of

@@ -85,7 +85,8 @@ class Result:
 
     `reduced`: the ReducedModel with its record. `floating_frame`: None where the model had no nodes or the projection
     was two-sided. `nodes`: shapes of the interface nodes, those of the inputs and outputs. `geometric_stiffness`: None
-    where it was not asked for. `preload`: at which `reduced` is, see at_preload. `path` of the file.
+    where it was not asked for. `preload`: at which `reduced` is, see at_preload. `stress_nodes`, `stress_source`: the
+    number of nodes with stress modes, and how these were made. `path` of the file.
     """
 
     path: Path
@@ -94,6 +95,8 @@ class Result:
     nodes: list[NodeShape] = field(default_factory=list)
     geometric_stiffness: GeometricStiffness | None = None
     preload: Preload | None = None
+    stress_nodes: int = 0
+    stress_source: str = ""
 
     def __str__(self):
         return f"{self.path}: {self.reduced}"
@@ -425,6 +428,9 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
             record=record,
         )
         result = Result(Path(path), reduced)
+        if "basis/stress" in file:
+            result.stress_nodes = file["basis/stress_node"].shape[0]
+            result.stress_source = file["basis/stress_source"][()].decode()
         if "floating_frame" in file:
             quantities = file["floating_frame"]
             result.floating_frame = FloatingFrame(

@@ -144,8 +144,8 @@ def inertia_force(model, name, acceleration, kind):
     remark = ""
     if held.any() and beside.max() > ROUND_OFF * size.max():
         remark = (
-            f"the mass of {held.sum():.0f} held dofs is not in M, nor is its part in the forces beside them; export the "
-            "body without supports where these have to be exact"
+            f"the mass of {held.sum():.0f} held dofs is not in M, nor is its part in the forces beside them; export "
+            "the body without supports where these have to be exact"
         )
     elif held.any():
         remark = f"the mass of {held.sum():.0f} held dofs is not in M, and missing in its sums; it deforms nothing"

@@ -281,7 +281,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     progress = progress or Progress(MPI.COMM_SELF, show=False)
     for warning in warnings:  # before a run that may take long for that reason
         progress.tell(warning)
-    notes = warnings + remarks(body) + _loads_without_stress(body, setup)
+    notes = warnings + remarks(body) + _loads_without_stress(body, setup) + _spins_twice(body, setup)
     if setup.start == "static":
         r, p, q = system.equilibrium(r, p)
     else:
@@ -326,6 +326,15 @@ def _loads_without_stress(body, setup) -> list[str]:
         f"geometric stiffness: forces at {', '.join(missing)} have no state, so that their stress does not count; make "
         "these nodes inputs or interfaces of the reduction"
     ]
+
+
+def _spins_twice(body, setup) -> list[str]:
+    """Return sentences on loads that are centrifugal forces."""
+    known = {} if body.reduced.record is None else {item.name: item for item in body.reduced.record.loads}
+    return [
+        f"load '{item.name}': a body that turns has its centrifugal forces without it; these are added to them"
+        for item in setup.load if item.name in known and known[item.name].spins
+    ]  # fmt: skip
 
 
 def _integrate(system, setup, y0, yp0, limits, progress):

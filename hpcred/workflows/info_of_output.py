@@ -36,9 +36,8 @@ def result(path, comm) -> dict:
     }
     if found.geometric_stiffness is not None:
         report["geometric_stiffness"] = list(found.geometric_stiffness.states)
-    with agreed(comm), reading(path, result_file.FORMAT, result_file.VERSION, result_file.SCHEMA) as file:
-        if "basis/stress" in file:
-            report["stress"] = f"{len(file['basis/stress_node'])} nodes; {file['basis/stress_source'][()].decode()}"
+    if found.stress_nodes:
+        report["stress"] = f"{found.stress_nodes} nodes; {found.stress_source}"
     record = reduced.record
     if record is None:
         return report | {"warnings": []}

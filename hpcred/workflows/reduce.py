@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..body.geometric_stiffness import VELOCITIES
+from ..body.spin_stress import REMEDY, lacks_spin
 from ..body.stress import stress_modes
 from ..files.checksums import content_of
 from ..files.outputs import check_outputs, check_room, hdf5_kind
@@ -86,7 +88,9 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
             if job.stress:
                 with progress.stage("stress"):
                     stress = stress_modes(model, reduced.columns, nodes)
-                warnings = (*reduced.record.warnings, *stress.remarks)
+                spins = stiffness is not None and any(state in VELOCITIES for state in stiffness.states)
+                told = [f"stress: {REMEDY}, if it spins"] if spins and lacks_spin(reduced.record) else []
+                warnings = (*reduced.record.warnings, *stress.remarks, *told)
                 reduced.record = replace(reduced.record, warnings=warnings)
             with progress.stage("write", output):
                 rescued(

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..body.recovery import start_places
+from ..body.spin_stress import warnings_of_spin
 from ..files.hdf5 import atomic_output
 from ..files.motion_file import FORMAT, coordinates_of, write_motion, write_motion_csv
 from ..files.outputs import CSV_OF_MOTION, PNG, VTK, check_outputs, hdf5_kind
@@ -52,6 +53,8 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
                 with result.shapes():
                     pass  # refused early where the file has no basis
             motion = simulate(body, setup, progress)
+            if result.stress_nodes:
+                motion.notes += warnings_of_spin(body, motion.angular_velocity, motion.energies["elastic"].max())
     motion, basis = comm.bcast((motion, basis))
     files = [(output.with_suffix(".csv"), write_motion_csv)]
     notes = list(motion.notes)

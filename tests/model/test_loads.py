@@ -139,7 +139,7 @@ def test_gravity_is_mass_times_acceleration(comm):
 
 
 def test_centrifugal_forces_are_mass_times_distance(comm):
-    """omega^2 M (r - its part along the axis) in numpy; the sums are those of the centre of mass; no stress by beams."""
+    """omega^2 M (r - its part along the axis) in numpy, with its sums; nodes that turn are refused."""
     axis, point = np.array([1.0, 2.0, -2.0]), np.array([0.01, -0.02, 0.3])
     with hpcred.solid((3, 2, 2), clamped=False, comm=comm) as model:
         _, M, _ = dense_model(model)
@@ -169,7 +169,8 @@ def test_gravity_of_bodies_that_are_held(comm, mass, held, gravity, says):
     """A rod of springs that its first four nodes hold: what is wrong with its weight, and only that, is said."""
     count = 20
     scalar = scipy.sparse.diags([1.0, 4.0, 1.0], [-1, 0, 1], shape=(count, count))
-    M = scipy.sparse.kron(scalar if mass == "consistent" else 6.0 * scipy.sparse.eye(count), scipy.sparse.eye(3)).tocsr()
+    scalar = scalar if mass == "consistent" else 6.0 * scipy.sparse.eye(count)
+    M = scipy.sparse.kron(scalar, scipy.sparse.eye(3)).tocsr()
     dofs = Dofs(np.repeat(np.arange(1, count + 1), 3), np.tile(np.arange(3), count), np.zeros((3 * count, 3)))
     still = (dofs.node <= 4) & np.isin(dofs.direction, held)
     there = comm.rank == comm.size - 1
@@ -425,7 +426,7 @@ def test_refusals_of_names_and_models(comm):
         (lambda: Pressure(name="1p", on="A"), "load.name: found '1p', expected a word that begins with a letter"),
         (lambda: Pressure(name="p", on="A", value=0.0), "load 'p': value: found 0.0, which is no load; leave it out"),
         (lambda: Gravity(name="g", value=(0, 0, 0)), r"load 'g': value: found \(0.0, 0.0, 0.0\), which is no load"),
-        (lambda: Centrifugal(name="c", axis=(0, 0, 0)), r"load 'c': axis: found \(0.0, 0.0, 0.0\), which has no direction"),
+        (lambda: Centrifugal(name="c", axis=(0, 0, 0)), r"'c': axis: found \(0.0, 0.0, 0.0\), which has no direction"),
         (lambda: Centrifugal(name="c", axis=(0, 0, 1), value=0), "load 'c': value: found 0.0, which is no load"),
         (lambda: Centrifugal(name="c", axis=(0, 0, 1), point=(0, 0, np.nan)), "load 'c': point: found nan"),
         (lambda: Gravity(name="g", value=(0, 0, np.inf)), "load 'g': value: found inf, expected a finite number"),
