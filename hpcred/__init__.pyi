@@ -68,6 +68,7 @@ from .model.motion_outputs import MotionOutput as MotionOutput
 from .model.parameters import Parameter as Parameter
 from .model.parameters import Term as Term
 from .model.parametric_model import ParametricModel as ParametricModel
+from .model.rotation import rotation_terms as rotation_terms
 from .model.second_order_model import SecondOrderModel as SecondOrderModel
 from .model.stress_outputs import StressOutput as StressOutput
 from .model.units import Units as Units

@@ -25,10 +25,10 @@ import numpy as np
 from ..linalg.blocks import create_block, inner, local_rows, times
 from ..model.dofs import OWN, SCALAR, require_dofs
 from ..model.rigid_body_modes import SAME_MASS, rigid_body_of, rigid_motions
+from ..model.rotation import skew
 from ..parallel.exchange import exchange
 from ..parallel.petsc import MPI, PETSc
 from ..reduction.projection import WIDTH, project
-from .rotations import skew
 
 SAME_PRODUCTS = 1e-8  # of the sizes of two columns; more is no round-off
 

@@ -18,6 +18,7 @@ from ..model.interfaces import find_interface, node_number
 from ..model.materials import NUMBER
 from ..model.point_stresses import PointStresses
 from ..model.rigid_body_modes import rigid_body_quantities
+from ..model.rotation import spin_softening
 from ..model.units import units_of
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
@@ -26,7 +27,6 @@ from ..parallel.ranges import ANYTHING, within
 from ..parallel.sums import summed
 from ..reduction.projection import project
 from .geometric_stiffness import ACCELERATIONS, SIX, check_state
-from .preload import spin_softening
 from .stress_stiffness import node_stiffness, projected
 
 AXIAL = 0.02  # sine of the angle, and offset in radii of gyration, up to which a load counts as axial

@@ -11,9 +11,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..linalg.csr import sparse_rows
-from ..model.element_rows import node_rows
 from ..model.frames import Frame
+from ..model.rotation import spin_softening
 from ..model.second_order_model import SecondOrderModel
 from ..parallel.declared import as_declared, declared
 from ..parallel.failures import InputError
@@ -22,7 +21,6 @@ from ..parallel.ranges import ANYTHING, within
 from ..reduction.reduced_model import ReducedModel
 from .body import Body
 from .geometric_stiffness import ACCELERATIONS, ANGULAR_ACCELERATIONS, OF_BODY, VELOCITIES, check_state
-from .rotations import skew
 from .stress_stiffness import assembled, node_stiffness
 from .unit_states import displacements_of_states, require_stresses, stresses
 
@@ -187,20 +185,3 @@ def preloaded(
             mats[key].zeroEntries()
             mats[key].axpy(1.0, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
     return model.with_fields(**mats)
-
-
-def spin_softening(model, omega) -> PETSc.Mat:
-    """Return M skew(omega)^2 (n, n), symmetric, for masses that are the same in all directions. Collective."""
-    square = skew(np.array(omega)) @ skew(np.array(omega))
-    dofs = model.dofs
-    moved = np.flatnonzero(dofs.direction < 3)
-    nodes, place = np.unique(dofs.node[moved], return_inverse=True)
-    rows = node_rows(model, nodes)[1][place]  # (k, 3)
-    values = square[dofs.direction[moved]]
-    there = rows >= 0
-    parts = [(np.repeat(moved, 3)[there.ravel()], rows[there], values[there])]
-    turn = sparse_rows(model.K, parts, model.M.getSizes()[1])
-    product = turn.matMult(model.M)
-    product.axpy(1.0, product.transpose(PETSc.Mat()))
-    product.scale(0.5)
-    return product

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..model.rotation import skew
+
 SMALL = 1e-3  # rad; below it, series have no error that double precision could show
 NO_AXIS = 1e-7  # rad; below it, a rotation has no axis that could be told from round-off
 
@@ -21,11 +23,6 @@ def quaternion_rate(p: np.ndarray, omega: np.ndarray) -> np.ndarray:
     w, x, y, z = p
     matrix = np.array([[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]])
     return 0.5 * matrix @ omega
-
-
-def skew(v: np.ndarray) -> np.ndarray:
-    """Return (3, 3): skew(v) u = v x u."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -19,7 +19,8 @@ import numpy as np
 
 from ..body.floating_frame import FloatingFrame
 from ..body.node_shapes import NodeShape
-from ..body.rotations import cross, of_vector, quaternion_rate, rate_matrix, rotation, skew
+from ..body.rotations import cross, of_vector, quaternion_rate, rate_matrix, rotation
+from ..model.rotation import skew
 from ..parallel.failures import ComputationError, InputError
 
 ROUND_OFF = 1e-14

@@ -15,11 +15,11 @@ from typing import Literal
 import numpy as np
 
 from ..body.body import Body, check_moving, inputs_without_node, maker, remarks
-from ..body.rotations import skew
 from ..files.outputs import SID
 from ..files.system_errors import open_input
 from ..files.text import shown
 from ..model.dofs import DIRECTIONS
+from ..model.rotation import skew
 from ..parallel.failures import InputError
 from .base import Writer
 from .round_off import without_round_off

@@ -7,7 +7,8 @@ from helpers import face, to_dense
 import hpcred
 from hpcred import Modes, Preload, Tangent, preloaded
 from hpcred.body.body import body_of
-from hpcred.body.preload import reduced_at, spin_softening
+from hpcred.body.preload import reduced_at
+from hpcred.model.rotation import spin_softening
 from hpcred.parallel.failures import InputError
 from hpcred.settings.preload_text import preload_of
 
@@ -37,7 +38,7 @@ def test_modes_of_the_whole_and_of_the_reduced_body_agree(comm, preload):
 
 
 @pytest.mark.mpi
-def testspin_softening_is_that_of_all_nodes(comm):
+def test_spin_softening_is_that_of_all_nodes(comm):
     w = np.array([5.0, -7.0, 9.0])
     with hpcred.solid((3, 2, 1), None, 3, False, comm) as model:
         mat = spin_softening(model, tuple(w))

@@ -1,0 +1,290 @@
+"""Models of parameters: the sum of their terms, which matrices of terms fit, and what is refused."""
+
+import numpy as np
+import pytest
+import scipy.sparse
+from helpers import columns_of, dense_model, to_dense
+
+import hpcred
+from hpcred import InputError, Parameter, ParametricModel, SecondOrderModel, Term
+from hpcred.parallel.petsc import PETSc
+
+OMEGA = Parameter("omega", (0.0, 8.0), unit="rad/s")
+E = Parameter("e", (1.0, 2.0), reference=1.25)
+
+
+class Given:
+    """A solid as arrays, and terms that have entries where it has none."""
+
+    def __init__(self, model):
+        rng = np.random.default_rng(5)
+        self.comm = model.comm
+        self.K, self.M, self.B = dense_model(model)
+        n, p = self.B.shape
+        self.C = rng.normal(size=(4, n))
+        gyroscopic = np.zeros((n, n))
+        gyroscopic[0, n - 1], gyroscopic[n - 1, 0], gyroscopic[5, 60] = 2.0, -2.0, 3.0  # unsymmetric
+        self.parts = {
+            "omega": ("D", gyroscopic),
+            "-omega^2": ("K", np.diag(rng.random(n)) * 1e5),
+            "e - 1": ("K", self._corner(n, 40, 1e7 * rng.normal(size=(3, 3)))),
+            "sqrt(e)/10": ("M", self.M),
+            "omega*e": ("B", rng.normal(size=(n, p))),
+            "1/e": ("C", rng.normal(size=(4, n))),
+        }
+
+    @staticmethod
+    def _corner(n, at, block):
+        mat = np.zeros((n, n))
+        mat[at : at + 3, n - 3 :] = block
+        mat[n - 3 :, at : at + 3] = block.T
+        return mat
+
+    def model(self, D=None):
+        return SecondOrderModel(self.M, D, self.K, self.B, self.C, comm=self.comm)
+
+    def terms(self, change=lambda of, mat: mat):
+        return [Term(of, change(of, mat), factor) for factor, (of, mat) in self.parts.items()]
+
+    def expected(self, key, omega, e):
+        theta = {"omega": omega, "-omega^2": -(omega**2), "e - 1": e - 1, "sqrt(e)/10": np.sqrt(e) / 10,
+                 "omega*e": omega * e, "1/e": 1 / e}  # fmt: skip
+        constant = np.zeros_like(self.K) if key == "D" else getattr(self, key)
+        return constant + sum(theta[factor] * mat for factor, (of, mat) in self.parts.items() if of == key)
+
+
+@pytest.fixture
+def given(solid):
+    return Given(solid)
+
+
+def as_petsc(like):
+    """A function that distributes an array as PETSc's matrices of a model are, that of C as C^T."""
+    first, last = like.getOwnershipRange()
+
+    def change(of, mat):
+        if of in "BC":
+            local = (mat.T if of == "C" else mat)[first:last]
+            dense = PETSc.Mat().createDense((like.getSizes()[0], (None, local.shape[1])), comm=like.comm)
+            dense.setUp()
+            dense.getDenseArray()[...] = local
+            dense.assemble()
+            return dense
+        rows = scipy.sparse.csr_array(mat)[first:last]
+        csr = rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data
+        return PETSc.Mat().createAIJ(like.getSizes(), csr=csr, comm=like.comm)
+
+    return change
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kind", ["arrays", "sparse", "PETSc"])
+def test_sums_at_random_values(given, kind):
+    rng = np.random.default_rng(3)
+    with given.model() as constant:
+        change = {"arrays": lambda of, mat: mat, "sparse": lambda of, mat: scipy.sparse.coo_array(mat),
+                  "PETSc": as_petsc(constant.K)}[kind]  # fmt: skip
+        parametric = ParametricModel(constant, [OMEGA, E], given.terms(change))
+    with parametric:
+        for omega, e in [(0.0, 1.0), *zip(rng.uniform(0, 8, 2), rng.uniform(1, 2, 2), strict=True)]:
+            with parametric.at(omega=omega, e=e) as model:
+                mats = {key: to_dense(mat) for key, mat in model.matrices.items()}
+                mats |= {"B": columns_of(model.B), "C": columns_of(model.Ct).T}
+                patterns = {mat.getValuesCSR()[1].tobytes() for mat in model.matrices.values()}
+                assert len(patterns) == 1
+                assert model.D.transpose().getValuesCSR()[1].tobytes() in patterns
+                assert model.loads == () and model.input_names == parametric.input_names
+            for key in "MDKBC":
+                expected = given.expected(key, omega, e)
+                assert mats[key] == pytest.approx(expected, rel=1e-14, abs=1e-14 * np.abs(expected).max())
+        assert to_dense(parametric.model.K) == pytest.approx(given.K, rel=0, abs=0)
+        assert not to_dense(parametric.model.D).any()
+
+
+@pytest.mark.mpi
+def test_response_at_values(given):
+    omega, e, frequencies = 2.0, 1.5, [100.0, 4000.0]
+    with given.model(1e-6 * given.K) as constant, ParametricModel(constant, [OMEGA, E], given.terms()) as parametric:
+        with parametric.at(omega=omega, e=e) as model:
+            found = model.frequency_response(frequencies)
+        K, D, M, B, C = (given.expected(key, omega, e) for key in "KDMBC")
+        for f, H in zip(frequencies, found, strict=True):
+            s = 2j * np.pi * f
+            expected = C @ np.linalg.solve(s * s * M + s * (D + 1e-6 * given.K) + K, B)
+            assert np.abs(H - expected).max() <= 1e-8 * np.abs(expected).max()
+
+
+@pytest.mark.mpi
+def test_models_of_other_values_have_other_digests(given):
+    with given.model() as constant, ParametricModel(constant, [OMEGA, E], given.terms()) as parametric:
+        keys = ("K", "M", "D", "B", "Ct", "dofs")
+        parametric.model.digest_of("K")
+        digests = []
+        for e in (1.0, 1.0 + 1e-12, 1.5):
+            with parametric.at(omega=1.0, e=e) as model:
+                digests.append([model.digest_of(key) for key in keys])
+        one, close, other = digests
+        assert not any(one[k] == other[k] for k in (0, 1, 3, 4)) and one[2] == other[2] and one[5] is None
+        assert not any(one[k] == close[k] for k in (0, 1))
+        with parametric.at(omega=1.0, e=1.0) as model:
+            assert [model.digest_of(key) for key in keys] == digests[0]
+
+
+@pytest.mark.mpi
+def test_no_term_no_copy(given):
+    """Matrices without terms are those of the model, and outputs that are the inputs follow B."""
+    with (SecondOrderModel(given.M, None, given.K, given.B, comm=given.comm) as constant,
+          ParametricModel(constant, [E], [Term("B", given.B, "e")]) as parametric,
+          parametric.at(e=2.0) as model):  # fmt: skip
+        assert model.K.handle == parametric.model.K.handle == constant.K.handle
+        assert model.D is None and model.Ct is None
+        assert columns_of(model.B) == pytest.approx(3 * given.B)
+
+
+@pytest.mark.mpi
+def test_other_inputs_and_outputs(solid):
+    K = to_dense(solid.K)
+    parametric = ParametricModel(solid, [E], [Term("K", K, "e - 1")])
+    with parametric.with_inputs([5]) as loaded, loaded.with_outputs([7, 9]) as both:
+        parametric.close()
+        assert both.input_names == ("dof 5",) and both.output_names == ("dof 7", "dof 9")
+        with both.at(e=2.0) as model:
+            found = model.frequency_response([0.0])[0]
+    assert found == pytest.approx(np.linalg.inv(2 * K)[[6, 8]][:, [4]], rel=1e-8)
+
+
+def test_values_of_parameters(solid):
+    with ParametricModel(solid, [OMEGA, E], [Term("K", solid.K, "omega*e")]) as parametric:
+        assert parametric.reference == {"omega": 4.0, "e": 1.25}
+        assert parametric.checked({"e": np.float32(1.5)}) == {"omega": 4.0, "e": 1.5}
+        assert parametric.factors({"omega": 2, "e": 2}) == [4.0]
+        assert parametric.size == 144 and parametric.name == "solid" and parametric.dofs is solid.dofs
+        assert "1 terms over omega 0 to 8, e 1 to 2" in repr(parametric)
+        assert "parameters omega 0 to 8 rad/s, e 1 to 2; terms of K (omega*e)" in str(parametric)
+        with parametric.at(omega=3) as model:
+            assert model.name == "solid at omega = 3, e = 1.25"
+        for values, message in (
+            ({"omega": 8.01}, "^parameter 'omega': found 8.01, expected 0 to 8 rad/s, its range$"),
+            ({"e": 0.5}, "^parameter 'e': found 0.5, expected 1 to 2, its range$"),
+            ({"e": np.nan}, "^parameter 'e': found nan, expected 1 to 2"),
+            ({"e": "1"}, "^parameter 'e': found '1', expected a number"),
+            ({"omgea": 1.0}, r"^parameter 'omgea': there is none of this name \(did you mean 'omega'\?\); there are "),
+        ):
+            for function in (lambda values: parametric.at(**values), parametric.checked, parametric.factors):
+                with pytest.raises(InputError, match=message):
+                    function(values)
+
+
+def test_factors_that_are_no_numbers_are_refused_with_their_term(solid):
+    message = "^term of K: expression '1/omega': found no finite number at omega = 0$"
+    with ParametricModel(solid, [OMEGA], [Term("K", solid.K, "1/omega")]) as parametric:
+        for function in (lambda omega: parametric.at(omega=omega), lambda omega: parametric.factors({"omega": omega})):
+            with pytest.raises(InputError, match=message):
+                function(0.0)
+
+
+@pytest.mark.mpi
+def test_mass_that_turns_negative_is_refused(solid):
+    message = r"^solid at e = 1.5: the mass matrix has a negative diagonal entry"
+    with ParametricModel(solid, [E], [Term("M", to_dense(solid.M), "-e")]) as parametric:
+        with parametric.at(e=1.0) as model:
+            assert not to_dense(model.M).any()
+        with pytest.raises(InputError, match=message):
+            parametric.at(e=1.5)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("2w", (0.0, 1.0)), "^parameter.name: found '2w', expected letters, digits and _, a letter first"),
+        (("lambda", (0.0, 1.0)), "^parameter.name: found 'lambda', expected .* words of Python, such as lambda"),
+        (("pi", (0.0, 1.0)), "^parameter.name: found 'pi', expected .* none of sqrt, .*, pi"),
+        (("e", (2.0, 1.0)), r"^parameter 'e': range: found \[2.0, 1.0\], expected a lower and a higher value"),
+        (("e", (1.0, 1.0)), "expected a lower and a higher value"),
+        (("e", (0.0, np.inf)), "^parameter 'e': range: found inf, expected a finite number"),
+        (("e", (0.0, 1.0), 1.5), "^parameter 'e': reference: found 1.5, expected a value in 0 to 1"),
+        (("e", (0.0, 1.0), np.nan), "reference: found nan"),
+        (("e", 3.0), "^parameter.range: found 3.0, expected"),
+    ],
+)
+def test_parameters_that_are_none_are_refused(arguments, message):
+    with pytest.raises(InputError, match=message):
+        Parameter(*arguments)
+
+
+SIZE = 144
+
+
+@pytest.mark.parametrize(
+    ("of", "change", "message"),
+    [
+        ("K", lambda mat: mat[:9, :9], "^term of K, factor 'e': found a matrix of 9 x 9, expected 144 x 144, as that"),
+        ("K", lambda mat: mat[:9], "^term of K, factor 'e': found .*, expected a square matrix of numbers"),
+        ("M", lambda mat: "M.mtx", "^term of M, factor 'e': found .*, expected a square matrix of numbers"),
+        ("K", lambda mat: mat + 1j, "^term of K, factor 'e': found .* entries with imaginary parts, expected real"),
+        ("D", lambda mat: mat * np.nan, "^term of D, factor 'e': found NaN or Inf, expected finite numbers"),
+        ("B", lambda mat: mat[:, :2], "^term of B, factor 'e': found a matrix of 144 x 2, expected 144 x 3"),
+        ("B", lambda mat: mat[:, :3] * np.nan, "^term of B, factor 'e': found NaN or Inf in column 1"),
+        ("B", lambda mat: mat[0], r"^term of B, factor 'e': found a matrix of 144, expected 144 x 3"),
+        ("C", lambda mat: mat[:3], r"^term of C, factor 'e': solid has the inputs as outputs, C = B\^T; give it out"),
+        ("K", lambda mat: PETSc.Mat().createAIJ((144, 144), comm=PETSc.COMM_SELF), "matrix is not assembled; call"),
+    ],
+)
+def test_matrices_that_do_not_fit_are_refused(solid, of, change, message):
+    with pytest.raises(InputError, match=message):
+        ParametricModel(solid, [E], [Term(of, change(to_dense(solid.K)), "e")])
+
+
+@pytest.mark.mpi(ranks=(2,), build="real")
+def test_another_layout_is_refused(solid):
+    first = solid.comm.rank == 0
+    mat = PETSc.Mat().createAIJ(((100 if first else 44, SIZE), (100 if first else 44, SIZE)), comm=solid.comm)
+    mat.setUp()
+    mat.assemble()
+    with pytest.raises(InputError, match=r"this rank has the rows \(0, 100\) of it, but the rows \(0, 72\) of the mo"):
+        ParametricModel(solid, [E], [Term("K", mat, "e")])
+
+
+@pytest.mark.parametrize(
+    ("parameters", "terms", "message"),
+    [
+        ([], [("K", "2")], "^parameters: found no parameter, or no term; expected one of each at least"),
+        ([E], [], "found no parameter, or no term"),
+        ([E, E], [("K", "e")], "^parameters: found the names e, e, expected each once"),
+        ([E], [("K", "e*omega")], "^term of K: factor 'e.omega': found 'omega', expected the parameters e"),
+        ([E, OMEGA], [("K", "e*omgea")], r"found 'omgea' \(did you mean 'omega'\?\), expected"),
+        ([E, OMEGA], [("K", "e")], "^parameter 'omega': found it in the factor of no term; give its terms, or leave"),
+        (E, [("K", "e")], r"^parameters: found Parameter\(.*, expected a list of"),
+    ],
+)
+def test_parameters_and_terms_that_do_not_fit_are_refused(solid, parameters, terms, message):
+    with pytest.raises(InputError, match=message):
+        ParametricModel(solid, parameters, [Term(of, solid.K, factor) for of, factor in terms])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("G", None, "e"), "^term.of: found 'G', expected 'M' or 'D' or 'K' or 'B' or 'C'"),
+        (("K", None, 2.0), "^term.factor: found 2.0, expected a text"),
+        (("K", None, "e +"), "^expression 'e .': found .*syntax"),
+    ],
+)
+def test_terms_that_are_none_are_refused(arguments, message):
+    with pytest.raises(InputError, match=message):
+        Term(*arguments)
+
+
+def test_a_closed_model_is_refused(solid):
+    other = solid.shared()
+    other.close()
+    with pytest.raises(InputError, match="^solid: this model was closed"):
+        ParametricModel(other, [E], [Term("K", None, "e")])
+
+
+def test_inputs_that_have_terms_stay(given):
+    with given.model() as constant, ParametricModel(constant, [OMEGA, E], given.terms()) as parametric:
+        for what, key in (("inputs", "B"), ("outputs", "C")):
+            with pytest.raises(InputError, match=f"^model: it has terms of {key}, which belong to the {what} that it"):
+                getattr(parametric, f"with_{what}")([1])
+    assert hpcred.Term is Term
