@@ -1,6 +1,10 @@
 from .analysis.bores import Bore as Bore
 from .analysis.bores import find_bores as find_bores
+from .analysis.campbell import Campbell as Campbell
+from .analysis.campbell import campbell as campbell
 from .analysis.check import check as check
+from .analysis.damped_modes import DampedModes as DampedModes
+from .analysis.damped_modes import damped_modes as damped_modes
 from .analysis.error import error_integral as error_integral
 from .analysis.error import relative_error as relative_error
 from .analysis.error_check import Check as Check

@@ -40,9 +40,9 @@ def modes_in_interval(K, M, low, high, package, options):
                 eps.solve()
             break
         except PETSc.Error as error:
-            _give_up(eps)
+            give_up(eps)
             if attempt == 3:
-                raise _failed("spectrum slicing", error) from error
+                raise failed("spectrum slicing", error) from error
     inertias = eps.getKrylovSchurInertias()[1]
     expected = int(max(inertias) - min(inertias)) if len(inertias) else eps.getConverged()
     found = eps.getConverged()
@@ -79,8 +79,8 @@ def lowest_modes(K, M, count, most, solve, monitor=None):
         with petsc_errors():
             eps.solve()
     except PETSc.Error as error:
-        _give_up(eps)
-        raise _failed("SLEPc", error) from error
+        give_up(eps)
+        raise failed("SLEPc", error) from error
     if inverse.error is not None:
         raise inverse.error
     if eps.getConverged() < count:
@@ -88,13 +88,13 @@ def lowest_modes(K, M, count, most, solve, monitor=None):
     return _pairs(eps, K, count)
 
 
-def _give_up(eps):
+def give_up(eps):
     """Free what can be freed of a solver that an error left in pieces."""
     with suppress(PETSc.Error), petsc_errors():
         eps.destroy()
 
 
-def _failed(what, error) -> ComputationError:
+def failed(what, error) -> ComputationError:
     return ComputationError(f"{what} failed: {str(error).splitlines()[-1]}; is M positive semidefinite?")
 
 

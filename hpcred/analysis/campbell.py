@@ -1,0 +1,334 @@
+"""Compute Campbell diagrams: frequencies, damping and whirl of a reduced model over a parameter, and what they show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+
+from ..parallel.decisions import decided
+from ..parallel.declared import declared, spelled
+from ..parallel.failures import InputError
+from ..parallel.petsc import MPI
+from ..parallel.ranges import ANYTHING, within
+from .pole_tracking import PoleTracker, growth_of
+from .whirl import axis_of, in_words, orbits
+
+POINTS = 41  # values over a range
+MODES = 12  # drawn where no highest frequency is given
+SPEEDS = {"rad/s": 1.0, "1/s": 1.0, "rpm": np.pi / 30, "1/min": np.pi / 30, "Hz": 2 * np.pi}  # in rad/s
+EXACT = 1e-10  # of the range: how well limits and critical speeds are found
+
+
+@dataclass(frozen=True, kw_only=True)
+class CriticalSpeed:
+    """Where a mode has a multiple of the speed as its frequency.
+
+    Attributes
+    ----------
+    order : float
+        The multiple.
+    mode : int
+        Column of the diagram, from 0.
+    value : float
+        The speed in the unit of the parameter.
+    frequency : float
+        Hz.
+    damping_ratio : float
+    whirl : str
+        forward, backward, none or unknown.
+    """
+
+    order: float
+    mode: int
+    value: float
+    frequency: float
+    damping_ratio: float
+    whirl: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FullPoles:
+    """Poles (k,) in rad/s of a full model at a value, of imaginary parts of at least 0, with the largest relative
+    residual of the eigenproblem."""
+
+    value: float
+    poles: np.ndarray
+    residual: float
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Hz, (k,)."""
+        return self.poles.imag / (2 * np.pi)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Campbell:
+    """Poles of a reduced model over a parameter; see `campbell`.
+
+    Attributes
+    ----------
+    parameter, unit : str
+    values : ndarray, shape (V,)
+        Those asked for, and those between where the poles need smaller steps.
+    poles : ndarray, complex, shape (V, k)
+        rad/s, a column a mode, with imaginary parts of at least 0; NaN where a mode is not: a vibration that is damped
+        over-critically has two real poles, of which one begins a column.
+    orbits : ndarray, shape (V, k)
+        How round the orbits of the nodes are: 1 for circles with the rotation, -1 for those against it, 0 for lines;
+        NaN where this is not known.
+    stability_limit : float or None
+        The first value where a real part gets positive; None where the model is stable over the whole range.
+    unstable_frequency : float or None
+        Of that pole in Hz.
+    critical_speeds : tuple of CriticalSpeed
+        By order and speed.
+    full : tuple of FullPoles
+        Of the full model at some values.
+    warnings : tuple of str
+    """
+
+    parameter: str
+    unit: str
+    values: np.ndarray
+    poles: np.ndarray
+    orbits: np.ndarray
+    stability_limit: float | None = None
+    unstable_frequency: float | None = None
+    critical_speeds: tuple[CriticalSpeed, ...] = ()
+    full: tuple[FullPoles, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Damped frequencies in Hz, (V, k)."""
+        return self.poles.imag / (2 * np.pi)
+
+    @property
+    def damping_ratios(self) -> np.ndarray:
+        """Damping ratios, (V, k); negative ones grow."""
+        return damping_ratios(self.poles)
+
+    @property
+    def speeds(self) -> np.ndarray | None:
+        """The values in rad/s, (V,), or None where the parameter is no speed."""
+        factor = SPEEDS.get(self.unit)
+        return None if factor is None else factor * self.values
+
+    @property
+    def whirl(self) -> list[list[str]]:
+        """forward, backward, none or unknown, (V, k)."""
+        return [[in_words(orbit) for orbit in row] for row in self.orbits]
+
+
+@spelled
+def campbell(
+    model, over: str = "omega", values: ArrayLike | None = None, *, at: dict[str, float] | None = None, nodes=(),
+    axis="z", orders: Sequence[float] = (1.0,), highest: float | None = None, unit: str | None = None,
+) -> Campbell:  # fmt: skip
+    """Return the poles of a reduced model over a parameter, followed from value to value.
+
+    Collective.
+
+    Parameters
+    ----------
+    model : ParametricReducedModel
+        Or another object whose `at(omega=...)` is a ReducedModel in the same coordinates for all values.
+    over : str, default "omega"
+        The parameter.
+    values : array_like, shape (V,), optional
+        Its values, ascending; by default 41 over its range.
+    at : dict of str to float, optional
+        Values of the other parameters; by default those of reference.
+    nodes : iterable of NodeShape, optional
+        Nodes whose orbits tell the direction of whirl, with shapes in the coordinates of the model.
+    axis : str or array_like, shape (3,), default "z"
+        The axis of rotation: x, y, z or a vector; the rotation is positive about it.
+    orders : sequence of float, default (1,)
+        Multiples of the speed whose crossings with modes are critical speeds, where the parameter is a speed.
+    highest : float, optional
+        Frequency in Hz up to which modes are shown; by default that of the twelfth mode at the first value.
+    unit : str, optional
+        Of the parameter; by default its own, and rad/s for omega without one. A speed is in rad/s, rpm or Hz.
+
+    Returns
+    -------
+    Campbell
+
+    Raises
+    ------
+    InputError
+        For unknown parameters, values that do not ascend, and structural damping, which has no poles.
+
+    Notes
+    -----
+    Modes that keep their shapes while their frequencies come closer than a thousandth cross; others veer. Steps are
+    halved where this, or which mode goes on as which, is not yet clear.
+    """
+    known = {item.name: item for item in getattr(model, "parameters", ())}
+    if known and over not in known:
+        raise InputError(f"over: found the parameter '{over}', expected one of {', '.join(known)}")
+    values = _checked_values(values, over, known)
+    if unit is None:
+        unit = known[over].unit if over in known else ""
+        unit = unit or ("rad/s" if over == "omega" else "")
+    orders = declared("orders", orders, tuple[float, ...])
+    within("orders", orders, (1e-6, 1e6, ""))
+    highest = declared("highest", highest, float | None)
+    within("highest", highest, (1e-9, 1e12, "Hz"))
+    axis = axis_of(axis)
+    matrices = _matrices_of(model, over, dict(at or {}))
+    shapes = np.array([node.phi for node in nodes], dtype=float)
+    return decided(MPI.COMM_WORLD, _campbell, matrices, values, shapes, axis, orders, highest, over, unit)
+
+
+def _checked_values(values, over, known):
+    if values is None:
+        if over not in known:
+            raise InputError("values: the model has no range of the parameter; give its values")
+        values = np.linspace(*known[over].range, POINTS)
+    values = np.array(declared("values", values, tuple[float, ...]))
+    within("values", values.tolist(), ANYTHING)
+    if len(values) < 2 or (np.diff(values) <= 0).any():
+        raise InputError(f"values: found {len(values)} values of {over}, expected at least 2 that ascend")
+    return values
+
+
+def _matrices_of(model, over, fixed) -> Callable:
+    """Return a function of a value that gives M, D, K in the same coordinates for all values."""
+
+    def matrices(value):
+        given = fixed | {over: float(value)}
+        reduced = model.at(**given)
+        if reduced.loss_factor:
+            raise InputError(
+                f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no poles; reduce with damping "
+                f"of kind 'modal' and ratio = {reduced.loss_factor / 2:g}, which is the same at resonance"
+            )
+        parts = reduced.M, reduced.D, reduced.K
+        if not hasattr(model, "turn"):
+            return parts
+        back = np.linalg.inv(model.turn(**given))
+        return tuple(back.T @ part @ back for part in parts)
+
+    return matrices
+
+
+def _campbell(matrices, values, shapes, axis, orders, highest, over, unit) -> Campbell:
+    tracker = PoleTracker(matrices, values[0], np.inf)
+    if highest is None:
+        at_first = np.sort(tracker.at(values[0]).poles.imag)
+        highest = 1.05 * at_first[min(MODES, len(at_first)) - 1] / (2 * np.pi) or 1.0
+    tracker.limit = 2 * np.pi * highest
+    found, branches, unsure = tracker.over(values)
+    chosen = _shown(found, branches, tracker.limit)
+    column = {branch: k for k, branch in enumerate(chosen)}
+    poles = np.full((len(found), len(chosen)), np.nan + 1j * np.nan)
+    round_ = np.full(poles.shape, np.nan)
+    speed = SPEEDS.get(unit)
+    for row, (part, numbers) in enumerate(zip(found, branches, strict=True)):
+        there = np.flatnonzero(np.isin(numbers, chosen))
+        columns = [column[number] for number in numbers[there]]
+        poles[row, columns] = part.poles[there]
+        round_[row, columns] = _orbits(part, shapes, axis, speed)[there]
+    warnings = []
+    if unsure:
+        listed = ", ".join(f"{value:.6g}" for value in unsure[:5])
+        warnings.append(f"at {over} = {listed} the smallest step does not tell which mode goes on as which")
+    limit, unstable = _stability(tracker, found)
+    critical = () if speed is None else _critical(tracker, found, branches, column, orders, speed, shapes, axis)
+    above = [part.value for part in found if limit is None and growth_of(part, np.inf)[0] > 0]
+    if above:
+        warnings.append(
+            f"at {over} = {above[0]:.6g} a pole above {highest:.6g} Hz is unstable, which may be one of the reduction"
+        )
+    return Campbell(
+        parameter=over, unit=unit, values=np.array([part.value for part in found]), poles=poles, orbits=round_,
+        stability_limit=limit, unstable_frequency=unstable, critical_speeds=critical, warnings=tuple(warnings),
+    )  # fmt: skip
+
+
+def _shown(found, branches, limit) -> list[int]:
+    """Return the branches that come below the limit and have more than one value: those of the first value, by
+    frequency, and then those that begin later."""
+    first, count, low = {}, {}, set()
+    for row, (part, numbers) in enumerate(zip(found, branches, strict=True)):
+        for number, pole in zip(numbers.tolist(), part.poles, strict=True):
+            count[number] = count.get(number, 0) + 1
+            first.setdefault(number, (row, pole.imag, number))
+            if pole.imag <= limit:
+                low.add(number)
+    return sorted((number for number in low if count[number] > 1), key=first.get)
+
+
+def _orbits(part, shapes, axis, speed):
+    """Return the orbits (u,) of the poles of a value, in the sense of the rotation where there is one."""
+    if not len(shapes):
+        return np.full(len(part.poles), np.nan)
+    found = orbits(np.tensordot(shapes, part.shapes, (2, 0)), axis)
+    sense = np.sign(part.value) if speed is not None and part.value else 1.0
+    # modes of one frequency have no orbits of their own, and what does not vibrate has none
+    return np.where(part.single & (part.poles.imag > 0), sense * found, 0.0)
+
+
+def _stability(tracker, found) -> tuple[float | None, float | None]:
+    """Return the first value where a pole crosses the imaginary axis, and its frequency in Hz."""
+    growths = [growth_of(part, tracker.limit)[0] > 0 for part in found]
+    if True not in growths:
+        return None, None
+    place = growths.index(True)
+    high = found[place].value
+    if place:
+        low = found[place - 1].value
+        while high - low > EXACT * (found[-1].value - found[0].value):
+            middle = (low + high) / 2
+            low, high = (low, middle) if tracker.growth(middle)[0] > 0 else (middle, high)
+    return high, abs(tracker.growth(high)[1].imag) / (2 * np.pi)
+
+
+def _critical(tracker, found, branches, column, orders, speed, shapes, axis) -> tuple[CriticalSpeed, ...]:
+    """Return where modes cross the lines of the orders."""
+    critical = []
+    for before, after, numbers, following in zip(found, found[1:], branches, branches[1:], strict=False):
+        for i, number in enumerate(numbers):
+            j = np.flatnonzero(following == number)
+            if number not in column or not len(j):
+                continue
+            for order in orders:
+                ends = [part.poles[k].imag - abs(order * speed * part.value)
+                        for part, k in ((before, i), (after, j[0]))]  # fmt: skip
+                if ends[0] == 0 or (ends[0] > 0) == (ends[1] > 0) or before.value * after.value < 0:
+                    continue
+                part, k = _crossing(tracker, before, after, i, order * speed)
+                pole = part.poles[k]
+                critical.append(CriticalSpeed(
+                    order=order, mode=column[number], value=part.value, frequency=pole.imag / (2 * np.pi),
+                    damping_ratio=float(damping_ratios(pole)), whirl=in_words(_orbits(part, shapes, axis, speed)[k]),
+                ))  # fmt: skip
+    return tuple(sorted(critical, key=lambda item: (item.order, item.value)))
+
+
+def _crossing(tracker, before, after, place, factor):
+    """Return the poles where the mode at a place before crosses the line, and its place there."""
+
+    def at(value):
+        part, places, _ = tracker.next(before, value)
+        return part, places[place]
+
+    def difference(value):
+        if value == before.value:
+            return before.poles[place].imag - abs(factor * value)
+        part, k = at(value)
+        return part.poles[k].imag - abs(factor * value)
+
+    width = after.value - before.value
+    return at(brentq(difference, before.value, after.value, xtol=EXACT * width, rtol=1e-12))
+
+
+def damping_ratios(poles) -> np.ndarray:
+    """Return -Re / |s| of poles s; 0 for s = 0."""
+    size = np.abs(poles)
+    return np.where(size > 0, -np.real(poles) / np.where(size > 0, size, 1.0), 0.0) + 0 * size

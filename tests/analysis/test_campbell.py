@@ -1,0 +1,222 @@
+"""Campbell diagrams against closed formulae: crossings, veering, whirl, stability limits and critical speeds."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import hpcred
+from hpcred.analysis.pole_tracking import PoleTracker
+from hpcred.analysis.whirl import orbits
+
+TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
+PLANE = [SimpleNamespace(phi=np.eye(3)[:, :2])]  # a node that moves by the first two coordinates
+OMEGA0 = 10.0
+
+
+class Family:
+    """A model over a parameter, from a function that gives M, D, K."""
+
+    def __init__(self, function):
+        self.function = function
+
+    def at(self, **values):
+        M, D, K = self.function(**values)
+        return SimpleNamespace(M=M, D=D, K=K, loss_factor=0.0)
+
+
+def jeffcott(external=0.2, internal=0.1):
+    """A disk in the middle of a shaft, of mass 1 and frequency OMEGA0, with damping of its bearings and of its shaft,
+    which turns with it."""
+    return Family(lambda omega: (
+        np.eye(2), (external + internal) * np.eye(2), OMEGA0**2 * np.eye(2) + internal * omega * TURN,
+    ))  # fmt: skip
+
+
+def overhung(polar, transverse=1.0, stiffness=100.0):
+    """Tilts of a disk about x and y on a massless shaft along z; its rim moves along y and -x with them."""
+    return Family(lambda omega: (
+        transverse * np.eye(2), polar * omega * TURN, stiffness * np.eye(2),
+    ))  # fmt: skip
+
+
+def test_a_gyroscopic_disk_whirls_forward_and_backward():
+    """omega = +-Jp Omega / 2 Jt + sqrt((Jp Omega / 2 Jt)^2 + k / Jt); a disk flatter than a sphere has no forward
+    critical speed."""
+    polar = 1.8
+    # tilts rx, ry move a point before the disk by (ry, -rx, 0)
+    nodes = [SimpleNamespace(phi=np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]]))]
+    found = hpcred.campbell(overhung(polar), values=np.linspace(0, 40, 9), nodes=nodes)
+    half = polar * found.values / 2
+    exact = np.sqrt(half**2 + 100.0)[:, None] + half[:, None] * [[1.0, -1.0]]
+    order = np.argsort(-found.poles[-1].imag)
+    assert found.poles[:, order].imag == pytest.approx(exact, rel=1e-12)
+    assert [np.array(found.whirl)[-1, k] for k in order] == ["forward", "backward"]
+    assert found.orbits[1:, order] == pytest.approx(np.tile([1.0, -1.0], (8, 1)))
+    assert found.whirl[0] == ["none", "none"]  # at rest the plane of a mode is any
+    assert found.stability_limit is None
+    backward, = found.critical_speeds
+    assert backward.value == pytest.approx(np.sqrt(100.0 / (1 + polar)), rel=1e-9) and backward.whirl == "backward"
+
+
+def test_internal_damping_makes_a_rotor_unstable_at_the_known_speed():
+    """Omega = omega0 (1 + ce / ci), by forward whirl at omega0 (Jeffcott rotor with damping that rotates)."""
+    found = hpcred.campbell(jeffcott(), values=np.linspace(0, 47, 12), nodes=PLANE)
+    assert found.stability_limit == pytest.approx(OMEGA0 * 3, rel=1e-7)
+    assert found.unstable_frequency == pytest.approx(OMEGA0 / (2 * np.pi), rel=1e-9)
+    unstable = int(np.argmin(found.damping_ratios[-1]))
+    assert found.whirl[-1][unstable] == "forward" and found.damping_ratios[-1, unstable] < 0
+    assert hpcred.campbell(jeffcott(), values=[0.0, 10.0, 29.9]).stability_limit is None
+    assert hpcred.campbell(jeffcott(), values=[31.0, 40.0]).stability_limit == 31.0
+
+
+def test_in_a_rotating_frame_frequencies_are_shifted_by_the_speed():
+    """|omega0 -+ Omega|: Coriolis forces and spin softening; forward whirl passes zero where the frame overtakes it."""
+    rotating = Family(lambda omega: (np.eye(2), -2 * omega * TURN, (OMEGA0**2 - omega**2) * np.eye(2)))
+    for count in (11, 12):  # one with a value at omega0, one without
+        found = hpcred.campbell(rotating, values=np.linspace(0, 25, count), nodes=PLANE)
+        speed = found.values
+        order = np.argsort(found.poles[-1].imag)
+        exact = np.stack([np.abs(OMEGA0 - speed), OMEGA0 + speed], axis=1)
+        assert found.poles.shape[1] == 2
+        assert found.poles[:, order].imag == pytest.approx(exact, abs=1e-6)
+        words = np.array(found.whirl)[:, order]
+        assert set(words[(speed > 0) & (speed < 9.9), 0]) == {"forward"}
+        assert set(words[speed > 10.1, 0]) == {"backward"}  # as seen from the faster frame
+        assert set(words[1:, 1]) == {"backward"} and found.stability_limit is None
+
+
+def test_modes_of_other_shapes_cross_and_coupled_ones_veer():
+    """Frequencies 10 and 8 + p: with a coupling c they stay apart by c / omega, however coarse the values are."""
+    def mats(p, coupling):
+        return np.eye(2), 0.001 * np.eye(2), np.array([[100.0, coupling], [coupling, (8 + p) ** 2]])
+
+    for values in ([0.0, 2.0, 4.0], [0.0, 4.0]):
+        crossing = hpcred.campbell(Family(lambda p: mats(p, 0.0)), "p", values)
+        assert crossing.poles[-1].imag == pytest.approx([12.0, 10.0], rel=1e-6)
+        veering = hpcred.campbell(Family(lambda p: mats(p, 0.1)), "p", values)
+        apart = veering.poles[:, 1].imag - veering.poles[:, 0].imag
+        assert (apart > 0.0099).all() and apart.min() < 0.03 and len(veering.values) > 8
+        assert not veering.warnings and veering.unit == "" and veering.speeds is None
+
+
+def test_symmetric_pairs_keep_their_shapes_through_a_coincidence():
+    """Two pairs that meet exactly at a value, where any mixture of their vectors is a mode."""
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(4, 4)))[0]
+
+    def mats(p):
+        return np.eye(4), np.zeros((4, 4)), turn @ np.diag([10.0, 10.0, 8 + p, 8 + p]) ** 2 @ turn.T
+
+    found = hpcred.campbell(Family(mats), "p", [0.0, 1.0, 2.0, 3.0, 4.0])
+    assert np.sort(found.poles[0].imag) == pytest.approx([8, 8, 10, 10])
+    for column in found.poles.T.imag:
+        change = column[-1] - column[0]
+        assert change == pytest.approx(4.0 if column[0] < 9 else 0.0, abs=1e-6)
+    assert len(found.values) == 5
+
+
+def test_an_overdamped_mode_parts_into_two():
+    """At a damping of 2 a pair of poles of omega0 = 1 gets real: one of the two begins a column; the slow one lives."""
+    found = hpcred.campbell(Family(lambda p: (np.eye(1), p * np.eye(1), np.eye(1))), "p", np.linspace(0.5, 4, 8),
+                            highest=1.0)  # fmt: skip
+    assert found.poles.shape[1] == 2 and np.isnan(found.poles[0, 1])
+    exact = -2 + np.sqrt(3), -2 - np.sqrt(3)
+    assert np.sort(found.poles[-1].real) == pytest.approx(np.sort(exact))
+    assert np.nanmax(found.damping_ratios) == 1.0
+
+
+def test_divergence_is_found_by_a_real_pole():
+    """Stiffness 4 - p gets negative at 4."""
+    found = hpcred.campbell(Family(lambda p: (np.eye(1), 0.1 * np.eye(1), np.array([[4.0 - p]]))), "p", [0, 3, 6])
+    assert found.stability_limit == pytest.approx(4.0, rel=1e-6) and found.unstable_frequency == 0.0
+
+
+def test_flutter_of_an_undamped_follower_force():
+    """Circulatory coupling p merges frequencies 1 and 2 at p = (4 - 1) / 2."""
+    def mats(p):
+        return np.eye(2), np.zeros((2, 2)), np.array([[1.0, p], [-p, 4.0]])
+
+    found = hpcred.campbell(Family(mats), "p", np.linspace(0, 2, 9))
+    assert found.stability_limit == pytest.approx(1.5, rel=1e-6)
+    assert found.unstable_frequency == pytest.approx(np.sqrt(2.5) / (2 * np.pi), rel=1e-3)
+
+
+def test_critical_speeds_of_several_orders_and_units():
+    """1x and 2x of a constant frequency of 10 rad/s, in rpm."""
+    found = hpcred.campbell(Family(lambda n: (np.eye(1), 0.02 * np.eye(1), 100 * np.eye(1))), "n",
+                            np.linspace(0, 200, 5), unit="rpm", orders=(1, 2))  # fmt: skip
+    damped = 10 * np.sqrt(1 - 0.001**2)
+    assert [item.order for item in found.critical_speeds] == [1.0, 2.0]
+    values = [item.value for item in found.critical_speeds]
+    assert values == pytest.approx([damped * 30 / np.pi, damped * 15 / np.pi], rel=1e-9)
+    assert found.speeds[-1] == pytest.approx(200 * np.pi / 30)
+    assert found.critical_speeds[0].damping_ratio == pytest.approx(0.001)
+    assert found.critical_speeds[0].whirl == "unknown"
+
+
+def test_coordinates_that_are_turned_at_each_value():
+    """A model that is diagonalised at each value, as parametric reduced models are, has the same diagram."""
+    plain = overhung(1.2)
+
+    class Turned(Family):
+        def turn(self, omega):
+            return np.linalg.qr(np.random.default_rng(int(10 * omega)).normal(size=(2, 2)))[0]
+
+        def at(self, omega):
+            parts, X = plain.function(omega), self.turn(omega)
+            return SimpleNamespace(loss_factor=0.0, **dict(zip("MDK", (X.T @ part @ X for part in parts), strict=True)))
+
+    values = np.linspace(0, 30, 7)
+    expected, found = (hpcred.campbell(model, values=values, nodes=PLANE) for model in (plain, Turned(None)))
+    assert found.poles == pytest.approx(expected.poles, rel=1e-9)
+    assert found.orbits[1:] == pytest.approx(expected.orbits[1:], abs=1e-9)
+
+
+def test_orbits_by_phase():
+    """Circles in both senses, a line, an ellipse with half axes 2 and 1, and motion along the axis."""
+    modes = np.array([[1, -1j, 0], [1, 1j, 0], [1, 1, 0], [2, -1j, 0], [1e-9, -1e-9j, 1]]).T[None]
+    assert orbits(modes, np.array([0.0, 0.0, 1.0])) == pytest.approx([1, -1, 0, 0.8, 0])
+    assert orbits(modes, np.array([0.0, 0.0, -1.0])) == pytest.approx([-1, 1, 0, -0.8, 0])
+
+
+def test_steps_that_do_not_decide_are_told():
+    """A matrix without continuity."""
+    def mats(p):
+        turn = np.linalg.qr(np.random.default_rng(int(1e6 * p)).normal(size=(4, 4)))[0]
+        return np.eye(4), np.zeros((4, 4)), turn @ np.diag([1.0, 4.0, 9.0, 16.0]) @ turn.T
+
+    found = hpcred.campbell(Family(mats), "p", [0.0, 1.0])
+    assert found.warnings and "the smallest step does not tell which mode goes on as which" in found.warnings[0]
+
+
+def test_growth_above_the_limit_does_not_count():
+    """What a reduction makes of high frequencies is told apart."""
+    model = Family(lambda p: (np.eye(2), np.diag([0.1, 0.1 - p]), np.diag([1.0, 1e4])))
+    found = hpcred.campbell(model, "p", [0.0, 1.0], highest=1.0)
+    assert found.stability_limit is None and "a pole above 1 Hz is unstable" in found.warnings[0]
+    tracker = PoleTracker(lambda p: model.function(p), 0.0, np.inf)
+    assert tracker.growth(1.0)[0] > 0
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        ({"values": [1.0]}, "values: found 1 values of omega, expected at least 2 that ascend"),
+        ({"values": [1.0, 1.0]}, "values: found 2 values of omega"),
+        ({}, "values: the model has no range of the parameter"),
+        ({"values": [0.0, np.nan]}, "values: found nan"),
+        ({"values": [0, 1], "orders": [0.0]}, "orders: found 0, expected"),
+        ({"values": [0, 1], "axis": "w"}, "axis: found 'w'"),
+        ({"values": [0, 1], "axis": [0, 0, 0]}, "expected x, y, z or a vector that is not zero"),
+        ({"values": [0, 1], "highest": 0.0}, "highest: found 0"),
+    ],
+)
+def test_refusals(arguments, says):
+    with pytest.raises(hpcred.InputError, match=says):
+        hpcred.campbell(jeffcott(), **arguments)
+
+
+def test_structural_damping_is_refused():
+    model = SimpleNamespace(at=lambda omega: SimpleNamespace(loss_factor=0.02))
+    with pytest.raises(hpcred.InputError, match="structural damping .loss factor 0.02. has no poles"):
+        hpcred.campbell(model, values=[0, 1])

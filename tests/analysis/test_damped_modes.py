@@ -1,0 +1,90 @@
+"""Damped modes of full models against a dense eigensolver, and what is refused."""
+
+from contextlib import closing
+
+import numpy as np
+import pytest
+import scipy.sparse
+from helpers import damped, gather
+
+import hpcred
+from hpcred.parallel.petsc import is_complex
+
+TARGET = 20e3  # Hz, among the modes of the block
+
+
+def dense_poles(M, D, K):
+    """All poles with imaginary parts of at least 0."""
+    size = len(M)
+    A = np.block([[np.zeros((size, size)), np.eye(size)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+    poles = np.linalg.eigvals(A)
+    return poles[poles.imag >= 0]
+
+
+def nearest(poles, to, count):
+    return poles[np.argsort(np.abs(poles - to))][:count]
+
+
+@pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.parametrize("unsymmetric", [False, True])
+def test_against_a_dense_eigensolver(comm, unsymmetric):
+    """Dashpots that make some modes over-critical, and a gyroscopic pair; residuals by shapes in all dofs."""
+    with hpcred.solid((3, 1, 2), comm=comm) as block:
+        model, K, M, D, _ = damped(block, unsymmetric)
+    targets = (0.0, TARGET) if is_complex() else (0.0,)
+    with model:
+        for target in targets:
+            exact = nearest(dense_poles(M, D, K), 2j * np.pi * target, 5)
+            with closing(hpcred.damped_modes(model, 5, target=target)) as found:
+                assert found.poles == pytest.approx(exact, rel=1e-8)
+                assert found.residuals.max() < 1e-8 and not found.warnings
+                assert found.damping_ratios == pytest.approx(-exact.real / np.abs(exact), rel=1e-6)
+                pairs = gather(found.shapes)
+            shapes = pairs[:, 0::2] + 1j * pairs[:, 1::2]
+            force = (M @ shapes) * found.poles**2 + (D @ shapes) * found.poles + K @ shapes
+            assert np.linalg.norm(force, axis=0).max() < 1e-6 * np.linalg.norm(K @ shapes, axis=0).min()
+
+
+def test_a_free_chain_is_shifted():
+    """K is singular: its rigid-body motion comes with the others."""
+    n = 12
+    K = scipy.sparse.diags([np.r_[1.0, 2 * np.ones(n - 2), 1.0], -np.ones(n - 1), -np.ones(n - 1)], [0, 1, -1])
+    squares = (2 * np.sin(np.arange(1, 3) * np.pi / (2 * n))) ** 2
+    exact = -0.05 * squares + 1j * np.sqrt(squares - (0.05 * squares) ** 2)
+    model = hpcred.SecondOrderModel.from_scipy(K, scipy.sparse.identity(n), 0.1 * K)
+    with model, closing(hpcred.damped_modes(model, 4)) as found:
+        assert found.poles[np.abs(found.poles) > 1e-3][:2] == pytest.approx(exact, rel=1e-7)
+
+
+def test_a_frame_and_rayleigh_damping():
+    """Damping ratios of modes in a chord frame are those of (40)."""
+    with hpcred.linkage() as model:
+        frame, damping = hpcred.Chord(nodes=(1, 7, 14)), hpcred.Rayleigh(2.0, 1e-5)
+        with (
+            closing(hpcred.natural_modes(model, 4, frame)) as undamped,
+            closing(hpcred.damped_modes(model, 4, frame, damping)) as found,
+        ):
+            omega = 2 * np.pi * undamped.frequencies
+            assert np.abs(found.poles) == pytest.approx(omega, rel=1e-7)
+            assert found.damping_ratios == pytest.approx(1.0 / omega + 5e-6 * omega, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        ({"count": 0}, "count: found 0, expected at least 1"),
+        ({"count": 99}, "count: 99 modes asked for, model has 3"),
+        ({"frame": hpcred.Buckens()}, "frame: found the Buckens frame"),
+        ({"damping": hpcred.Structural(0.02)}, "damping: found kind 'structural', expected viscous damping"),
+        ({"damping": hpcred.ModalDamping(ratio=0.02)}, "damping: found kind 'modal'"),
+        ({"damping": hpcred.Caughey((0.0, 1e-6, 1e-12))}, "damping: found kind 'caughey'"),
+        ({"target": -1.0}, "target: found -1"),
+        ({"target": 5.0}, "target: found 5 Hz, which needs a complex build"),
+    ],
+)
+def test_refusals(arguments, says):
+    if is_complex() and "complex build" in says:
+        pytest.skip("a complex build has targets")
+    model = hpcred.SecondOrderModel.from_scipy(scipy.sparse.identity(3), scipy.sparse.identity(3))
+    with model, pytest.raises(hpcred.InputError, match=says):
+        hpcred.damped_modes(model, **arguments)
