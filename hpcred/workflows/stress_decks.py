@@ -108,8 +108,8 @@ def add_stresses(result, answers, output, *, units: str = "SI", comm=None, progr
     result : Result or path
         The result.h5 that write_deck was given.
     answers : path
-        The results of the program: .frd of CalculiX, or .dat beside its input file, .rst of ANSYS, punch file of
-        Nastran.
+        The results of the program: .frd of CalculiX, or .dat beside its input file, .rst of ANSYS, punch file or
+        OP2 of Nastran.
     output : path
         A new result.h5, with `basis/stress`.
     units : str, default "SI"

@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from op2_files import displaced, op2, stressed
 
 import hpcred
 from hpcred import Buckens, Modes
@@ -75,6 +76,27 @@ def test_answers_become_stress_modes_of_a_new_result(comm, folder):
     assert hpcred.verify_file(folder / "with.h5", comm=comm)
     about = hpcred.describe_file(folder / "with.h5", comm=comm)
     assert about["stress"] == "8 nodes; CalculiX, means at nodes in .frd"
+
+
+@pytest.mark.mpi
+def test_answers_of_nastran_in_output2(comm, folder):
+    """Of a file with the numbers of our own solids: in single precision."""
+    result_of(folder, comm)
+    if comm.rank == 0:
+        label, moved, stress = arrays(folder / "result.h5")
+        with h5py.File(folder / "result.h5") as file:
+            elements = dict(enumerate(file["elements/hexahedron"][...].tolist(), 1))
+        place, tables = {n: k for k, n in enumerate(label.tolist())}, ([], [])
+        for number, (u, s) in enumerate(zip(moved, stress, strict=True), 1):
+            tables[0].extend(displaced(number, {n: u[k] for n, k in place.items()}))
+            tables[1].extend(stressed(number, {e: {n: s[place[n]] for n in nodes} for e, nodes in elements.items()}))
+        (folder / "stress.op2").write_bytes(op2([("OUGV1", tables[0]), ("OES1X1", tables[1])]))
+    comm.Barrier()
+    hpcred.add_stresses(folder / "result.h5", folder / "stress.op2", folder / "with.h5", comm=comm)
+    found = hpcred.read_result(folder / "with.h5", comm).stress_modes()
+    if comm.rank == 0:
+        assert found.source == "Nastran, means at corner nodes in OUTPUT2" and (found.node == label).all()
+        assert np.abs(found.stress - stress).max() < 1e-6 * np.abs(stress).max()
 
 
 @pytest.mark.mpi

@@ -116,7 +116,7 @@ class _Chain:
             raise self.damaged("name of a table")
         place, count = self.pieces(words)[0]
         letters = self.data[place : place + count]
-        if self.size == 8:  # four letters a word
+        if self.size == 8 and not any(letters[k + 4 : k + 8].strip() for k in range(0, count, 8)):  # four a word
             letters = b"".join(letters[k : k + 4] for k in range(0, count, 8))
         return letters.decode("latin-1").strip()
 

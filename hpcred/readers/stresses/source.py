@@ -10,13 +10,15 @@ from ...files.text import first_bytes
 from ...parallel.failures import InputError, agreed
 from ..ansys import rst
 from ..calculix import frd
-from . import ansys_rst, calculix_dat, calculix_frd, nastran_punch
+from ..nastran import op2
+from . import ansys_rst, calculix_dat, calculix_frd, nastran_op2, nastran_punch
 
 FORMATS = (
     (frd.begins, calculix_frd.read, "CalculiX, means at nodes in .frd"),
     (calculix_dat.begins, calculix_dat.read, "CalculiX, points of elements in .dat, means at nodes"),
     (rst.begins, ansys_rst.read, "ANSYS, means at corner nodes in .rst"),
     (nastran_punch.begins, nastran_punch.read, "Nastran, means at corner nodes in the punch file"),
+    (op2.begins, nastran_op2.read, "Nastran, means at corner nodes in OUTPUT2"),
 )
 
 
@@ -47,6 +49,6 @@ def read_answers(path, comm) -> Answers:
         known = [item for item in FORMATS if item[0](start)]
         if not known:
             raise InputError(f"{path}: found no results of a known program, expected a .frd or .dat file of CalculiX, "
-                             "a .rst file of ANSYS, or a punch file of Nastran")  # fmt: skip
+                             "a .rst file of ANSYS, a punch file of Nastran, or its OUTPUT2")  # fmt: skip
     _, read, source = known[0]
     return Answers(*read(path, comm), source)
