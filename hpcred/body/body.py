@@ -30,6 +30,15 @@ class BodySurface:
 
 
 @dataclass
+class Prestress:
+    """A constant load in the stiffness of a body: its generalised `forces` (m,) and spin `softening` (m, m), which is a
+    part of K."""
+
+    forces: np.ndarray
+    softening: np.ndarray
+
+
+@dataclass
 class Body:
     """The data of a flexible body for a multibody program: plain arrays, the same on all ranks.
 
@@ -45,6 +54,8 @@ class Body:
         Stiffness by unit states of load, if it is known.
     stress : StressModes or None
         Stresses of the coordinates at nodes, if they are known.
+    prestress : Prestress or None
+        The preload at which `reduced` is.
     """
 
     reduced: ReducedModel
@@ -53,6 +64,7 @@ class Body:
     surface: BodySurface | None = None
     geometric_stiffness: GeometricStiffness | None = None
     stress: StressModes | None = None
+    prestress: Prestress | None = None
 
     def __post_init__(self):
         if self.geometric_stiffness is not None:
@@ -205,6 +217,8 @@ def remarks(body: Body) -> list[str]:
         found.append(left_out)
     if has_no_inertia(body):
         found.append("the body has no inertia about one of its axes, as where every mass lies on a line; hold it there")
+    if body.prestress is not None and body.prestress.softening.any():
+        found.append("K has the spin softening of the preload, which programs that rotate the body add themselves")
     still = [str(shape.node) for shape in body.nodes if not shape.rotates]
     if still:
         found.append(f"no rotational dofs at nodes {', '.join(still)}: psi is zero there")

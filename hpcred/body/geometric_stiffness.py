@@ -95,6 +95,11 @@ class GeometricStiffness:
         shape = self.matrices.shape[1:]
         return np.array([known.get(state, np.zeros(shape)) for state in states]).reshape(-1, *shape)
 
+    def without(self, states: Sequence[str]) -> GeometricStiffness:
+        """Return the other states."""
+        kept = [place for place, state in enumerate(self.states) if state not in states]
+        return replace(self, states=[self.states[place] for place in kept], matrices=self.matrices[kept])
+
     def of_node(self, node: NodeShape) -> np.ndarray:
         """Return the matrices (6, m, m) of unit forces and moments at a node."""
         return self.of([f"{node.label}:{direction}" for direction in SIX])

@@ -20,8 +20,18 @@ from ..parallel.petsc import PETSc
 from ..parallel.ranges import ANYTHING, within
 from ..reduction.reduced_model import ReducedModel
 from .body import Body
-from .geometric_stiffness import ACCELERATIONS, ANGULAR_ACCELERATIONS, OF_BODY, VELOCITIES, check_state
+from .geometric_stiffness import (
+    ACCELERATIONS,
+    ANGULAR_ACCELERATIONS,
+    OF_BODY,
+    SIX,
+    VELOCITIES,
+    StiffenedFrame,
+    check_state,
+)
+from .rotations import skew
 from .stress_stiffness import assembled, node_stiffness
+from .support_mass import remark_on_supports
 from .unit_states import displacements_of_states, require_stresses, stresses
 
 Vector = tuple[float, float, float]
@@ -73,6 +83,11 @@ class Preload:
                          (*self.acceleration, *self.angular_acceleration, *products), strict=True))  # fmt: skip
         return {state: value for state, value in (found | self.forces).items() if value}
 
+    def acceleration_at(self, points: np.ndarray) -> np.ndarray:
+        """Return the accelerations (k, 3) of points (k, 3) of the undeformed body, from the origin of its frame."""
+        turning = skew(np.array(self.angular_acceleration)) + skew(np.array(self.omega)) @ skew(np.array(self.omega))
+        return self.acceleration + points @ turning.T
+
 
 def reduced_at(body: Body, preload: Preload) -> ReducedModel:
     """Return the reduced model of a body under a preload, with its frequencies there.
@@ -91,10 +106,17 @@ def reduced_at(body: Body, preload: Preload) -> ReducedModel:
     Raises
     ------
     InputError
-        Without geometric stiffness, for forces at nodes that do not exist, and where the body buckles.
+        Without geometric stiffness, of a body that is stiffened or at a preload already, for forces at nodes that do
+        not exist, and where the body buckles.
     """
     declared("preload", preload, Preload)
     stiffness, reduced = body.geometric_stiffness, body.reduced
+    if body.prestress is not None or isinstance(body.floating_frame, StiffenedFrame):
+        state = "stiffened (Body.stiffened)" if body.prestress is None else "at a preload"
+        raise InputError(
+            f"preload: the body is {state} already, and its stress would count twice; take the result as it was read, "
+            "and one preload with all loads"
+        )
     if stiffness is None:
         raise InputError(
             "preload: the result has no geometric stiffness; reduce with geometric_stiffness = true in the job"
@@ -107,8 +129,7 @@ def reduced_at(body: Body, preload: Preload) -> ReducedModel:
             )
     values = preload.values
     K = reduced.K + np.tensordot(np.array(list(values.values())), stiffness.of(tuple(values)), axes=1)
-    spin = {state: value for state, value in values.items() if state in VELOCITIES}
-    K += sum(value * body.floating_frame.Oe1[..., VELOCITIES.index(state)] for state, value in spin.items())
+    K += softening_of(body, preload)
     squares = _squares(K, reduced.M)
     rigid = reduced.rigid_size
     if squares[: rigid + 1].min() < 0 and not rigid:
@@ -121,6 +142,28 @@ def reduced_at(body: Body, preload: Preload) -> ReducedModel:
         reduced, K=(K + K.T) / 2, frequencies=np.sqrt(np.maximum(squares, 0.0)) / 2 / np.pi, record=record,
         columns=None, left_columns=None, model=None,
     )  # fmt: skip
+
+
+def softening_of(body: Body, preload: Preload) -> np.ndarray:
+    """Return the spin softening V^T M skew(omega)^2 V (m, m) of a preload."""
+    return body.floating_frame.Oe1 @ _each(VELOCITIES, preload)
+
+
+def forces_of(body: Body, preload: Preload) -> np.ndarray:
+    """Return the generalised forces V^T f (m,) of a preload, by the nodes of the body."""
+    frame, shapes = body.floating_frame, {node.label: np.vstack([node.phi, node.psi]) for node in body.nodes}
+    total = -frame.Ct @ preload.acceleration - frame.Cr @ preload.angular_acceleration
+    total -= frame.Oe @ _each(VELOCITIES, preload)
+    for state, value in preload.forces.items():
+        label, _, direction = state.rpartition(":")
+        total += value * shapes[label][SIX.index(direction)]
+    return total
+
+
+def _each(states, preload) -> np.ndarray:
+    """Return the values of some states, zero of those that a preload does not have."""
+    values = preload.values
+    return np.array([values.get(state, 0.0) for state in states])
 
 
 def _squares(K, M):
@@ -184,4 +227,5 @@ def preloaded(
             mats[key] = K.copy()
             mats[key].zeroEntries()
             mats[key].axpy(1.0, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-    return model.with_fields(**mats)
+    remark = remark_on_supports(model, solids, lambda points: preload.acceleration_at(points - origin))
+    return model.with_fields(**mats, remarks=(*model.remarks, *([remark] if remark else [])))

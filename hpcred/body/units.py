@@ -9,7 +9,7 @@ import numpy as np
 from ..model.dofs import DIRECTIONS, named_quantity, target_of
 from ..model.units import Units, rotational
 from ..parallel.failures import InputError
-from .body import Body
+from .body import Body, Prestress
 from .geometric_stiffness import GeometricStiffness, unit_of_state
 
 
@@ -19,7 +19,7 @@ def in_units(body: Body, units: Units) -> Body:
     The coordinates and matrices are those of sizes_of and fields_in. Inputs are forces or moments, outputs
     displacements or angles and their rates, by their names; of loads the inputs are factors, the outputs work.
     """
-    reduced, quantities = body.reduced, body.floating_frame
+    reduced, quantities, prestress = body.reduced, body.floating_frame, body.prestress
     L, M = units.length, units.mass
     inertia, moment = M * L**2, M * L
     g = sizes_of(reduced, units)
@@ -46,6 +46,7 @@ def in_units(body: Body, units: Units) -> Body:
         body.surface and replace(body.surface, points=body.surface.points / L, phi=body.surface.phi * g / L),
         body.geometric_stiffness and _stiffness_in(body.geometric_stiffness, both * units.time**2 / inertia, units),
         body.stress and replace(body.stress, stress=body.stress.stress * g[:, None, None] * L**3 / units.energy),
+        prestress and Prestress(g * prestress.forces / units.energy, both * prestress.softening / units.energy),
     )  # fmt: skip
 
 

@@ -26,11 +26,11 @@ from pathlib import Path
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from ..body.body import Body, BodySurface, body_of, number_of
+from ..body.body import Body, BodySurface, Prestress, body_of, number_of
 from ..body.floating_frame import FloatingFrame
 from ..body.geometric_stiffness import GeometricStiffness
 from ..body.node_shapes import NodeShape, shapes_of_rows
-from ..body.preload import Preload, reduced_at
+from ..body.preload import Preload, forces_of, reduced_at, softening_of
 from ..body.stress import StressModes
 from ..linalg.blocks import create_block, local_rows
 from ..model.dofs import SCALAR
@@ -85,8 +85,8 @@ class Result:
 
     `reduced`: the ReducedModel with its record. `floating_frame`: None where the model had no nodes or the projection
     was two-sided. `nodes`: shapes of the interface nodes, those of the inputs and outputs. `geometric_stiffness`: None
-    where it was not asked for. `preload`: at which `reduced` is, see at_preload. `stress_nodes`, `stress_source`: the
-    number of nodes with stress modes, and how these were made. `path` of the file.
+    where it was not asked for. `preload`: at which `reduced` is, with its `prestress`, see at_preload. `stress_nodes`,
+    `stress_source`: the number of nodes with stress modes, and how these were made. `path` of the file.
     """
 
     path: Path
@@ -95,6 +95,7 @@ class Result:
     nodes: list[NodeShape] = field(default_factory=list)
     geometric_stiffness: GeometricStiffness | None = None
     preload: Preload | None = None
+    prestress: Prestress | None = None
     stress_nodes: int = 0
     stress_source: str = ""
 
@@ -125,13 +126,19 @@ class Result:
             known |= {shape.node: shape for shape in self._shapes_of_nodes(missing)}
         return Body(
             self.reduced, self.floating_frame, [known[node] for node in chosen],
-            geometric_stiffness=self.geometric_stiffness,
+            geometric_stiffness=self.geometric_stiffness, prestress=self.prestress,
         )  # fmt: skip
 
     def at_preload(self, preload: Preload) -> Result:
-        """The result under a constant load, by its geometric stiffness: see body.preload.reduced_at. On one rank, or on
-        all. Raises InputError."""
-        return replace(self, reduced=reduced_at(self.body(), preload), preload=preload)
+        """The result under a constant load, by its geometric stiffness: see body.preload.reduced_at. The states of the
+        preload are in K then, and no longer in the geometric stiffness. On one rank, or on all. Raises InputError."""
+        reduced = reduced_at(self.body(), preload)
+        nodes = [state.rpartition(":")[0] for state in preload.forces]
+        body = self.body(list(dict.fromkeys(int(node) if node.isdecimal() else node for node in nodes)))
+        return replace(
+            self, reduced=reduced, preload=preload, prestress=Prestress(forces_of(body, preload),
+            softening_of(body, preload)), geometric_stiffness=self.geometric_stiffness.without(tuple(preload.values)),
+        )  # fmt: skip
 
     def _members(self, names) -> dict[str, list[int]]:
         """The nodes with dofs of the sets of these names, those of interfaces left out. Raises InputError."""

@@ -96,9 +96,10 @@ def _at_all(found, points) -> dict:
 
 
 def _keep_largest(largest, fields, points, t):
-    """Keep (value, node, instant) of the largest of each field of this rank."""
+    """Keep (value, node, instant) of the largest of each field of this rank; nodes that rest have zero, at the first.
+    """
     for key, values in fields.items():
-        known = largest.setdefault(key, (0.0, None, float(t[0])))
+        known = largest.setdefault(key, (-1.0, None, float(t[0])))
         if not values.size:
             continue
         size = values if values.ndim == 2 else np.sqrt(np.einsum("tki,tki->tk", values, values))

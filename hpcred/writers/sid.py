@@ -9,7 +9,7 @@ The file has no inputs and outputs but nodes, and no loss factor.
 """
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -245,11 +245,14 @@ class _Lines:
 def build_sid(body: Body, ge_order: str = "component") -> tuple[Sid, list[str]]:
     """The file of a body, and remarks on what is not in it. Raises InputError as write_sid does."""
     check_moving(body, "a SID file")
-    notes = [*remarks(body), *inputs_without_node(body)]
+    notes = [*remarks(replace(body, prestress=None)), *inputs_without_node(body)]
+    if body.prestress is not None:
+        notes.append("at a preload: Ke has its stress and ksigma its forces, so that q = 0 is the body under the "
+                     "preload, which has to act on it")  # fmt: skip
     if body.geometric_stiffness is None:
         notes.append("no geometric stiffness: loads and rotations do not change the stiffness")
     body = body.stiffened()
-    reduced, quantities = body.reduced, body.floating_frame
+    reduced, quantities, prestress = body.reduced, body.floating_frame, body.prestress
     count, Ge = reduced.size, quantities.Ge
     if ge_order == "coordinate":
         Ge = Ge.reshape(count, 3, count).transpose(0, 2, 1).reshape(count, -1)
@@ -276,8 +279,8 @@ def build_sid(body: Body, ge_order: str = "component") -> tuple[Sid, list[str]]:
         "Gr": _object(quantities.Gr, count),
         "Ge": _object(Ge, count),
         "Oe": SidObject(quantities.Oe, quantities.Oe1, count),
-        "ksigma": SidObject(np.zeros((count, 1)), None, count, 0, 0),
-        "Ke": _object(reduced.K, count),
+        "ksigma": _object(np.zeros((count, 1)) if prestress is None else prestress.forces[:, None], count),
+        "Ke": _object(reduced.K if prestress is None else reduced.K - prestress.softening, count),
         "De": _object(reduced.D, count),
     }
     names = [f"Eigen Mode {i:4d} : {f:12.3f} Hz" for i, f in enumerate(reduced.frequencies, 1)]

@@ -2,15 +2,17 @@
 
 import numpy as np
 import pytest
-from helpers import face, to_dense
+from helpers import columns_of, face, gather, to_dense
 
 import hpcred
-from hpcred import Modes, Preload, Tangent, preloaded
-from hpcred.body.body import body_of
+from hpcred import Modes, Preload, SecondOrderModel, Tangent, preloaded, units_of
+from hpcred.body.body import body_of, remarks
 from hpcred.body.preload import reduced_at
+from hpcred.body.units import in_units, sizes_of
 from hpcred.model.rotation import spin_softening
 from hpcred.parallel.failures import InputError
 from hpcred.settings.preload_text import preload_of
+from hpcred.writers.sid import build_sid
 
 CLAMP = Tangent("left")
 
@@ -32,7 +34,7 @@ def test_modes_of_the_whole_and_of_the_reduced_body_agree(comm, preload):
         found = reduced_at(body, preload).frequencies[:3]
         with preloaded(model, preload, CLAMP) as loaded:
             whole = hpcred.natural_modes(loaded, 3, CLAMP).frequencies
-            assert loaded.symmetric and loaded.input_names == model.input_names
+            assert loaded.symmetric and loaded.input_names == model.input_names and loaded.remarks == ()
     assert found == pytest.approx(whole, rel=1e-3)
     assert np.abs(whole / rom.frequencies[:3] - 1).max() > 3e-3
 
@@ -59,6 +61,72 @@ def test_a_column_that_buckles_has_no_frequency(comm):
     with pytest.raises(InputError, match=r"found 'crank:x', expected nodes with states of load: .*left"):
         reduced_at(body, Preload(forces={"crank:x": 1.0}))
     assert reduced_at(body, Preload(forces={"left:x": 1.0})).frequencies == pytest.approx(rom.frequencies)
+
+
+@pytest.mark.mpi
+def test_a_preload_counts_once(comm, folder):
+    """In K, and no longer among the states; once more, or of a stiffened body, it is refused. A SID file has V^T f of
+    it in ksigma, against numpy, in any units, and leaves spin softening to the program that turns the body."""
+    preload = Preload(
+        omega=(30.0, 40.0, 120.0), acceleration=(5.0, -6.0, 7.0), angular_acceleration=(70.0, 80.0, -90.0),
+        forces={"right:x": 900.0, "right:rz": 20.0},
+    )  # fmt: skip
+    with blade(comm) as model, hpcred.reduce(model, [Modes(count=6)], CLAMP) as rom:
+        stiffness = hpcred.geometric_stiffness(model, rom.columns, CLAMP, nodes=["right"])
+        hpcred.write_result(folder / "r.h5", rom, model, geometric_stiffness=stiffness)
+        V, M = gather(rom.columns), to_dense(model.M)
+        arm = np.concatenate(comm.allgather(model.dofs.position))[::3]
+        with model.with_inputs([("right", "x"), ("right", "rz")]) as pushed:
+            push = columns_of(pushed.B) @ [900.0, 20.0]
+        softening = spin_softening(model, preload.omega)
+        soft = V.T @ to_dense(softening) @ V
+    w, turn = np.array(preload.omega), np.array(preload.angular_acceleration)
+    field = preload.acceleration + np.cross(turn, arm) + np.cross(w, np.cross(w, arm))
+    force = V.T @ (push - M @ field.ravel())
+    result = hpcred.read_result(folder / "r.h5", comm)
+    found = result.at_preload(preload)
+    assert found.prestress.forces == pytest.approx(force, abs=1e-9 * np.abs(force).max())
+    assert found.prestress.softening == pytest.approx(soft, abs=1e-9 * np.abs(soft).max())
+    assert found.geometric_stiffness.states == ("right:y", "right:z", "right:rx", "right:ry")
+    sid, notes = build_sid(found.body(), "component")
+    assert sid.objects["ksigma"].m0[:, 0] == pytest.approx(force, abs=1e-9 * np.abs(force).max())
+    stressed = result.reduced.K + stiffness.sum(preload.values)
+    assert sid.objects["Ke"].m0 == pytest.approx(stressed, abs=1e-9 * np.abs(stressed).max())
+    assert any(note.startswith("at a preload: Ke has its stress and ksigma its forces") for note in notes)
+    assert not any("softening" in note for note in notes) and "spin softening" in " ".join(remarks(found.body()))
+    other, units = in_units(found.body(), units_of("mm,t,s")), units_of("mm,t,s")
+    q = [np.linalg.solve(body.reduced.K, body.prestress.forces) for body in (found.body(), other)]
+    assert q[1] * sizes_of(rom, units) == pytest.approx(q[0], rel=1e-9, abs=1e-12 * np.abs(q[0]).max())
+    assert other.prestress.softening / other.reduced.K == pytest.approx(soft / found.reduced.K, rel=1e-6)
+    with pytest.raises(InputError, match=r"preload: the body is at a preload already, and its stress would count"):
+        found.at_preload(preload)
+    with pytest.raises(InputError, match=r"preload: the body is stiffened \(Body.stiffened\) already"):
+        reduced_at(result.body().stiffened(), preload)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("density", [7850.0, None])
+def test_a_body_whose_matrices_lack_their_supports_is_told_what_is_missing(comm, density):
+    """M between held and free dofs, in numpy, against what the elements at the supports have."""
+    preload, origin = Preload(omega=(0.0, 0.0, 100.0), acceleration=(0.0, 0.0, 3.0)), np.array([-0.2, 0.0, 0.0])
+    with hpcred.solid((6, 2, 2), (1.0, 0.2, 0.3), 3, False, comm) as free:
+        steel = hpcred.Material(name="steel", young=2.1e11, poisson=0.3, density=density)
+        position, direction = (np.concatenate(comm.allgather(getattr(free.dofs, key)))
+                               for key in ("position", "direction"))  # fmt: skip
+        held, M = np.flatnonzero(position[:, 0] < 1e-9), to_dense(free.M)
+        mine = held[(held >= free.first_row) & (held < free.first_row + free.local_rows)]
+        with (
+            SecondOrderModel.from_petsc(free.K, free.M, held=mine, dofs=free.dofs, elements=free.elements) as bare,
+            bare.with_material(steel) as model, preloaded(model, preload, origin=origin) as loaded,
+        ):  # fmt: skip
+            (remark,) = loaded.remarks
+    w = np.array(preload.omega)
+    field = (preload.acceleration + np.cross(w, np.cross(w, position - origin)))[np.arange(len(M)), direction]
+    left = np.setdiff1d(np.arange(len(M)), held)
+    lost, whole = (np.abs(M[np.ix_(left, part)] @ field[part]).sum() for part in (held, left))
+    size = f"({lost / whole:.2g} of all forces)" if density else "(how much that is needs densities)"
+    count = np.count_nonzero(field[held])
+    assert remark.startswith(f"preload: the inertia of the mass at {count} held dofs is not in M {size}")
 
 
 @pytest.mark.mpi

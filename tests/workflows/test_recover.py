@@ -277,6 +277,22 @@ def test_stresses_over_time(folder, comm):
     assert table[f"stress_{some[1]}_yz"] == pytest.approx(expected[:, 7, 4], rel=1e-9)
 
 
+@pytest.mark.mpi
+def test_nodes_that_are_held_rest(folder, comm):
+    """Their largest displacement is zero, at one of them."""
+    with (
+        block_with_ends(comm, "rigid") as model,
+        hpcred.reduce(model, [hpcred.Modes(count=3)], hpcred.Tangent("left")) as rom,
+    ):
+        hpcred.write_result(folder / "result.h5", rom, model)
+    if comm.rank == 0:
+        with h5py.File(folder / "q.h5", "w") as file:
+            file["t"], file["q"] = np.arange(2.0), np.ones((2, 3))
+    comm.Barrier()
+    report = hpcred.recover(folder / "result.h5", folder / "q.h5", folder / "out.h5", nodes=[1])
+    assert report["largest_displacement_m"] == {"value": 0.0, "node": 1, "t_s": 0.0}
+
+
 def test_on_the_command_line(linkage_folder, capsys):
     from helpers import reduce_linkage
 
