@@ -41,6 +41,7 @@ BEGINNINGS = (
     (b"    -1\n", UFF), (b"%%MatrixMarket matrix array", DENSE), (b"%%MatrixMarket", MARKET),
     (b"# surface of a body", SURFACE),
     (b"** superelement", SUPERELEMENT), (b"! superelement", SUPERELEMENT), (b"$ superelement", SUPERELEMENT),
+    (b"! ExtPtfm", SUPERELEMENT),
     (b"$ external superelement", SUPERELEMENT), (b"** hpcred ", MBDYN),
     (b"<VTKFile", VTK), (b"f_hz,", CSV_OF_RESPONSES), (b"t,position_x,", CSV_OF_MOTION), (b"{\n", JSON), (b"[\n", JSON),
     *((b"t,%s_" % word, CSV_OF_RECOVERY) for word in (b"displacement", b"velocity", b"acceleration")),

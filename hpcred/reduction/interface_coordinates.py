@@ -118,7 +118,7 @@ def transformation(motion, M, K, interfaces):
         missing = count - min(size, count) + weak.size
         raise InputError(
             f"coordinates: the basis of {size} vectors cannot move interface '{interfaces[place // 6].name}' in "
-            f"direction {DIRECTIONS[place % 6]} by itself ({missing} of {count} directions are missing); add an "
+            f"direction {DIRECTIONS[place % 6]} by itself ({missing} of {count} directions are missing); add a "
             "component of kind 'constraint_modes', or all directions of the interfaces to the inputs; if drop_above "
             "cut them off, leave it out"
         )

@@ -26,4 +26,5 @@ WRITERS = Registry("writers.base:Writer", "hpcred.writers", {
     "ansys": "writers.ansys:Matrix50",
     "abaqus": "writers.abaqus:UserElement",
     "simscape": "writers.simscape:FlexibleSolid",
+    "openfast": "writers.openfast:ExtPtfm",
 })  # fmt: skip

@@ -55,8 +55,12 @@ def written(tmp_path_factory):
             with package.reduce(model, [package.CraigBampton(count=3)], package.Buckens(),
                                 coordinates=coordinates) as rom:  # fmt: skip
                 package.write_result(folder / f"{name}.h5", rom, model)
+        with block_with_ends(MPI.COMM_SELF, clamped=True) as jacket:
+            with package.reduce(jacket, [package.CraigBampton(count=3)], coordinates="interface") as rom:
+                package.write_result(folder / "jacket.h5", rom, jacket)
         for export in WRITERS.all():
-            export_result(folder / ("arm.h5" if export.needs == "superelement" else "body.h5"), export.name)
+            of = "arm.h5" if export.needs == "superelement" else "body.h5"
+            export_result(folder / ("jacket.h5" if export.name == "openfast" else of), export.name)
         package.report_file([folder / "body.h5"], output=folder / "page.html", csv=folder / "tables")
         package.evaluate_result(folder / "body.h5", frequencies=(10.0, 20.0, 30.0), output=folder / "h.csv")
     return folder
@@ -66,6 +70,7 @@ WORDS = {
     "arm.h5": ["hpcred result", "coordinates 15", "of these rigid body 6", "left 85 averaging 12 0 0.01 0.015"],
     "arm.pch": ["Nastran DMIG", "K arm.pch, matrix KAAX"], "arm_external.op4": ["Nastran OP4", "matrix KXX: 15 x 15"],
     "arm_external.pch": ["beside OP4", "left 85, right 86"], "arm_simscape.mat": ["K 15 x 15"],
+    "jacket_ExtPtfm.dat": ["ExtPtfm of OpenFAST", "coordinates 9"],
     "arm_abaqus.inp": ["user element of Abaqus", "interface nodes left 85, right 86"],
     "arm_ansys.inp": ["MATRIX50", "interface nodes left 85, right 86"], "arm_ansys_K.mtx": ["Market", "15 x 15"],
     "body.SID_FEM": ["SID file", "mass 0.2826", "interface nodes 85, 86"], "body.mat": ["phi 2 x 3 x 9"],
@@ -84,7 +89,7 @@ WORDS = {
 
 def test_info_of_all_that_is_written_for_others(written, monkeypatch, capsys):
     monkeypatch.chdir(written)
-    known = {name.removeprefix("body").removeprefix("arm") for name in WORDS}
+    known = {name.removeprefix("body").removeprefix("arm").removeprefix("jacket") for name in WORDS}
     assert {export.suffix for export in WRITERS.all()} <= known
     for name, expected in WORDS.items():
         text = said(capsys, "info", name)

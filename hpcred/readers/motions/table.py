@@ -34,7 +34,7 @@ def begins(start: bytes) -> bool:
 
 def read(path) -> Coordinates:
     """Read a table. On one rank. Raises InputError."""
-    names, start = _head(path)
+    names, start = head_of(path)
     chosen = {key: _family(path, names, patterns) for key, patterns in FAMILIES.items()}
     if not chosen["q"]:
         raise InputError(
@@ -56,7 +56,7 @@ def read(path) -> Coordinates:
     )  # fmt: skip
 
 
-def _head(path) -> tuple[list[str], int]:
+def head_of(path) -> tuple[list[str], int]:
     """Return the names of the columns, and where the line below them begins."""
     with open_input(path) as file:
         line = file.readline(LONGEST_LINE)
