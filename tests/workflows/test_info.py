@@ -55,9 +55,9 @@ def written(tmp_path_factory):
             with package.reduce(model, [package.CraigBampton(count=3)], package.Buckens(),
                                 coordinates=coordinates) as rom:  # fmt: skip
                 package.write_result(folder / f"{name}.h5", rom, model)
-        with block_with_ends(MPI.COMM_SELF, clamped=True) as jacket:
-            with package.reduce(jacket, [package.CraigBampton(count=3)], coordinates="interface") as rom:
-                package.write_result(folder / "jacket.h5", rom, jacket)
+        jacket = block_with_ends(MPI.COMM_SELF, clamped=True)
+        rom = package.reduce(jacket, [package.CraigBampton(count=3)], coordinates="interface")
+        package.write_result(folder / "jacket.h5", rom, jacket)
         for export in WRITERS.all():
             of = "arm.h5" if export.needs == "superelement" else "body.h5"
             export_result(folder / ("jacket.h5" if export.name == "openfast" else of), export.name)
