@@ -1,6 +1,8 @@
 from .analysis.bores import Bore as Bore
 from .analysis.bores import find_bores as find_bores
 from .analysis.campbell import Campbell as Campbell
+from .analysis.campbell import CriticalSpeed as CriticalSpeed
+from .analysis.campbell import FullPoles as FullPoles
 from .analysis.campbell import campbell as campbell
 from .analysis.check import check as check
 from .analysis.damped_modes import DampedModes as DampedModes
@@ -31,6 +33,8 @@ from .body.unit_states import geometric_stiffness as geometric_stiffness
 from .examples.crank import crank as crank
 from .examples.linkage import linkage as linkage
 from .examples.solid import solid as solid
+from .files.campbell_file import read_campbell as read_campbell
+from .files.campbell_file import write_campbell as write_campbell
 from .files.model_file import read_model as read_model
 from .files.model_file import write_model as write_model
 from .files.point_store import PointStore as PointStore
@@ -133,6 +137,7 @@ from .simulation.springs import LineSpring as LineSpring
 from .workflows.batch import write_script as write_script
 from .workflows.bench import bench as bench
 from .workflows.bores import bores_of_file as bores_of_file
+from .workflows.campbell import campbell_file as campbell_file
 from .workflows.collect import collect_sweep as collect_sweep
 from .workflows.compare import compare_results as compare_results
 from .workflows.convert import convert as convert

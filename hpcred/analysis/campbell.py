@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+from ..model.rotation import unit_axis
 from ..parallel.decisions import decided
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 from ..parallel.ranges import ANYTHING, within
 from .pole_tracking import PoleTracker, growth_of
-from .whirl import axis_of, in_words, orbits
+from .whirl import in_words, orbits
 
 POINTS = 41  # values over a range
 MODES = 12  # drawn where no highest frequency is given
@@ -61,8 +62,13 @@ class FullPoles:
 
     @property
     def frequencies(self) -> np.ndarray:
-        """Hz, (k,)."""
+        """Damped frequencies in Hz, (k,)."""
         return self.poles.imag / (2 * np.pi)
+
+    @property
+    def damping_ratios(self) -> np.ndarray:
+        """Damping ratios, (k,); negative ones grow."""
+        return damping_ratios(self.poles)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,6 +86,10 @@ class Campbell:
     orbits : ndarray, shape (V, k)
         How round the orbits of the nodes are: 1 for circles with the rotation, -1 for those against it, 0 for lines;
         NaN where this is not known.
+    highest : float
+        Hz, up to which modes are shown.
+    orders : tuple of float
+        Multiples of the speed that critical speeds belong to.
     stability_limit : float or None
         The first value where a real part gets positive; None where the model is stable over the whole range.
     unstable_frequency : float or None
@@ -96,6 +106,8 @@ class Campbell:
     values: np.ndarray
     poles: np.ndarray
     orbits: np.ndarray
+    highest: float
+    orders: tuple[float, ...] = ()
     stability_limit: float | None = None
     unstable_frequency: float | None = None
     critical_speeds: tuple[CriticalSpeed, ...] = ()
@@ -150,7 +162,7 @@ def campbell(
     orders : sequence of float, default (1,)
         Multiples of the speed whose crossings with modes are critical speeds, where the parameter is a speed.
     highest : float, optional
-        Frequency in Hz up to which modes are shown; by default that of the twelfth mode at the first value.
+        Frequency in Hz up to which modes are shown; by default that of the twelfth mode.
     unit : str, optional
         Of the parameter; by default its own, and rad/s for omega without one. A speed is in rad/s, rpm or Hz.
 
@@ -179,7 +191,7 @@ def campbell(
     within("orders", orders, (1e-6, 1e6, ""))
     highest = declared("highest", highest, float | None)
     within("highest", highest, (1e-9, 1e12, "Hz"))
-    axis = axis_of(axis)
+    axis = unit_axis("axis", axis)
     matrices = _matrices_of(model, over, dict(at or {}))
     shapes = np.array([node.phi for node in nodes], dtype=float)
     return decided(MPI.COMM_WORLD, _campbell, matrices, values, shapes, axis, orders, highest, over, unit)
@@ -202,17 +214,16 @@ def _matrices_of(model, over, fixed) -> Callable:
 
     def matrices(value):
         given = fixed | {over: float(value)}
-        reduced = model.at(**given)
+        reduced = model if hasattr(model, "matrices") else model.at(**given)
         if reduced.loss_factor:
             raise InputError(
                 f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no poles; reduce with damping "
                 f"of kind 'modal' and ratio = {reduced.loss_factor / 2:g}, which is the same at resonance"
             )
-        parts = reduced.M, reduced.D, reduced.K
-        if not hasattr(model, "turn"):
-            return parts
-        back = np.linalg.inv(model.turn(**given))
-        return tuple(back.T @ part @ back for part in parts)
+        if reduced is not model:
+            return reduced.M, reduced.D, reduced.K
+        parts = model.matrices(given)  # at() has coordinates of its own at each value
+        return parts["M"], parts["D"], parts["K"]
 
     return matrices
 
@@ -220,8 +231,8 @@ def _matrices_of(model, over, fixed) -> Callable:
 def _campbell(matrices, values, shapes, axis, orders, highest, over, unit) -> Campbell:
     tracker = PoleTracker(matrices, values[0], np.inf)
     if highest is None:
-        at_first = np.sort(tracker.at(values[0]).poles.imag)
-        highest = 1.05 * at_first[min(MODES, len(at_first)) - 1] / (2 * np.pi) or 1.0
+        ends = [np.sort(tracker.at(value).poles.imag) for value in values[[0, -1]]]
+        highest = 1.05 * max(end[min(MODES, len(end)) - 1] for end in ends) / (2 * np.pi) or 1.0
     tracker.limit = 2 * np.pi * highest
     found, branches, unsure = tracker.over(values)
     chosen = _shown(found, branches, tracker.limit)
@@ -247,6 +258,7 @@ def _campbell(matrices, values, shapes, axis, orders, highest, over, unit) -> Ca
         )
     return Campbell(
         parameter=over, unit=unit, values=np.array([part.value for part in found]), poles=poles, orbits=round_,
+        highest=highest, orders=() if speed is None else orders,
         stability_limit=limit, unstable_frequency=unstable, critical_speeds=critical, warnings=tuple(warnings),
     )  # fmt: skip
 

@@ -19,6 +19,7 @@ SAME = 1e-6  # relative distance of poles that count as one
 NARROW = 1e-3  # of a frequency: modes that come so close and keep their shapes cross
 FINEST = 2.0**-14  # of the whole range: the smallest step
 REAL = 1e-9  # of the largest pole: imaginary parts below it are none
+UNDAMPED = 1e-13  # of the largest pole: real parts below it are none
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +59,7 @@ class PoleTracker:
         found, vectors = np.linalg.eig(A)
         largest = np.abs(found).max(initial=0.0)
         found = np.where(np.abs(found.imag) <= REAL * largest, found.real, found)
+        found = np.where(np.abs(found.real) <= UNDAMPED * largest, 1j * found.imag, found)
         upper = np.flatnonzero(found.imag >= 0)
         upper = upper[np.lexsort((found[upper].real, found[upper].imag))]
         found, shapes = found[upper].astype(complex), vectors[:size, upper]

@@ -4,23 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model.dofs import DIRECTIONS
-from ..parallel.declared import declared
-from ..parallel.failures import InputError
-
 ACROSS = 1e-6  # of the squared motion: less across the axis is none
 ROUND = 0.1  # of a circle: narrower orbits are straight lines
-
-
-def axis_of(axis) -> np.ndarray:
-    """Return the unit vector (3,) of an axis: x, y, z or three numbers. Raises InputError."""
-    if isinstance(axis, str) and axis in DIRECTIONS[:3]:
-        return np.eye(3)[DIRECTIONS.index(axis)]
-    vector = np.array(declared("axis", axis, tuple[float, float, float]))
-    length = np.linalg.norm(vector)
-    if not 0 < length < np.inf:
-        raise InputError(f"axis: found {vector.tolist()}, expected x, y, z or a vector that is not zero")
-    return vector / length
 
 
 def orbits(displacements, axis) -> np.ndarray:

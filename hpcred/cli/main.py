@@ -13,6 +13,7 @@ from ..parallel.failures import InputError
 from ..report.tables import show_table
 from . import session
 from .bench import bench, paper
+from .campbell import campbell
 from .convert import convert, crank, linkage, solid
 from .evaluate import evaluate, response
 from .export import ExportCommand, export
@@ -85,7 +86,7 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
 
 
 app.add_typer(example, name="example")
-for command in (convert, info, bores, modes, reduce, store, sweep, collect, evaluate, report, response):
+for command in (convert, info, bores, modes, reduce, store, sweep, collect, evaluate, report, response, campbell):
     app.command()(command)
 app.command(cls=ExportCommand, context_settings={"allow_extra_args": True})(export)
 for command in (simulate, recover, paper, bench):

@@ -91,6 +91,15 @@ def damping(text):
     raise InputError(f"--damping: found '{text}', expected none, given, rayleigh:ALPHA,BETA or loss:FACTOR")
 
 
+def parameters(text, option):
+    """Values of parameters by name, from such as omega=300,stiffness=1.2."""
+    pairs = [part.partition("=") for part in text.split(",")] if text else []
+    found = {key.strip(): numbers(value, option) for key, _, value in pairs}
+    if not all(found) or not all(map(len, found.values())) or len(found) < len(pairs):
+        raise InputError(f"{option}: found '{text[:80]}', expected such as omega=300,stiffness=1.2")
+    return {key: value[0] for key, value in found.items()}
+
+
 def direction(vector) -> str:
     """A unit vector as x, y or z where it is one of these, else as three numbers."""
     axis = next((name for name, part in zip("xyz", vector, strict=True) if abs(part) > 1 - 1e-9), None)

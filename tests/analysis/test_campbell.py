@@ -154,22 +154,23 @@ def test_critical_speeds_of_several_orders_and_units():
     assert found.critical_speeds[0].whirl == "unknown"
 
 
-def test_coordinates_that_are_turned_at_each_value():
-    """A model that is diagonalised at each value, as parametric reduced models are, has the same diagram."""
+def test_models_that_are_diagonalised_at_each_value_are_taken_before():
+    """Parametric reduced models have coordinates of their own at each value, and common ones by `matrices`."""
     plain = overhung(1.2)
 
-    class Turned(Family):
-        def turn(self, omega):
-            return np.linalg.qr(np.random.default_rng(int(10 * omega)).normal(size=(2, 2)))[0]
+    class Turned:
+        loss_factor = 0.0
+        parameters = (hpcred.Parameter("omega", (0.0, 30.0), unit="rpm"),)
 
-        def at(self, omega):
-            parts, X = plain.function(omega), self.turn(omega)
-            return SimpleNamespace(loss_factor=0.0, **dict(zip("MDK", (X.T @ part @ X for part in parts), strict=True)))
+        def matrices(self, values):
+            return dict(zip("MDK", plain.function(**values), strict=True))
 
-    values = np.linspace(0, 30, 7)
-    expected, found = (hpcred.campbell(model, values=values, nodes=PLANE) for model in (plain, Turned(None)))
-    assert found.poles == pytest.approx(expected.poles, rel=1e-9)
-    assert found.orbits[1:] == pytest.approx(expected.orbits[1:], abs=1e-9)
+    expected = hpcred.campbell(plain, values=np.linspace(0, 30, 41), nodes=PLANE, unit="rpm")
+    found = hpcred.campbell(Turned(), nodes=PLANE)
+    assert found.poles == pytest.approx(expected.poles, rel=1e-9) and found.unit == "rpm"
+    assert found.orbits == pytest.approx(expected.orbits, abs=1e-9)
+    with pytest.raises(hpcred.InputError, match="found the parameter 'speed', expected one of omega"):
+        hpcred.campbell(Turned(), "speed")
 
 
 def test_orbits_by_phase():
@@ -207,7 +208,7 @@ def test_growth_above_the_limit_does_not_count():
         ({"values": [0.0, np.nan]}, "values: found nan"),
         ({"values": [0, 1], "orders": [0.0]}, "orders: found 0, expected"),
         ({"values": [0, 1], "axis": "w"}, "axis: found 'w'"),
-        ({"values": [0, 1], "axis": [0, 0, 0]}, "expected x, y, z or a vector that is not zero"),
+        ({"values": [0, 1], "axis": [0, 0, 0]}, "expected 'x', 'y', 'z' or a vector of three numbers"),
         ({"values": [0, 1], "highest": 0.0}, "highest: found 0"),
     ],
 )

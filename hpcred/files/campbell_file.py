@@ -1,0 +1,136 @@
+"""Read and write files of Campbell diagrams, as HDF5 or .csv.
+
+HDF5, with V values of a parameter and k modes (attributes: format "hpcred-campbell", version 1, parameter, unit,
+highest in Hz):
+values (V); poles (V, k), complex, in rad/s, and orbits (V, k), -1 to 1: NaN where a mode is not, or this is not known
+orders (o); critical_speeds/order, mode, value, frequency, damping_ratio, whirl (c)
+full/value, poles, residual (f): of the full model, a line a pole
+stability (2): the first value where a pole is unstable, and its frequency in Hz, or empty
+record: JSON with warnings, and what made it
+The .csv has one line a value: parameter, its value in rpm where it is in rad/s, and of each mode the frequency in
+Hz, the damping ratio and the orbit (f_1_hz, damping_1, orbit_1, ...).
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+
+import numpy as np
+
+from ..analysis.campbell import Campbell, CriticalSpeed, FullPoles
+from ..parallel.failures import agreed
+from .checked import Array
+from .hdf5 import atomic_output, reading, texts, writing
+from .outputs import Told, hdf5_kind
+
+FORMAT, VERSION = "hpcred-campbell", 1
+CRITICAL = tuple(item.name for item in fields(CriticalSpeed))
+SCHEMA = {
+    "values": Array("real", ("v",), needed=True), "poles": Array("complex", ("v", "k"), needed=True),
+    "orbits": Array("real", ("v", "k"), needed=True), "orders": Array("real", ("o",), needed=True),
+    "critical_speeds/mode": Array("integer", ("c",)), "critical_speeds/whirl": Array("text", ("c",)),
+    **{f"critical_speeds/{key}": Array("real", ("c",)) for key in CRITICAL if key not in ("mode", "whirl")},
+    "full/value": Array("real", ("f",)), "full/poles": Array("complex", ("f",)), "full/residual": Array("real", ("f",)),
+    "stability": Array("real", ("?",), needed=True), "record": Array("text", (), needed=True),
+}  # fmt: skip
+
+
+def kind_of_campbell(path, parameter: str) -> str | Told:
+    """Return what a file of a Campbell diagram with this name will be, see outputs.kind_of."""
+    if not str(path).endswith(".csv"):
+        return hdf5_kind(FORMAT)
+    start = f"{parameter},".encode()
+    return Told(".csv file of a Campbell diagram",
+                lambda found: found.startswith(start) and b"f_1_hz" in found.splitlines()[0])  # fmt: skip
+
+
+def write_campbell(path, found: Campbell, comm, record: dict | None = None):
+    """Write a Campbell diagram as a .csv, or else as HDF5, whole or not at all.
+
+    Collective.
+
+    Parameters
+    ----------
+    path : str or PathLike
+    found : Campbell
+    comm : MPI communicator
+    record : dict, optional
+        What made it.
+
+    Raises
+    ------
+    InputError, ComputationError
+        If the file cannot be written.
+    """
+    if str(path).endswith(".csv"):
+        with atomic_output(path, comm) as temporary, agreed(comm):
+            if comm.rank == 0:
+                _write_csv(temporary, found)
+        return
+    with writing(path, comm) as file:
+        for key, value in (("format", FORMAT), ("version", VERSION), ("parameter", found.parameter),
+                           ("unit", found.unit), ("highest", found.highest)):  # fmt: skip
+            file.attribute(key, value)
+        for key in ("values", "poles", "orbits"):
+            file.small(key, getattr(found, key), gaps=True)
+        file.small("orders", np.array(found.orders, dtype=float))
+        for key in CRITICAL if found.critical_speeds else ():
+            file.small(f"critical_speeds/{key}", [getattr(item, key) for item in found.critical_speeds])
+        if found.full:
+            sizes = [len(item.poles) for item in found.full]
+            file.small("full/value", np.repeat([item.value for item in found.full], sizes))
+            file.small("full/poles", np.concatenate([item.poles for item in found.full]))
+            file.small("full/residual", np.repeat([item.residual for item in found.full], sizes))
+        limit = () if found.stability_limit is None else (found.stability_limit, found.unstable_frequency)
+        file.small("stability", np.array(limit, dtype=float))
+        file.small("record", {"warnings": list(found.warnings)} | (record or {}))
+
+
+def _write_csv(path, found):
+    columns = {found.parameter: found.values}
+    if found.unit == "rad/s":
+        columns["rpm"] = found.values * 30 / np.pi
+    for k in range(found.poles.shape[1]):
+        columns |= {f"f_{k + 1}_hz": found.frequencies[:, k], f"damping_{k + 1}": found.damping_ratios[:, k],
+                    f"orbit_{k + 1}": found.orbits[:, k]}  # fmt: skip
+    np.savetxt(path, np.array(list(columns.values())).T, "%.16e", ",", header=",".join(columns), comments="",
+               encoding="utf-8")  # fmt: skip
+
+
+def read_campbell(path) -> Campbell:
+    """Read an HDF5 file of a Campbell diagram, on this rank.
+
+    Parameters
+    ----------
+    path : str or PathLike
+
+    Returns
+    -------
+    Campbell
+
+    Raises
+    ------
+    InputError
+        For other files, and damaged ones.
+    """
+    with reading(path, FORMAT, VERSION, SCHEMA) as file:
+        critical = ()
+        if "critical_speeds" in file:
+            columns = [texts(file[f"critical_speeds/{key}"]) if key == "whirl"
+                       else file[f"critical_speeds/{key}"][...].tolist() for key in CRITICAL]  # fmt: skip
+            critical = tuple(CriticalSpeed(**dict(zip(CRITICAL, row, strict=True)))
+                             for row in zip(*columns, strict=True))  # fmt: skip
+        full = ()
+        if "full" in file:
+            at, poles, residuals = (file[f"full/{key}"][...] for key in ("value", "poles", "residual"))
+            full = tuple(FullPoles(value=value, poles=poles[at == value], residual=float(residuals[at == value].max()))
+                         for value in np.unique(at).tolist())  # fmt: skip
+        limit = [*file["stability"][...].tolist(), None, None][:2]
+        return Campbell(
+            parameter=file.attribute("parameter", str), unit=file.attribute("unit", str),
+            highest=file.attribute("highest", float), orders=tuple(file["orders"][...].tolist()),
+            **{key: file[key][...] for key in ("values", "poles", "orbits")}, critical_speeds=critical, full=full,
+            stability_limit=limit[0], unstable_frequency=limit[1],
+            warnings=tuple(json.loads(file["record"][()])["warnings"]),
+        )  # fmt: skip

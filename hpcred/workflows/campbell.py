@@ -1,0 +1,150 @@
+"""Compute the Campbell diagram of a result file, beside poles of its full model, into files."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from types import SimpleNamespace
+
+import numpy as np
+
+from ..analysis.campbell import POINTS, Campbell, campbell
+from ..analysis.whirl import in_words
+from ..body.preload import Preload, reduced_at
+from ..files.campbell_file import kind_of_campbell, write_campbell
+from ..files.hdf5 import atomic_output
+from ..files.outputs import check_outputs
+from ..files.response_file import check_response_name
+from ..files.result_file import Result, read_result
+from ..files.room import rescued
+from ..model.parameters import Parameter
+from ..model.rotation import unit_axis
+from ..parallel.declared import declared
+from ..parallel.failures import InputError, agreed
+from ..parallel.progress import Progress
+from ..reduction.record import versions
+from ..report.campbell_figure import campbell_figure
+from ..report.figures import kind_of_figure
+from .pair_figures import check_figure
+from .workflow import workflow
+
+
+@workflow
+def campbell_file(
+    result, over: str = "omega", *, values=(), range=None, points: int = POINTS, at=None, nodes=None, axis="z",
+    orders=(1.0,), highest: float | None = None, output=None, figure=None, comm=None, progress: Progress | None = None,
+) -> dict:  # fmt: skip
+    """Return the Campbell diagram of result.h5 over a parameter. Collective.
+
+    `values` of the parameter, or else `points` of them over a `range` (low, high), by default its own. A result without
+    parameters that has geometric stiffness goes over the speed omega of a rotation about the `axis`, whose centrifugal
+    forces stiffen it. `at`: values of the other parameters. `nodes`: whose orbits tell the direction of whirl, by
+    number or name, by default those of the inputs and outputs. `axis`, `orders`, `highest`: see campbell. `output`: a
+    .csv or HDF5 file, see write_campbell; `figure`: a .png, .svg or .pdf. Returns plain numbers for a table or JSON.
+    Raises InputError.
+    """
+    found = read_result(result, comm)
+    if output is not None:
+        check_response_name(output)
+        check_outputs({output: kind_of_campbell(output, over)}, comm, [result], progress=progress)
+    check_figure(figure, comm, [result], progress)
+    if points < 2:
+        raise InputError(f"points: found {points}, expected at least 2")
+    model = parametric_of(found, over, axis)
+    if not len(values):
+        range = range or _range_of(model, over)
+        values = np.linspace(*declared("range", range, tuple[float, float]), points)
+    with agreed(comm):
+        shapes = found.nodes if nodes is None else found.body(nodes).nodes
+    with progress.stage("poles"):
+        diagram = campbell(model, over, values, at=at, nodes=shapes, axis=axis, orders=orders, highest=highest)
+    if not model.parameters:
+        told = "the body is stiffened by its centrifugal forces; Coriolis forces are left out"
+        diagram = replace(diagram, warnings=(*diagram.warnings, told))
+    report = _report(diagram) | {"result": str(result), "output": output and str(output)}
+    with progress.stage("write"):
+        if output is not None:
+            made = {"result": str(result), "versions": versions()}
+            rescued(lambda place: write_campbell(place, diagram, comm, made), output, comm)
+        if figure is not None:
+            with atomic_output(figure, comm) as temporary, agreed(comm):
+                if comm.rank == 0:
+                    campbell_figure(temporary, diagram, str(result), kind=kind_of_figure(figure))
+            report["figure"] = str(figure)
+    return report | {"timing": asdict(progress.timing())}
+
+
+def parametric_of(result: Result, over: str, axis):
+    """Return the reduced model of a result over its parameters, or over the speed of a rotation about an axis by its
+    geometric stiffness. Raises InputError where it has neither."""
+    if getattr(result.reduced, "parameters", ()):
+        return result.reduced
+    if result.geometric_stiffness is None:
+        raise InputError(
+            f"{result.path}: it has no parameters; reduce a job with [[parameter]] and [[term]], or with "
+            "geometric_stiffness = true for a body that spins"
+        )
+    if over != "omega":
+        raise InputError(f"over: found '{over}', expected omega, the speed of a body with geometric stiffness")
+    body, e = result.body(), unit_axis("axis", axis)
+
+    def at(omega):
+        return reduced_at(body, Preload(omega=tuple((omega * e).tolist())))
+
+    return SimpleNamespace(at=at, parameters=())
+
+
+def _range_of(model, over):
+    known: dict[str, Parameter] = {item.name: item for item in model.parameters}
+    if not known:
+        raise InputError(f"range: a result with geometric stiffness has no range of {over}; give it (rad/s)")
+    if over not in known:
+        raise InputError(f"over: found the parameter '{over}', expected one of {', '.join(known)}")
+    return known[over].range
+
+
+def _report(found: Campbell) -> dict:
+    return {
+        "parameter": found.parameter,
+        "unit": found.unit,
+        "values": found.values.tolist(),
+        "frequencies_hz": found.frequencies.tolist(),
+        "damping_ratios": found.damping_ratios.tolist(),
+        "orbits": found.orbits.tolist(),
+        "modes": rows_of_modes(found),
+        "critical_speeds": [asdict(item) | {"mode": item.mode + 1} for item in found.critical_speeds],
+        "stability_limit": found.stability_limit,
+        "unstable_frequency_hz": found.unstable_frequency,
+        "sentence": in_a_sentence(found),
+        "warnings": list(found.warnings),
+    }
+
+
+def rows_of_modes(found: Campbell) -> list[dict]:
+    """Return a row for each mode: frequencies and damping at the first and the last value, and the whirl."""
+    rows = []
+    for k in np.arange(found.poles.shape[1]):
+        there = np.flatnonzero(np.isfinite(found.poles[:, k].real))
+        first, last = there[0], there[-1]
+        orbits = found.orbits[there, k]
+        widest = orbits[np.nanargmax(np.abs(orbits))] if np.isfinite(orbits).any() else np.nan
+        changes = np.nanmin(orbits, initial=0.0) < -0.1 and np.nanmax(orbits, initial=0.0) > 0.1
+        rows.append({
+            "mode": int(k) + 1,
+            f"f (Hz) at {found.values[first]:.6g}": float(found.frequencies[first, k]),
+            f"at {found.values[last]:.6g}": float(found.frequencies[last, k]),
+            "damping (%)": 100 * float(found.damping_ratios[first, k]),
+            "at the end": 100 * float(found.damping_ratios[last, k]),
+            "whirl": "changes" if changes else in_words(widest),
+        })  # fmt: skip
+    return rows
+
+
+def in_a_sentence(found: Campbell) -> str:
+    """Return what is known of stability in a sentence."""
+    name, unit = found.parameter, f" {found.unit}" * bool(found.unit)
+    if found.stability_limit is None:
+        low, high = found.values[[0, -1]]
+        return f"stable for {name} = {low:.6g} to {high:.6g}{unit}"
+    how = "without vibration" if not found.unstable_frequency else f"at {found.unstable_frequency:.6g} Hz"
+    rpm = f" ({found.stability_limit * 30 / np.pi:.6g} rpm)" if found.unit == "rad/s" else ""
+    return f"UNSTABLE from {name} = {found.stability_limit:.8g}{unit}{rpm} on, {how}"
