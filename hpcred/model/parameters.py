@@ -128,3 +128,9 @@ def check_terms(parameters: tuple[Parameter, ...], terms):
 def in_words(parameters) -> str:
     """ "omega 0 to 800 rad/s, e 1 to 2" """
     return ", ".join(f"{item.name} {item.range[0]:g} to {item.range[1]:g} {item.unit}".strip() for item in parameters)
+
+
+def rows_of_parameters(parameters) -> list[dict]:
+    """Return a row of a table for each parameter."""
+    return [{"parameter": item.name, "lowest": item.range[0], "highest": item.range[1], "reference": item.reference,
+             "unit": item.unit} for item in parameters]  # fmt: skip

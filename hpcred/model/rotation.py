@@ -60,8 +60,15 @@ def rotation_terms(model, axis, parameter: str = "omega") -> tuple[Term, Term]:
     """
     require_model(model)
     e = unit_axis("rotation_terms: axis", axis)
+    return (Term("D", rotation_matrix(model, "coriolis", e), parameter),
+            Term("K", rotation_matrix(model, "spin_softening", e), f"{parameter}^2"))  # fmt: skip
+
+
+def rotation_matrix(model, kind: str, e) -> PETSc.Mat:
+    """Return the matrix of a term, "coriolis" or "spin_softening", about the unit vector e (3,). Collective. Raises
+    InputError."""
     require_translations(model, e)
-    return (Term("D", coriolis(model, e), parameter), Term("K", spin_softening(model, e), f"{parameter}^2"))
+    return coriolis(model, e) if kind == "coriolis" else spin_softening(model, e)
 
 
 def unit_axis(key: str, axis) -> np.ndarray:

@@ -170,17 +170,11 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
         )
     if model.interfaces:
         raise InputError(f"units: {model.name} has interface nodes already; convert it before they are made")
-    direction = np.zeros(model.local_rows, int) if model.dofs is None else model.dofs.direction
-    moved = ~rotational(direction) & (direction != SCALAR)
+    moved = _translations(model)
     scale = np.where(moved, units.length, 1.0)
-    mats = {}
-    inverse = model.K.createVecLeft()
-    inverse.setArray(1 / scale)
-    for key, power in (("K", 0), ("D", 1), ("M", 2)):
-        if key in model.matrices:
-            mats[key] = model.matrices[key].copy()
-            mats[key].diagonalScale(inverse, inverse)
-            mats[key].scale(units.energy * units.time**power)
+    mats = {key: mat.copy() for key, mat in model.matrices.items()}
+    for key, mat in mats.items():
+        scale_to_si(model, units, key, mat)
     dense = [None if mat is None else dense_matrix(model.K, _columns(model, mat, names, moved, scale, units, parts))
              for mat, names, parts in ((model.B, model.input_names, None),
                                        (model.Ct, model.own_output_names, model.derivatives))]  # fmt: skip
@@ -197,6 +191,20 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
         converted_from=units.name, properties=properties,
         derivatives=model.derivatives and model.derivatives.in_time(units.time),
     )  # fmt: skip
+
+
+def scale_to_si(model, units: Units, key: str, mat):
+    """Convert a matrix M, D or K (`key`) with the rows of a model from other units. Collective."""
+    inverse = model.K.createVecLeft()
+    inverse.setArray(1 / np.where(_translations(model), units.length, 1.0))
+    mat.diagonalScale(inverse, inverse)
+    mat.scale(units.energy * units.time ** "KDM".index(key))
+
+
+def _translations(model) -> np.ndarray:
+    """Return which rows of this rank are translations; all are where nothing is known of them."""
+    direction = np.zeros(model.local_rows, int) if model.dofs is None else model.dofs.direction
+    return ~rotational(direction) & (direction != SCALAR)
 
 
 def _columns(model, mat, names, moved, scale, units, derivatives=None):

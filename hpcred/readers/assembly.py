@@ -54,7 +54,7 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
         )
     mine = {}
     for key in list(parts.matrices):
-        mine[key] = _owned(comm, starts, parts.matrices.pop(key))
+        mine[key] = owned(comm, starts, parts.matrices.pop(key))
         give_back()
     labels = _labels(comm, parts, size, starts, name)
     if parts.open_ended:
@@ -160,7 +160,8 @@ def with_transposed_pattern(entries: Entries) -> Entries:
     return Entries(entries.shape, np.concatenate([i, j]), np.concatenate([j, i]), values)
 
 
-def _owned(comm, starts, entries):
+def owned(comm, starts, entries):
+    """Return rows, columns and values of the entries in the rows of this rank. Collective."""
     owner = np.searchsorted(starts, entries.rows, side="right") - 1
     return exchange(comm, owner, [entries.rows, entries.columns, entries.values])
 
@@ -189,7 +190,7 @@ def read_columns(comm, starts, size, path, transposed=False, variables=None, rig
             f"{path}: found {entries.shape[1]} {what} for a model of {size} dofs, expected no more {what} than it has "
             "dofs; all others are combinations of these"
         )
-    i, j, v = _owned(comm, starts, entries)
+    i, j, v = owned(comm, starts, entries)
     first, last = starts[comm.rank], np.append(starts[1:], size)[comm.rank]
     with agreed(comm):
         require_sane(v, f"{path}: found", "real")

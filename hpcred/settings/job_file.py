@@ -17,6 +17,7 @@ from ..model.frames import Frame, NoFrame
 from ..model.interfaces import Interface
 from ..model.loads import AnyLoad
 from ..model.motion_outputs import MotionOutput
+from ..model.parameters import Parameter, check_terms
 from ..model.stress_outputs import StressOutput
 from ..parallel.failures import InputError
 from ..parallel.ranges import COORDINATE, LABEL, require_band, within
@@ -33,6 +34,7 @@ from ..reduction.components.second_order_krylov import SecondOrderKrylov
 from ..reduction.settings import Reduction
 from ..reduction.tolerance.accuracy import Adaptive, Limits
 from .source import Source
+from .term_table import TermTable
 from .toml_file import CONFIG, check_file_names, parse, read_table
 
 FILES_OF_STATE = ("stresses", "file", "opposite")
@@ -58,6 +60,8 @@ class Job:
     nodes, {node = 20, stress = "xx"}; without them those of the model are taken, or all directions of all
     interfaces. `interface`: see model.interfaces.Interface; its name stands for a
     node in inputs, outputs and frames. `load`: further inputs, behind `inputs`.
+    `parameter` and `term`: what the matrices depend on, and the matrices that are added to those of the model, each
+    times its factor (docs/parameters.md).
     `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over
     the band, within the limits `adaptive` (see reduction.tolerance.accuracy.Limits); `measure`, `static`: see
     reduction.tolerance.accuracy.Adaptive; `unreached`: where it is not reached the model is written under a name that
@@ -86,6 +90,8 @@ class Job:
     outputs: OutputTargets | None = None
     interface: tuple[Interface, ...] = ()
     load: tuple[AnyLoad, ...] = ()
+    parameter: tuple[Parameter, ...] = ()
+    term: tuple[TermTable, ...] = ()
     frame: Frame = NoFrame()
     damping: Damping | None = None
     deflation_tolerance: float = Reduction.deflation_tolerance
@@ -138,6 +144,8 @@ class Job:
                 "adaptive: found limits of a search, but no tolerance that it is to reach; write tolerance and band "
                 "above the first table, or leave [adaptive] out"
             )
+        if self.parameter or self.term:
+            check_terms(self.parameter, [item.with_matrix(None) for item in self.term])
         require_band("band", self.band)
         self.settings, self.search  # noqa: B018  (refused early)
 
@@ -179,7 +187,7 @@ class Job:
         """All files that the run reads."""
         model = [self.model] if isinstance(self.model, str) else self.model.files
         named = (self.inputs, self.outputs, *(item.nodes for item in self.interface),
-                 *(getattr(item, "file", None) for item in self.load),
+                 *(getattr(item, "file", None) for item in (*self.load, *self.term)),
                  *(getattr(item, key) for item in self.loaded_states for key in FILES_OF_STATE))  # fmt: skip
         return list(dict.fromkeys([*model, *(item for item in named if isinstance(item, str))]))
 
@@ -228,12 +236,13 @@ def _with_folder(job, folder):
     )  # fmt: skip
     moved = {key: at(getattr(job, key)) for key in PLACES}
     interface = tuple(replace(item, nodes=at(item.nodes)) for item in job.interface)
-    load = tuple(replace(item, file=at(item.file)) if hasattr(item, "file") else item for item in job.load)
+    load, term = (tuple(replace(item, file=at(item.file)) if hasattr(item, "file") else item for item in items)
+                  for items in (job.load, job.term))  # fmt: skip
     if job.loaded_states:
         moved["geometric_stiffness"] = tuple(
             replace(item, **{key: at(getattr(item, key)) for key in FILES_OF_STATE}) for item in job.loaded_states
         )
-    return replace(job, model=model, interface=interface, load=load, **moved)
+    return replace(job, model=model, interface=interface, load=load, term=term, **moved)
 
 
 def plain(job: Job) -> dict:
@@ -250,7 +259,7 @@ def plain(job: Job) -> dict:
         table["model"] = {key: absolute(name) for key, name in table["model"].items()}
     for item in table["interface"]:
         item["nodes"] = absolute(item["nodes"])
-    for item in table["load"]:
+    for item in [*table["load"], *table["term"]]:
         if "file" in item:
             item["file"] = absolute(item["file"])
     if job.loaded_states:

@@ -18,6 +18,7 @@ from ..files.text import first_bytes, first_line
 from ..model.interface_motion import members
 from ..model.interfaces import warnings_of_interfaces
 from ..model.materials import properties_in_words
+from ..model.parameters import rows_of_parameters
 from ..parallel.declared import nearest
 from ..parallel.failures import HpcredError, InputError, agreed
 from ..parallel.plugins import OWN, blamed
@@ -168,9 +169,14 @@ def _job(path, job, figure, comm, progress):
             {"interface": item.name, "node": item.node, "kind": item.definition.kind, "nodes": item.count}
             | {axis: round(value, 12) + 0.0 for axis, value in zip("xyz", item.position, strict=True)} for item in found
         ]  # fmt: skip
+        varied = {
+            "parameters": rows_of_parameters(job.parameter),
+            "terms": [{"of": item.with_matrix(None).of, "factor": item.factor, "matrix": item.matrix_in_words}
+                      for item in job.term],
+        } if job.term else {}  # fmt: skip
         return {
             "format": "job file", "model": model.name, "dofs": model.size, "output": job.output,
-            "interfaces": rows, "warnings": [*model.remarks, *warnings_of_interfaces(model)],
+            "interfaces": rows, **varied, "warnings": [*model.remarks, *warnings_of_interfaces(model)],
         }  # fmt: skip
 
 

@@ -8,13 +8,16 @@ from pathlib import Path
 from ..body.preload import preloaded
 from ..files.model_file import read_model
 from ..model import interface_motion
+from ..model.parametric_model import ParametricModel
+from ..model.rotation import rotation_matrix, unit_axis
 from ..parallel.failures import InputError, agreed
 from ..readers.nodes.table import read_node_numbers
 from ..settings.job_file import Job
 
 
 def model_of_job(job: Job, comm):
-    """Return the model of a job with its inputs and outputs. Collective. Raises InputError."""
+    """Return the model of a job with its inputs and outputs: a ParametricModel where it has terms. Collective. Raises
+    InputError."""
     model = with_interfaces_of_job(job, comm)
     for key in ("input", "output"):
         model = with_targets(model, key, getattr(job, key + "s"))
@@ -30,7 +33,24 @@ def model_of_job(job: Job, comm):
                 f"inputs: neither the job nor {model.name} has any; give dof numbers or [node, direction] pairs, "
                 "bearings by [[interface]], or loads by [[load]]"
             )
-    return model
+    return with_terms(model, job.parameter, job.term) if job.term else model
+
+
+def with_terms(model, parameters, tables) -> ParametricModel:
+    """Return a model with the terms of tables [[term]]; `model` is closed. Collective. Raises InputError."""
+    from ..readers.term_files import read_term_matrix  # which loads the readers of all formats
+
+    with model:
+        terms, remarks = [], list(model.remarks)
+        for item in tables:
+            if item.kind == "matrix":
+                matrix, found = read_term_matrix(model, item.of, item.file, item.variable, item.units)
+                remarks += found
+            else:
+                matrix = rotation_matrix(model, item.kind, unit_axis("term: axis", item.axis))
+            terms.append(item.with_matrix(matrix))
+        with model.with_fields(remarks=tuple(remarks)) as constant:
+            return ParametricModel(constant, parameters, terms)
 
 
 def with_interfaces_of_job(job: Job, comm):
