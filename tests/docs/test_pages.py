@@ -213,9 +213,14 @@ def test_the_reference_has_every_key_command_and_name():
         assert f"## {kind}, version" in GENERATED["reference/files.md"]
 
 
-def test_examples_in_python_run(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("page", "says"),
+    [("python.md", ["largest error", "crank:rx"]), ("parameters.md", ["parameters k 0.1 to 10; terms of K (k)"])],
+)
+def test_examples_in_python_run(tmp_path, monkeypatch, capsys, page, says):
     monkeypatch.chdir(tmp_path)
-    programs = re.findall(r"```python\n(.*?)```", (DOCS / "python.md").read_text(), re.S)
-    exec(compile("\n".join(programs), "docs/python.md", "exec"), {})
+    programs = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), re.S)
+    exec(compile("\n".join(programs), f"docs/{page}", "exec"), {})
     out = capsys.readouterr().out
-    assert "largest error" in out and "crank:rx" in out and Path("linkage.SID_FEM").exists()
+    assert all(words in out for words in says)
+    assert page != "python.md" or Path("linkage.SID_FEM").exists()
