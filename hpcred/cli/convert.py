@@ -25,6 +25,8 @@ def convert(
     damping: Annotated[str | None, typer.Option("-D", "--damping", help="Matrix file of D.")] = None,
     input_file: Annotated[str | None, typer.Option("-B", help="Matrix file of B (n, p).")] = None,
     output_file: Annotated[str | None, typer.Option("-C", help="Matrix file of C (r, n).")] = None,
+    velocity_file: Annotated[str | None, typer.Option("-Cv", help="Of Cv (r, n), y = C q + Cv q' + Ca q''.")] = None,
+    acceleration_file: Annotated[str | None, typer.Option("-Ca", help="Matrix file of Ca (r, n).")] = None,
     nodes: Annotated[str | None, typer.Option(help="Lines of node, x, y, z; or .inp, .bdf, .unv, .cdb, .frd.")] = None,
     dofs: Annotated[str | None, typer.Option(help="Lines of node, direction (1-6), one a row.")] = None,
     inputs: Inputs = None,
@@ -55,11 +57,14 @@ def convert(
     if not files and not (stiffness and mass):
         found = "no matrices" if not (stiffness or mass) else f"only {'K' if stiffness else 'M'}"
         raise InputError(f"convert: {found}; give the main file of an export, or K and M by -K and -M")
-    given = {"-D": damping, "-B": input_file, "-C": output_file, "--nodes": nodes, "--dofs": dofs}
+    given = {"-D": damping, "-B": input_file, "-C": output_file, "-Cv": velocity_file, "-Ca": acceleration_file,
+             "--nodes": nodes, "--dofs": dofs}  # fmt: skip
     if files and (besides := [option for option, value in given.items() if value]):
         raise InputError(f"convert: {', '.join(besides)} belong to -K and -M only, found with {files[0]}")
     names = values.names(variables, "--variables")
-    source = files[0] if files else hpcred.Source(stiffness, mass, damping, input_file, output_file, nodes, dofs, names)
+    source = files[0] if files else hpcred.Source(
+        stiffness, mass, damping, input_file, output_file, nodes, dofs, names, velocity_file, acceleration_file
+    )  # fmt: skip
     report = hpcred.convert(
         source, output, inputs=values.targets(inputs, "--inputs"), outputs=values.targets(outputs, "--outputs"),
         variables=names, units=units, progress=session.progress(),

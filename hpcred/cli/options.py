@@ -26,7 +26,7 @@ Points = Annotated[int, typer.Option(help="Number of equally spaced frequencies 
 Groups = Annotated[int | None, typer.Option(help="Groups of ranks that share the frequencies.")]
 Seed = Annotated[int | None, typer.Option(help="The fresh frequencies of an earlier --check.")]
 Inputs = Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1:x or dof numbers 115,1")]
-Outputs = Annotated[str | None, typer.Option("--outputs", help="Outputs that differ from inputs.")]
+Outputs = Annotated[str | None, typer.Option("--outputs", help="Outputs: 20:z,velocity 20:z,acceleration dof 115")]
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
 Package = Annotated[str | None, typer.Option(help="What factors: mumps, superlu_dist or petsc.")]

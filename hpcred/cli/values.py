@@ -6,6 +6,7 @@ from contextlib import suppress
 
 import hpcred
 
+from ..model.motion_outputs import motion_output_of
 from ..parallel.failures import InputError
 from ..parallel.ranges import ANYTHING, FREQUENCY, within
 
@@ -21,12 +22,20 @@ def numbers(text, option):
 
 
 def targets(text, option):
-    """Dof numbers and node:direction pairs, separated by commas."""
+    """Dof numbers and node:direction pairs, as outputs also their velocities and accelerations, separated by commas."""
     try:
-        return [(int(part.partition(":")[0]), part.partition(":")[2].strip()) if ":" in part else int(part)
-                for part in text.split(",")] if text else None  # fmt: skip
+        return [_target(part.strip()) for part in text.split(",")] if text else None
     except ValueError as error:
-        raise InputError(f"{option}: found '{text}', expected such as 20:z,1:x or dof numbers 115,1") from error
+        rates = ", or velocity 20:z, acceleration dof 115" if option == "--outputs" else ""
+        raise InputError(f"{option}: found '{text}', expected such as 20:z,1:x or dof numbers 115,1{rates}") from error
+
+
+def _target(text):
+    """A dof or the output of that name. Raises ValueError."""
+    if output := motion_output_of(text):
+        return output
+    node, colon, direction = text.partition(":")
+    return (int(node), direction.strip()) if colon else int(node)
 
 
 def labels(text):
@@ -107,9 +116,9 @@ def direction(vector) -> str:
 
 
 def names(text, option):
-    """Names by K, M, D, B, C, from such as K=kaa,M=maa."""
+    """Names by K, M, D, B, C, Cv, Ca, from such as K=kaa,M=maa."""
     pairs = [part.partition("=") for part in text.split(",")] if text else []
     found = {key.strip(): name.strip() for key, _, name in pairs}
-    if not all(found.values()) or not set(found) <= set("KMDBC") or len(found) < len(pairs):
-        raise InputError(f"{option}: found '{text}', expected such as K=nas.kaa,M=nas.maa (K, M, D, B or C)")
+    if not all(found.values()) or not set(found) <= {*"KMDBC", "Cv", "Ca"} or len(found) < len(pairs):
+        raise InputError(f"{option}: found '{text}', expected such as K=nas.kaa,M=nas.maa (K, M, D, B, C, Cv or Ca)")
     return found or None

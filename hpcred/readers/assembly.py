@@ -21,8 +21,11 @@ from .whole import Rows, refuse_cut
 MANY_COLUMNS = 1000  # of B, up to which nobody asks whether they are independent
 
 
-def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variables=None) -> SecondOrderModel:
-    """Return the model of the parts; `inputs` and `outputs`: matrix files of B (n, p) and C (r, n). Collective.
+def assemble(
+    parts: Parts, comm, name="model", inputs=None, outputs=None, variables=None, rates=None
+) -> SecondOrderModel:
+    """Return the model of the parts; `inputs` and `outputs`: matrix files of B (n, p) and C (r, n), `rates`: those of
+    Cv and Ca by key. Collective.
 
     Labelled rows are ordered by node and direction. `variables`: see Source. Raises InputError.
     """
@@ -67,6 +70,8 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
         parts.warnings += _on_repeats(comm, parts, repeats)
     B = read_columns(comm, starts, size, inputs, variables=variables) if inputs else None
     Ct = read_columns(comm, starts, size, outputs, transposed=True, variables=variables) if outputs else None
+    rates = {key: read_columns(comm, starts, size, path, transposed=True, variables=variables, key=key)
+             for key, path in (rates or {}).items()}  # fmt: skip
     dofs = held = None
     if parts.nodes is not None:
         dofs, placed = _placed(comm, parts, labels)
@@ -77,12 +82,16 @@ def assemble(parts: Parts, comm, name="model", inputs=None, outputs=None, variab
         held = held.take(placed) if comm.allreduce(int(placed.sum())) else None
     remarks = dict.fromkeys(sentence for sentences in comm.allgather(parts.warnings) for sentence in sentences)
     model = SecondOrderModel.from_csr(
-        comm, size, indptr, indices, values, B, Ct, dofs=dofs, input_names=column_names(inputs, B),
-        output_names=column_names(outputs, Ct), name=name, elements=parts.elements, held=held, sets=parts.sets,
-        remarks=remarks, properties=parts.properties,
+        comm, size, indptr, indices, values, B, None if rates else Ct, dofs=dofs, input_names=column_names(inputs, B),
+        output_names=() if rates else column_names(outputs, Ct), name=name, elements=parts.elements, held=held,
+        sets=parts.sets, remarks=remarks, properties=parts.properties,
     )  # fmt: skip
     del indptr, indices, values
     give_back()
+    if rates:
+        names = [f"output {k + 1}" for k in range(next(iter(rates.values())).shape[1])]
+        with model:
+            return model.with_output_columns(Ct, names, **rates)
     return model
 
 
@@ -166,15 +175,16 @@ def owned(comm, starts, entries):
     return exchange(comm, owner, [entries.rows, entries.columns, entries.values])
 
 
-def read_columns(comm, starts, size, path, transposed=False, variables=None, right_hand_sides=False):
+def read_columns(comm, starts, size, path, transposed=False, variables=None, right_hand_sides=False, key=None):
     """Return the rows of B (n, p) of this rank from a matrix file, or of C^T where the file has C (r, n). Collective.
 
     `starts` (ranks,): first row of each rank; `variables`: see Source; `right_hand_sides`: those of a Harwell-Boeing
-    file that has some are taken. Raises InputError where the file does not fit n = size.
+    file that has some are taken; `key`: the name of the matrix, by default B or C.
+    Raises InputError where the file does not fit n = size.
     """
     entries = harwell_boeing.read_right_hand_sides(path, comm) if right_hand_sides else None
     if entries is None:
-        entries = read_entries(path, comm, "C" if transposed else "B", variables)
+        entries = read_entries(path, comm, key or ("C" if transposed else "B"), variables)
     if isinstance(entries, LabelledEntries):
         raise InputError(f"{path}: found lines of node, dof, node, dof, value, expected numbered rows and columns")
     if entries.shape[transposed] != size:

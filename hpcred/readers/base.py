@@ -26,8 +26,8 @@ class Reader(ABC):
         Whether matrices can be read from gzip files. By default False.
     named : bool
         Whether files have several matrices by name. Then `read_matrix` takes (path, comm, key, variables) and
-        `read_model` (path, comm, variables), where key is the wanted matrix (K, M, D, B or C) and `variables` has the
-        names that the user gave, by key. By default False.
+        `read_model` (path, comm, variables), where key is the wanted matrix (K, M, D, B, C, Cv or Ca) and `variables`
+        has the names that the user gave, by key. By default False.
     vague : bool
         Whether files of other kinds may begin alike; such readers are tried last. By default False.
     open_ended : bool

@@ -34,5 +34,5 @@ def matrix_reader(path, comm) -> Reader:
 
 
 def read_entries(path, comm, key="K", variables=None, reader: Reader | None = None) -> Entries | LabelledEntries:
-    """Read a matrix: K, M, D, B or C by `variables` where a file has several. Collective. Raises InputError."""
+    """Read a matrix: K, M, D, B, C, Cv or Ca by `variables` where a file has several. Collective. Raises InputError."""
     return read_by(reader or matrix_reader(path, comm), "matrix", path, comm, key, variables or {})

@@ -22,7 +22,7 @@ def load_source(source: Source, comm=MPI.COMM_WORLD, name="model") -> SecondOrde
     Parameters
     ----------
     source : Source
-        The files of K and M, and optionally of D, B, C, nodes and dofs.
+        The files of K and M, and optionally of D, B, C, Cv, Ca, nodes and dofs.
     comm : MPI.Comm, default all ranks
     name : str, default "model"
         Name in messages.
@@ -36,7 +36,8 @@ def load_source(source: Source, comm=MPI.COMM_WORLD, name="model") -> SecondOrde
     InputError
         For files that cannot be read or do not fit each other.
     """
-    return assemble(read_source(source, comm), comm, name, source.B, source.C, source.variables)
+    rates = {key: path for key, path in (("Cv", source.Cv), ("Ca", source.Ca)) if path}
+    return assemble(read_source(source, comm), comm, name, source.B, source.C, source.variables, rates)
 
 
 def load_export(path, comm=MPI.COMM_WORLD, name="model", variables=None) -> SecondOrderModel:

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from ..body.loaded_states import LoadedState
 from ..linalg.solvers.settings import Factoring, LinearSolver
@@ -40,7 +40,20 @@ from .toml_file import CONFIG, check_file_names, parse, read_table
 FILES_OF_STATE = ("stresses", "file", "opposite")
 PLACES = ("output", "inputs", "outputs", "out_of_core", "store")  # keys that may be names of files, besides `model`
 Targets = str | tuple[int | str | tuple[int | str, str], ...]
-OutputTargets = str | tuple[int | str | tuple[int | str, str] | MotionOutput | StressOutput, ...]
+
+
+def _kind_of_output(table) -> str | None:
+    """Return the tag of the kind of output that a table has the keys of."""
+    if not isinstance(table, dict):
+        return None
+    return "StressOutput" if "stress" in table else "MotionOutput"
+
+
+AnyOutput = Annotated[
+    Annotated[MotionOutput, Tag("MotionOutput")] | Annotated[StressOutput, Tag("StressOutput")],
+    Discriminator(_kind_of_output),
+]
+OutputTargets = str | tuple[int | str | tuple[int | str, str] | AnyOutput, ...]
 
 
 AnyComponent = Annotated[

@@ -4,16 +4,19 @@ from dataclasses import dataclass
 
 from .toml_file import check_file_names
 
+FILES = ("K", "M", "D", "B", "C", "Cv", "Ca", "nodes", "dofs")
+
 
 @dataclass(frozen=True)
 class Source:
-    """The files of a model: K and M, perhaps D, B (n, p), C (r, n), `nodes` and `dofs`.
+    """The files of a model: K and M, perhaps D, B (n, p), C, Cv, Ca (r, n), `nodes` and `dofs`.
 
+    The outputs are y = C q + Cv q' + Ca q''; without Cv and Ca displacements, y = C q.
     `nodes`: an input file of Abaqus, CalculiX or Nastran, results of CalculiX (.frd), nodes of ANSYS, a universal file,
     or text lines of node, x, y, z in the order of the rows. `dofs`: text lines of node, direction (1 to 6), one a row
     of the matrices, or what ANSYS (.mapping) or CalculiX (.dof) writes; without it every node has the same
     number of dofs (1 to 3 displacements, or 6), unless the matrices name their rows themselves. `variables`: names by
-    K, M, D, B, C of matrices in files that hold several.
+    K, M, D, B, C, Cv, Ca of matrices in files that hold several.
     """
 
     K: str
@@ -24,11 +27,13 @@ class Source:
     nodes: str | None = None
     dofs: str | None = None
     variables: dict[str, str] | None = None
+    Cv: str | None = None
+    Ca: str | None = None
 
     def __post_init__(self):
-        check_file_names(**{key: getattr(self, key) for key in ("K", "M", "D", "B", "C", "nodes", "dofs")})
+        check_file_names(**{key: getattr(self, key) for key in FILES})
 
     @property
     def files(self) -> list[str]:
         """All that are given."""
-        return [name for name in (self.K, self.M, self.D, self.B, self.C, self.nodes, self.dofs) if name is not None]
+        return [name for key in FILES if (name := getattr(self, key)) is not None]

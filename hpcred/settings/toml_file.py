@@ -124,6 +124,9 @@ def _place(kind, found, steps):
     for step in steps:
         kind = _of_values(kind)
         if isinstance(found, dict):
+            if named := [item for item in _dataclasses(kind) if item.__name__ == step]:  # which pydantic chose
+                kind = named[0]
+                continue
             table = _dataclass_of(kind, found)
             if table is None or (step not in found and step not in types_of(table)):
                 continue
@@ -131,13 +134,19 @@ def _place(kind, found, steps):
             names = names[:-1] if names[-1] == "kind" else names
             where = f"{where}.{step}" if where else step
             kind, found = types_of(table).get(step), found.get(step, _MISSING)
-        elif isinstance(found, list) and isinstance(step, int) and get_origin(kind) is tuple:
-            if _dataclass_of(plain_type(get_args(kind)[0]), {}) is None:
+        elif isinstance(found, list) and isinstance(step, int) and (item := _of_items(kind)) is not None:
+            if _dataclass_of(plain_type(item), {}) is None or not (isinstance(found[step], dict) or item is kind):
                 break
-            where, kind, found = f"{where}[{step}]", get_args(kind)[0], found[step]
-        else:
+            where, kind, found = f"{where}[{step}]", item, found[step]
+        elif not (isinstance(step, str) and _of_items(kind) is not None and isinstance(found, list)):
             break
     return where, _of_values(kind), found, names
+
+
+def _of_items(kind):
+    """The type of the items of a list, also where a list is one of several kinds of value; else None."""
+    parts = [part for part in (kind, *get_args(kind)) if get_origin(part) is tuple and ... in get_args(part)]
+    return plain_type(get_args(parts[0])[0]) if parts else None
 
 
 def _of_values(kind):
@@ -153,11 +162,17 @@ def _kind_of(table) -> str | None:
 
 def _dataclass_of(kind, found):
     """The dataclass that a table is meant for, or None; the first one where its key `kind` does not tell."""
-    if is_dataclass(kind):
-        return kind
-    tables = [item for item in get_args(kind) if is_dataclass(item)]
+    tables = _dataclasses(kind)
     fitting = [item for item in tables if "kind" in found and _kind_of(item) == found["kind"]]
     return next(iter(fitting or tables), None)
+
+
+def _dataclasses(kind) -> list:
+    """A dataclass, or those of several kinds of value, also where Annotated says more of them."""
+    if is_dataclass(kind):
+        return [kind]
+    parts = [plain_type(item) for item in get_args(kind)]
+    return [table for item in parts for table in (item, *map(plain_type, get_args(item))) if is_dataclass(table)]
 
 
 def _expected(kind) -> str:

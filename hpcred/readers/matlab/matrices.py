@@ -29,6 +29,8 @@ NAMES = {
     "D": ("d", "daa", "baa", "dff", "bff", "dgg", "bgg", "damping", "damp"),
     "B": ("b",),
     "C": ("c",),
+    "Cv": ("cv",),
+    "Ca": ("ca",),
 }
 RESIDUAL = ".k0"  # pyYeti keeps the matrices of the residual structure and of superelements by k0, k101, ...
 # numbers of a node or row, negative where they stand in a column, and what the array then is
@@ -52,7 +54,7 @@ def contents(path) -> dict[str, str]:
 
 
 def read(path, comm, key="K", variables=None) -> Entries:
-    """Read the matrix of a key (K, M, D, B, C), by its usual name or that of `variables`. Collective."""
+    """Read the matrix of a key (K, M, D, B, C, Cv, Ca), by its usual name or that of `variables`. Collective."""
     found = _variables(path, comm)
     with agreed(comm):
         variable, _ = _chosen(path, found, key, (variables or {}).get(key), residual=False)
@@ -104,10 +106,10 @@ def read_parts(path, comm, variables=None) -> Parts:
 
 
 def _inputs_and_outputs(found, rows) -> str:
-    """Return B (n, p) and C (r, n), in words; those of the size of K may be anything."""
+    """Return B (n, p) and C, Cv, Ca (r, n), in words; those of the size of K may be anything."""
     fitting = [
         item
-        for key, along in (("B", 0), ("C", 1))
+        for key, along in (("B", 0), ("C", 1), ("Cv", 1), ("Ca", 1))
         for item in found
         if item.name.lower() in NAMES[key] and len(item.shape) == 2
         and item.shape[along] == rows != item.shape[1 - along]

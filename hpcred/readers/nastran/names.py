@@ -80,7 +80,7 @@ def none_found(path, names) -> InputError:
 
 
 def single(path, matrices: list, key: str, variables: dict[str, str] | None):
-    """Return the one matrix that a file is read for: K, M, D, B or C. Raises InputError."""
+    """Return the one matrix that a file is read for: K, M, D, B, C, Cv or Ca. Raises InputError."""
     names = [item.name for item in matrices]
     if variables and key in variables:
         return matrices[named(path, names, {key: variables[key]})[key]]
@@ -89,7 +89,7 @@ def single(path, matrices: list, key: str, variables: dict[str, str] | None):
     for choice in pairs(names):
         if key in choice.places:
             return matrices[choice.places[key]]
-    starts = {"K": ("K", "STIF"), "M": ("M",), "D": ("B", "D")}.get(key, (key,))
+    starts = {"K": ("K", "STIF"), "M": ("M",), "D": ("B", "D")}.get(key, (key.upper(),))
     fitting = [item for item in matrices if item.name.startswith(starts) and not item.name.startswith(STRUCTURAL)]
     if len(fitting) == 1:
         return fitting[0]
