@@ -46,6 +46,7 @@ from .files.result_file import read_result as read_result
 from .files.result_file import write_result as write_result
 from .linalg.solvers.settings import Factoring as Factoring
 from .linalg.solvers.settings import LinearSolver as LinearSolver
+from .model.cut_outputs import CutOutput as CutOutput
 from .model.damping import Caughey as Caughey
 from .model.damping import GivenDamping as GivenDamping
 from .model.damping import ModalDamping as ModalDamping

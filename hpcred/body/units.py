@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..model.cut_outputs import cut_output_of
 from ..model.dofs import DIRECTIONS, named_quantity, target_of
+from ..model.stress_outputs import stress_output_of
 from ..model.units import Units, rotational
 from ..parallel.failures import InputError
 from .body import Body, Prestress
@@ -17,7 +19,8 @@ def in_units(body: Body, units: Units) -> Body:
     """Return the body in other units; frequencies stay in Hz. Raises InputError.
 
     The coordinates and matrices are those of sizes_of and fields_in. Inputs are forces or moments, outputs
-    displacements or angles and their rates, by their names; of loads the inputs are factors, the outputs work.
+    displacements or angles and their rates, stresses or forces of cuts, by their names; of loads the inputs are
+    factors, the outputs work.
     """
     reduced, quantities, prestress = body.reduced, body.floating_frame, body.prestress
     L, M = units.length, units.mass
@@ -84,14 +87,19 @@ def fields_in(reduced, units: Units) -> dict:
 
 
 def _over_energy(kind: str, units: Units) -> float:
-    """Return the unit of an input over that of energy, and so of 1 over that of its output."""
-    return {"force": 1 / units.length, "moment": 1.0, "load": 1 / units.energy}[kind]
+    """Return the unit of an input over that of energy, and so of 1 over that of its output; or 1 over the unit of an
+    output that is a force, a moment or a stress of the body."""
+    E, L = units.energy, units.length
+    return {"force": 1 / L, "moment": 1.0, "load": 1 / E, "fx": L / E, "mx": 1 / E, "xx": L**3 / E}[kind]
 
 
 def _kinds(reduced, names) -> list[str]:
-    """Return "force", "moment" or "load" of inputs or outputs, by names. Raises InputError for others."""
+    """Return "force", "moment" or "load" of inputs or outputs, "fx" or "mx" of a cut, "xx" of a stress, by names.
+    Raises InputError for others."""
     loads = {} if reduced.record is None else {item.name for item in reduced.record.loads if item.kind != "given"}
-    targets = {name: target_of(named_quantity(name)[1]) for name in names if name not in loads}
+    own = {name: "mx" if cut.component.startswith("m") else "fx" for name in names if (cut := cut_output_of(name))}
+    own |= {name: "xx" for name in names if stress_output_of(name)} | dict.fromkeys(loads, "load")
+    targets = {name: target_of(named_quantity(name)[1]) for name in names if name not in own}
     lost = [name for name, target in targets.items() if not isinstance(target, tuple)]
     if lost:
         raise InputError(
@@ -99,4 +107,4 @@ def _kinds(reduced, names) -> list[str]:
             "export in SI"
         )
     turn = {name: bool(rotational(np.array(DIRECTIONS.index(target[1])))) for name, target in targets.items()}
-    return ["load" if name in loads else "moment" if turn[name] else "force" for name in names]
+    return [own.get(name) or ("moment" if turn[name] else "force") for name in names]

@@ -19,6 +19,7 @@ from ..parallel.petsc import MPI, PETSc
 from . import construction
 from .checked_arrays import check_finite
 from .construction import Labels
+from .cut_outputs import CutOutput
 from .derivatives import Derivatives, check_names
 from .digests import digest_of
 from .dofs import SCALAR, Dofs
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 
     Matrix: TypeAlias = spmatrix | sparray | np.ndarray
     Targets: TypeAlias = Iterable[int | str | Sequence[int | str]]  # dofs, names of interfaces, (node, direction)
-    OutputTargets: TypeAlias = Iterable[int | str | Sequence[int | str] | MotionOutput | StressOutput]
+    OutputTargets: TypeAlias = Iterable[int | str | Sequence[int | str] | MotionOutput | StressOutput | CutOutput]
 
 SYMMETRIC_TO = 1e-10  # ||A - A^T|| / ||A|| above which a matrix counts as unsymmetric
 
@@ -400,14 +401,15 @@ class SecondOrderModel:
         return self.with_input_columns(*unit_columns(self, "inputs", targets))
 
     def with_outputs(self, targets: OutputTargets) -> SecondOrderModel:
-        """Return the model with displacements, velocities or accelerations at dofs, or stresses, as outputs.
+        """Return the model with displacements, velocities or accelerations, stresses or section forces as outputs.
 
         Collective.
 
         Parameters
         ----------
-        targets : iterable of int, str, (int or str, str), MotionOutput or StressOutput
-            As for with_inputs, for displacements; or velocities and accelerations; or stresses at nodes.
+        targets : iterable of int, str, (int or str, str), MotionOutput, StressOutput or CutOutput
+            As for with_inputs, for displacements; or velocities and accelerations; stresses at nodes; or the forces of
+            a cut.
 
         Returns
         -------

@@ -6,10 +6,11 @@ import numpy as np
 
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
+from .cut_outputs import CutOutput, cut_columns
 from .dofs import DIRECTIONS, QUANTITIES, quantity_name, row_of, rows_of_node, target_name
 from .interfaces import SIX, find_interface, node_number
 from .motion_outputs import MotionOutput
-from .stress_outputs import StressOutput, stress_columns
+from .stress_outputs import StressOutput, stress_columns, stress_output_of
 
 
 def unit_columns(model, key: str, targets) -> tuple[np.ndarray, list[str]]:
@@ -21,25 +22,25 @@ def unit_columns(model, key: str, targets) -> tuple[np.ndarray, list[str]]:
 def output_columns(model, targets) -> tuple[dict[str, np.ndarray | None], list[str]]:
     """Return the rows of this rank of the columns of C^T, Cv^T and Ca^T, each None where it is zero, and the names of
     the outputs. Collective."""
-    singles = []  # (place or StressOutput, quantity)
-    for target in _declared("outputs", targets, MotionOutput | StressOutput):
-        if isinstance(target, MotionOutput):
-            singles += [(single, target.quantity) for single in _single_targets(model, target.target)]
+    columns, quantities, names = [], [], []
+    for target in _declared("outputs", targets, MotionOutput | StressOutput | CutOutput):
+        quantity = target.quantity if isinstance(target, MotionOutput) else QUANTITIES[0]
+        if isinstance(target, StressOutput):
+            found, called = [np.zeros(model.local_rows)], [target.name]  # all of them together, below
+        elif isinstance(target, CutOutput):
+            found, called = list(cut_columns(model, target).T), target.names
         else:
-            places = [target] if isinstance(target, StressOutput) else _single_targets(model, target)
-            singles += [(single, QUANTITIES[0]) for single in places]
-    names = [item.name if isinstance(item, StressOutput) else quantity_name(quantity, target_name(item))
-             for item, quantity in singles]  # fmt: skip
-    local = np.zeros((model.local_rows, len(singles)))
-    stresses = [j for j, (item, _) in enumerate(singles) if isinstance(item, StressOutput)]
+            singles = _single_targets(model, target.target if isinstance(target, MotionOutput) else target)
+            found = [_column(model, item) for item in singles]
+            called = [quantity_name(quantity, target_name(item)) for item in singles]
+        columns, names, quantities = columns + found, names + called, quantities + [quantity] * len(found)
+    local = np.column_stack(columns)
+    stresses = {j: item for j, name in enumerate(names) if (item := stress_output_of(name))}
     if stresses:
-        local[:, stresses] = stress_columns(model, [singles[j][0] for j in stresses])
-    for j, (item, _) in enumerate(singles):
-        if j not in stresses:
-            local[:, j] = _column(model, item)
+        local[:, list(stresses)] = stress_columns(model, list(stresses.values()))
     parts = {}
     for key, quantity in zip(("C", "Cv", "Ca"), QUANTITIES, strict=True):
-        chosen = np.array([own == quantity for _, own in singles])
+        chosen = np.array([own == quantity for own in quantities])
         parts[key] = local * chosen if chosen.any() else None
     return parts, names
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..linalg.blocks import dense_matrix
 from ..parallel.failures import InputError
+from .cut_outputs import cut_output_of
 from .dofs import DIRECTIONS, OWN, QUANTITIES, SCALAR, Dofs, named_quantity, target_of
 from .second_order_model import SecondOrderModel
 from .stress_outputs import stress_output_of
@@ -122,6 +123,9 @@ def unit_of_response(output: str, given: str) -> str:
     if quantity != QUANTITIES[0]:
         unit, slash, load = unit_of_response(output, given).partition("/")
         return slash and f"{unit}/s{'' if quantity == 'velocity' else '^2'}/{load}"
+    if (cut := cut_output_of(output)) is not None:
+        load = unit_of_response("1:x", given)
+        return load and f"{'N' if cut.component[0] == 'f' else '(N m)'}{load.removeprefix('m')}"
     if stress_output_of(output) is not None:
         load = unit_of_response("1:x", given)
         return load and f"Pa{load.removeprefix('m')}"
@@ -216,4 +220,7 @@ def _columns(model, mat, names, moved, scale, units, derivatives=None):
     np.logical_or.at(translates, rows, of_forces)
     factors = np.where(translates, units.length, 1.0)
     factors[[stress_output_of(name) is not None for name in names]] = units.energy / units.length**3
+    for component, unit in (("f", units.energy / units.length), ("m", units.energy)):
+        cuts = [cut_output_of(name) for name in names]
+        factors[[cut is not None and cut.component[0] == component for cut in cuts]] = unit
     return local / scale[:, None] * factors[rows]

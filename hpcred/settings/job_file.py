@@ -11,6 +11,7 @@ from pydantic import Discriminator, Field, Tag
 
 from ..body.loaded_states import LoadedState
 from ..linalg.solvers.settings import Factoring, LinearSolver
+from ..model.cut_outputs import CutOutput
 from ..model.damping import Damping, NoDamping
 from ..model.dofs import direction_index, target_of
 from ..model.frames import Frame, NoFrame
@@ -46,11 +47,12 @@ def _kind_of_output(table) -> str | None:
     """Return the tag of the kind of output that a table has the keys of."""
     if not isinstance(table, dict):
         return None
-    return "StressOutput" if "stress" in table else "MotionOutput"
+    return "StressOutput" if "stress" in table else "CutOutput" if "cut" in table else "MotionOutput"
 
 
 AnyOutput = Annotated[
-    Annotated[MotionOutput, Tag("MotionOutput")] | Annotated[StressOutput, Tag("StressOutput")],
+    Annotated[MotionOutput, Tag("MotionOutput")] | Annotated[StressOutput, Tag("StressOutput")]
+    | Annotated[CutOutput, Tag("CutOutput")],
     Discriminator(_kind_of_output),
 ]
 OutputTargets = str | tuple[int | str | tuple[int | str, str] | AnyOutput, ...]
@@ -69,14 +71,14 @@ class Job:
 
     `model`: model.h5, or matrix files. `inputs` and `outputs`: a matrix file, or a list of dofs as numbers from 1 or
     [node, direction], and of names of interfaces, for all of their directions; among the outputs also velocities and
-    accelerations, {node = 20, direction = "z", quantity = "acceleration"}, and stresses at
-    nodes, {node = 20, stress = "xx"}; without them those of the model are taken, or all directions of all
-    interfaces. `interface`: see model.interfaces.Interface; its name stands for a
-    node in inputs, outputs and frames. `load`: further inputs, behind `inputs`.
+    accelerations, {node = 20, direction = "z", quantity = "acceleration"}, stresses at nodes, {node = 20, stress =
+    "xx"}, and the forces of a cut, {cut = "TIP", about = [0.1, 0.0, 0.0]}; without them those of the model are taken,
+    or all directions of all interfaces. `interface`: see model.interfaces.Interface; its name stands for a node in
+    inputs, outputs and frames. `load`: further inputs, behind `inputs`.
     `parameter` and `term`: what the matrices depend on, and the matrices that are added to those of the model, each
     times its factor (docs/parameters.md).
-    `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over
-    the band, within the limits `adaptive` (see reduction.tolerance.accuracy.Limits); `measure`, `static`: see
+    `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over the band, within the limits
+    `adaptive` (see reduction.tolerance.accuracy.Limits); `measure`, `static`: see
     reduction.tolerance.accuracy.Adaptive; `unreached`: where it is not reached the model is written under a name that
     says so ("mark"), as `output` ("write"), or not ("refuse").
     `write_basis`: whether V goes into the result; `stress`: whether the stresses of its columns do, at all nodes of
@@ -214,7 +216,7 @@ def _check_targets(key, targets):
     if not targets:
         raise InputError(f"{key}: found an empty list, expected dof numbers or [node, direction]; or leave it out")
     for target in targets:
-        if isinstance(target, MotionOutput | StressOutput):
+        if isinstance(target, MotionOutput | StressOutput | CutOutput):
             continue
         within(key, target[0] if isinstance(target, tuple) else target, LABEL)  # a name of an interface passes
         if isinstance(target, tuple) and target[1] != "all":  # of a node, whose directions the model knows

@@ -10,6 +10,7 @@ import numpy as np
 from ..analysis.frequency_response import response_and_drive
 from ..files.model_file import read_model
 from ..linalg.solvers.settings import PACKAGES, Factoring, LinearSolver
+from ..model.cut_outputs import cut_output_of
 from ..model.damping import Damping, NoDamping
 from ..model.dofs import target_of
 from ..model.motion_outputs import motion_output_of
@@ -103,7 +104,8 @@ def _as_recorded(model, key, names, record, path):
             return model.with_output_columns(None, ())
     if getattr(model, f"{key}_names") == names:
         return model
-    targets = [stress_output_of(name) or motion_output_of(name) or target_of(name) for name in names]
+    kinds = (stress_output_of, motion_output_of, cut_output_of, target_of)
+    targets = [next(filter(None, (kind(name) for kind in kinds)), None) for name in names]
     file = (record.job or {}).get(key + "s")
     if None in targets and not isinstance(file, str):
         with model:

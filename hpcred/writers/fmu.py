@@ -26,6 +26,7 @@ import numpy as np
 
 from ..body.body import check_viscous, instability, maker
 from ..files.outputs import ZIP
+from ..model.cut_outputs import cut_output_of
 from ..model.dofs import DIRECTIONS, QUANTITIES, SCALAR, named_quantity, target_of
 from ..parallel.failures import ComputationError, InputError, printable
 from ..reduction.reduced_model import ReducedModel, require_finite
@@ -46,6 +47,8 @@ UNITS = {
     "m/s": {"m": 1, "s": -1},
     "Pa": {"kg": 1, "m": -1, "s": -2},
     "Pa/s": {"kg": 1, "m": -1, "s": -3},
+    "N/s": {"kg": 1, "m": 1, "s": -3},
+    "N.m/s": {"kg": 1, "m": 2, "s": -3},
     "rad": {"rad": 1},
     "rad/s": {"rad": 1, "s": -1},
     "m/s2": {"m": 1, "s": -2},
@@ -56,6 +59,8 @@ TRANSLATION = (("force", "N"), ("displacement", "m"), ("velocity", "m/s"), ("acc
 ROTATION = (("moment", "N.m"), ("rotation", "rad"), ("angular_velocity", "rad/s"), ("angular_acceleration", "rad/s2"))
 LOAD = (("load", None), ("work", "J"), ("power", "W"))
 STRESS = ((None, None), ("stress", "Pa"), ("stress_rate", "Pa/s"))
+SECTION = {"f": ((None, None), ("section_force", "N"), ("section_force_rate", "N/s")),
+           "m": ((None, None), ("section_moment", "N.m"), ("section_moment_rate", "N.m/s"))}  # fmt: skip
 UNKNOWN = (("input", None), ("output", None), ("output_rate", None))
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "zx")  # of stresses, in their order
 
@@ -269,6 +274,8 @@ def _kind(name, reduced):
     """What a name such as 20:z or bearing:rx is a direction of; a load is none."""
     if reduced.record is not None and name in [item.name for item in reduced.record.loads if item.kind != "given"]:
         return LOAD
+    if cut := cut_output_of(name):
+        return SECTION[cut.component[0]]
     target = target_of(name)
     if target is None and name.rpartition(":")[2] in COMPONENTS:
         return STRESS
