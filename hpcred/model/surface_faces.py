@@ -59,14 +59,20 @@ def surface_faces(comm, elements: dict) -> Faces:
 
 def places_of(model, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Test whether nodes (k,) have a place, and their positions (k, 3) in m. Collective."""
+    node, position = placed_nodes(model)
+    found, columns = look_up(model.comm, node, list(position.T), wanted)
+    return found, np.stack(columns, axis=1)
+
+
+def placed_nodes(model) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nodes (k,) of this rank that have a place, held ones too, and their positions (k, 3) in m."""
     parts = [(model.dofs, model.dofs.direction != SCALAR)]
     if model.held is not None:
         parts.append((model.held, np.ones(len(model.held.node), bool)))
     node = np.concatenate([part.node[there] for part, there in parts]).astype(np.int64)
     position = np.concatenate([part.position[there] for part, there in parts])
     node, first = np.unique(node, return_index=True)
-    found, columns = look_up(model.comm, node, list(position[first].T), wanted)
-    return found, np.stack(columns, axis=1)
+    return node, position[first]
 
 
 @dataclass(frozen=True, eq=False)

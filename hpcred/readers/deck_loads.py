@@ -9,6 +9,7 @@ import numpy as np
 from ..model.elements import FACES, NODES
 from ..model.surface_faces import Faces, faces_of, faces_of_elements
 from ..parallel.lookup import look_up
+from .nodes.table import NodeTable
 
 
 @dataclass
@@ -17,7 +18,7 @@ class DeckLoads:
 
     `nodal`: node numbers (k,) with forces and moments (k, 6), as a list of pairs. `pressed`: faces with a pressure
     (f,), likewise. `acceleration` (3,) of the whole body. `spins`: squares of angular velocities, a point (3,) and a
-    unit vector (3,) of each axis. `remarks`: what to know of them.
+    unit vector (3,) of each axis. `remarks`: what to know of them. `nodes`: those of the file.
     """
 
     nodal: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
@@ -25,6 +26,7 @@ class DeckLoads:
     acceleration: np.ndarray = field(default_factory=lambda: np.zeros(3))
     spins: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
+    nodes: NodeTable | None = None
 
     def at_nodes(self, node, direction, value):
         """Add forces (k,) at nodes (k,) in directions (k,) from 0."""

@@ -12,12 +12,13 @@ from ..model.dofs import require_dofs
 from ..model.face_loads import NodalForces, forces_on_faces
 from ..model.load_columns import added, centrifugal_field, column_of, inertia_force, sums_of_column
 from ..model.loads import DeckLoad, GivenLoad, LoadColumn, Temperature
-from ..model.surface_faces import places_of
+from ..model.surface_faces import placed_nodes, places_of
 from ..model.thermal_loads import thermal_forces
 from ..model.units import SI, Units, units_of
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, require_once
+from . import same_mesh
 from .abaqus import input_file as abaqus_input
 from .abaqus import loads as abaqus_loads
 from .assembly import read_columns
@@ -101,13 +102,14 @@ def _deck(load, comm) -> DeckLoads:
         if getattr(load, wanted) is None:
             raise InputError(f"load '{load.name}': {load.file} is an input file of {of}; expected `{wanted}`")
     if of == "Nastran":
-        return nastran_loads.read_loads(load.file, load.sid, comm)
+        return replace(nastran_loads.read_loads(load.file, load.sid, comm), nodes=same_mesh.read_nodes(load.file, comm))
     return abaqus_loads.read_loads(load.file, load.step, comm)
 
 
 def _placed(model, load, found: DeckLoads, units: Units):
     """Return the column of loads that are in other units than SI, and its LoadColumn. Collective."""
     where, parts = f"load '{load.name}'", []
+    same_mesh.require_places(model.comm, load.file, found.nodes, units, *placed_nodes(model), model.name)
     force, acceleration = units.energy / units.length, units.length / units.time**2
     node = np.concatenate([np.zeros(0, np.int64), *(part for part, _ in found.nodal)])
     value = np.concatenate([np.zeros((0, 6)), *(part for _, part in found.nodal)])

@@ -19,8 +19,10 @@ from ..model.dofs import SCALAR
 from ..model.units import units_of
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
+from ..readers.same_mesh import read_nodes, require_places
 from ..readers.stresses.source import read_answers
 from ..writers.decks.base import SET
+from ..writers.decks.calculix import CalculixDeck
 from ..writers.decks.registry import deck_called
 from .workflow import workflow
 
@@ -54,37 +56,36 @@ def write_deck(result, program: str, original, folder, *, units: str = "SI", com
     Raises
     ------
     InputError
-        For a result without nodes or basis, an unknown program, an original that is no input file of it, and a folder
-        with files in it.
+        For a result without nodes or basis, an unknown program, an original that is no input file of it or has another
+        mesh or other units, and a folder with files in it.
 
     Notes
     -----
     Each column is a step with all displacements prescribed: exact for any element and any basis. `add_stresses` reads
     the answers.
     """
-    length = units_of(units).length
+    system = units_of(units)
     deck, source, folder = deck_called(program), result.path if isinstance(result, Result) else result, Path(folder)
     require_name(source)
     with agreed(comm):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise InputError(f"output {folder}: it exists and is not an empty folder; choose another name")
         count = _check_rows(source)
-        text = _whole_text(Path(original), deck.include) if comm.rank == 0 else ""
-    names = [deck.column % number for number in range(1, count + 1)]
+        names = [deck.column % number for number in range(1, count + 1)]
+        main = _main_text(deck, Path(original), names) if comm.rank == 0 else ""
+    with progress.stage("read", str(original)):
+        nodes = read_nodes(original, comm, calculix=isinstance(deck, CalculixDeck))
+        require_places(comm, original, nodes, system, *_places(source, comm), str(source))
     fresh = folder.with_name(f".{folder.name}-{comm.bcast(os.getpid())}")
     try:
         with agreed(comm), writing_to(folder, fresh):
             if comm.rank == 0:
-                try:
-                    main = deck.main(text, names)
-                except InputError as error:
-                    raise InputError(f"{original}: {error}") from error
                 fresh.mkdir(parents=True)
                 (fresh / deck.job).write_text(main, encoding="latin-1")
         comm.Barrier()
         with agreed(comm), progress.stage("write", str(folder)), writing_to(folder, fresh):
             for number in range(comm.rank, count, comm.size):
-                _write_column(source, number, length, deck, fresh / names[number])
+                _write_column(source, number, system.length, deck, fresh / names[number])
             if deck.supports and comm.rank == comm.size - 1:
                 _write_supports(source, deck, fresh / deck.supports)
         comm.Barrier()
@@ -159,6 +160,30 @@ def _check_rows(source) -> int:
                     "(of expanded shells and beams), which no input file can prescribe"
                 )
         return file["basis/V"].shape[0]
+
+
+def _main_text(deck, original, names) -> str:
+    """Return the text of the main file. Raises InputError."""
+    text = _whole_text(original, deck.include)
+    try:
+        return deck.main(text, names)
+    except InputError as error:
+        raise InputError(f"{original}: {error}") from error
+
+
+def _places(source, comm):
+    """Return nodes (k,) of a result and their positions (k, 3) in m, a share of them on each rank."""
+    parts = []
+    with agreed(comm), reading(source, FORMAT, VERSION, SCHEMA) as file:
+        for group in ("dofs", "held"):
+            if group in file:
+                count = len(file[f"{group}/node"])
+                mine = slice(count * comm.rank // comm.size, count * (comm.rank + 1) // comm.size)
+                node, direction, position = (file[f"{group}/{key}"][mine] for key in ("node", "direction", "position"))
+                parts.append((node[direction < SCALAR], position[direction < SCALAR]))
+    node, position = map(np.concatenate, zip(*parts, strict=True))
+    node, first = np.unique(node.astype(np.int64), return_index=True)
+    return node, position[first]
 
 
 def _whole_text(path, include, depth=0) -> str:

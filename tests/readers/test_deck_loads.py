@@ -137,6 +137,20 @@ def test_decks_in_other_units(comm, folder):
     assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize("of", ["abaqus", "nastran"])
+def test_decks_of_another_mesh_are_refused(comm, folder, of):
+    """And those in other units than the model was converted from: nodes have the right numbers, but lie elsewhere."""
+    if of == "abaqus":
+        load = DeckLoad(name="m", file=write(comm, folder / "m.inp", deck(step("*CLOAD", "1, 1, 2."))), step=1)
+    else:
+        load = DeckLoad(name="m", file=write(comm, folder / "m.bdf", bulk("FORCE,3,1,,2.,1.,0.,0.")), sid=3)
+    points = np.array(GRID)
+    for places in (points / 1000, points + [0.0, 0.0, 1e-3] * (points == [2.0, 1.0, 1.0]).all(axis=1)[:, None]):
+        says = r"m\.\w+: found node \d+ at \(.*\) m .units: SI., expected it at \(.*\) m as in body; .* another mesh"
+        with model_of(comm, points=places) as model, pytest.raises(InputError, match=says):
+            model.with_loads([load])
+
+
 def test_steps_are_told_apart(comm, folder):
     text = deck(step("*CLOAD", "1, 1, 1.") + "\n" + step("*CLOAD, OP=NEW", "1, 2, 7."))
     name = write(comm, folder / "t.inp", text)

@@ -14,7 +14,7 @@ from hpcred import Buckens, Modes
 from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import MPI
 
-DECK = "*NODE\n1,0.,0.,0.\n*INCLUDE, INPUT=mesh.inp\n*STEP\n*FREQUENCY\n3\n*END STEP\n"
+DECK = "*NODE\n1,10.,0.,0.\n*INCLUDE, INPUT=mesh.inp\n*STEP\n*FREQUENCY\n3\n*END STEP\n"
 
 
 def result_of(folder, comm):
@@ -112,7 +112,7 @@ def test_the_input_of_calculix_prescribes_all_displacements(comm, folder):
     assert report["columns"] == 3 and report["run"].startswith("ccx stress")
     if comm.rank == 0:
         text = (folder / "new" / "stress.inp").read_text()
-        assert text.startswith("*NODE\n1,0.,0.,0.\n*ELEMENT, TYPE=C3D8\n*STEP\n*STATIC\n") and "FREQUENCY" not in text
+        assert text.startswith("*NODE\n1,10.,0.,0.\n*ELEMENT, TYPE=C3D8\n*STEP\n*STATIC\n") and "FREQUENCY" not in text
         assert text.count("*STEP") == 3 == text.count("*EL FILE\nS\n")
         with h5py.File(folder / "result.h5") as file:
             node, direction, V = (file[key][...] for key in ("dofs/node", "dofs/direction", "basis/V"))
@@ -124,8 +124,11 @@ def test_the_input_of_calculix_prescribes_all_displacements(comm, folder):
             assert [float(row[3]) for row in rows] == pytest.approx((1e3 * column).tolist(), rel=1e-12)
 
 
-ARCHIVE = "/PREP7\nNBLOCK,6,SOLID\n(3i9,6e21.13e3)\n        1        0        0\nN,R5.3,LOC,       -1,\nFINISH\n"
-BULK = "SOL 103\nCEND\nMPC = 4\nMETHOD = 1\nBEGIN BULK\nGRID,1,,0.,0.,0.\nINCLUDE 'mesh.bdf'\nENDDATA\n"
+ARCHIVE = (
+    "/PREP7\nNBLOCK,6,SOLID\n(3i9,6e21.13e3)\n        1        0        0 1.0000000000000E-002\nN,R5.3,LOC,       -1,\n"
+    "FINISH\n"
+)
+BULK = "SOL 103\nCEND\nMPC = 4\nMETHOD = 1\nBEGIN BULK\nGRID,1,,0.01,0.,0.\nINCLUDE 'mesh.bdf'\nENDDATA\n"
 
 
 @pytest.mark.parametrize("program, text, job", [("ansys", ARCHIVE, "stress.inp"), ("nastran", BULK, "stress.bdf")])
@@ -133,7 +136,7 @@ def test_the_input_of_ansys_and_nastran(tmp_path, program, text, job):
     """The model of the original, a load step or subcase a column, and the displacements of all rows."""
     result_of(tmp_path, MPI.COMM_SELF)
     (tmp_path / "part").write_text(text)
-    (tmp_path / "mesh.bdf").write_text("GRID,2,,1.,0.,0.\n")
+    (tmp_path / "mesh.bdf").write_text("GRID,900002,,1.,0.,0.\n")
     hpcred.write_deck(tmp_path / "result.h5", program, tmp_path / "part", tmp_path / "new")
     main = (tmp_path / "new" / job).read_text()
     with h5py.File(tmp_path / "result.h5") as file:
@@ -180,6 +183,7 @@ def test_answers_that_do_not_fit_are_refused(tmp_path, change, says):
     ("ansys", DECK, "new", "found no nodes .NBLOCK., expected an archive of ANSYS"),
     ("nastran", DECK, "new", "found no GRID in the bulk data"),
     ("calculix", "GRID,1,,0.,0.,0.\n", "new", "deck.inp: found no keyword .NODE"),
+    ("calculix", DECK, "new", r"deck.inp: found node 1 at \(10, 0, 0\) m .units: SI., expected it at \(0.01, 0, 0\)"),
     ("calculix", DECK, ".", "it exists and is not an empty folder"),
 ])  # fmt: skip
 def test_decks_that_cannot_be_written_are_refused(tmp_path, program, deck, target, says):

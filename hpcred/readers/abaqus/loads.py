@@ -128,7 +128,7 @@ class _Reading:
     """Reads sections of loads of a mesh into `found`. Its methods are collective."""
 
     def __init__(self, path, comm, mesh):
-        self.path, self.comm, self.mesh, self.found = path, comm, mesh, DeckLoads()
+        self.path, self.comm, self.mesh, self.found = path, comm, mesh, DeckLoads(nodes=mesh.nodes)
         groups = {key for part in mesh.keys.values() for key in np.unique(part // GROUP).tolist()}
         self.one_group = len(set().union(*comm.allgather(groups))) <= 1
         self.numbers = {kind: part % GROUP for kind, part in mesh.keys.items()}
