@@ -1,9 +1,9 @@
 from .analysis.bores import Bore as Bore
 from .analysis.bores import find_bores as find_bores
-from .analysis.campbell import Campbell as Campbell
-from .analysis.campbell import CriticalSpeed as CriticalSpeed
-from .analysis.campbell import FullPoles as FullPoles
 from .analysis.campbell import campbell as campbell
+from .analysis.campbell_diagram import Campbell as Campbell
+from .analysis.campbell_diagram import CriticalSpeed as CriticalSpeed
+from .analysis.campbell_diagram import FullPoles as FullPoles
 from .analysis.check import check as check
 from .analysis.damped_modes import DampedModes as DampedModes
 from .analysis.damped_modes import damped_modes as damped_modes

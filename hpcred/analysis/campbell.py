@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,125 +14,13 @@ from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 from ..parallel.ranges import ANYTHING, within
-from .pole_tracking import PoleTracker, growth_of
+from .campbell_diagram import SPEEDS, Campbell, CriticalSpeed
+from .pole_tracking import PoleTracker, damping_ratios, growth_of
 from .whirl import in_words, orbits
 
 POINTS = 41  # values over a range
 MODES = 12  # drawn where no highest frequency is given
-SPEEDS = {"rad/s": 1.0, "1/s": 1.0, "rpm": np.pi / 30, "1/min": np.pi / 30, "Hz": 2 * np.pi}  # in rad/s
 EXACT = 1e-10  # of the range: how well limits and critical speeds are found
-
-
-@dataclass(frozen=True, kw_only=True)
-class CriticalSpeed:
-    """Where a mode has a multiple of the speed as its frequency.
-
-    Attributes
-    ----------
-    order : float
-        The multiple.
-    mode : int
-        Column of the diagram, from 0.
-    value : float
-        The speed in the unit of the parameter.
-    frequency : float
-        Hz.
-    damping_ratio : float
-    whirl : str
-        forward, backward, none or unknown.
-    """
-
-    order: float
-    mode: int
-    value: float
-    frequency: float
-    damping_ratio: float
-    whirl: str
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FullPoles:
-    """Poles (k,) in rad/s of a full model at a value, of imaginary parts of at least 0, with the largest relative
-    residual of the eigenproblem."""
-
-    value: float
-    poles: np.ndarray
-    residual: float
-
-    @property
-    def frequencies(self) -> np.ndarray:
-        """Damped frequencies in Hz, (k,)."""
-        return self.poles.imag / (2 * np.pi)
-
-    @property
-    def damping_ratios(self) -> np.ndarray:
-        """Damping ratios, (k,); negative ones grow."""
-        return damping_ratios(self.poles)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Campbell:
-    """Poles of a reduced model over a parameter; see `campbell`.
-
-    Attributes
-    ----------
-    parameter, unit : str
-    values : ndarray, shape (V,)
-        Those asked for, and those between where the poles need smaller steps.
-    poles : ndarray, complex, shape (V, k)
-        rad/s, a column a mode, with imaginary parts of at least 0; NaN where a mode is not: a vibration that is damped
-        over-critically has two real poles, of which one begins a column.
-    orbits : ndarray, shape (V, k)
-        How round the orbits of the nodes are: 1 for circles with the rotation, -1 for those against it, 0 for lines;
-        NaN where this is not known.
-    highest : float
-        Hz, up to which modes are shown.
-    orders : tuple of float
-        Multiples of the speed that critical speeds belong to.
-    stability_limit : float or None
-        The first value where a real part gets positive; None where the model is stable over the whole range.
-    unstable_frequency : float or None
-        Of that pole in Hz.
-    critical_speeds : tuple of CriticalSpeed
-        By order and speed.
-    full : tuple of FullPoles
-        Of the full model at some values.
-    warnings : tuple of str
-    """
-
-    parameter: str
-    unit: str
-    values: np.ndarray
-    poles: np.ndarray
-    orbits: np.ndarray
-    highest: float
-    orders: tuple[float, ...] = ()
-    stability_limit: float | None = None
-    unstable_frequency: float | None = None
-    critical_speeds: tuple[CriticalSpeed, ...] = ()
-    full: tuple[FullPoles, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def frequencies(self) -> np.ndarray:
-        """Damped frequencies in Hz, (V, k)."""
-        return self.poles.imag / (2 * np.pi)
-
-    @property
-    def damping_ratios(self) -> np.ndarray:
-        """Damping ratios, (V, k); negative ones grow."""
-        return damping_ratios(self.poles)
-
-    @property
-    def speeds(self) -> np.ndarray | None:
-        """The values in rad/s, (V,), or None where the parameter is no speed."""
-        factor = SPEEDS.get(self.unit)
-        return None if factor is None else factor * self.values
-
-    @property
-    def whirl(self) -> list[list[str]]:
-        """forward, backward, none or unknown, (V, k)."""
-        return [[in_words(orbit) for orbit in row] for row in self.orbits]
 
 
 @spelled
@@ -338,9 +225,3 @@ def _crossing(tracker, before, after, place, factor):
 
     width = after.value - before.value
     return at(brentq(difference, before.value, after.value, xtol=EXACT * width, rtol=1e-12))
-
-
-def damping_ratios(poles) -> np.ndarray:
-    """Return -Re / |s| of poles s; 0 for s = 0."""
-    size = np.abs(poles)
-    return np.where(size > 0, -np.real(poles) / np.where(size > 0, size, 1.0), 0.0) + 0 * size

@@ -182,3 +182,9 @@ def _continued(after: Poles, before: Poles, places) -> Poles:
         states[:, group], shapes[:, group] = states[:, group] @ turn, shapes[:, group] @ turn
         single[group] = before.single[origin]
     return replace(after, shapes=shapes, states=states, single=single)
+
+
+def damping_ratios(poles) -> np.ndarray:
+    """Return -Re / |s| of poles s; 0 for s = 0."""
+    size = np.abs(poles)
+    return np.where(size > 0, -np.real(poles) / np.where(size > 0, size, 1.0), 0.0) + 0 * size

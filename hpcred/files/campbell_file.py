@@ -18,7 +18,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from ..analysis.campbell import Campbell, CriticalSpeed, FullPoles
+from ..analysis.campbell_diagram import Campbell, CriticalSpeed, FullPoles
 from ..parallel.failures import agreed
 from .checked import Array
 from .hdf5 import atomic_output, reading, texts, writing

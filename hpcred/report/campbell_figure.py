@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..analysis.campbell import SPEEDS, Campbell
+from ..analysis.campbell_diagram import SPEEDS, Campbell
 from ..analysis.whirl import in_words
 from .figures import COLOURS, INK, add_grid, legend_beside, pyplot, save_as
 

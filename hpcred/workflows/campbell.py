@@ -7,7 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ..analysis.campbell import POINTS, Campbell, campbell
+from ..analysis.campbell import POINTS, campbell
+from ..analysis.campbell_diagram import Campbell
 from ..analysis.whirl import in_words
 from ..body.preload import Preload, reduced_at
 from ..files.campbell_file import kind_of_campbell, write_campbell
