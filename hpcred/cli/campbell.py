@@ -11,7 +11,7 @@ import hpcred
 from ..parallel.failures import InputError
 from ..report.tables import show_table
 from . import session, values
-from .options import JsonFile
+from .options import JsonFile, LowRank, OutOfCore, Package
 
 
 def campbell(
@@ -26,6 +26,13 @@ def campbell(
     axis: Annotated[str, typer.Option(help="Of the rotation: x, y, z or three numbers.")] = "z",
     orders: Annotated[str, typer.Option(metavar="K1,K2,...", help="Multiples of the speed.")] = "1",
     highest: Annotated[float | None, typer.Option(metavar="HZ", help="Frequency up to which modes are shown.")] = None,
+    full: Annotated[
+        str | None, typer.Option(metavar="JOB.toml", help="Solve the model of this job at some of the values.")
+    ] = None,
+    solves: Annotated[int, typer.Option(help="Number of these values.")] = 5,
+    out_of_core: OutOfCore = None,
+    low_rank: LowRank = None,
+    package: Package = None,
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="A .csv or HDF5 file.")] = None,
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png, .svg or .pdf.")] = None,
     json: JsonFile = None,
@@ -37,17 +44,32 @@ def campbell(
     report = hpcred.campbell_file(
         result, over, range=limits or None, points=points, at=values.parameters(at, "--at"),
         nodes=values.labels(nodes), axis=axis if axis in "xyz" else values.numbers(axis, "--axis"),
-        orders=values.numbers(orders, "--orders"), highest=highest, output=output, figure=figure,
+        orders=values.numbers(orders, "--orders"), highest=highest, full=full, solves=solves,
+        factoring=values.factoring(out_of_core, low_rank, package), output=output, figure=figure,
         progress=session.progress(),
     )  # fmt: skip
     unit = f" ({report['unit']})" * bool(report["unit"])
     show_table(f"{result} over {over}{unit}", report["modes"])
     rows = [_critical(item, report) for item in report["critical_speeds"]]
     show_table("Critical speeds: a mode has a multiple of the speed", rows)
+    if report["full"]:
+        _show_full(report)
     session.verdict(report["sentence"], report["stability_limit"] is None)
     session.written(output, figure)
     session.warn(report["warnings"])
     session.write_json(json, report)
+
+
+def _show_full(report):
+    """Print how near the poles of the full model are, value by value."""
+    rows = []
+    for value in dict.fromkeys(row["value"] for row in report["full"]):
+        there = [row for row in report["full"] if row["value"] == value]
+        worst = max(there, key=lambda row: row["distance"])
+        rows.append({report["parameter"]: value, "modes": len(there), "largest distance": worst["distance"],
+                     "at (Hz)": worst["frequency"]})  # fmt: skip
+    show_table("Full model: relative distance of its poles from the nearest of the reduced model", rows)
+    print(f"largest relative residual of the full eigenproblems {report['residual']:.1e}")
 
 
 def _critical(item, report):

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from ..analysis.campbell import POINTS, campbell
-from ..analysis.campbell_diagram import Campbell
+from ..analysis.campbell_diagram import FULL_POINTS, Campbell
 from ..analysis.whirl import in_words
 from ..body.preload import Preload, reduced_at
 from ..files.campbell_file import kind_of_campbell, write_campbell
@@ -17,7 +17,9 @@ from ..files.outputs import check_outputs
 from ..files.response_file import check_response_name
 from ..files.result_file import Result, read_result
 from ..files.room import rescued
+from ..linalg.solvers.settings import Factoring
 from ..model.parameters import Parameter
+from ..model.parametric_model import ParametricModel
 from ..model.rotation import unit_axis
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
@@ -25,6 +27,9 @@ from ..parallel.progress import Progress
 from ..reduction.record import versions
 from ..report.campbell_figure import campbell_figure
 from ..report.figures import kind_of_figure
+from ..settings.job_file import read_job
+from .full_model import start_for
+from .model_of_job import model_of_job
 from .pair_figures import check_figure
 from .workflow import workflow
 
@@ -32,24 +37,27 @@ from .workflow import workflow
 @workflow
 def campbell_file(
     result, over: str = "omega", *, values=(), range=None, points: int = POINTS, at=None, nodes=None, axis="z",
-    orders=(1.0,), highest: float | None = None, output=None, figure=None, comm=None, progress: Progress | None = None,
+    orders=(1.0,), highest: float | None = None, full=None, solves: int = FULL_POINTS,
+    factoring: Factoring | None = None, output=None, figure=None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Return the Campbell diagram of result.h5 over a parameter. Collective.
 
     `values` of the parameter, or else `points` of them over a `range` (low, high), by default its own. A result without
     parameters that has geometric stiffness goes over the speed omega of a rotation about the `axis`, whose centrifugal
     forces stiffen it. `at`: values of the other parameters. `nodes`: whose orbits tell the direction of whirl, by
-    number or name, by default those of the inputs and outputs. `axis`, `orders`, `highest`: see campbell. `output`: a
-    .csv or HDF5 file, see write_campbell; `figure`: a .png, .svg or .pdf. Returns plain numbers for a table or JSON.
-    Raises InputError.
+    number or name, by default those of the inputs and outputs. `axis`, `orders`, `highest`: see campbell. `full`: the
+    job.toml of the reduction, whose model is then solved at `solves` of the values. `output`: a .csv or HDF5 file, see
+    write_campbell; `figure`: a .png, .svg or .pdf. Returns plain numbers for a table or JSON. Raises InputError.
     """
     found = read_result(result, comm)
     if output is not None:
         check_response_name(output)
-        check_outputs({output: kind_of_campbell(output, over)}, comm, [result], progress=progress)
-    check_figure(figure, comm, [result], progress)
+        check_outputs({output: kind_of_campbell(output, over)}, comm, [result, full], progress=progress)
+    check_figure(figure, comm, [result, full], progress)
     if points < 2:
         raise InputError(f"points: found {points}, expected at least 2")
+    if solves < 1:
+        raise InputError(f"solves: found {solves}, expected at least 1")
     model = parametric_of(found, over, axis)
     if not len(values):
         range = range or _range_of(model, over)
@@ -58,6 +66,8 @@ def campbell_file(
         shapes = found.nodes if nodes is None else found.body(nodes).nodes
     with progress.stage("poles"):
         diagram = campbell(model, over, values, at=at, nodes=shapes, axis=axis, orders=orders, highest=highest)
+    if full is not None:
+        diagram = _with_full(diagram, full, found, at, solves, factoring, comm, progress)
     if not model.parameters:
         told = "the body is stiffened by its centrifugal forces; Coriolis forces are left out"
         diagram = replace(diagram, warnings=(*diagram.warnings, told))
@@ -72,6 +82,27 @@ def campbell_file(
                     campbell_figure(temporary, diagram, str(result), kind=kind_of_figure(figure))
             report["figure"] = str(figure)
     return report | {"timing": asdict(progress.timing())}
+
+
+def _with_full(diagram, full, result, at, solves, factoring, comm, progress):
+    """Return the diagram with poles of the model of a job file. Collective."""
+    record = result.reduced.record
+    if not getattr(result.reduced, "parameters", ()) or record is None:
+        raise InputError(f"full: {result.path} was not reduced from a model with parameters")
+    places = np.linspace(0, len(diagram.values) - 1, solves).round().astype(int)
+    start_for((), factoring or Factoring())
+    with progress.stage("read", str(full)):
+        model = model_of_job(read_job(full), comm)
+    with model:
+        if not isinstance(model, ParametricModel) or model.size != record.size:
+            raise InputError(
+                f"{full}: found a model of {model.size} dofs"
+                f"{'' if isinstance(model, ParametricModel) else ' without parameters'}, and {result.path} was reduced "
+                f"from one with parameters and {record.size} dofs; take the job of that"
+            )
+        return diagram.with_full(
+            model, diagram.values[places], record.frame, record.damping, at=at, factoring=factoring, progress=progress
+        )
 
 
 def parametric_of(result: Result, over: str, axis):
@@ -113,6 +144,8 @@ def _report(found: Campbell) -> dict:
         "orbits": found.orbits.tolist(),
         "modes": rows_of_modes(found),
         "critical_speeds": [asdict(item) | {"mode": item.mode + 1} for item in found.critical_speeds],
+        "full": found.full_rows,
+        "residual": max((item.residual for item in found.full), default=None),
         "stability_limit": found.stability_limit,
         "unstable_frequency_hz": found.unstable_frequency,
         "sentence": in_a_sentence(found),

@@ -4,6 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers import to_dense
+from rotor import HELD, RANGE, overhung_rotor
 
 import hpcred
 from hpcred.analysis.pole_tracking import PoleTracker
@@ -221,3 +223,24 @@ def test_structural_damping_is_refused():
     model = SimpleNamespace(at=lambda omega: SimpleNamespace(loss_factor=0.02))
     with pytest.raises(hpcred.InputError, match="structural damping .loss factor 0.02. has no poles"):
         hpcred.campbell(model, values=[0, 1])
+
+
+@pytest.mark.mpi(ranks=(1, 2))
+def test_a_full_rotor_beside(comm):
+    """The lowest modes of an overhung rotor with gyroscopic moments, against all its modes in numpy."""
+    with overhung_rotor(comm) as rotor:
+        K, M, D, G = (to_dense(mat)[6:, 6:] for mat in (rotor.model.K, rotor.model.M, rotor.model.D,
+                                                        rotor.terms[0].matrix))  # fmt: skip
+        end = np.eye(len(K))[-6:-3]
+        found = hpcred.campbell(Family(lambda omega: (M, D + omega * G, K)), values=np.linspace(*RANGE, 9), axis="x",
+                                nodes=[SimpleNamespace(phi=end)], highest=400.0)  # fmt: skip
+        beside = found.with_full(rotor, frame=HELD)
+    assert [item.value for item in beside.full] == [0.0, 1000.0, 2000.0, 3000.0, 4000.0]
+    assert max(item.residual for item in beside.full) < 1e-8 and not beside.warnings
+    rows = beside.full_rows
+    assert len(rows) >= 5 * 4 and max(row["distance"] for row in rows) < 1e-7
+    assert max(row["frequency"] for row in rows) <= 400.0
+    whirl = np.array(found.whirl)[-1]
+    assert list(whirl[:2]) in (["backward", "forward"], ["forward", "backward"])
+    forward = found.frequencies[:, list(whirl).index("forward")]
+    assert (np.diff(forward) > 0).all()

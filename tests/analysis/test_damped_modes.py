@@ -4,8 +4,11 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+import scipy.io
+import scipy.linalg
 import scipy.sparse
 from helpers import damped, gather
+from shared_data import shared
 
 import hpcred
 from hpcred.parallel.petsc import is_complex
@@ -67,6 +70,20 @@ def test_a_frame_and_rayleigh_damping():
             omega = 2 * np.pi * undamped.frequencies
             assert np.abs(found.poles) == pytest.approx(omega, rel=1e-7)
             assert found.damping_ratios == pytest.approx(1.0 / omega + 5e-6 * omega, rel=1e-6)
+
+
+def test_the_shaft_of_the_nlevp_collection():
+    """A rotor on bearings with one damper, whose M is singular (NLEVP "shaft"), against the pencil in SciPy."""
+    mats = scipy.io.loadmat(shared("real/shaft.mat"))
+    M, D, K = (mats[key].toarray() for key in "MDK")
+    size = len(M)
+    A = np.block([[np.zeros((size, size)), np.eye(size)], [-K, -D]])
+    poles = scipy.linalg.eigvals(A, np.block([[np.eye(size), np.zeros((size, size))], [np.zeros((size, size)), M]]))
+    poles = poles[np.isfinite(poles) & (poles.imag >= 0)]
+    model = hpcred.SecondOrderModel.from_scipy(K, M, D)
+    with model, closing(hpcred.damped_modes(model, 8)) as found:
+        assert found.poles == pytest.approx(nearest(poles, 0.0, 8), rel=1e-6)
+        assert found.residuals.max() < 1e-6
 
 
 @pytest.mark.parametrize(
