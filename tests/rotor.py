@@ -20,7 +20,10 @@ def overhung_rotor(comm, elements=4, damping=2e-6):
         M[end + 3 :, end + 3 :] += np.diag([POLAR, TRANSVERSE, TRANSVERSE])
         gyroscopic = np.zeros_like(K)
         gyroscopic[end + 4, end + 5], gyroscopic[end + 5, end + 4] = POLAR, -POLAR
-        rotor = hpcred.SecondOrderModel.from_scipy(K, M, damping * K, comm, dofs=rod.dofs, name="rotor")
+        nodes = np.linspace([0, 0, 0], [0.4, 0, 0], elements + 1)
+        place = np.arange(len(K))
+        dofs = hpcred.Dofs(place // 6 + 1, (place % 6).astype(np.int8), nodes[place // 6])
+        rotor = hpcred.SecondOrderModel.from_scipy(K, M, damping * K, comm, dofs=dofs, name="rotor")
         with rotor, rotor.with_inputs([(elements + 1, "y"), (elements + 1, "z")]) as model:
             omega = hpcred.Parameter("omega", RANGE, reference=0.0, unit="rad/s")
             return hpcred.ParametricModel(model, [omega], [hpcred.Term("D", gyroscopic, "omega")])
