@@ -72,12 +72,13 @@ def columns_record(matrix, squeeze=None):
 
 def write_full(
     path, matrices, nodes, dofs=("UX", "UY", "UZ"), held=(), slaves=(), kinds=None, squeeze=None,
-    squeeze_columns=None, diagonal=(), hole=0, **header,
+    squeeze_columns=None, diagonal=(), hole=0, loads=None, prescribed=0.0, constant=0.0, scaling=None, **header,
 ):  # fmt: skip
     """Write K, M and perhaps D (n, n); `nodes`: number and how many of the dofs each has, in the order of the rows.
 
     `held`, `slaves`: rows (from 0). `diagonal`: matrices written as one record. `hole`: words that are left out in
-    front of the matrices. `header`: items of the header by number, in place of what is right.
+    front of the matrices. `loads`, `scaling`: numbers of all rows; `prescribed`, `constant`: displacements of held
+    dofs, and terms of constraint equations. `header`: items of the header by number, in place of what is right.
     """
     size = len(matrices["K"])
     kinds = kinds if kinds is not None else [k + 1 for _, count in nodes for k in range(count)]
@@ -101,10 +102,13 @@ def write_full(
 
     if slaves:
         rows = np.array(slaves) + 1
-        add(30, 31, record(rows), record(np.zeros(len(rows))))
+        add(30, 31, record(rows), record(np.full(len(rows), constant)))
         item[20] = len(rows)
     tables = [record(item, squeeze) for item in (table[1], kind, number)]
-    add(35, 36, *tables, record(np.zeros(len(held) or 1)))
+    add(35, 36, *tables, record(np.full(len(held) or 1, prescribed)))
+    for (low, high), numbers in (((37, 38), loads), ((59, 60), scaling)):
+        if numbers is not None:
+            add(low, high, record(np.asarray(numbers)))
     for key, (low, high), (terms_low, terms_high) in (
         ("K", (18, 19), (8, 9)), ("M", (26, 27), (33, 21)), ("D", (28, 29), (34, 39))
     ):  # fmt: skip

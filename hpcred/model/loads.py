@@ -228,7 +228,8 @@ class DeckLoad:
     name : str
         Name of the input.
     file : str
-        An input file of Abaqus or CalculiX, or of Nastran, in the units in which the model was converted.
+        An input file of Abaqus or CalculiX, or of Nastran, or a .full file of a static analysis of ANSYS with its load
+        vector, in the units in which the model was converted.
     step : int, optional
         Number of the *Step, from 1, of an Abaqus or CalculiX file.
     sid : int, optional
@@ -237,7 +238,7 @@ class DeckLoad:
     Raises
     ------
     InputError
-        For names that are no words, and unless one of step and sid is given.
+        For names that are no words, and if both step and sid are given.
     """
 
     name: str
@@ -248,7 +249,7 @@ class DeckLoad:
 
     def __post_init__(self):
         _checked(self)
-        if (self.step is None) == (self.sid is None):
+        if self.step is not None and self.sid is not None:
             raise InputError(
                 f"load '{self.name}': expected `step` (of an input file of Abaqus or CalculiX) or `sid` (of Nastran)"
             )

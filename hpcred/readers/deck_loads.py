@@ -18,7 +18,8 @@ class DeckLoads:
 
     `nodal`: node numbers (k,) with forces and moments (k, 6), as a list of pairs. `pressed`: faces with a pressure
     (f,), likewise. `acceleration` (3,) of the whole body. `spins`: squares of angular velocities, a point (3,) and a
-    unit vector (3,) of each axis. `remarks`: what to know of them. `nodes`: those of the file.
+    unit vector (3,) of each axis. `remarks`: what to know of them. `nodes`: those of the file. `unknown`: labels of
+    dofs whose load is not in the file.
     """
 
     nodal: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
@@ -27,6 +28,7 @@ class DeckLoads:
     spins: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     nodes: NodeTable | None = None
+    unknown: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def at_nodes(self, node, direction, value):
         """Add forces (k,) at nodes (k,) in directions (k,) from 0."""

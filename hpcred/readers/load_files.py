@@ -21,8 +21,11 @@ from ..parallel.lookup import look_up, require_once
 from . import same_mesh
 from .abaqus import input_file as abaqus_input
 from .abaqus import loads as abaqus_loads
+from .ansys import full_loads
+from .ansys import records as ansys_records
 from .assembly import read_columns
 from .deck_loads import DeckLoads
+from .entries import label_name, label_of, node_and_direction
 from .nastran import bulk
 from .nastran import loads as nastran_loads
 from .unread import refuse_unread
@@ -94,14 +97,21 @@ def _deck(load, comm) -> DeckLoads:
     """Return the loads of an input file."""
     with agreed(comm):
         start = first_bytes(load.file)
-        of = "Nastran" if bulk.begins(start) else "Abaqus or CalculiX" if abaqus_input.begins(start) else None
+        known = ((bulk.begins, "an input file of Nastran", "sid"),
+                 (ansys_records.begins, "a .full file of ANSYS", None),
+                 (abaqus_input.begins, "an input file of Abaqus or CalculiX", "step"))  # fmt: skip
+        of, wanted = next(((of, wanted) for begins, of, wanted in known if begins(start)), (None, None))
         if of is None:
             refuse_unread(load.file)
-            raise InputError(f"{load.file}: found no input file of Abaqus, CalculiX or Nastran, whose loads are wanted")
-        wanted = "sid" if of == "Nastran" else "step"
-        if getattr(load, wanted) is None:
-            raise InputError(f"load '{load.name}': {load.file} is an input file of {of}; expected `{wanted}`")
-    if of == "Nastran":
+            raise InputError(f"{load.file}: found no input file of Abaqus, CalculiX or Nastran, and no .full file of "
+                             "ANSYS, whose loads are wanted")  # fmt: skip
+        given = next((key for key in ("step", "sid") if getattr(load, key) is not None), None)
+        if given != wanted:
+            raise InputError(f"load '{load.name}': {load.file} is {of}; expected "
+                             f"{f'`{wanted}`' if wanted else 'neither `step` nor `sid`'}")  # fmt: skip
+    if wanted is None:
+        return full_loads.read_loads(load.file, comm)
+    if wanted == "sid":
         return replace(nastran_loads.read_loads(load.file, load.sid, comm), nodes=same_mesh.read_nodes(load.file, comm))
     return abaqus_loads.read_loads(load.file, load.step, comm)
 
@@ -114,6 +124,7 @@ def _placed(model, load, found: DeckLoads, units: Units):
     node = np.concatenate([np.zeros(0, np.int64), *(part for part, _ in found.nodal)])
     value = np.concatenate([np.zeros((0, 6)), *(part for _, part in found.nodal)])
     value = value * np.repeat([force, units.energy], 3)
+    _require_known(model, load, found.unknown, where)
     there, position = places_of(model, node)
     with agreed(model.comm):
         if not there.all():
@@ -132,3 +143,17 @@ def _placed(model, load, found: DeckLoads, units: Units):
         parts.append((turning, replace(sums, spins=True)))
     column, sums = added(load.name, "deck", parts)
     return column, replace(sums, remark="; ".join([*found.remarks, *([sums.remark] if sums.remark else [])]))
+
+
+def _require_known(model, load, unknown, where):
+    """Raise InputError where a dof of the model, that it does not hold, is one whose load the file does not have."""
+    node, _ = node_and_direction(unknown)
+    there, _ = places_of(model, node)
+    held = label_of(model.held.node, model.held.direction) if model.held is not None else np.zeros(0, np.int64)
+    alike, _ = look_up(model.comm, held, [], unknown)
+    lost = unknown[there & ~alike]
+    with agreed(model.comm):
+        if len(lost):
+            raise InputError(f"{where}: {label_name(lost[0])} is held, or follows others, in {load.file}, so that its "
+                             f"load is not there, but it moves in {model.name}; take files with the same supports, "
+                             "constraint equations and couplings")  # fmt: skip

@@ -1,6 +1,7 @@
 """Good files enter; copies with damage leave, each with a note of what was done."""
 
 import re
+import struct
 
 import numpy as np
 
@@ -89,6 +90,22 @@ def _one_damage(text, rng):
            b"1 1 1 1 1\n", b"$ remark\n", b"*REMARK\n", b"\x1a", lines[-1]][int(rng.integers(11))]  # fmt: skip
     lines.insert(int(rng.choice([row, len(lines)])), new)
     return f"add {new!r}", b"".join(lines)
+
+
+def damaged_bytes(good, rng):
+    """A copy with a bit flipped, a byte put, bytes left out or put in, or the end cut off."""
+    at, kind = int(rng.integers(len(good))), str(rng.choice(["bit", "bit", "bit", "word", "drop", "insert", "cut"]))
+    if kind == "bit":
+        return f"bit at {at}", good[:at] + bytes([good[at] ^ 1 << int(rng.integers(8))]) + good[at + 1 :]
+    at -= at % 4
+    if kind == "word":
+        new = struct.pack("<i", int(rng.choice([0, 1, -1, 2, 8, 20, 2**31 - 1, -(2**31)])))
+        return f"word at {at}", good[:at] + new + good[at + 4 :]
+    if kind == "drop":
+        return f"drop at {at}", good[:at] + good[at + 4 * int(rng.integers(1, 4)) :]
+    if kind == "insert":
+        return f"insert at {at}", good[:at] + bytes(4) + good[at:]
+    return f"cut at {at}", good[:at]
 
 
 def words_changed(good, words, rng, count):

@@ -12,7 +12,7 @@ from hpcred import InputError
 from hpcred.parallel.petsc import MPI
 from hpcred.readers.stresses.source import read_answers
 
-from .mutations import damaged_text
+from .mutations import damaged_bytes, damaged_text
 from .readings import Nonsense, lines_of, real, require, whole
 
 HALF = 3**0.5
@@ -147,22 +147,6 @@ ELEMENTS = {7: {grid: np.arange(6.0) - grid for grid in NODES[7]},
             9: {grid: np.arange(6.0) + grid for grid in NODES[3]}}  # fmt: skip
 OP2 = op2([("OUGV1", displaced(1, MOVED) + displaced(2, MOVED)),
            ("OES1X1", stressed(1, ELEMENTS) + stressed(2, ELEMENTS))])  # fmt: skip
-
-
-def damaged_bytes(good, rng):
-    """A copy with a bit flipped, a byte put, bytes left out or put in, or the end cut off."""
-    at, kind = int(rng.integers(len(good))), str(rng.choice(["bit", "bit", "bit", "word", "drop", "insert", "cut"]))
-    if kind == "bit":
-        return f"bit at {at}", good[:at] + bytes([good[at] ^ 1 << int(rng.integers(8))]) + good[at + 1 :]
-    at -= at % 4
-    if kind == "word":
-        new = struct.pack("<i", int(rng.choice([0, 1, -1, 2, 8, 20, 2**31 - 1, -(2**31)])))
-        return f"word at {at}", good[:at] + new + good[at + 4 :]
-    if kind == "drop":
-        return f"drop at {at}", good[:at] + good[at + 4 * int(rng.integers(1, 4)) :]
-    if kind == "insert":
-        return f"insert at {at}", good[:at] + bytes(4) + good[at:]
-    return f"cut at {at}", good[:at]
 
 
 FORMATS = {"dat": (DAT, damaged_text, second_of_dat), "op2": (OP2, damaged_bytes, second_of_op2)}

@@ -5,13 +5,16 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from ansys_files import write_full, write_rst
 
 from hpcred import InputError
 from hpcred.parallel.petsc import MPI
 from hpcred.readers.abaqus import loads as abaqus
+from hpcred.readers.ansys import full_loads
+from hpcred.readers.entries import node_and_direction
 from hpcred.readers.nastran import loads as nastran
 
-from .mutations import damaged_text
+from .mutations import damaged_bytes, damaged_text
 from .readings import Nonsense, real, require
 
 POINTS = [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
@@ -179,4 +182,60 @@ def test_damaged_sets_of_nastran(tmp_path, seed):
             continue
         read += 1
         assert same(found, expected), (note, damaged)
+    assert read > 3
+
+
+def second_of_full(data):
+    """Forces by node and direction from 0 of a load vector, and the dofs without one, of a file with dofs x, y, z."""
+    words = np.frombuffer(data, "<i4", len(data) // 4)
+
+    def record(at):
+        length, flags = int(words[at]), int(words[at + 1]) & 0xFFFFFFFF
+        require(length >= 0 and flags in (0, 1 << 31) and words[at + 2 + length] == length)
+        part = words[at + 2 : at + 2 + length]
+        return (part if flags else part.view("<f8")), at + length + 3
+
+    header, at = record(103)
+    require(header[0] == -4 and header[4] == 0 and header[20] == 0 and not header[24] and not header[13])
+    kinds, at = record(at)
+    nodes, _ = record(at)
+    counts, at = record(int(header[35]))
+    kind, at = record(at)
+    _, at = record(at)
+    prescribed, _ = record(at)
+    loads, _ = record(int(header[37]))
+    require(len(nodes) == header[6] and sum(counts) == len(kind) == len(loads) == header[1] and not prescribed.any())
+    forces, without = Counter(), set()
+    for node, k, value in zip(np.repeat(nodes, counts).tolist(), kind.tolist(), loads.tolist(), strict=True):
+        direction = int(kinds[abs(k) - 1]) - 1
+        if k < 0:
+            without.add((node, direction))
+        elif value:
+            forces[node, direction] = value
+    return forces, without
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_damaged_load_vectors_of_ansys(tmp_path, seed):
+    """Bits, words and lengths of a small file; what is read is what a second reading finds there."""
+    rng, path, read = np.random.default_rng(seed), tmp_path / "a.full", 0
+    write_full(path, {"K": np.eye(6)}, [(7, 3), (2, 3)], held=[1], item4=0, loads=np.arange(6.0))
+    write_rst(tmp_path / "a.rst", np.array([[k, *range(k, k + 3), 0, 0, 0.0] for k in (2, 7)]))
+    good = path.read_bytes()
+    used = 4 * int(np.frombuffer(good, "<i4")[105 + 18])  # behind it lies K, which is not read
+    for _ in range(150):
+        note, damaged = damaged_bytes(good[:used], rng)
+        path.write_bytes(damaged + good[used:])
+        try:
+            found = full_loads.read_loads(path, MPI.COMM_SELF)
+        except InputError:
+            continue
+        read += 1
+        try:
+            forces, without = second_of_full(damaged + good[used:])
+        except (Nonsense, ValueError, IndexError) as error:
+            raise AssertionError(f"{note}: accepted, though {error!r}") from error
+        assert meaning(found)[0] == forces, note
+        labels = zip(*(part.tolist() for part in node_and_direction(found.unknown)), strict=True)
+        assert set(labels) == without, note
     assert read > 3

@@ -273,10 +273,12 @@ def test_refused_sets_of_nastran(comm, folder, cards, sid, says):
 def test_other_files_are_refused(comm, folder):
     name = write(comm, folder / "x.txt", "1, 2, 3\n")
     with model_of(comm) as model:
-        with pytest.raises(InputError, match="found no input file of Abaqus, CalculiX or Nastran, whose loads are"):
+        with pytest.raises(InputError, match="found no input file of Abaqus, CalculiX or Nastran, and no .full"):
             model.with_loads([DeckLoad(name="n", file=name, step=1)])
         name = write(comm, folder / "n.bdf", bulk())
         with pytest.raises(InputError, match="n.bdf is an input file of Nastran; expected `sid`"):
             model.with_loads([DeckLoad(name="n", file=name, step=1)])
+        with pytest.raises(InputError, match="n.bdf is an input file of Nastran; expected `sid`"):
+            model.with_loads([DeckLoad(name="n", file=name)])
     with pytest.raises(InputError, match="load 'n': expected `step` .* or `sid`"):
-        DeckLoad(name="n", file="a.inp")
+        DeckLoad(name="n", file="a.inp", step=1, sid=2)

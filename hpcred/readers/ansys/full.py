@@ -24,13 +24,14 @@ from .records import BLOCKS, INTEGER, RecordFile, Squeezed, columns, squeezed_co
 FILE = 4  # the number of .full files
 KINDS = {"K": "stiffness", "M": "mass", "D": "damping"}
 STANDARD_END = ansys_records.STANDARD + 3  # where the header of the kind begins
-MODAL = 2
+STATIC, MODAL = 0, 2
 ANALYSES = {0: "static", 1: "buckling", 2: "modal", 3: "harmonic", 4: "transient", 7: "substructure", 8: "spectrum"}
 NAMES = {
     7: "AX", 8: "AY", 9: "AZ", 10: "VX", 11: "VY", 12: "VZ", 13: "WARP", 19: "PRES", 20: "TEMP", 21: "VOLT", 22: "MAG",
     23: "ENKE", 24: "ENDS", 25: "EMF", 26: "CURR",
 }  # fmt: skip
 MODAL_LINES = "run ANTYPE,MODAL with WRFULL,1"
+STATIC_LINES = "run ANTYPE,STATIC with WRFULL,1 and EQSLV,SPARSE"
 
 
 @dataclass
@@ -46,6 +47,7 @@ class Header:
     equations_of_constraint: int
     constraints: int
     matrices: dict[str, tuple[int, int]]  # place and number of entries
+    loads: tuple[int, int, int]  # places of the real and imaginary load vector, and of factors of the rows
     place: int  # of the records below the header
     whole: tuple[int, int] | None  # equations and nodes of all parts, if this is one
 
@@ -83,7 +85,7 @@ def read_parts(path, comm):
 def _files(path):
     """Return the file, or the parts of its distributed run, with headers; and the name of the whole."""
     file = RecordFile(path, FILE)
-    files = [(file, _header(file))]
+    files = [(file, header_of(file))]
     if files[0][1].whole is None:
         return files, file.path
     number = r"(0|[1-9]\d{0,5})"
@@ -103,7 +105,7 @@ def _files(path):
             "into one folder, or join them by COMBINE,FULL in /AUX2"
         )
     files = [RecordFile(beside[k], FILE) for k in sorted(beside)]
-    files = [(item, _header(item)) for item in files]
+    files = [(item, header_of(item)) for item in files]
     for item, header in files:
         if header.whole != files[0][1].whole or set(header.matrices) != set(files[0][1].matrices):
             raise InputError(
@@ -115,7 +117,7 @@ def _files(path):
 
 def _read(comm, file, header):
     """Return matrices, labels and numbers of rows, labels of removed ones, and how many dofs follow others."""
-    label, held, slaves = _rows(comm, file, header)
+    label, held, slaves = rows_of(comm, file, header)
     removed = np.union1d(held, slaves)
     matrices = {}
     for key, (place, terms) in header.matrices.items():
@@ -172,7 +174,8 @@ def _require_places(comm, path, found, label):
             )
 
 
-def _header(file):
+def header_of(file: RecordFile, analysis=MODAL) -> Header:
+    """Return the header of a file of a modal analysis with K and M, or of a static one. Raises InputError."""
     length, _ = file.frame(STANDARD_END)
     item, place = file.integers(STANDARD_END, length, "the header")
     if len(item) < 40:
@@ -199,11 +202,12 @@ def _header(file):
             f"{file.path}: found the part of one process of a distributed run with constraint equations between parts "
             "(or no word on them), expected none; join the parts by COMBINE,FULL in /AUX2, or run on one process (-smp)"
         )
-    if kan != MODAL:
+    lines = MODAL_LINES if analysis == MODAL else STATIC_LINES
+    if kan != analysis:
         what = f"a {ANALYSES.get(kan, f'kind {kan} of')} analysis"
         if kan == 1:
             what = "a buckling analysis, whose second matrix is stress stiffening and no mass"
-        raise InputError(f"{file.path}: found {what}, expected those of a modal analysis; {MODAL_LINES}")
+        raise InputError(f"{file.path}: found {what}, expected those of a {ANALYSES[analysis]} analysis; {lines}")
     if item[13]:
         raise InputError(
             f"{file.path}: found unsymmetric matrices, expected symmetric ones; use the symmetric solver "
@@ -211,13 +215,14 @@ def _header(file):
         )
     places = {"K": wide(18, 19), "M": wide(26, 27), "D": wide(28, 29)}
     terms = {"K": wide(8, 9) or int(item[12]), "M": wide(33, 21), "D": wide(34, 39)}
-    for key in "KM":
+    for key in "KM" if analysis == MODAL else "K":
         if not places[key]:
-            raise InputError(f"{file.path}: found no {KINDS[key]} matrix, expected one; {MODAL_LINES}")
+            raise InputError(f"{file.path}: found no {KINDS[key]} matrix, expected one; {lines}")
     matrices = {key: (places[key], terms[key]) for key in "KMD" if places[key]}
     header = Header(
         equations=int(item[1]), active=int(item[2]), nodes=int(item[6]), directions=int(item[7]), unequal=int(item[32]),
         dofs=wide(35, 36), equations_of_constraint=int(item[20]), constraints=wide(30, 31), matrices=matrices,
+        loads=(wide(37, 38), wide(24, 25), wide(59, 60) if len(item) > 60 else 0),
         place=place, whole=(int(item[61]), int(item[65])) if is_part else None,
     )  # fmt: skip
     if not 0 < header.active <= header.equations or not 0 < header.directions <= 32 or header.nodes < 1:
@@ -230,7 +235,7 @@ def _header(file):
     return header
 
 
-def _rows(comm, file, header):
+def rows_of(comm, file: RecordFile, header: Header) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return labels of the rows of this rank, and all rows (from 0) that are held, and that follow others."""
     with agreed(comm):
         kinds, after = file.integers(header.place, header.directions, "the list of dofs")
