@@ -147,7 +147,8 @@ class ReducedModel:
         format : str, optional
             One of those of `hpcred export --format`.
         **more
-            `nodes`, `units`, `modes`, `options` of export_result.
+            `nodes`, `units`, `modes`, `options`, `preload` of export_result; `stress` (stress_modes) and
+            `geometric_stiffness` of write_result.
 
         Returns
         -------

@@ -12,7 +12,7 @@ from pathlib import Path, PurePath
 
 from ..files import outputs
 from ..files.hdf5 import atomic_output, require_name
-from ..files.result_file import Result, read_result, write_result
+from ..files.result_file import LARGE, Result, read_result, write_result
 from ..files.temporary import folder_of_all
 from ..files.text import absent
 from ..model.units import SI, units_of
@@ -107,11 +107,14 @@ def export_result(
 
 @spelled
 def export_reduced(
-    reduced, path, format=None, *, nodes=None, units: str = "SI", modes=None, options=None, progress=None
-) -> dict:
+    reduced, path, format=None, *, nodes=None, units: str = "SI", modes=None, options=None, preload=None, stress=None,
+    geometric_stiffness=None, progress=None,
+) -> dict:  # fmt: skip
     """Write a ReducedModel, with the model that it was made from, for another program: see export_result.
 
-    Collective. Raises InputError; one that was read from a file is exported by `export_result`.
+    `stress`: StressModes of its basis, see stress_modes. `geometric_stiffness`: a GeometricStiffness of its basis,
+    whose origin the body frame then has. Collective. Raises InputError; one that was read from a file is exported by
+    `export_result`.
     """
     declared("reduced", reduced, ReducedModel)
     if reduced.model is None:
@@ -119,11 +122,14 @@ def export_reduced(
                          "closed; export the file by hpcred.export_result")  # fmt: skip
     with folder_of_all(reduced.model.comm) as folder:
         result = folder / f"{Path(path).stem or 'result'}.h5"
-        write_result(result, reduced, reduced.model)
+        origin = (0.0, 0.0, 0.0) if geometric_stiffness is None else geometric_stiffness.origin
+        write_result(
+            result, reduced, reduced.model, origin=origin, geometric_stiffness=geometric_stiffness, stress=stress
+        )
         try:
             return export_result(
-                result, format, path, nodes=nodes, units=units, modes=modes, options=options, comm=reduced.model.comm,
-                progress=progress,
+                result, format, path, nodes=nodes, units=units, modes=modes, options=options, preload=preload,
+                comm=reduced.model.comm, progress=progress,
             )
         except InputError as error:  # names a file that the caller has never seen
             raise InputError(str(error).replace(str(result), reduced.model.name)) from error
@@ -205,6 +211,11 @@ def _write(writer, source, target) -> dict:
         remarks = list(writer.write(target, source))
     if needs == "shapes":
         return {"shapes": remarks}
+    if writer.stress and source.result.stress_nodes and source.body.stress is None:
+        remarks.append(
+            f"the stresses of {source.result.stress_nodes} nodes are left out, more than {LARGE // 3}: keep those of "
+            "some in result.h5, stress = [...] in the job"
+        )
     if needs == "body" and source.units != SI:
         remarks.append(f"in {source.units.name}; frequencies in Hz")
     if needs == "reduced":

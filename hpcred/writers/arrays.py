@@ -4,8 +4,9 @@ M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, loss_factor (eta of s
 (1 + i eta) K in frequency responses), input_names, output_names; resultants (p, 6), force and moment of each input
 about the origin of the body frame, which move it; the quantities of FloatingFrame by their names there;
 nodes (k), positions (k, 3) in the body frame, phi and psi (k, 3, m); where the result has stress modes, stress
-(m, s, 6) of xx, yy, zz, xy, yz, zx by coordinate, and stress_nodes (s). SI units. Nothing that affects numbers is
-missing. Lists of names are cell arrays in a .mat.
+(m, s, 6) of xx, yy, zz, xy, yz, zx by coordinate, and stress_nodes (s); where it has geometric stiffness,
+geometric_stiffness (g, m, m) by unit states of load, and geometric_states (g), their names. SI units. Nothing that
+affects numbers is missing. Lists of names are cell arrays in a .mat.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ def arrays_of(body: Body) -> dict:
     arrays |= body.floating_frame.arrays()
     if body.stress is not None:
         arrays |= {"stress": body.stress.stress, "stress_nodes": body.stress.node.astype(float)}
+    if (stiffness := body.geometric_stiffness) is not None:
+        arrays |= {"geometric_stiffness": stiffness.matrices, "geometric_states": np.array(stiffness.states)}
     return arrays | {
         "nodes": np.array([shape.node for shape in body.nodes], dtype=float),
         "positions": np.array([s.position - body.floating_frame.origin for s in body.nodes]).reshape(-1, 3),

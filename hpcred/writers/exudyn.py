@@ -76,7 +76,7 @@ def _notes(body):
     if body.surface is None:
         notes.append("no surface is drawn: the result has no faces, no basis, or too many dofs")
     if body.stress is None:
-        notes.append("no stresses: the result has no stress modes, or too many dofs")
+        notes.append("no stresses: the result has no stress modes, or those of too many nodes")
     return notes
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import scipy.io
 from fmpy.validation import validate_fmu
-from helpers import refused
+from helpers import block_with_ends, refused
 
 import hpcred
 from hpcred import Buckens, Krylov, Modes
@@ -14,6 +14,7 @@ from hpcred.cli.main import run
 from hpcred.files import result_file
 from hpcred.model.interfaces import Interface, Nodes
 from hpcred.parallel.failures import InputError
+from hpcred.workflows import export
 from hpcred.workflows.export import export_result
 
 ORDER = ("xx", "yy", "zz", "xy", "yz", "zx")
@@ -59,12 +60,41 @@ def test_arrays_have_stress_modes_and_their_nodes(made, tmp_path):
 
 
 def test_stresses_of_large_models_are_left_out(made, tmp_path, monkeypatch):
-    """They would be on one rank."""
-    monkeypatch.setattr(result_file, "LARGE", 100)
-    file = np.load(export_result(made / "rod.h5", "npz", tmp_path / "a.npz")["output"])
-    assert "stress" not in file
+    """They would be on one rank. Those of some nodes are there, however large the model is."""
+    count = hpcred.read_result(made / "rod.h5").stress_nodes
+    for module in (result_file, export):
+        monkeypatch.setattr(module, "LARGE", 100)
+    report = export_result(made / "rod.h5", "npz", tmp_path / "a.npz")
+    told = f"the stresses of {count} nodes are left out, more than 33: keep those of some in result.h5, stress = [...]"
+    assert "stress" not in np.load(report["output"]) and any(item.startswith(told) for item in report["remarks"])
     report = export_result(made / "rod.h5", "exudyn", tmp_path / "e.npz")
-    assert "no stresses: the result has no stress modes, or too many dofs" in report["remarks"]
+    assert "no stresses: the result has no stress modes, or those of too many nodes" in report["remarks"]
+    for module in (result_file, export):
+        monkeypatch.setattr(module, "LARGE", 3 * count)  # nodes, of more dofs
+    assert "stress" in np.load(export_result(made / "rod.h5", "npz", tmp_path / "b.npz")["output"])
+
+
+@pytest.mark.mpi
+def test_reduced_models_in_python_take_stresses_and_geometric_stiffness(comm, folder):
+    clamp, preload = hpcred.Tangent("left"), hpcred.Preload(acceleration=(9e3, 0.0, 0.0))
+    with block_with_ends(comm, "rigid") as model:
+        rom = hpcred.reduce(model, [Modes(count=4)], clamp)
+        stress = hpcred.stress_modes(model, rom.columns)
+        geometric = hpcred.geometric_stiffness(model, rom.columns, clamp, origin=(0.01, 0.0, 0.0))
+        rom.export(folder / "a.npz", stress=stress, geometric_stiffness=geometric, units="mm,t,s")
+        rom.export(folder / "p.npz", geometric_stiffness=geometric, preload=preload)
+    every = np.concatenate(comm.allgather(stress.stress), axis=1)
+    if comm.rank == 0:
+        file = np.load(folder / "a.npz")
+        size = 1e3 / np.sqrt(1e3)  # of a coordinate, mm t^1/2 a m kg^1/2
+        assert file["stress"] == pytest.approx(every / size / 1e6, rel=1e-9)
+        assert file["geometric_states"].tolist() == list(geometric.states)
+        place = geometric.states.index("ax")  # N/m by m/s^2 is 1e-3 N/mm by 1e3 mm/s^2
+        change = np.load(folder / "p.npz")["K"] - rom.K
+        assert change == pytest.approx(9e3 * geometric.matrices[place], abs=1e-9 * np.abs(rom.K).max())
+        share = file["geometric_stiffness"][place] / (geometric.matrices[place] / 1e3)
+        assert share == pytest.approx(file["K"][0, 0] / rom.K[0, 0])
+    comm.Barrier()
 
 
 def test_exudyn_shows_the_stresses_of_its_mesh_nodes(made):
