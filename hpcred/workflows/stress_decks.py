@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
 from ..readers.same_mesh import read_nodes, require_places
 from ..readers.stresses.source import read_answers
-from ..writers.decks.base import SET
+from ..writers.decks.base import OWN_SET, SET
 from ..writers.decks.calculix import CalculixDeck
 from ..writers.decks.registry import deck_called
 from .workflow import workflow
@@ -84,8 +85,7 @@ def write_deck(result, program: str, original, folder, *, units: str = "SI", com
                 (fresh / deck.job).write_text(main, encoding="latin-1")
         comm.Barrier()
         with agreed(comm), progress.stage("write", str(folder)), writing_to(folder, fresh):
-            for number in range(comm.rank, count, comm.size):
-                _write_column(source, number, system.length, deck, fresh / names[number])
+            _write_columns(source, range(comm.rank, count, comm.size), system.length, deck, fresh)
             if deck.supports and comm.rank == comm.size - 1:
                 _write_supports(source, deck, fresh / deck.supports)
         comm.Barrier()
@@ -201,17 +201,19 @@ def _whole_text(path, include, depth=0) -> str:
     return include.sub(included, text)
 
 
-def _write_column(source, number, length, deck, path):
-    """Write the lines of one column, displacements in a unit of length (m) and rotations."""
-    with reading(source, FORMAT, VERSION, SCHEMA) as file, open(path, "w", encoding="ascii") as lines:
+def _write_columns(source, numbers, length, deck, folder):
+    """Write the files of columns of these numbers, from 0: displacements in a unit of length (m), and rotations.
+
+    The text of a piece but for the values is made once for all columns, and filled by one format operation.
+    """
+    with reading(source, FORMAT, VERSION, SCHEMA) as file:
         for part, placed, node, direction in _rows(file, "dofs"):
-            values = file["basis/V"][number, part][placed]
-            values[direction < 3] /= length
-            words = [deck.directions[item] for item in direction.tolist()]
-            lines.writelines(
-                deck.line.format(node=label, direction=word, value=value, set=SET + number + 1)
-                for label, word, value in zip(node.tolist(), words, values.tolist(), strict=True)
-            )
+            text = deck.line * len(node) % _paired(node.tolist(), _words(deck, direction))
+            for number in numbers:
+                values = file["basis/V"][number, part][placed]
+                values[direction < 3] /= length
+                with open(folder / (deck.column % (number + 1)), "a", encoding="ascii") as lines:
+                    lines.write(text.replace(OWN_SET, f"{SET + number + 1:16d}") % tuple(values.tolist()))
 
 
 def _write_supports(source, deck, path):
@@ -219,10 +221,17 @@ def _write_supports(source, deck, path):
     with reading(source, FORMAT, VERSION, SCHEMA) as file, open(path, "w", encoding="ascii") as lines:
         for group in ("dofs", "held"):
             for *_, node, direction in _rows(file, group) if group in file else ():
-                lines.writelines(
-                    deck.support.format(node=label, direction=deck.directions[item])
-                    for label, item in zip(node.tolist(), direction.tolist(), strict=True)
-                )
+                lines.write(deck.support * len(node) % _paired(_words(deck, direction), node.tolist()))
+
+
+def _paired(first, second) -> tuple:
+    """Return items of two lists in turns."""
+    return tuple(chain.from_iterable(zip(first, second, strict=True)))
+
+
+def _words(deck, direction) -> list:
+    """Return what a program calls directions (k,)."""
+    return np.array(deck.directions)[direction].tolist()
 
 
 def _rows(file, group):

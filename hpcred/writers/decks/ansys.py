@@ -30,7 +30,7 @@ OUTRES,STRS,LAST
 class AnsysDeck(Deck):
     """An archive (CDWRITE) as it is, and load steps behind it; nodes are turned to global axes, which the basis has."""
 
-    job, column, line = "stress.inp", "column_%04d.inp", "D,{node},{direction},{value:.12e}\n"
+    job, column, line = "stress.inp", "column_%04d.inp", "D,%d,%s,%%.12e\n"
     directions = ("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ")
     run = "stress.inp in ANSYS; the answers are in file.rst"
 

@@ -10,6 +10,7 @@ import re
 from abc import ABC, abstractmethod
 
 SET = 90_000_000  # numbers of sets of loads and supports, above those of users
+OWN_SET = "{set}"  # where a line has the number of the set of its column
 
 
 class Deck(ABC):
@@ -20,11 +21,12 @@ class Deck(ABC):
     job, column : str
         Names of the main file, and of the file of a column with `%d` for its number from 1.
     line : str
-        Text of a line of the file of a column, with {node}, {direction}, {value}, and {set}: SET and its number.
+        Text of a line of the file of a column, a format of node and direction that gives one of the value; OWN_SET
+        stands for 16 digits, SET and the number of the column.
     directions : tuple
         What the program calls x, y, z, rx, ry, rz in such a line.
     supports, support : str
-        Name of a file of all dofs, held ones too, and the text of its lines; "" for none.
+        Name of a file of all dofs, held ones too, and the format of its lines, of direction and node; "" for none.
     include : re.Pattern or None
         How a line includes another file, whose name is its first group.
     run : str

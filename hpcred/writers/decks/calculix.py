@@ -15,9 +15,9 @@ ALL = f"ALL{SET}"
 class CalculixDeck(Deck):
     """Steps behind the model of an input file of CalculiX; numbers have at most 20 characters, which it reads."""
 
-    job, column, line = "stress.inp", "column_%04d.inc", "{node},{direction},{direction},{value:.12e}\n"
+    job, column, line = "stress.inp", "column_%04d.inc", "%d,%s,%%.12e\n"
     include = re.compile(r"(?im)^\*INCLUDE[ \t]*,[ \t]*INPUT[ \t]*=[ \t]*([^\n,]+?)[ \t]*$\n?")
-    directions = tuple(range(1, 7))
+    directions = tuple(f"{number},{number}" for number in range(1, 7))
     run, sets, asked = "ccx stress; the answers are in stress.frd", "", "*NODE FILE\nU\n*EL FILE\nS\n"
 
     def main(self, original, columns):

@@ -6,7 +6,7 @@ They follow the Quick Reference Guide (SOL 101, SPC1, SPCD) and were not run in 
 import re
 
 from ...parallel.failures import InputError
-from .base import SET, Deck
+from .base import OWN_SET, SET, Deck
 
 BEGIN = re.compile(r"(?im)^[ \t]*BEGIN[ \t]+BULK\b.*$")
 END = re.compile(r"(?im)^[ \t]*ENDDATA\b")
@@ -21,8 +21,8 @@ class NastranDeck(Deck):
     """
 
     job, column, supports = "stress.bdf", "column_%04d.bdf", "supports.bdf"
-    line = "SPCD*   {set:16d}{node:16d}{direction:16d}{value:16.9E}\n*\n"
-    support, directions = f"SPC1,{SET},{{direction}},{{node}}\n", tuple(range(1, 7))
+    line = f"SPCD*   {OWN_SET}%16d%16d%%16.9E\n*\n"
+    support, directions = f"SPC1,{SET},%d,%d\n", tuple(range(1, 7))
     include = re.compile(r"(?im)^[ \t]*INCLUDE[ \t]+'([^'\n]+)'[ \t]*$\n?")
     run = "stress.bdf in Nastran; the answers are in its punch file (.pch)"
 
