@@ -18,7 +18,17 @@ def independent_loads(run):
     """Return L, the independent columns of [B, C^T] as a block, and the inputs and outputs in terms of them.
     Collective. Raises InputError where inputs or outputs have no part in the elastic motion."""
     model = run.model
-    both = [from_dense(mat) for mat in (model.B, model.Ct) if mat is not None]
+    blocks = [from_dense(mat) for mat in (model.B, model.Ct) if mat is not None]
+    L, (Lb, *Lc) = independent_columns(model, run.rigid, blocks)
+    for columns_of, what in ((Lb, "input loads"), ((Lc or [Lb])[0], "output measures")):
+        if not columns_of.any():
+            raise InputError(f"{model.name}: no {what} the elastic dofs of the model; the response is zero")
+    return L, InputsOutputs(Lb, Lc[0] if Lc else Lb, model.derivatives)
+
+
+def independent_columns(model, rigid, both):
+    """Return the independent columns of blocks as one, equilibrated for rigid-body modes (or None), and each block in
+    terms of them. Collective."""
     widths = [block.getActiveColumns()[1] for block in both]
     L = create_block(model.K, sum(widths))
     with local_rows(L) as target:
@@ -26,8 +36,8 @@ def independent_loads(run):
             with local_rows(block) as source:
                 target[:, place : place + source.shape[1]] = source
     before = np.sqrt(np.diag(inner(L, L)))
-    if run.rigid is not None:
-        run.rigid.equilibrate(L)
+    if rigid is not None:
+        rigid.equilibrate(L)
     kept, factor = decided(model.comm, _independent_columns, inner(L, L), before)
     turn = np.eye(sum(widths))[:, kept]
     others = np.setdiff1d(np.arange(sum(widths)), kept)
@@ -40,17 +50,14 @@ def independent_loads(run):
         turn = np.hstack([turn, rest_of[:, more]])
         factor = np.vstack([factor, np.zeros((len(more), sum(widths)))])
         factor[len(kept) :, others] = part
-    for columns_of, what in ((factor[:, : widths[0]], "input loads"), (factor[:, -widths[-1] :], "output measures")):
-        if not columns_of.any():
-            raise InputError(f"{model.name}: no {what} the elastic dofs of the model; the response is zero")
+    if not turn.shape[1]:
+        return L, np.split(factor, np.cumsum(widths)[:-1], axis=1)
     multiply(L, turn)
     L.setActiveColumns(0, turn.shape[1])
     # loads of about one size, by powers of 2, which change no digit: what is parallel does not depend on units
     size = decided(model.comm, lambda gram: 2.0 ** np.round(np.log2(np.sqrt(np.diag(gram)))), inner(L, L))
     multiply(L, np.diag(1 / size))
-    factor = size[:, None] * factor
-    Lb = factor[:, : widths[0]]
-    return L, InputsOutputs(Lb, Lb if model.Ct is None else factor[:, widths[0] :], model.derivatives)
+    return L, np.split(size[:, None] * factor, np.cumsum(widths)[:-1], axis=1)
 
 
 def _independent_columns(gram, before):

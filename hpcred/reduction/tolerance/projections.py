@@ -13,6 +13,18 @@ from .pseudo_modal import Proportional, PseudoModal, diagonalised
 HELD_BACK = 3  # columns at least that an estimate sees the model from
 
 
+def extended(small, mat, new, columns, symmetric=True) -> np.ndarray:
+    """Return V^T A V (m, m) of `columns` V, of which the last are the block `new`, from that of the others, `small`.
+    Collective."""
+    start = len(small)
+    right = project(mat, new, columns)
+    if symmetric or not start:
+        left = right[:start].T
+    else:
+        left = project(mat, columns.between(0, start), new)
+    return np.block([[small, right[:start]], [left, right[start:]]])
+
+
 class Projections:
     """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
 
@@ -78,18 +90,9 @@ class Projections:
         with self.run.progress.stage("project"):
             new = copy_of(self.basis.columns_between(start, stop), model.K)
             self.L = np.vstack([self.L, inner(new, self.loads)])
-            right = project(model.K, new, self.basis.columns)
-            self.K = np.block([[self.K, right[:start]], [right[:start].T, right[start:]]])
+            self.K = extended(self.K, model.K, new, self.basis.columns)
             if self.D is not None:
-                right = project(model.D, new, self.basis.columns)
-                left = right[:start].T if model.symmetric else self._transposed(new, start)
-                self.D = np.block([[self.D, right[:start]], [left, right[start:]]])
-
-    def _transposed(self, new, start):
-        """W^T D V (new, start) of the columns before."""
-        if not start:
-            return np.zeros((new.getActiveColumns()[1], 0))
-        return project(self.run.model.D, self.basis.columns_between(0, start), new)
+                self.D = extended(self.D, model.D, new, self.basis.columns, model.symmetric)
 
     def model(self, columns=None) -> PseudoModal:
         """Return the model of `columns` (places) of the basis, by default of all; local."""

@@ -6,9 +6,21 @@ Martinsson & Tropp, SIAM Review 53(2), 2011, for the random directions and the p
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from ...linalg.blocks import add_product, copy_of, create_block, inner, local_rows, multiply, times
+from ...linalg.blocks import (
+    Block,
+    add_product,
+    copy_of,
+    create_block,
+    dense,
+    inner,
+    local_rows,
+    multiply,
+    times,
+)
 from ...linalg.csr import diagonal_of
 from ...parallel.decisions import decided
 from ...parallel.petsc import PETSc
@@ -19,43 +31,93 @@ RESIDUALS = 40  # frequencies at which residuals are taken
 WEAKEST = 1e-14  # of the largest eigenvalue of a Gram matrix: below it is round-off
 
 
+class ResidualSpace(NamedTuple):
+    """What residuals L c_L - A_1 V c_1 - A_2 V c_2 - ... are made of; methods are collective.
+
+    `model`: whose rows blocks have, equilibrated for the rigid-body modes `rigid` (or None); `loads` L; `columns` V;
+    `matrices` A_k with whether each is symmetric; `scale`: of the rows of this rank; `restore`: T of a frame, where V
+    stands for T V and A_k has the rows of that, else None.
+    """
+
+    model: object
+    rigid: object
+    loads: Block
+    columns: Block
+    matrices: list[tuple[PETSc.Mat, bool]]
+    scale: np.ndarray
+    restore: PETSc.Mat | None = None
+
+    def combined(self, factors):
+        """Return L c_L - A_1 V c_1 - ... for the factors c, equilibrated, with scaled rows, as a block."""
+        block = create_block(self.model.K, factors[0].shape[1])
+        add_product(block, self.loads, factors[0], beta=0.0)
+        for (mat, _), factor in zip(self.matrices, factors[1:], strict=True):
+            part = create_block(self.model.K, factor.shape[1])
+            add_product(part, self.columns, factor, beta=0.0)
+            add_product(block, self._times(mat, part), np.eye(factor.shape[1]), alpha=-1.0)
+        if self.rigid is not None:
+            self.rigid.equilibrate(block)
+        with local_rows(block) as rows:
+            rows *= self.scale[:, None]
+        return block
+
+    def products_with(self, block):
+        """L^T S Y and V^T A_k^T S Y of a block Y, with S the scaling of the rows."""
+        scaled = copy_of(block, self.model.K)
+        with local_rows(scaled) as rows:
+            rows *= self.scale[:, None]
+        found = [inner(self.loads, scaled)]
+        for mat, symmetric in self.matrices:
+            product = self._times(mat if symmetric else mat.transpose(PETSc.Mat()), scaled)
+            found.append(inner(self.columns, product))
+        return found
+
+    def _times(self, mat, block):
+        if self.restore is None:
+            return times(mat, block)
+        product = times(mat, times(self.restore, block))
+        result = create_block(self.model.K, product.getActiveColumns()[1])
+        with dense(product) as source, dense(result) as target:
+            self.restore.transposeMatMult(source).copy(target)
+        return result
+
+    def leading(self, samples, width):
+        """Return the `width` leading directions of residuals, as a block (n, width): randomised, with one power step.
+
+        `samples` of the residuals: take(2 width) gives factors of as many random combinations, power(products) those of
+        R R^T Y and directions(products, width) the turn of Y to the leading ones, all the same on all ranks.
+        """
+        comm = self.model.comm
+        block = self.combined(samples.take(2 * width))
+        _orthonormalise(block, comm)
+        block = self.combined(samples.power(self.products_with(block)))
+        _orthonormalise(block, comm)
+        turn = samples.directions(self.products_with(block), width)
+        multiply(block, turn)
+        block.setActiveColumns(0, turn.shape[1])
+        with local_rows(block) as rows:
+            rows /= self.scale[:, None]
+        return block
+
+
 def residual_block(projections, settings, f, width):
     """Return the `width` leading directions of the residuals over the band and at f (Hz), each over the scale of its
-    input or output (see the module measure), as a block (n, width): randomised, with one power step. Collective.
+    input or output (see the module measure), as a block (n, width). Collective.
 
     `projections`: of the basis that leaves the residuals; `settings` of the search, with its band and measure.
     """
-    comm = projections.run.model.comm
-    matrices, scale = _matrices(projections), _row_scale(projections.run.model)
-    samples, S = _Samples(), np.unique([*np.linspace(*settings.band, RESIDUALS), f])
-
-    def combine(factors):
-        """Return orthonormal directions of the rows of the residuals times a factor, scaled."""
-        block = _combined(projections, matrices, factors, scale)
-        _orthonormalise(block, comm)
-        return block
-
-    def products_with(block):
-        return _products_with(block, projections, matrices, scale)
-
-    block = combine(decided(comm, samples.take, projections, settings, S, 2 * width))
-    block = combine(decided(comm, samples.power, products_with(block)))
-    turn = decided(comm, samples.directions, products_with(block), width)
-    multiply(block, turn)
-    block.setActiveColumns(0, turn.shape[1])
-    with local_rows(block) as rows:
-        rows /= scale[:, None]
-    return block
+    S = np.unique([*np.linspace(*settings.band, RESIDUALS), f])
+    return _space(projections).leading(_Samples(projections, settings, S), width)
 
 
 def largest_residual(projections, frequencies, damped=True) -> float:
     """Return the largest ||R(s)|| / ||L|| of an input or output at frequencies (Hz), rows scaled by diag(K)^(-1/2).
     Collective."""
     model = projections.run.model
-    matrices, scale = _matrices(projections)[: None if damped else 2], _row_scale(model)
-    factors = decided(model.comm, _residual_coefficients, projections, None, np.array(frequencies), damped)
-    whole = _combined(projections, [], factors[:1], scale)
-    rest = _combined(projections, matrices, factors, scale)
+    space = _space(projections, damped)
+    factors = decided(model.comm, _coefficients, projections, None, np.array(frequencies), damped)
+    whole = space._replace(matrices=[]).combined(factors[:1])
+    rest = space.combined(factors)
     # real and imaginary parts are columns of their own
     rest, whole = (np.hypot(*np.split(np.sqrt(np.diag(inner(block, block))), 2)) for block in (rest, whole))
     return float(decided(model.comm, lambda: np.divide(rest, whole, out=np.zeros_like(rest), where=whole > 0).max()))
@@ -64,75 +126,63 @@ def largest_residual(projections, frequencies, damped=True) -> float:
 class _Samples:
     """Residuals R as the coefficients c of L c_L - M V c_M - K V c_K - ..., which the rank that decides has alone."""
 
-    def take(self, projections, settings, S, count):
+    def __init__(self, projections, settings, S):
+        self._projections, self._known = projections, (projections, settings, S)
+
+    def take(self, count):
         """Return coefficients of `count` random combinations of the residuals at S (Hz)."""
-        self._factors = _residual_coefficients(projections, settings, S)
-        random = np.random.default_rng(projections.basis.size)
-        return self._times(random.standard_normal((self._factors[0].shape[1], count)))
+        return self._decided(self._taken, count)
 
     def power(self, products):
         """Return coefficients of R R^T Y from L^T Y and V^T A^T Y."""
-        return self._times(self._transposed_times(products))
+        return self._decided(lambda: self._times(transposed_times(self._factors, products)))
 
     def directions(self, products, width):
         """Return the leading left singular vectors of Y^T R."""
-        left = np.linalg.svd(self._transposed_times(products).T, full_matrices=False)[0]
-        return left[:, :width]
+        return self._decided(lambda: self._leading(transposed_times(self._factors, products).T, width))
+
+    def _decided(self, function, *arguments):
+        return decided(self._projections.run.model.comm, function, *arguments)
+
+    def _taken(self, count):
+        self._factors = _coefficients(*self._known)
+        random = np.random.default_rng(self._projections.basis.size)
+        return self._times(random.standard_normal((self._factors[0].shape[1], count)))
+
+    def _leading(self, products, width):
+        return np.linalg.svd(products, full_matrices=False)[0][:, :width]
 
     def _times(self, factor):
         return [part @ factor for part in self._factors]
 
-    def _transposed_times(self, products):
-        """Return R^T Y (N, k)."""
-        found = self._factors[0].T @ products[0]
-        for part, product in zip(self._factors[1:], products[1:], strict=True):
-            found = found - part.T @ product
-        return found
 
-
-def _matrices(projections):
-    model = projections.run.model
-    return [model.M, model.K, *([model.D] if projections.D is not None else [])]
-
-
-def _products_with(block, projections, matrices, scale):
-    """L^T S Y and V^T A^T S Y for M, K, D, with S the scaling of the rows."""
-    model = projections.run.model
-    scaled = copy_of(block, model.K)
-    with local_rows(scaled) as rows:
-        rows *= scale[:, None]
-    found = [inner(projections.loads, scaled)]
-    for mat in matrices:
-        if mat is model.D and not model.symmetric:
-            mat = mat.transpose(PETSc.Mat())
-        found.append(inner(projections.basis.columns, times(mat, scaled)))
+def transposed_times(factors, products):
+    """Return R^T Y (N, k) for the coefficients of residuals R and the products L^T Y, V^T A_k^T Y."""
+    found = factors[0].T @ products[0]
+    for part, product in zip(factors[1:], products[1:], strict=True):
+        found = found - part.T @ product
     return found
 
 
-def _combined(projections, matrices, factors, scale):
-    """L c_L - M V c_M - K V c_K - ... for the factors c, equilibrated, with scaled rows, as a block for the caller."""
-    run = projections.run
-    block = create_block(run.model.K, factors[0].shape[1])
-    add_product(block, projections.loads, factors[0], beta=0.0)
-    for mat, factor in zip(matrices, factors[1:], strict=True):
-        part = create_block(mat, factor.shape[1])
-        add_product(part, projections.basis.columns, factor, beta=0.0)
-        add_product(block, times(mat, part), np.eye(factor.shape[1]), alpha=-1.0)
-    if run.rigid is not None:
-        run.rigid.equilibrate(block)
-    with local_rows(block) as rows:
-        rows *= scale[:, None]
-    return block
+def _space(projections, damped=True) -> ResidualSpace:
+    run, model = projections.run, projections.run.model
+    matrices = [(model.M, True), (model.K, True)]
+    if projections.D is not None and damped:
+        matrices.append((model.D, model.symmetric))
+    return ResidualSpace(model, run.rigid, projections.loads, projections.basis.columns, matrices, row_scale(model))
 
 
-def _residual_coefficients(projections, settings, S, damped=True):
+def _coefficients(projections, settings, S, damped=True):
+    model = projections.model()
+    return residual_coefficients(model if damped else model.without_D(), settings, S)
+
+
+def residual_coefficients(model, settings, S):
     """Return coefficients of R = L P w - M V c_M - K V c_K - D V c_D at S (Hz), Re beside Im: P w (l, N), c_M.. (m, N).
 
-    P: inputs and outputs in terms of L, w: one over their scales, 1 without settings.
+    `model`: that of V; P: inputs and outputs in terms of L, w: one over their scales, 1 without settings.
     """
-    model, io = projections.model(), projections.io
-    if not damped:
-        model = model.without_D()
+    io = model.io
     P, weights = (io.inputs if io.are_same else np.hstack(io[:2])), 1.0
     if settings is not None:
         h, g = measure_over(settings.error_measure, settings.band, model).scales(*model.responses(S))
@@ -145,7 +195,7 @@ def _residual_coefficients(projections, settings, S, damped=True):
     return [loads, *(model.vectors @ columns(factor[:, None, None] * states) for factor in factors)]
 
 
-def _row_scale(model):
+def row_scale(model):
     """1 / sqrt(diag K) of the rows of this rank."""
     values, typical = np.abs(diagonal_of(model.K)), model.mean_diagonal_of_k
     return 1 / np.sqrt(np.where(values > 1e-12 * typical, values, typical))

@@ -32,7 +32,7 @@ from .accuracy import Adaptive, Proof
 from .error_estimate import apart, rounded
 from .expansion import AT_END, Expansion
 from .hidden_modes import find_hidden
-from .judging import Judgement
+from .judging import Candidate, Judgement
 from .point_solver import NoRegularPoint
 from .rounds import take_round
 from .search_checks import check_massless, check_motions
@@ -62,11 +62,13 @@ class Search:
 
     Its `expansion` is the basis and what is known of it; `proofs`: estimates against measured errors, so far;
     `missing_modes`: of the band, that the basis is known to miss; `reason`: why it ended before the tolerance was
-    reached, or "". Methods are collective, and what depends on small arrays is decided once for all ranks. Raises
-    InputError.
+    reached, or "". With a `candidate`, a model of the columns that the basis has already, the search begins by proving
+    it. Methods are collective, and what depends on small arrays is decided once for all ranks. Raises InputError.
     """
 
-    def __init__(self, basis: Basis, run: Run, settings: Adaptive, groups: int = 1):
+    def __init__(
+        self, basis: Basis, run: Run, settings: Adaptive, groups: int = 1, candidate: Candidate | None = None
+    ):
         self.run, self.settings = run, settings
         self.expansion = Expansion(basis, run, settings)
         self.projections, self.judge = self.expansion.projections, self.expansion.judge
@@ -76,6 +78,10 @@ class Search:
         self._solver, self._points = self.expansion.solver, self.expansion.points
         # residuals need the whole basis, which a group does not have
         self._groups = groups if self.expansion.by_mass and not self._solver.multigrid else 1
+        if candidate is not None:
+            self.judge.candidate = candidate
+            # multigrid begins at 0 Hz, where all its models are exact
+            self.state = State.SEEKING if self._solver.multigrid else State.PROVING
         self._next = self._first_points()
         self._sought_unmoved = False  # whether modes that no load moves were looked for without a count
 
@@ -89,7 +95,8 @@ class Search:
             return [*asked]
         if self._groups > 1:
             return [low + (i + 0.5) * (high - low) / (self._groups - 1) for i in range(self._groups - 1)] + [high]
-        return [high if self.expansion.by_mass else float(np.sqrt((low**2 + high**2) / 2))]
+        proving = self.state is State.PROVING
+        return [high if self.expansion.by_mass or proving else float(np.sqrt((low**2 + high**2) / 2))]
 
     def run_to_end(self):
         """Take points until the tolerance is proven or a limit is met."""
@@ -224,7 +231,7 @@ class Search:
     def _point_of_factor(self, f) -> float | None:
         """Return the point whose factor serves a point f that is to prove the candidate, where it may, else None."""
         known = self.state is State.PROVING and self._may_prove_nearby() and self.missing_modes <= 0
-        if not known or f >= max(point.frequency for point in self._points):
+        if not known or f >= max((point.frequency for point in self._points), default=0.0):
             return None
         last = self._points[-1]
         return last.frequency if last.factor_of is None else last.factor_of
