@@ -4,7 +4,7 @@ Ranks with other processors may have other BLAS kernels, whose last digits diffe
 comparison, an eigenvector or a division is therefore computed on one rank and sent, here and nowhere else.
 """
 
-from .failures import common_to
+from .failures import agreed, common_to
 
 
 def decided(comm, function, *arguments):
@@ -21,3 +21,12 @@ def decided(comm, function, *arguments):
     if error is not None:
         raise common_to(comm, error)
     return value
+
+
+def shared_out(comm, function, items) -> list:
+    """[function(item) for item in items] on all ranks, each found on one of them; local functions of small arrays that
+    take long. Collective."""
+    with agreed(comm):
+        mine = [function(item) for item in items[comm.rank :: comm.size]]
+    parts = comm.allgather(mine)
+    return [parts[i % comm.size][i // comm.size] for i in range(len(items))]

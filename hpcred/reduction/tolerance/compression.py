@@ -41,59 +41,95 @@ def _inverse(scales):
     return 1 / scales
 
 
-def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8, most=None) -> np.ndarray:
-    """Return orthonormal columns U (m, k) of the coordinates of `pair.outer`, as few as `goal` allows for the largest
-    error over the frequencies (S,).
+class Snapshots:
+    """What columns have to span: states of `pair.outer` at frequencies (S,), weighted where the error is large.
 
-    Leading left singular vectors of the snapshots, beside the orthonormal columns `fixed` (m, c), which are in the span
-    of U. First k is found by bisection; then one column less is tried again and again, with the snapshots weighted anew
-    (at most `rounds` times) where the error is large. With `most` so many columns, whatever error they have. Inputs and
-    outputs begin with slightly different weights: singular values of a symmetric body come in equal pairs, of which
-    round-off would choose the directions where k parts them.
+    The columns `fixed` (m, c) are spanned anyway. Inputs and outputs begin with slightly different weights: singular
+    values of a symmetric body come in equal pairs, of which round-off would choose the directions where the number of
+    columns parts them. Local.
     """
-    model, measure = pair.outer, pair.measure
-    fixed = np.zeros((len(model), 0)) if fixed is None else fixed
-    states = snapshots(model, frequencies, measure)
-    states = states - times(fixed, times(fixed.T, states))
-    inputs = model.io.inputs.shape[1]
-    known = model.responses(frequencies)
 
-    def leading(weights):
-        flat = columns(states * weights)
-        return np.linalg.eigh(flat @ flat.T)[1][:, ::-1]
+    def __init__(self, pair: Comparison, frequencies, fixed):
+        self.pair, self.fixed = pair, fixed
+        self._frequencies = frequencies
+        states = snapshots(pair.outer, frequencies, pair.measure)
+        self._states = states - times(fixed, times(fixed.T, states))
+        self._known = pair.outer.responses(frequencies)
+        self._ties = 1 + TIE * np.linspace(0.0, 1.0, states.shape[2])
+        self.reset()
 
-    def errors(U):
-        """Return the error of every response (S, r, p)."""
-        inside = inner_of(pair, joined(fixed, U))
-        return np.minimum(measure.each(inside.difference(frequencies), *known), LARGE)
+    @property
+    def size(self) -> int:
+        return len(self.pair.outer)
 
-    def fits(U):
-        return measure.total(errors(U)).max() <= goal
+    def reset(self):
+        """Weight all frequencies alike."""
+        self._weights = np.tile(self._ties, (len(self._frequencies), 1, 1))
 
-    ties = 1 + TIE * np.linspace(0.0, 1.0, states.shape[2])
-    even = leading(ties)
+    def gram(self) -> np.ndarray:
+        """Return the Gram matrix of the rows (m, m) of the weighted states."""
+        flat = columns(self._states * self._weights)
+        return flat @ flat.T
+
+    def leading(self) -> np.ndarray:
+        """Return all directions (m, m), the leading ones first."""
+        return np.linalg.eigh(self.gram())[1][:, ::-1]
+
+    def error(self, U) -> float:
+        """Return the largest error of a model on the columns that are fixed and U."""
+        inside = inner_of(self.pair, joined(self.fixed, U))
+        self._each = np.minimum(self.pair.measure.each(inside.difference(self._frequencies), *self._known), LARGE)
+        return self.pair.measure.total(self._each).max()
+
+    def largest_part(self) -> float:
+        """Return the largest error of an input or output, of the model whose error was asked for last."""
+        return self._parts().max()
+
+    def weight(self, largest: float):
+        """Give weight to where that error is large, compared with the `largest`."""
+        self._weights *= np.sqrt(0.05 + self._parts() / max(largest, 1e-300))[:, None, :]
+
+    def _parts(self):
+        of_inputs, of_outputs = self._each.max(axis=1), self._each.max(axis=2)
+        inputs = self.pair.outer.io.inputs.shape[1]
+        return of_inputs if self._states.shape[2] == inputs else np.hstack([of_inputs, of_outputs])
+
+
+def fewest(snapshots, goal: float, rounds=8, most=None) -> np.ndarray:
+    """Return orthonormal columns U (m, k), as few as `goal` allows for the largest error, beside the columns that are
+    fixed, which are in the span of U.
+
+    Leading left singular vectors of the snapshots. First k is found by bisection; then one column less is tried again
+    and again, with the snapshots weighted anew (at most `rounds` times) where the error is large. With `most` so many
+    columns, whatever error they have.
+    """
+    fixed, even = snapshots.fixed, snapshots.leading()
     if most is not None:
         return joined(fixed, even[:, : max(most - fixed.shape[1], 0)])
-    low, high = 0, len(model) - fixed.shape[1]
+    low, high = 0, snapshots.size - fixed.shape[1]
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if fits(even[:, :middle]) else (middle, high)
+        low, high = (low, middle) if snapshots.error(even[:, :middle]) <= goal else (middle, high)
     best = even[:, :high]
     while best.shape[1] > 1:
-        weights, U = np.tile(ties, (len(frequencies), 1, 1)), even[:, : best.shape[1] - 1]
+        U = even[:, : best.shape[1] - 1]
+        snapshots.reset()
         for _ in range(rounds):
-            each = errors(U)
-            curve = measure.total(each)
-            if curve.max() <= goal:
+            if snapshots.error(U) <= goal:
                 break
-            of_inputs, of_outputs = each.max(axis=1), each.max(axis=2)
-            parts = of_inputs if states.shape[2] == inputs else np.hstack([of_inputs, of_outputs])
-            weights *= np.sqrt(0.05 + parts / max(parts.max(), 1e-300))[:, None, :]
-            U = leading(weights)[:, : U.shape[1]]
+            snapshots.weight(snapshots.largest_part())
+            U = snapshots.leading()[:, : U.shape[1]]
         else:
             break
         best = U
     return joined(fixed, best)
+
+
+def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8, most=None) -> np.ndarray:
+    """Return orthonormal columns U (m, k) of the coordinates of `pair.outer`, as few as `goal` allows for the largest
+    error over the frequencies (S,); the orthonormal columns `fixed` (m, c) are in their span (see fewest)."""
+    fixed = np.zeros((len(pair.outer), 0)) if fixed is None else fixed
+    return fewest(Snapshots(pair, frequencies, fixed), goal, rounds, most)
 
 
 def inner_of(pair: Comparison, U) -> Comparison:

@@ -1,0 +1,142 @@
+"""Project the constant parts and the terms of a parametric model on a basis, and make models at values from them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, inner, times, view_of
+from ...linalg.matrix_estimates import symmetry_defect
+from ...model.second_order_model import SYMMETRIC_TO
+from ..tolerance.independent_loads import independent_columns
+from ..tolerance.projections import extended
+from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
+
+
+class Part(NamedTuple):
+    """A matrix of the affine form: its place among the factors (1, theta_1, theta_2, ...), and whether it is symmetric.
+    """
+
+    place: int
+    mat: object
+    symmetric: bool = True
+
+
+class AffineForm:
+    """The matrices of a parametric model, with the loads of all its inputs and outputs in the coordinates of a frame.
+
+    `parts`: of M (none where it does not depend on parameters), K and D (none unless `damped`); `loads` L: independent
+    columns of all parts of B and C^T, of which `inputs` and `outputs` (None for C = B^T) are lists of (place, factor);
+    `restore`: see FramedModel. Collective.
+    """
+
+    def __init__(self, parametric, framed, damped: bool):
+        model, self.restore = parametric.model, framed.restore
+        self.parametric, self.framed = parametric, framed
+        terms = [(1 + k, item) for k, item in enumerate(parametric.terms)]
+        self.parts: dict[str, list[Part]] = {"M": [], "K": [], "D": []}
+        for of, mat in (("M", model.M), ("K", model.K), ("D", model.D)):
+            own = [(k, item.matrix) for k, item in terms if item.of == of]
+            if of == "K" or (of == "M" and own) or (of == "D" and damped):
+                self.parts[of] = [Part(k, each, _is_symmetric(each)) for k, each in [(0, mat), *own]]
+        blocks, places = [], {"B": [], "C": []}
+        for of, mat in (("B", model.B), ("C", model.Ct)):
+            if mat is not None:
+                own = [(0, mat), *((k, item.matrix) for k, item in terms if item.of == of)]
+                blocks += [self._restricted(from_dense(each)) for _, each in own]
+                places[of] = [k for k, _ in own]
+        self.loads, factors = independent_columns(framed.model, framed.rigid, blocks)
+        count = len(places["B"])
+        self.inputs = list(zip(places["B"], factors[:count], strict=True))
+        self.outputs = list(zip(places["C"], factors[count:], strict=True)) or None
+
+    def theta(self, point) -> np.ndarray:
+        """Return (1, theta_1, theta_2, ...) at a point; local."""
+        names = [item.name for item in self.parametric.parameters]
+        return np.array([1.0, *self.parametric.factors(dict(zip(names, point, strict=True)))])
+
+    def io(self, theta) -> InputsOutputs:
+        """Return inputs and outputs in terms of the loads; local."""
+        inputs = sum(theta[k] * factor for k, factor in self.inputs)
+        if self.outputs is None:
+            return InputsOutputs(inputs, inputs)
+        return InputsOutputs(inputs, sum(theta[k] * factor for k, factor in self.outputs))
+
+    def in_all_dofs(self, block: Block) -> Block:
+        """Return columns in all dofs of the model, which those of the matrices are."""
+        return view_of(block if self.restore is None else times(self.restore, block))
+
+    def _restricted(self, block):
+        if self.restore is None:
+            return block
+        result = create_block(self.framed.model.K, block.getActiveColumns()[1])
+        with dense(block) as source, dense(result) as target:
+            self.restore.transposeMatMult(source).copy(target)
+        return result
+
+
+class PointModels(NamedTuple):
+    """Projections at values of the parameters on a basis that was made orthonormal there, by the upper triangular
+    `turn` (m, m), so that its first columns still span what those of the basis span. Local."""
+
+    K: np.ndarray
+    L: np.ndarray
+    D: np.ndarray | None
+    turn: np.ndarray
+    damping: Proportional
+    io: InputsOutputs
+
+    def model(self, count: int | None = None) -> PseudoModal:
+        """Return the model of the first `count` columns, by default of all."""
+        k = slice(count)
+        return diagonalised(self.K[k, k], self.L[k], None if self.D is None else self.D[k, k], self.damping, self.io)
+
+
+class AffineProjections:
+    """Small projections of the parts of an affine form on a basis that grows, the same on all ranks.
+
+    `small`: as the parts of the form; `L` (m, l) = V^T L; `damping`: the proportional damping of the models.
+    """
+
+    def __init__(self, form: AffineForm, basis, damping: Proportional):
+        self.form, self.basis, self.damping = form, basis, damping
+        self.restart()
+
+    def restart(self):
+        """Project on the whole basis. Collective."""
+        self.small = {of: [np.zeros((0, 0)) for _ in parts] for of, parts in self.form.parts.items()}
+        self.L = np.zeros((0, self.form.loads.getActiveColumns()[1]))
+        self.extend()
+
+    def extend(self):
+        """Project on the columns of the basis that are new. Collective."""
+        start, stop, form = len(self.L), self.basis.size, self.form
+        if start == stop:
+            return
+        new = copy_of(self.basis.columns_between(start, stop), form.framed.model.K)
+        self.L = np.vstack([self.L, inner(new, form.loads)])
+        new, columns = form.in_all_dofs(new), form.in_all_dofs(self.basis.columns)
+        for of, parts in form.parts.items():
+            small = self.small[of]
+            for i, part in enumerate(parts):
+                small[i] = extended(small[i], part.mat, new, columns, part.symmetric)
+
+    def at(self, theta: np.ndarray) -> PointModels:
+        """Return the projections for factors (1, theta_1, ...); local."""
+        K, D, M = (self._sum(of, theta) for of in "KDM")
+        if M is None:
+            return PointModels(K, self.L, D, np.eye(len(K)), self.damping, self.form.io(theta))
+        turn = np.linalg.inv(np.linalg.cholesky((M + M.T) / 2)).T
+        K, D = (None if part is None else turn.T @ part @ turn for part in (K, D))
+        return PointModels(K, turn.T @ self.L, D, turn, self.damping, self.form.io(theta))
+
+    def _sum(self, of, theta):
+        parts = self.form.parts[of]
+        if not parts:
+            return None
+        return sum(theta[part.place] * small for part, small in zip(parts, self.small[of], strict=True))
+
+
+def _is_symmetric(mat):
+    return symmetry_defect(mat) <= SYMMETRIC_TO

@@ -1,0 +1,134 @@
+"""Estimate the error of a model over the band and over values of the parameters, and extend its basis where it is large.
+
+As at one value (see tolerance.error_estimate) the error of a model is seen from a basis that is a block richer. Here
+that block is made from the leading directions of the residuals over the band and all training points, solved with the
+factor that there is at the last point: close enough to the inverse at all of them, and one block for all.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...parallel.decisions import decided, shared_out
+from ..tolerance.error_estimate import UNIFORM, Comparison, grid, largest, measure_over
+from ..tolerance.pseudo_modal import nested
+from ..tolerance.residual_blocks import ResidualSpace, residual_coefficients, row_scale, transposed_times
+from .affine import AffineProjections
+
+COARSE = UNIFORM // 4  # frequencies of the band, beside those at poles
+RESIDUALS = 12  # frequencies at which residuals are taken at each training point
+
+
+class Estimate(NamedTuple):
+    """The largest error over the band at each of some points (N,), and at which frequencies (N,) in Hz."""
+
+    errors: np.ndarray
+    frequencies: np.ndarray
+
+
+def comparison_at(projections: AffineProjections, point, count: int | None, settings) -> Comparison:
+    """Return the model of the first `count` columns (by default all) at a point beside that of all; local."""
+    models = projections.at(projections.form.theta(point))
+    outer = models.model()
+    inner = outer if count is None else models.model(count)
+    return Comparison(inner, outer, nested(inner, outer), measure_over(settings.error_measure, settings.band, outer))
+
+
+def estimate(projections: AffineProjections, points, count: int, settings, fine=False) -> Estimate:
+    """Return the error at points of the model of the first `count` columns, seen from all; at few frequencies, unless
+    it is to be `fine`. Collective."""
+
+    def at(point):
+        pair = comparison_at(projections, point, count, settings)
+        if fine:
+            S, curve = largest(pair, grid([pair.outer, pair.inner], settings.band), rounds=2)
+        else:
+            S = grid([pair.outer], settings.band, COARSE, None)
+            curve = pair.curve(S)
+        return float(curve.max()), float(S[curve.argmax()])
+
+    found = shared_out(projections.form.parametric.comm, at, points)
+    return Estimate(*(np.array(part) for part in zip(*found, strict=True)))
+
+
+def residual_block(projections: AffineProjections, framed, points, at: Estimate | None, settings, width):
+    """Return the `width` leading directions of the residuals over the band and the points, as a block. Collective.
+
+    `framed`: a model whose factor is to be solved with; `at`: where the error was largest at each of the points.
+    """
+    form = projections.form
+    matrices = [(part.mat, part.symmetric) for parts in form.parts.values() for part in parts]
+    if not form.parts["M"]:
+        matrices.insert(0, (form.parametric.model.M, True))
+    space = ResidualSpace(
+        framed.model, framed.rigid, form.loads, projections.basis.columns, matrices, row_scale(framed.model),
+        form.restore,
+    )  # fmt: skip
+    return space.leading(_Samples(projections, points, at, settings), width)
+
+
+class _Samples:
+    """Residuals at points, of which each rank has its share (see ResidualSpace)."""
+
+    def __init__(self, projections, points, at, settings):
+        self._projections, self._settings = projections, settings
+        self._comm = projections.form.parametric.comm
+        self._points, self._at = points, at
+
+    def take(self, count):
+        places = list(range(len(self._points)))[self._comm.rank :: self._comm.size]
+        self._factors = [self._coefficients(place) for place in places]
+        seeds = [[self._projections.basis.size, place] for place in places]
+        draws = [np.random.default_rng(seed).standard_normal((factors[0].shape[1], count))
+                 for seed, factors in zip(seeds, self._factors, strict=True)]  # fmt: skip
+        return self._summed(draws, count)
+
+    def power(self, products):
+        factors = [transposed_times(factors, products) for factors in self._factors]
+        return self._summed(factors, products[0].shape[1])
+
+    def directions(self, products, width):
+        """Return the leading left singular vectors of Y^T R, by its Gram matrix."""
+        parts = [transposed_times(factors, products) for factors in self._factors]
+        gram = sum((part.T @ part for part in parts), np.zeros((products[0].shape[1],) * 2))
+        gram = self._sum([gram])[0]
+        return decided(self._comm, lambda: np.linalg.eigh(gram)[1][:, ::-1][:, :width])
+
+    def _summed(self, factors, width):
+        """Return the sum over points of their coefficients times a factor of each."""
+        form, basis = self._projections.form, self._projections.basis
+        shapes = [form.loads.getActiveColumns()[1]]
+        shapes += [basis.size] * (sum(map(len, form.parts.values())) + (not form.parts["M"]))
+        found = [np.zeros((rows, width)) for rows in shapes]
+        for own, factor in zip(self._factors, factors, strict=True):
+            for target, part in zip(found, own, strict=True):
+                target += part @ factor
+        return self._sum(found)
+
+    def _sum(self, arrays):
+        """Return the sums over ranks of arrays, the same on all."""
+        gathered = self._comm.gather(arrays)
+        found = None if gathered is None else [sum(each) for each in zip(*gathered, strict=True)]
+        return self._comm.bcast(found)
+
+    def _coefficients(self, place):
+        """Return the coefficients of the residuals at a point, of the loads and of all parts."""
+        projections, settings = self._projections, self._settings
+        form = projections.form
+        theta = form.theta(self._points[place])
+        models = projections.at(theta)
+        model = models.model()
+        S = np.linspace(*settings.band, RESIDUALS)
+        if self._at is not None:
+            S = np.unique([*S, self._at.frequencies[place]])
+        loads, *by_matrix = residual_coefficients(model, settings, S)
+        by_matrix = dict(zip("MKD", [models.turn @ part for part in by_matrix], strict=False))
+        found = [loads]
+        for of in ("M", "K", "D"):
+            parts = form.parts[of]
+            if of == "M" and not parts:
+                found.append(by_matrix["M"])
+            found += [theta[part.place] * by_matrix[of] for part in parts]
+        return found

@@ -1,0 +1,75 @@
+"""Choose the values of parameters at which errors are estimated, and those at which a model is factored.
+
+A point is a tuple of values, one of each parameter; its place is in the unit cube. Everything here is local.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+DEFAULTS = {1: 33, 2: 81}  # training points for so many parameters
+MANY = 100  # the same for more
+LOGARITHMIC = 20.0  # ratio of the ends of a range, both above 0, beyond which places are logarithms
+
+
+def training_points(parameters, count: int | None = None) -> list[tuple[float, ...]]:
+    """Return `count` points that fill the ranges, corners included as far as they are not too many: a grid for one or
+    two parameters, else corners and a sequence of low discrepancy."""
+    number = len(parameters)
+    count = count or DEFAULTS.get(number, MANY)
+    if number <= 2:
+        along = np.linspace(0, 1, max(2, round(count ** (1 / number))))
+        places = np.array(list(product(along, repeat=number)))
+    else:
+        corners = np.array(list(product((0.0, 1.0), repeat=number))) if 2**number <= count // 2 else np.zeros((0, number))
+        places = np.vstack([corners, low_discrepancy(number, count - len(corners))])
+    return [point_at(parameters, place) for place in places]
+
+
+def fresh_points(parameters, first: int, count: int) -> list[tuple[float, ...]]:
+    """Return `count` points of a sequence of low discrepancy, from its place `first`."""
+    places = low_discrepancy(len(parameters), first + count)[first:]
+    return [point_at(parameters, place) for place in places]
+
+
+def low_discrepancy(number: int, count: int) -> np.ndarray:
+    """Return `count` places of an additive recurrence (count, number), whose steps are powers of the root of
+    x^(number + 1) = x + 1 (Roberts, 2018)."""
+    root = 2.0
+    for _ in range(60):
+        root = (1 + root) ** (1 / (number + 1))
+    steps = root ** -np.arange(1.0, number + 1)
+    return (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
+
+
+def point_at(parameters, place) -> tuple[float, ...]:
+    """Return the point at a place, with values of six digits at most that are exact at the ends."""
+    point = []
+    for item, part in zip(parameters, place, strict=True):
+        low, high = item.range
+        value = low * (high / low) ** part if _is_logarithmic(item) else low + (high - low) * part
+        digits = float(f"{value - low:.6g}") + low
+        point.append(low if part == 0 else high if part == 1 else float(np.clip(digits, low, high)))
+    return tuple(point)
+
+
+def place_of(parameters, point) -> np.ndarray:
+    """Return the place of a point."""
+    place = []
+    for item, value in zip(parameters, point, strict=True):
+        low, high = item.range
+        place.append(np.log(value / low) / np.log(high / low) if _is_logarithmic(item) else (value - low) / (high - low))
+    return np.array(place)
+
+
+def distances(parameters, points, taken) -> np.ndarray:
+    """Return how far each of the points is from the nearest of those that are taken, in the unit cube."""
+    here, there = (np.array([place_of(parameters, point) for point in some]) for some in (points, taken))
+    return np.linalg.norm(here[:, None] - there, axis=2).min(axis=1)
+
+
+def _is_logarithmic(parameter):
+    low, high = parameter.range
+    return low > 0 and high / low >= LOGARITHMIC
