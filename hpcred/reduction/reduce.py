@@ -11,6 +11,7 @@ import numpy as np
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import Damping, damping_or_given
 from ..model.frames import Frame, NoFrame
+from ..model.parametric_model import ParametricModel
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError
@@ -18,6 +19,8 @@ from ..parallel.progress import Progress
 from .basis_reductor import BasisReductor
 from .components.component import Component
 from .measure import Measure
+from .parametric.reductor import ParametricReductor
+from .parametric.settings import ParameterSearch
 from .reduced_model import ReducedModel
 from .reductor import Reductor
 from .settings import Reduction
@@ -29,7 +32,7 @@ from .two_sided import TwoSidedReductor
 
 @spelled
 def reduce(
-    model: SecondOrderModel,
+    model: SecondOrderModel | ParametricModel,
     basis: Component | Iterable[Component] = (),
     frame: Frame | None = None,
     damping: Damping | None = None,
@@ -39,6 +42,7 @@ def reduce(
     measure: Literal["directions", "paper"] | Measure | None = None,
     static: Literal["tolerance", "exact"] | None = None,
     adaptive: Adaptive | None = None,
+    parameter_search: ParameterSearch | None = None,
     settings: Reduction | None = None,
     factoring: Factoring | None = None,
     store: Store | None = None,
@@ -57,7 +61,8 @@ def reduce(
 
     Parameters
     ----------
-    model : SecondOrderModel
+    model : SecondOrderModel or ParametricModel
+        The tolerance holds over the ranges of the parameters too.
     basis : Component or iterable of Component, default ()
         Modes, Krylov, SecondOrderKrylov, StaticCorrection, ...; each extends what the ones before it gave. With a
         tolerance they come first, and may be left out.
@@ -76,6 +81,8 @@ def reduce(
         See Adaptive.
     adaptive : Adaptive, optional
         Tolerance and band with more settings, in place of the four above.
+    parameter_search : ParameterSearch, optional
+        For a ParametricModel: at how many values errors are estimated, and at how many the model may be factored.
     settings : Reduction, optional
         The keywords from `deflation_tolerance` on are its fields, and replace them.
     factoring : Factoring, optional
@@ -91,6 +98,7 @@ def reduce(
     Returns
     -------
     ReducedModel
+        For a ParametricModel a ParametricReducedModel.
 
     Raises
     ------
@@ -103,7 +111,8 @@ def reduce(
     -----
     Equations (20), (32), (41-50) and (52-54) of Lehner and Eberhard (2006); the error is (55) or that of docs/theory.
     """
-    require_model(model)
+    parametric = isinstance(model, ParametricModel)
+    require_model(model.model if parametric else model)
     given = {
         "deflation_tolerance": deflation_tolerance, "drop_above": drop_above, "projection": projection,
         "allow_unstable": allow_unstable, "groups": groups, "coordinates": coordinates,
@@ -123,10 +132,17 @@ def reduce(
         declared("adaptive", adaptive, Adaptive | None), tolerance, band, measure=measure, static=static
     )
     frame = declared("frame", frame, Frame | None) or NoFrame()
-    damping = damping_or_given(model, damping)
+    damping = damping_or_given(model.model if parametric else model, damping)
+    if declared("parameter_search", parameter_search, ParameterSearch | None) is not None and not parametric:
+        raise InputError("parameter_search: found it for a model without parameters; leave it out")
     asked = {"basis": basis, "frame": frame, "damping": damping, "settings": settings,
              "factoring": factoring or Factoring(), "store": store,
              "progress": progress or Progress(model.comm, show=False)}  # fmt: skip
+    if parametric:
+        if adaptive is None:
+            raise InputError("basis: a model with parameters is reduced to a tolerance; give it with the band")
+        search = parameter_search or ParameterSearch()
+        return ParametricReductor(**asked, goal=adaptive, parameter_search=search).reduce(model)
     if settings.projection == "two_sided" and model.Ct is not None:
         if adaptive is not None:
             raise InputError("projection: a reduction to a tolerance is one-sided, which keeps stability; leave it out")

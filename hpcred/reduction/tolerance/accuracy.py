@@ -12,6 +12,7 @@ from ...parallel.declared import as_declared, renamed
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, FREQUENCY, require_band, within
 from ..measure import PAPER, AnyMeasure, Measure, Paper, measure_called
+from ..parametric.accuracy import ParameterAccuracy
 from .directions import Direction
 from .error_estimate import UNIFORM
 from .pseudo_modal import Proportional
@@ -126,7 +127,8 @@ class Accuracy:
     `highest`: pseudo-frequency (Hz); `missing_modes`: of the band that inertia counts and the model has not.
     `measure`: what eps is, with its floors; `directions`: of every output, the worst first, against the uncompressed
     model. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: estimated errors beside measured ones. `points`: in
-    order. `multigrid`: whether there was no factor.
+    order. `multigrid`: whether there was no factor. `parameters`: of a model that depends on parameters, over whose
+    ranges `largest` holds, while the curve and the directions belong to the reference values.
     """
 
     tolerance: float
@@ -151,6 +153,7 @@ class Accuracy:
     multigrid: bool = False
     measure: AnyMeasure = PAPER
     directions: tuple[Direction, ...] = ()
+    parameters: ParameterAccuracy | None = None
 
     def with_noise(self, noise: float) -> Accuracy:
         """Return the same with so much round-off, which may be more than the claim bears."""
@@ -181,10 +184,12 @@ class Accuracy:
         more = " or more" if self.stopped == ROUND_OFF or self.unproven else ""
         about = f"{self.largest + self.noise:.1e}{more}"
         eps = "eps" + (" (55)" if isinstance(self.measure, Paper) else "")
+        ranges = f"{low:g} to {high:g} Hz"
+        if self.parameters is not None:
+            ranges += f" and {self.parameters.ranges_in_words}"
         claim = (
-            f"{eps} <= {self.tolerance:g} over {low:g} to {high:g} Hz" if self.reached
-            else f"NOT REACHED: {eps} is about {about}, not {self.tolerance:g}, over {low:g} to {high:g} Hz, "
-            f"{self.stopped}"
+            f"{eps} <= {self.tolerance:g} over {ranges}" if self.reached
+            else f"NOT REACHED: {eps} is about {about}, not {self.tolerance:g}, over {ranges}, {self.stopped}"
         )  # fmt: skip
         unproven = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
         return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}{unproven}"

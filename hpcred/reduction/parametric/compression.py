@@ -1,0 +1,154 @@
+"""Compress the basis of a reduction over parameters to the few combinations that the tolerance asks for at all of them.
+
+The directions come from states over the band at some points; those where the model misses the goal join them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...parallel.decisions import decided, shared_out
+from ...parallel.failures import agreed
+from ...parallel.petsc import MPI
+from ..tolerance.compression import Snapshots, fewest, inner_of, joined
+from ..tolerance.error_estimate import FINE, UNIFORM, Comparison, grid, largest, resolved
+from .affine import AffineProjections
+from .estimate import comparison_at
+
+TRIALS = 10  # compressions, each with the points where the one before missed the goal
+WORST = 6  # points that join at a time
+ALONG = UNIFORM // 2  # frequencies of the band, beside those around poles
+
+
+class RangeSnapshots:
+    """The snapshots of several points, of which each rank has its share (see tolerance.compression.fewest).
+
+    `fixed` (m, c): orthonormal columns of the coordinates of the basis that are spanned anyway. Collective.
+    """
+
+    def __init__(self, projections: AffineProjections, points, settings, fixed):
+        self.fixed, self.size = fixed, len(projections.L)
+        self._comm = projections.form.parametric.comm
+        with agreed(self._comm):
+            self._cases = [_case(projections, point, settings) for point in points[self._comm.rank :: self._comm.size]]
+
+    def reset(self):
+        """Weight all frequencies and points alike."""
+        for case in self._cases:
+            case.snapshots.reset()
+
+    def leading(self) -> np.ndarray:
+        """Return all directions (m, m), the leading ones first."""
+        with agreed(self._comm):
+            gram = sum(case.outward @ case.snapshots.gram() @ case.outward.T for case in self._cases)
+        gathered = self._comm.gather(gram)
+        return decided(self._comm, lambda: self._directions(sum(gathered)))
+
+    def _directions(self, gram):
+        rest = np.eye(self.size) - self.fixed @ self.fixed.T
+        gram = rest @ gram @ rest
+        return np.linalg.eigh((gram + gram.T) / 2)[1][:, ::-1]
+
+    def error(self, U) -> float:
+        """Return the largest error of a model on the columns that are fixed and U."""
+        span = joined(self.fixed, U)
+        with agreed(self._comm):
+            error = max((case.snapshots.error(case.inside(span)) for case in self._cases), default=0.0)
+        return self._comm.allreduce(float(error), op=MPI.MAX)
+
+    def largest_part(self) -> float:
+        """Return the largest error of an input or output, of the model whose error was asked for last."""
+        mine = max((case.snapshots.largest_part() for case in self._cases), default=0.0)
+        return self._comm.allreduce(float(mine), op=MPI.MAX)
+
+    def weight(self, largest: float):
+        """Give weight to where that error is large."""
+        for case in self._cases:
+            case.snapshots.weight(largest)
+
+
+class _Case(NamedTuple):
+    """The snapshots at a point; `outward`: from its pseudo-modal coordinates to those of the basis, `inward` back."""
+
+    snapshots: Snapshots
+    outward: np.ndarray
+    inward: np.ndarray
+
+    def inside(self, span):
+        """Orthonormal columns at the point of a span in the coordinates of the basis."""
+        return np.linalg.qr(self.inward @ span)[0]
+
+
+def _case(projections, point, settings):
+    pair, outward, inward = turned(projections, point, settings)
+    S = grid([pair.outer], settings.band, ALONG)
+    return _Case(Snapshots(pair, S, np.zeros((len(inward), 0))), outward, inward)
+
+
+def turned(projections, point, settings) -> tuple[Comparison, np.ndarray, np.ndarray]:
+    """Return the model of all columns at a point beside itself, and the turns from its pseudo-modal coordinates to
+    those of the basis and back (m, m); local."""
+    pair = comparison_at(projections, point, None, settings)
+    turn = projections.at(projections.form.theta(point)).turn
+    return pair, turn @ pair.outer.vectors, pair.outer.vectors.T @ np.linalg.inv(turn)
+
+
+class RangeCompressed(NamedTuple):
+    """What a reduction over parameters ends with: the `factor` (m, k) from the basis to its columns, its errors at
+    points and the frequencies of these; `pair`, `frequencies` and `curve`: as Compressed has them, at the reference;
+    the noise at all points; `limited`: why the goal is missed, or ""."""
+
+    factor: np.ndarray
+    errors: np.ndarray
+    worst: np.ndarray
+    pair: Comparison
+    frequencies: np.ndarray
+    curve: np.ndarray
+    noise: float
+    limited: str
+
+
+def compress(projections, settings, reference, some, points, goal, fixed, beside) -> RangeCompressed:
+    """Return the smallest model whose error stays below a goal at all `points`. Collective.
+
+    `some`: of the points, to begin with; `fixed` (m, c): columns of the basis that stay in the span; `beside`:
+    coordinates that join the model later.
+    """
+    comm, size = projections.form.parametric.comm, len(projections.L)
+    limited, most = "", None if settings.size is None else settings.size - beside
+    for trial in range(TRIALS + 1):
+        U = fewest(RangeSnapshots(projections, some, settings, fixed), goal) if trial < TRIALS else np.eye(size)
+        if most is not None and U.shape[1] > most:
+            limited = f"with {settings.size} coordinates"
+            U = fewest(RangeSnapshots(projections, points, settings, fixed), 0.0, most=most)
+        errors, worst, noise = _errors(projections, points, settings, U)
+        over = [k for k in np.argsort(-errors, kind="stable") if errors[k] > 1.02 * goal and points[k] not in some]
+        if not over or limited:
+            break
+        some = [*some, *(points[k] for k in over[:WORST])]
+    found, S, curve = decided(comm, _at_reference, projections, reference, settings, U)
+    return RangeCompressed(U, errors, worst, found, S, curve, noise, limited)
+
+
+def _errors(projections, points, settings, U):
+    """Return the errors (N,) of the model on U at the points, the frequencies of these, and the largest noise."""
+
+    def at(point):
+        pair, _, inward = turned(projections, point, settings)
+        found = inner_of(pair, np.linalg.qr(inward @ U)[0])
+        S, curve = largest(found, grid([found.outer, found.inner], settings.band), rounds=2)
+        return float(curve.max()), float(S[curve.argmax()]), float(found.noise(S).max())
+
+    found = shared_out(projections.form.parametric.comm, at, points)
+    errors, worst, noise = (np.array(part) for part in zip(*found, strict=True))
+    return errors, worst, float(noise.max())
+
+
+def _at_reference(projections, reference, settings, U):
+    pair, _, inward = turned(projections, reference, settings)
+    found = inner_of(pair, np.linalg.qr(inward @ U)[0])
+    S, curve = largest(found, grid([found.outer, found.inner], settings.band, 2 * UNIFORM, FINE))
+    S, curve = resolved(found, S, curve, 3 * float(found.noise(S).max()))
+    return found, S, curve

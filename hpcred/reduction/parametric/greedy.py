@@ -1,0 +1,226 @@
+"""Choose values of the parameters at which a model is factored, until a basis serves for the band and all values.
+
+At each of them the search over the band (see tolerance.search) begins with the columns found so far, and first checks
+the model that was before: its blocks give the exact response there. Blocks for all values follow from the same factor
+(see estimate). The next values are those where the error is estimated to be largest. The end is reached where two new
+points in a row have proven the model, and the estimate is small everywhere.
+"""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from ...linalg.basis import Basis
+from ...linalg.blocks import copy_of
+from ...parallel.decisions import decided, shared_out
+from ...parallel.stopping import stop_if_asked
+from ..run import Run
+from ..tolerance.accuracy import UNDAMPED, Adaptive
+from ..tolerance.error_estimate import resonances
+from ..tolerance.judging import Candidate
+from ..tolerance.projections import HELD_BACK
+from ..tolerance.search import Search, State
+from ..tolerance.search_checks import is_singular
+from .accuracy import ParameterPoint, in_words
+from .affine import AffineForm, AffineProjections
+from .estimate import Estimate, estimate, residual_block
+from .settings import ParameterSearch
+from .training import distances, fresh_points, training_points
+
+WIDTH = 16  # columns of a block for all values
+BLOCKS = 4  # of them with one factor, while each makes the error so much smaller:
+FASTER = 3.0
+FRESH = 8  # further points at which the error is estimated after each factor, and
+CHECKS = 32  # in the end
+PROOFS = 2  # new points in a row that have to prove the model
+
+
+class OpenRun(Protocol):
+    """Opens a run at a point, which is closed at the end of the block; collective."""
+
+    def __call__(self, point, visited) -> AbstractContextManager[Run]: ...
+
+
+class Greedy:
+    """A reduction over parameters under way: the columns `basis` (orthonormal at the reference), their projections, and
+    `visited` points. `reason`: why it ended before the tolerance was reached, or "". Methods are collective.
+
+    `run`: at the reference values, with which it begins; `open_run`: see OpenRun.
+    """
+
+    def __init__(self, parametric, basis: Basis, run: Run, goal: Adaptive, search: ParameterSearch, open_run: OpenRun):
+        self.parametric, self.basis, self.run, self.goal, self.search = parametric, basis, run, goal, search
+        self.comm, self._open_run = run.model.comm, open_run
+        self.points = training_points(parametric.parameters, search.points)
+        self.reference = tuple(parametric.reference.values())
+        self.first: Search | None = None  # the search at the reference
+        self.visited: list[tuple[float, ...]] = []
+        self.known: list[ParameterPoint] = []
+        self.searches: list[Search] = []
+        self.reason = ""
+        self.estimated = Estimate(np.zeros(0), np.zeros(0))
+        self.ratio = 1.0  # by how much measured errors exceed estimated ones
+        self._count = 0  # columns of the model that the next point checks
+        self._proofs = 0  # new points in a row that have proven it
+
+    def run_to_end(self):
+        """Visit points until the model is proven over all ranges or a limit is met."""
+        self.first = Search(self.basis, self.run, self.goal)
+        self.first.run_to_end()
+        damping, damped = self.first.projections.damping, self.first.projections.D is not None
+        self.form = AffineForm(self.parametric, self.run.framed, damped)
+        self.projections = AffineProjections(self.form, self.basis, damping)
+        self._look_at_damping()
+        self._visited(self.first, self.reference, 0)
+        self.run.solvers.release()
+        while not (self.reason or self._is_proven()):
+            point = decided(self.comm, self._next)
+            if point is None:
+                self.reason = f"after {len(self.visited)} values of the parameters"
+                return
+            self._visit(point)
+            stop_if_asked(self.comm, f"point {len(self.visited)} of the parameters")
+
+    # one point
+
+    def _visit(self, point):
+        """Check the model at a point, and extend its basis there."""
+        with self._open_run(point, self.visited) as run:
+            if self.form.parts["M"]:
+                basis = Basis(run.mass, run.framed.rigid_columns, run.tolerance, self.basis.size, run.keeps_mass_images)
+                for start, stop in ((0, self._count), (self._count, self.basis.size)):
+                    basis.extend(copy_of(self.basis.columns_between(start, stop), run.model.K))
+                    self._count = basis.size if not start else self._count
+            else:
+                basis = self.basis
+            before = basis.size
+            candidate = Candidate(np.arange(self._count), np.arange(before))
+            search = Search(basis, run, replace(self.goal, points=()), candidate=candidate)
+            search.projections.add_loss_factor(self.projections.damping.eta)
+            search.run_to_end()
+            self._visited(search, point, before)
+
+    def _visited(self, search, point, before):
+        """Take over what a search found at a point, and make blocks for all values with its factor."""
+        self.searches.append(search)
+        proofs, fine = search.proofs, search.judge.is_fine
+        proven = search.state is State.PROVEN and all(fine(proof.measured) for proof in proofs)
+        others = len(search.expansion.points) - len(proofs)  # points that were not to prove a model
+        self._proofs = self._proofs + 1 if proven and others == search.expansion.solver.multigrid else 0
+        checked = proofs[0] if proofs and before else None
+        if checked is not None and checked.estimated > 0.01 * search.judge.goal:
+            self.ratio = max(1.0, checked.measured / checked.estimated)
+        self._join(search, before)
+        self.visited.append(point)
+        self._extend_everywhere(search)
+        values = self._values(point)
+        self.known.append(ParameterPoint(
+            values=values, factorisations=sum(item.factors or 0 for item in search.expansion.points),
+            columns=self.basis.size - before,
+            estimated=checked and checked.estimated, measured=checked and checked.measured,
+        ))  # fmt: skip
+        if search.state is State.ENDED:
+            self.reason = f"{search.reason} at {in_words(values)}"
+        elif self.basis.size >= self.goal.columns:
+            self.reason = f"with {self.basis.size} columns"
+        self.run.progress.say(
+            f"{in_words(values)}: {self.basis.size} columns, estimated error over all values {self.estimate:.1e}"
+        )
+
+    def _join(self, search, before):
+        """Add the new columns of the basis of a search to the basis."""
+        other = search.projections.basis
+        again = is_singular(search.run)  # whose basis may have been smoothed
+        if other is not self.basis:
+            start = 0 if again else before
+            self.basis.extend(copy_of(other.columns_between(start, other.size), self.run.model.K))
+        if again:
+            self.projections.restart()
+        else:
+            self.projections.extend()
+
+    def _extend_everywhere(self, search):
+        """Add blocks that serve all values, with the factor of a search, while they make the error smaller fast."""
+        solver, last = search.expansion.solver, np.inf
+        if solver.nearby is not None:  # solves take the factor itself
+            solver.go_to(solver.nearby)
+        at = None
+        for _ in range(BLOCKS):
+            before, width = self.basis.size, max(WIDTH, HELD_BACK)
+            start = search.projections.basis.size
+            with self.run.progress.stage("parameters"):
+                rule = {"points": [list(point) for point in self.points], "visited": len(self.visited)}
+                new = solver.extend_by(rule, lambda: residual_block(
+                    self.projections, search.run.framed, self.points, at, self.goal, width
+                ))  # fmt: skip
+                if new:
+                    self._join(search, start)
+                at = self.estimated = estimate(self.projections, self.points, before, self.goal)
+                self._add_points(before)
+                at = self.estimated
+            self._count = before
+            if not new or self.estimate <= search.judge.goal or self.estimate > last / FASTER:
+                break
+            if self.basis.size >= self.goal.columns:
+                break
+            last = self.estimate
+
+    def _add_points(self, count):
+        """Estimate the error at fresh points; those where it is larger than elsewhere, and too large, stay."""
+        fresh = fresh_points(self.parametric.parameters, FRESH * len(self.visited), FRESH)
+        found = estimate(self.projections, fresh, count, self.goal)
+        limit = max(float(self.estimated.errors.max()), self.first.judge.goal)
+        more = [k for k in range(FRESH) if found.errors[k] > limit]
+        self.points += [fresh[k] for k in more]
+        self.estimated = Estimate(*(np.append(old, new[more]) for old, new in zip(self.estimated, found, strict=True)))
+
+    # where it is going
+
+    @property
+    def estimate(self) -> float:
+        """The largest estimated error, as measured errors let expect it."""
+        return self.ratio * float(self.estimated.errors.max())
+
+    def _is_proven(self):
+        return self._proofs >= PROOFS and self.first.judge.is_fine(self.estimate)
+
+    def _next(self):
+        """Return the point to visit next, None where there is none: of the largest estimate, or if that is small or
+        proves for the second time the one farthest from all others."""
+        if len(self.visited) >= self.search.most:
+            return None
+        away = distances(self.parametric.parameters, self.points, self.visited)
+        free = np.flatnonzero(away > 1e-6)
+        if not len(free):
+            return fresh_points(self.parametric.parameters, FRESH * len(self.visited), 1)[0]
+        errors = self.estimated.errors[free]
+        if self.first.judge.is_fine(self.estimate) and self._proofs:
+            return self.points[free[away[free].argmax()]]
+        return self.points[free[errors.argmax()]]
+
+    def checks(self) -> list[tuple[float, ...]]:
+        """Return points at which nothing was estimated; local."""
+        return fresh_points(self.parametric.parameters, FRESH * len(self.visited), CHECKS)
+
+    def _values(self, point):
+        return dict(zip(self.parametric.reference, point, strict=True))
+
+    def _look_at_damping(self):
+        """Measure with the loss factor of undamped models where a given D leaves modes of the band without damping at
+        any of the values."""
+        if not self.form.parts["D"] or self.projections.damping.eta:
+            return
+        low, high = self.goal.band
+
+        def has_undamped(point):
+            f, ratio = resonances(self.projections.at(self.form.theta(point)).model())
+            return bool((ratio[(f >= 0.9 * low) & (f <= 1.1 * high)] < UNDAMPED).any())
+
+        if any(shared_out(self.comm, has_undamped, self.points)):
+            eta = 2 * self.goal.zeta0
+            self.projections.damping = self.projections.damping._replace(eta=eta)
+            self.first.projections.add_loss_factor(eta)

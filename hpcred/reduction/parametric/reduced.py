@@ -1,0 +1,165 @@
+"""Define the reduced model whose matrices depend on parameters as those of the full model do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, caughey_terms
+from ...model.expressions import Expression
+from ...model.parameters import Parameter, checked_values
+from ..projection import project, project_columns
+from ..reduced_damping import reduced_damping
+from ..reduced_model import ReducedModel
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedTerm:
+    """A term of a reduced model: the matrix (m, m) of "M", "D" or "K", (m, p) of "B" or (r, m) of "C", and its factor,
+    an expression of the parameters."""
+
+    of: str
+    factor: str
+    matrix: np.ndarray = field(repr=False)
+
+    def __post_init__(self):
+        object.__setattr__(self, "expression", Expression(self.factor))
+
+
+@dataclass(repr=False)
+class ParametricReducedModel(ReducedModel):
+    """A reduced model for all values of some parameters in their ranges; by itself it is that at the reference values.
+
+    `constant`: M, D, K (m, m), B (m, p) and C (r, m) without the terms, by name; `terms`: what joins them, so that
+    A(p) = A + sum theta_k(p) A_k as in the full model, in the coordinates of the model at the reference.
+    """
+
+    parameters: tuple[Parameter, ...] = ()
+    constant: dict[str, np.ndarray] = field(default_factory=dict)
+    terms: tuple[ReducedTerm, ...] = ()
+
+    @property
+    def base(self) -> ReducedModel:
+        """The model at the reference values, V^T M V = I and V^T K V diagonal, which shares the basis."""
+        return ReducedModel(**{item.name: getattr(self, item.name) for item in fields(ReducedModel)})
+
+    @property
+    def reference(self) -> dict[str, float]:
+        """Reference values of the parameters by name."""
+        return checked_values(self.parameters, {})
+
+    def matrices(self, values: Mapping[str, float]) -> dict[str, np.ndarray]:
+        """Return M, D, K, B and C at values of the parameters, in the coordinates of the model at the reference.
+
+        Raises InputError for other names, and values outside of the ranges.
+        """
+        values = checked_values(self.parameters, values)
+        found = dict(self.constant)
+        for item in self.terms:
+            found[item.of] = found[item.of] + item.expression.at(values) * item.matrix
+        damping = None if self.record is None else self.record.damping
+        if _follows_frequencies(damping):
+            X, eigenvalues = _eigenpairs(found["M"], found["K"])
+            frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
+            back = found["M"] @ X  # X^-T
+            found["D"] = back @ reduced_damping(damping, np.diag(eigenvalues), frequencies) @ back.T
+        return found
+
+    def turn(self, values: Mapping[str, float]) -> np.ndarray:
+        """Return X (m, m) of the coordinates x = X z of the model at values of the parameters: X^T M X = I and X^T K X
+        diagonal; the identity in interface coordinates."""
+        found = self.matrices(values)
+        return np.eye(self.size) if self.interfaces else _eigenpairs(found["M"], found["K"])[0]
+
+    def at(self, **values: float) -> ReducedModel:
+        """Return the model at values of the parameters, in pseudo-modal coordinates of its own (see turn).
+
+        Parameters
+        ----------
+        **values : float
+            By name, in their ranges; parameters that are not named have their reference values.
+
+        Returns
+        -------
+        ReducedModel
+            Without a basis: its columns are those of this model times turn().
+
+        Raises
+        ------
+        InputError
+            For other names, and values outside of the ranges.
+        """
+        found = self.matrices(values)
+        X, eigenvalues = _eigenpairs(found["M"], found["K"])
+        frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
+        if not self.interfaces:
+            found = {"M": np.eye(self.size), "K": np.diag(eigenvalues), "D": X.T @ found["D"] @ X,
+                     "B": X.T @ found["B"], "C": found["C"] @ X}  # fmt: skip
+        return replace(self.base, **found, frequencies=frequencies, columns=None, left_columns=None, model=None)
+
+    def transfer_function(self, s: complex | np.ndarray, **values: float) -> np.ndarray:
+        """Return H(s) (r, p) at values of the parameters; (..., r, p) for an array (...) of s."""
+        return replace(self.base, **self.matrices(values)).transfer_function(s)
+
+    def frequency_response(self, frequencies: ArrayLike, **values: float) -> np.ndarray:
+        """Return H(i omega) at `frequencies` in Hz and at values of the parameters, (F, r, p)."""
+        return self.at(**values).frequency_response(frequencies)
+
+
+def projected_parts(parametric, reduced: ReducedModel, damping) -> dict:
+    """Return the `constant` parts and the `terms` of a reduced model from its basis. Collective."""
+    model, columns = parametric.model, reduced.columns
+    comm, small = model.comm, {}
+    square = {"M": model.M, "K": model.K}
+    if isinstance(damping, GivenDamping):
+        square["D"] = model.D
+    for key, mat in square.items():
+        small[key] = project(mat, columns)
+    small["B"] = project_columns(columns, model.B)
+    small["C"] = (small["B"] if model.Ct is None else project_columns(columns, model.Ct)).T.copy()
+    terms = []
+    for item in parametric.terms:
+        if item.of in "MDK":
+            terms.append((item.of, item.factor, project(item.matrix, columns)))
+        else:
+            part = project_columns(columns, item.matrix)
+            terms.append((item.of, item.factor, part if item.of == "B" else part.T.copy()))
+            if item.of == "B" and model.Ct is None:
+                terms.append(("C", item.factor, part.T.copy()))
+    small.setdefault("D", _proportional(small["M"], small["K"], damping, reduced))
+    if coefficients := _of_matrices(damping):
+        of = dict(zip("MK", coefficients, strict=True))
+        terms += [("D", factor, of[key] * part) for key, factor, part in terms if of.get(key)]
+    small, terms = comm.bcast((small, terms))
+    return {"constant": small, "terms": tuple(ReducedTerm(*item) for item in terms)}
+
+
+def _of_matrices(damping):
+    """Return the coefficients of M and K in D, None where D is no combination of them."""
+    if not isinstance(damping, Rayleigh | Caughey) or caughey_terms(damping) is not None:
+        return None
+    return (*damping.coefficients, 0.0)[:2]
+
+
+def _proportional(M, K, damping, reduced):
+    if coefficients := _of_matrices(damping):
+        return coefficients[0] * M + coefficients[1] * K
+    return reduced.D if _follows_frequencies(damping) else np.zeros_like(K)
+
+
+def _follows_frequencies(damping):
+    """Test whether D is made from the eigenfrequencies of the reduced model."""
+    return isinstance(damping, ModalDamping) or (
+        isinstance(damping, Caughey) and caughey_terms(damping) is not None
+    )
+
+
+def _eigenpairs(M, K):
+    """Return X (m, m) with X^T M X = I and X^T K X = diag(eigenvalues), and these, ascending."""
+    inverse = np.linalg.inv(np.linalg.cholesky((M + M.T) / 2))
+    values, vectors = np.linalg.eigh(inverse @ ((K + K.T) / 2) @ inverse.T)
+    X = inverse.T @ vectors
+    return X * np.where(X[np.abs(X).argmax(axis=0), np.arange(len(X))] < 0, -1.0, 1.0), values
