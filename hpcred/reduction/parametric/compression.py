@@ -13,13 +13,15 @@ from ...parallel.decisions import decided, shared_out
 from ...parallel.failures import agreed
 from ...parallel.petsc import MPI
 from ..tolerance.compression import Snapshots, fewest, inner_of, joined
-from ..tolerance.error_estimate import FINE, UNIFORM, Comparison, grid, largest, resolved
+from ..tolerance.error_estimate import FINE, UNIFORM, Comparison, grid, largest, measure_over, resolved
 from .affine import AffineProjections
-from .estimate import comparison_at
+from .estimate import coarsely
 
 TRIALS = 10  # compressions, each with the points where the one before missed the goal
 WORST = 6  # points that join at a time
 ALONG = UNIFORM // 2  # frequencies of the band, beside those around poles
+CLOSE = 0.3  # of the largest error at few frequencies, above which more are looked at
+KEPT = 2**24  # numbers of matrices of points that a rank keeps
 
 
 class RangeSnapshots:
@@ -90,8 +92,10 @@ def _case(projections, point, settings):
 def turned(projections, point, settings) -> tuple[Comparison, np.ndarray, np.ndarray]:
     """Return the model of all columns at a point beside itself, and the turns from its pseudo-modal coordinates to
     those of the basis and back (m, m); local."""
-    pair = comparison_at(projections, point, None, settings)
-    turn = projections.at(projections.form.theta(point)).turn
+    models = projections.at(projections.form.theta(point))
+    outer, turn = models.model(), models.turn
+    measure = measure_over(settings.error_measure, settings.band, outer)
+    pair = Comparison(outer, outer, np.eye(len(outer)), measure)
     return pair, turn @ pair.outer.vectors, pair.outer.vectors.T @ np.linalg.inv(turn)
 
 
@@ -116,14 +120,14 @@ def compress(projections, settings, reference, some, points, goal, fixed, beside
     `some`: of the points, to begin with; `fixed` (m, c): columns of the basis that stay in the span; `beside`:
     coordinates that join the model later.
     """
-    comm, size = projections.form.parametric.comm, len(projections.L)
+    comm, size, kept = projections.form.parametric.comm, len(projections.L), {}
     limited, most = "", None if settings.size is None else settings.size - beside
     for trial in range(TRIALS + 1):
         U = fewest(RangeSnapshots(projections, some, settings, fixed), goal) if trial < TRIALS else np.eye(size)
         if most is not None and U.shape[1] > most:
             limited = f"with {settings.size} coordinates"
             U = fewest(RangeSnapshots(projections, points, settings, fixed), 0.0, most=most)
-        errors, worst, noise = _errors(projections, points, settings, U)
+        errors, worst, noise = _errors(projections, points, settings, U, kept)
         over = [k for k in np.argsort(-errors, kind="stable") if errors[k] > 1.02 * goal and points[k] not in some]
         if not over or limited:
             break
@@ -132,17 +136,33 @@ def compress(projections, settings, reference, some, points, goal, fixed, beside
     return RangeCompressed(U, errors, worst, found, S, curve, noise, limited)
 
 
-def _errors(projections, points, settings, U):
-    """Return the errors (N,) of the model on U at the points, the frequencies of these, and the largest noise."""
+def _errors(projections, points, settings, U, kept):
+    """Return the errors (N,) of the model on U at the points, the frequencies of these, and the largest noise of the
+    worst of them; at more frequencies where the error is large. `kept`: models of points that this rank has made."""
+    comm, band, few = projections.form.parametric.comm, settings.band, len(points) * U.shape[0] ** 2 < KEPT
 
-    def at(point):
+    def model_at(point):
+        if point in kept:
+            return kept[point]
         pair, _, inward = turned(projections, point, settings)
-        found = inner_of(pair, np.linalg.qr(inward @ U)[0])
-        S, curve = largest(found, grid([found.outer, found.inner], settings.band), rounds=2)
+        if few:
+            kept[point] = pair, inward
+        return pair, inward
+
+    def inside(point):
+        pair, inward = model_at(point)
+        return inner_of(pair, np.linalg.qr(inward @ U)[0])
+
+    def finely(point):
+        found = inside(point)
+        S, curve = largest(found, grid([found.outer, found.inner], band), rounds=2)
         return float(curve.max()), float(S[curve.argmax()]), float(found.noise(S).max())
 
-    found = shared_out(projections.form.parametric.comm, at, points)
-    errors, worst, noise = (np.array(part) for part in zip(*found, strict=True))
+    found = shared_out(comm, lambda point: coarsely(inside(point), band), points)
+    errors, worst = (np.array(part) for part in zip(*found, strict=True))
+    high = np.flatnonzero(errors >= CLOSE * errors.max())
+    found = shared_out(comm, finely, [points[k] for k in high])
+    errors[high], worst[high], noise = (np.array(part) for part in zip(*found, strict=True))
     return errors, worst, float(noise.max())
 
 

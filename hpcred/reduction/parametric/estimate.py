@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...parallel.decisions import decided, shared_out
-from ..tolerance.error_estimate import UNIFORM, Comparison, grid, largest, measure_over
+from ..tolerance.error_estimate import UNIFORM, Comparison, grid, measure_over
 from ..tolerance.pseudo_modal import nested
 from ..tolerance.residual_blocks import ResidualSpace, residual_coefficients, row_scale, transposed_times
 from .affine import AffineProjections
@@ -28,26 +28,21 @@ class Estimate(NamedTuple):
     frequencies: np.ndarray
 
 
-def comparison_at(projections: AffineProjections, point, count: int | None, settings) -> Comparison:
-    """Return the model of the first `count` columns (by default all) at a point beside that of all; local."""
-    models = projections.at(projections.form.theta(point))
-    outer = models.model()
-    inner = outer if count is None else models.model(count)
-    return Comparison(inner, outer, nested(inner, outer), measure_over(settings.error_measure, settings.band, outer))
+def coarsely(pair: Comparison, band) -> tuple[float, float]:
+    """Return the largest error at some frequencies of a band (Hz) and at poles, and where it is; local."""
+    S = grid([pair.outer], band, COARSE, None)
+    curve = pair.curve(S)
+    return float(curve.max()), float(S[curve.argmax()])
 
 
-def estimate(projections: AffineProjections, points, count: int, settings, fine=False) -> Estimate:
-    """Return the error at points of the model of the first `count` columns, seen from all; at few frequencies, unless
-    it is to be `fine`. Collective."""
+def estimate(projections: AffineProjections, points, count: int, settings) -> Estimate:
+    """Return the error at points of the model of the first `count` columns, seen from all. Collective."""
 
     def at(point):
-        pair = comparison_at(projections, point, count, settings)
-        if fine:
-            S, curve = largest(pair, grid([pair.outer, pair.inner], settings.band), rounds=2)
-        else:
-            S = grid([pair.outer], settings.band, COARSE, None)
-            curve = pair.curve(S)
-        return float(curve.max()), float(S[curve.argmax()])
+        models = projections.at(projections.form.theta(point))
+        inner, outer = models.model(count), models.model()
+        measure = measure_over(settings.error_measure, settings.band, outer, COARSE)
+        return coarsely(Comparison(inner, outer, nested(inner, outer), measure), settings.band)
 
     found = shared_out(projections.form.parametric.comm, at, points)
     return Estimate(*(np.array(part) for part in zip(*found, strict=True)))

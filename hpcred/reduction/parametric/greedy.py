@@ -160,14 +160,14 @@ class Greedy:
                 if new:
                     self._join(search, start)
                 at = self.estimated = estimate(self.projections, self.points, before, self.goal)
-                self._add_points(before)
-                at = self.estimated
             self._count = before
             if not new or self.estimate <= search.judge.goal or self.estimate > last / FASTER:
                 break
             if self.basis.size >= self.goal.columns:
                 break
             last = self.estimate
+        with self.run.progress.stage("parameters"):
+            self._add_points(self._count)
 
     def _add_points(self, count):
         """Estimate the error at fresh points; those where it is larger than elsewhere, and too large, stay."""

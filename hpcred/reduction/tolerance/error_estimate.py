@@ -73,11 +73,12 @@ class Comparison:
         return replace(self, inner=inner, outer=outer)
 
 
-def measure_over(measure: Measure, band, model: PseudoModal) -> Measure:
-    """Return a measure with what it takes from the responses of a model over a band (Hz), such as floors."""
+def measure_over(measure: Measure, band, model: PseudoModal, uniform=UNIFORM) -> Measure:
+    """Return a measure with what it takes from the responses of a model at `uniform` points of a band (Hz), such as
+    floors."""
     if isinstance(measure, Paper):
         return measure
-    frequencies = np.linspace(*band, UNIFORM)
+    frequencies = np.linspace(*band, uniform)
     columns = model.io.outputs
     if (derivatives := model.io.derivatives) is not None:
         columns = columns @ derivatives.static().T
