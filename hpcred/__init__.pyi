@@ -105,6 +105,11 @@ from .reduction.components.modes import Modes as Modes
 from .reduction.components.second_order_krylov import SecondOrderKrylov as SecondOrderKrylov
 from .reduction.irka import IRKA as IRKA
 from .reduction.measure import Measure as Measure
+from .reduction.parametric.accuracy import ParameterAccuracy as ParameterAccuracy
+from .reduction.parametric.accuracy import ParameterPoint as ParameterPoint
+from .reduction.parametric.reduced import ParametricReducedModel as ParametricReducedModel
+from .reduction.parametric.reduced import ReducedTerm as ReducedTerm
+from .reduction.parametric.settings import ParameterSearch as ParameterSearch
 from .reduction.record import Record as Record
 from .reduction.reduce import reduce as reduce
 from .reduction.reduced_model import ReducedModel as ReducedModel

@@ -1,4 +1,4 @@
-"""Estimate the error of a model over the band and over values of the parameters, and extend its basis where it is large.
+"""Estimate the error of a model over the band and values of parameters, and find what its basis misses.
 
 As at one value (see tolerance.error_estimate) the error of a model is seen from a basis that is a block richer. Here
 that block is made from the leading directions of the residuals over the band and all training points, solved with the
@@ -18,7 +18,7 @@ from ..tolerance.residual_blocks import ResidualSpace, residual_coefficients, ro
 from .affine import AffineProjections
 
 COARSE = UNIFORM // 4  # frequencies of the band, beside those at poles
-RESIDUALS = 12  # frequencies at which residuals are taken at each training point
+RESIDUALS = 12  # frequencies at which residuals are taken at each training point, beside those at poles
 
 
 class Estimate(NamedTuple):
@@ -48,10 +48,10 @@ def estimate(projections: AffineProjections, points, count: int, settings) -> Es
     return Estimate(*(np.array(part) for part in zip(*found, strict=True)))
 
 
-def residual_block(projections: AffineProjections, framed, points, at: Estimate | None, settings, width):
+def residual_block(projections: AffineProjections, framed, points, settings, width):
     """Return the `width` leading directions of the residuals over the band and the points, as a block. Collective.
 
-    `framed`: a model whose factor is to be solved with; `at`: where the error was largest at each of the points.
+    `framed`: a model whose factor is to be solved with.
     """
     form = projections.form
     matrices = [(part.mat, part.symmetric) for parts in form.parts.values() for part in parts]
@@ -61,16 +61,15 @@ def residual_block(projections: AffineProjections, framed, points, at: Estimate 
         framed.model, framed.rigid, form.loads, projections.basis.columns, matrices, row_scale(framed.model),
         form.restore,
     )  # fmt: skip
-    return space.leading(_Samples(projections, points, at, settings), width)
+    return space.leading(_Samples(projections, points, settings), width)
 
 
 class _Samples:
     """Residuals at points, of which each rank has its share (see ResidualSpace)."""
 
-    def __init__(self, projections, points, at, settings):
-        self._projections, self._settings = projections, settings
+    def __init__(self, projections, points, settings):
+        self._projections, self._points, self._settings = projections, points, settings
         self._comm = projections.form.parametric.comm
-        self._points, self._at = points, at
 
     def take(self, count):
         places = list(range(len(self._points)))[self._comm.rank :: self._comm.size]
@@ -115,9 +114,7 @@ class _Samples:
         theta = form.theta(self._points[place])
         models = projections.at(theta)
         model = models.model()
-        S = np.linspace(*settings.band, RESIDUALS)
-        if self._at is not None:
-            S = np.unique([*S, self._at.frequencies[place]])
+        S = grid([model], settings.band, RESIDUALS, None)
         loads, *by_matrix = residual_coefficients(model, settings, S)
         by_matrix = dict(zip("MKD", [models.turn @ part for part in by_matrix], strict=False))
         found = [loads]

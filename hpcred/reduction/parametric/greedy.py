@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -22,7 +23,6 @@ from ..run import Run
 from ..tolerance.accuracy import UNDAMPED, Adaptive
 from ..tolerance.error_estimate import resonances
 from ..tolerance.judging import Candidate
-from ..tolerance.projections import HELD_BACK
 from ..tolerance.search import Search, State
 from ..tolerance.search_checks import is_singular
 from .accuracy import ParameterPoint, in_words
@@ -148,18 +148,15 @@ class Greedy:
         solver, last = search.expansion.solver, np.inf
         if solver.nearby is not None:  # solves take the factor itself
             solver.go_to(solver.nearby)
-        at = None
+        rule = {"points": [list(point) for point in self.points], "visited": len(self.visited)}
+        make_load = partial(residual_block, self.projections, search.run.framed, self.points, self.goal, WIDTH)
         for _ in range(BLOCKS):
-            before, width = self.basis.size, max(WIDTH, HELD_BACK)
-            start = search.projections.basis.size
+            before, start = self.basis.size, search.projections.basis.size
             with self.run.progress.stage("parameters"):
-                rule = {"points": [list(point) for point in self.points], "visited": len(self.visited)}
-                new = solver.extend_by(rule, lambda: residual_block(
-                    self.projections, search.run.framed, self.points, at, self.goal, width
-                ))  # fmt: skip
+                new = solver.extend_by(rule | {"size": before}, make_load)
                 if new:
                     self._join(search, start)
-                at = self.estimated = estimate(self.projections, self.points, before, self.goal)
+                self.estimated = estimate(self.projections, self.points, before, self.goal)
             self._count = before
             if not new or self.estimate <= search.judge.goal or self.estimate > last / FASTER:
                 break

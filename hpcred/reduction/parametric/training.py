@@ -23,7 +23,8 @@ def training_points(parameters, count: int | None = None) -> list[tuple[float, .
         along = np.linspace(0, 1, max(2, round(count ** (1 / number))))
         places = np.array(list(product(along, repeat=number)))
     else:
-        corners = np.array(list(product((0.0, 1.0), repeat=number))) if 2**number <= count // 2 else np.zeros((0, number))
+        few = 2**number <= count // 2
+        corners = np.array(list(product((0.0, 1.0), repeat=number))) if few else np.zeros((0, number))
         places = np.vstack([corners, low_discrepancy(number, count - len(corners))])
     return [point_at(parameters, place) for place in places]
 
@@ -60,7 +61,8 @@ def place_of(parameters, point) -> np.ndarray:
     place = []
     for item, value in zip(parameters, point, strict=True):
         low, high = item.range
-        place.append(np.log(value / low) / np.log(high / low) if _is_logarithmic(item) else (value - low) / (high - low))
+        part = np.log(value / low) / np.log(high / low) if _is_logarithmic(item) else (value - low) / (high - low)
+        place.append(part)
     return np.array(place)
 
 

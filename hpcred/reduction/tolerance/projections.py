@@ -18,10 +18,7 @@ def extended(small, mat, new, columns, symmetric=True) -> np.ndarray:
     Collective."""
     start = len(small)
     right = project(mat, new, columns)
-    if symmetric or not start:
-        left = right[:start].T
-    else:
-        left = project(mat, columns.between(0, start), new)
+    left = right[:start].T if symmetric or not start else project(mat, columns.between(0, start), new)
     return np.block([[small, right[:start]], [left, right[start:]]])
 
 

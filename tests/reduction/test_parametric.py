@@ -1,0 +1,190 @@
+"""Reductions of models with parameters to a tolerance, against dense solves at other frequencies and values."""
+
+import numpy as np
+import pytest
+from adaptive_models import chain, pair, unit
+from parametric_models import AffineCase, fresh_pairs, random_affine
+
+import hpcred
+from hpcred import (
+    Buckens,
+    GivenDamping,
+    InputError,
+    ModalDamping,
+    Modes,
+    Parameter,
+    Rayleigh,
+)
+from hpcred.parallel.decisions import shared_out
+from hpcred.reduction.parametric.training import distances, fresh_points, place_of, training_points
+
+
+def bushings(n=60, **more):
+    """A chain whose two ends are held by springs that depend on parameters."""
+    K, M = chain(n)
+    ends = [1e4 * np.outer(e, e) for e in (pair(n, 0, n), pair(n, n - 1, n))]
+    parameters = [Parameter("a", (0.0, 2.0)), Parameter("b", (0.01, 10.0))]
+    terms = [("K", ends[0], "a^2"), ("K", ends[1], "sqrt(b)")]
+    return AffineCase("bushings", K, M, unit(n, n // 3, 2 * n // 3), (0.0, 4.0), parameters, terms, **more)
+
+
+def rotor(n=25):
+    """Masses in y and z on a shaft that spins: gyroscopic moments by omega, spin softening by its square."""
+    K, M = chain(n)
+    gyroscopic = np.kron(np.diag(np.linspace(0.2, 1.0, n)), np.array([[0.0, -1.0], [1.0, 0.0]]))
+    bearings = 300 * np.kron(np.diag(np.arange(n) % 7 == 0), np.diag([1.0, 2.0]))
+    K, M = np.kron(K, np.eye(2)) + bearings, np.kron(M, np.eye(2))
+    D = 1e-3 * K + 0.05 * M
+    terms = [("D", gyroscopic, "omega"), ("K", 0.02 * M, "-omega^2")]
+    parameters = [Parameter("omega", (0.0, 10.0), reference=4.0, unit="rad/s")]
+    return AffineCase("rotor", K, M, unit(2 * n, 9, 30), (0.0, 5.0), parameters, terms, D=D, damping=GivenDamping())
+
+
+def reduced(case, tolerance, comm, **more):
+    with case.model(comm) as model:
+        return hpcred.reduce(model, tolerance=tolerance, band=case.band, damping=case.damping, **more)
+
+
+def check(case, rom, tolerance):
+    """Hold what is said of the error against dense solves at fresh pairs."""
+    accuracy = rom.record.accuracy
+    worst = [(accuracy.worst, accuracy.parameters.worst)]
+    true = case.eps(rom, [*fresh_pairs(case), *worst])
+    assert accuracy.reached and true.max() <= tolerance
+    assert accuracy.largest + accuracy.noise <= tolerance
+    assert 0.4 <= true[-1] / accuracy.largest <= 1.2
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("make, tolerance", [(bushings, 1e-4), (rotor, 1e-3)], ids=["bushings", "rotor"])
+def test_the_tolerance_holds_at_other_values(make, tolerance, comm):
+    case = make()
+    with reduced(case, tolerance, comm, parameter_search=hpcred.ParameterSearch(points=25)) as rom:
+        check(case, rom, tolerance)
+        accuracy = rom.record.accuracy
+        assert rom.size < len(case.K) / 2 and f"{accuracy.parameters.ranges_in_words}: " in accuracy.sentence
+        assert len(accuracy.parameters.points) <= 5
+        assert all(point.measured <= 0.3 * tolerance for point in accuracy.parameters.points[-2:])
+        assert len(rom.record.factorisations) == sum(point.factorisations for point in accuracy.parameters.points)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("seed", [5, 16])
+def test_random_models(seed, comm):
+    case, tolerance = random_affine(seed, 30)
+    with reduced(case, tolerance, comm) as rom:
+        assert not rom.record.accuracy.reached or case.eps(rom, fresh_pairs(case)).max() <= tolerance
+
+
+def test_the_terms_are_those_of_the_full_model(comm):
+    """In M, D, K, B and C, with an output that is no input."""
+    n, rng = 20, np.random.default_rng(1)
+    K, M = chain(n)
+    parts = {"M": np.diag(rng.uniform(0, 0.5, n)), "D": np.diag(rng.uniform(0, 3, n)),
+             "K": 1e3 * np.outer(pair(n, 4, 9), pair(n, 4, 9)), "B": unit(n, 7), "C": unit(n, 11).T}  # fmt: skip
+    factors = {"M": "p", "D": "p^2", "K": "1 - p", "B": "2*p", "C": "p - 0.5"}
+    case = AffineCase("all", K, M, unit(n, 3), (0.0, 3.0), [Parameter("p", (0.0, 1.0))],
+                      [(of, parts[of], factors[of]) for of in parts], D=0.1 * M, Ct=unit(n, 15),
+                      damping=GivenDamping())  # fmt: skip
+    with reduced(case, 1e-6, comm) as rom:
+        V = np.vstack(comm.allgather(rom.columns.getMat().getDenseArray().real)) if comm.size == 1 else None
+        values = {"p": 0.83}
+        full, small = case.matrices(values), rom.matrices(values)
+        assert [term.of for term in rom.terms] == list("MDKBC")
+        for of in "MDK":
+            assert np.abs(V.T @ full[of] @ V - small[of]).max() < 1e-9 * np.abs(full[of]).max()
+        X = rom.turn(values)
+        at = rom.at(**values)
+        assert np.abs(X.T @ small["M"] @ X - np.eye(rom.size)).max() < 1e-12
+        assert np.abs(X.T @ small["K"] @ X - at.K).max() < 1e-9 * np.abs(at.K).max()
+        s = 2j * np.pi * np.array([0.3, 2.2])
+        assert np.allclose(rom.transfer_function(s, **values), at.transfer_function(s), rtol=1e-9)
+        assert np.allclose(rom.frequency_response([0.3, 2.2], **values), at.transfer_function(s), rtol=1e-9)
+        assert np.allclose(rom.transfer_function(s), rom.base.transfer_function(s), rtol=1e-9)
+        assert case.eps(rom, fresh_pairs(case)).max() <= 1e-6
+        with pytest.raises(InputError, match="found 1.5, expected 0 to 1, its range"):
+            rom.at(p=1.5)
+
+
+@pytest.mark.parametrize("damping", [Rayleigh(0.1, 1e-4), ModalDamping(ratio=0.02)], ids=lambda item: item.kind)
+def test_damping_that_follows_the_matrices(damping, comm):
+    """D of the reduced model at other values is what its M and K make of it there."""
+    case = bushings(30, damping=damping)
+    with reduced(case, 1e-3, comm) as rom:
+        at = rom.at(a=1.7, b=3.0)
+        omega = 2 * np.pi * at.frequencies
+        expected = 0.1 + 1e-4 * omega**2 if damping.kind == "rayleigh" else 0.04 * omega
+        assert np.allclose(at.D, np.diag(expected), atol=1e-9 * expected.max())
+
+
+def test_limits_end_it_honestly(comm):
+    case = bushings()
+    with case.model(comm) as model:
+        adaptive = hpcred.Adaptive(tolerance=1e-8, band=case.band, columns=20)
+        with hpcred.reduce(model, adaptive=adaptive) as rom:
+            accuracy = rom.record.accuracy
+            assert not accuracy.reached and "with 20 columns" in accuracy.stopped
+            assert case.eps(rom, fresh_pairs(case)).max() <= 3 * accuracy.largest
+    with case.model(comm) as model:
+        search = hpcred.ParameterSearch(points=9, most=3)
+        with hpcred.reduce(model, tolerance=1e-10, band=case.band, parameter_search=search) as rom:
+            assert len(rom.record.accuracy.parameters.points) <= 3
+
+
+def test_a_size_that_was_asked_for(comm):
+    case = bushings()
+    with case.model(comm) as model:
+        adaptive = hpcred.Adaptive(tolerance=1e-4, band=case.band, size=8)
+        with hpcred.reduce(model, adaptive=adaptive) as rom:
+            assert rom.size == 8 and "with 8 coordinates" in rom.record.accuracy.sentence
+            true = case.eps(rom, fresh_pairs(case)).max()
+            assert true <= 1.05 * rom.record.accuracy.largest
+
+
+def test_what_is_refused(comm):
+    case = bushings(20)
+    skew = np.triu(np.ones((20, 20)))
+    with case.model(comm) as model:
+        for more, message in [
+            ({}, "a model with parameters is reduced to a tolerance"),
+            ({"basis": Modes(count=4)}, "a model with parameters is reduced to a tolerance"),
+            ({"tolerance": 1e-3, "band": case.band, "static": "exact"}, "static: found 'exact'"),
+            ({"tolerance": 1e-3, "band": case.band, "drop_above": 9.0}, "drop_above"),
+        ]:
+            with pytest.raises(InputError, match=message):
+                hpcred.reduce(model, **more)
+        with pytest.raises(InputError, match="parameter_search: found it for a model without parameters"):
+            hpcred.reduce(model.model, tolerance=1e-3, band=case.band, parameter_search=hpcred.ParameterSearch())
+    for of, matrix, more, message in [
+        ("K", skew, {}, "the term of K with the factor 'a' is not symmetric"),
+        ("M", skew, {}, "the term of M with the factor 'a' is not symmetric"),
+        ("M", np.eye(20), {"frame": Buckens()}, "in the Buckens frame, whose rigid-body modes depend on M"),
+        ("D", np.eye(20), {"damping": Rayleigh(1.0)}, "found 'rayleigh', which replaces D and so the 1 term of D"),
+    ]:
+        other = bushings(20)
+        other.terms.append((of, matrix, "a"))
+        with other.model(comm) as model, pytest.raises(InputError, match=message):
+            hpcred.reduce(model, tolerance=1e-3, band=case.band, **more)
+    for key, value in (("points", 1), ("most", 2)):
+        with pytest.raises(InputError, match=f"parameter_search.{key}: found {value}, expected at least"):
+            hpcred.ParameterSearch(**{key: value})
+
+
+def test_training_points_fill_the_ranges():
+    line = [Parameter("p", (-1.0, 3.0))]
+    assert training_points(line, 5) == [(-1.0,), (0.0,), (1.0,), (2.0,), (3.0,)]
+    decades = [Parameter("p", (1.0, 1e4))]
+    assert np.allclose(training_points(decades, 5), [[1], [10], [100], [1e3], [1e4]])
+    assert place_of(decades, (100.0,)) == pytest.approx([0.5])
+    many = [Parameter(name, (0.0, 1.0)) for name in "abc"]
+    points = np.array(training_points(many))
+    assert len(points) == 100 and {(0.0, 0.0, 0.0), (1.0, 0.0, 1.0)} <= set(map(tuple, points))
+    cells = {tuple(cell) for cell in np.floor(points[8:] * 2.999).astype(int)}
+    assert len(cells) == 27
+    assert not set(fresh_points(many, 0, 8)) & set(fresh_points(many, 8, 8))
+    assert np.allclose(distances(line, [(-1.0,), (2.0,)], [(0.0,), (3.0,)]), [0.25, 0.25])
+
+
+@pytest.mark.mpi
+def test_what_is_shared_out_comes_in_order(comm):
+    assert shared_out(comm, lambda item: item**2, list(range(7))) == [0, 1, 4, 9, 16, 25, 36]
