@@ -59,9 +59,8 @@ class AffineForm:
     def io(self, theta) -> InputsOutputs:
         """Return inputs and outputs in terms of the loads; local."""
         inputs = sum(theta[k] * factor for k, factor in self.inputs)
-        if self.outputs is None:
-            return InputsOutputs(inputs, inputs)
-        return InputsOutputs(inputs, sum(theta[k] * factor for k, factor in self.outputs))
+        outputs = inputs if self.outputs is None else sum(theta[k] * factor for k, factor in self.outputs)
+        return InputsOutputs(inputs, outputs, self.parametric.model.derivatives)
 
     def in_all_dofs(self, block: Block) -> Block:
         """Return columns in all dofs of the model, which those of the matrices are."""

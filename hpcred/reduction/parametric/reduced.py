@@ -33,8 +33,9 @@ class ReducedTerm:
 class ParametricReducedModel(ReducedModel):
     """A reduced model for all values of some parameters in their ranges; by itself it is that at the reference values.
 
-    `constant`: M, D, K (m, m), B (m, p) and C (r, m) without the terms, by name; `terms`: what joins them, so that
-    A(p) = A + sum theta_k(p) A_k as in the full model, in the coordinates of the model at the reference.
+    `constant`: M, D, K (m, m), B (m, p) and C (r, m) without the terms, by name, and Cv, Ca where outputs are
+    velocities or accelerations; `terms`: what joins them, so that A(p) = A + sum theta_k(p) A_k as in the full model,
+    in the coordinates of the model at the reference.
     """
 
     parameters: tuple[Parameter, ...] = ()
@@ -52,7 +53,7 @@ class ParametricReducedModel(ReducedModel):
         return checked_values(self.parameters, {})
 
     def matrices(self, values: Mapping[str, float]) -> dict[str, np.ndarray]:
-        """Return M, D, K, B and C at values of the parameters, in the coordinates of the model at the reference.
+        """Return M, D, K, B, C (Cv, Ca) at values of the parameters, in the coordinates of the model at the reference.
 
         Raises InputError for other names, and values outside of the ranges.
         """
@@ -96,8 +97,9 @@ class ParametricReducedModel(ReducedModel):
         X, eigenvalues = _eigenpairs(found["M"], found["K"])
         frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
         if not self.interfaces:
+            outputs = {key: found[key] @ X for key in ("C", "Cv", "Ca") if key in found}
             found = {"M": np.eye(self.size), "K": np.diag(eigenvalues), "D": X.T @ found["D"] @ X,
-                     "B": X.T @ found["B"], "C": found["C"] @ X}  # fmt: skip
+                     "B": X.T @ found["B"], **outputs}  # fmt: skip
         return replace(self.base, **found, frequencies=frequencies, columns=None, left_columns=None, model=None)
 
     def transfer_function(self, s: complex | np.ndarray, **values: float) -> np.ndarray:
@@ -120,6 +122,8 @@ def projected_parts(parametric, reduced: ReducedModel, damping) -> dict:
         small[key] = project(mat, columns)
     small["B"] = project_columns(columns, model.B)
     small["C"] = (small["B"] if model.Ct is None else project_columns(columns, model.Ct)).T.copy()
+    if model.derivatives is not None:
+        small |= dict(zip(("C", "Cv", "Ca"), model.derivatives.of(small["C"]), strict=True))
     terms = []
     for item in parametric.terms:
         if item.of in "MDK":
