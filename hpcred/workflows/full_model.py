@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from ..analysis.frequency_response import response_and_drive
 from ..files.model_file import read_model
@@ -13,6 +14,7 @@ from ..linalg.solvers.settings import PACKAGES, Factoring, LinearSolver
 from ..model.cut_outputs import cut_output_of
 from ..model.damping import Damping, NoDamping
 from ..model.dofs import target_of
+from ..model.loads import AnyLoad, input_names
 from ..model.motion_outputs import motion_output_of
 from ..model.second_order_model import SecondOrderModel
 from ..model.stress_outputs import stress_output_of
@@ -98,12 +100,20 @@ def _model_of_record(path, record, result, comm):
 
 
 def _as_recorded(model, key, names, record, path):
-    """Return the model with the inputs or outputs of a reduction, from their names or from the file of the job."""
+    """Return the model with the inputs or outputs of a reduction, from their names, the file or the loads of the job."""
     if key == "output" and names == record.inputs and "C" not in record.signature:
         with model:
             return model.with_output_columns(None, ())
     if getattr(model, f"{key}_names") == names:
         return model
+    loads = _loads_of(record) if key == "input" else ()
+    added = tuple(name for item in loads for name in input_names(item))
+    if added and names[-len(added) :] == added:
+        with _as_recorded(model, key, names[: -len(added)], record, path) as bare:
+            return bare.with_loads(loads)
+    if not names:
+        with model:
+            return model.with_input_columns(None, ())
     kinds = (stress_output_of, motion_output_of, cut_output_of, target_of)
     targets = [next(filter(None, (kind(name) for kind in kinds)), None) for name in names]
     file = (record.job or {}).get(key + "s")
@@ -111,3 +121,8 @@ def _as_recorded(model, key, names, record, path):
         with model:
             raise InputError(f"{path}: has no {key}s {', '.join(names)}, which the reduction used")
     return with_targets(model, key, file if None in targets else targets)
+
+
+def _loads_of(record) -> tuple:
+    """Return the loads that the job of a record added to the inputs of the model."""
+    return TypeAdapter(tuple[AnyLoad, ...]).validate_python((record.job or {}).get("load", ()))
