@@ -100,7 +100,7 @@ def _model_of_record(path, record, result, comm):
 
 
 def _as_recorded(model, key, names, record, path):
-    """Return the model with the inputs or outputs of a reduction, from their names, the file or the loads of the job."""
+    """Return the model with the inputs or outputs of a reduction, from their names, or files and loads of the job."""
     if key == "output" and names == record.inputs and "C" not in record.signature:
         with model:
             return model.with_output_columns(None, ())
