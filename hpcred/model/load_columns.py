@@ -15,14 +15,16 @@ from ..parallel.lookup import look_up
 from .checked_arrays import named_columns
 from .dofs import DIRECTIONS, OWN, SCALAR, require_dofs, target_of
 from .face_loads import NodalForces, edges_of, forces_on_edges, forces_on_faces
-from .interface_motion import numbers_of_set, on_surface
+from .interface_motion import extent_in_words, numbers_of_set, on_surface
 from .interfaces import Nodes, find_interface
 from .loads import AnyLoad, LoadColumn, input_names
 from .rigid_body_modes import rigid_motions
-from .surface_faces import Faces, places_of, surface_faces
+from .surface_faces import Faces, placed_nodes, places_of, surface_faces
 from .thermal_loads import thermal_forces
 
 ROUND_OFF = 1e-13  # of the largest force, or of a sum of sizes: what is left in directions without a load
+BESIDE = 1e-6  # of the length of a path: nodes at one place along it
+TO_AND_FRO = 2.0  # length of a path by its length along a direction; a half circle has 1.6
 STRIDE = 8  # of keys of node and direction
 OF_TEMPERATURE = (
     "recovered stresses are those of the displacements, E B u; the stress is less by E alpha T / (1 - 2 nu) in "
@@ -120,11 +122,29 @@ def _path(model, load, where):
         raise InputError(f"{where}: on: node {nodes[~there][0]} has no row in {model.name}, or does not exist")
     if len(nodes) < 2:
         raise InputError(f"{where}: on: found {len(nodes)} nodes, expected at least two along a path")
-    order = np.arange(len(nodes)) if load.along is None else np.argsort(points @ np.array(load.along), kind="stable")
+    order = np.arange(len(nodes))
+    if load.along is not None:
+        place = points @ (np.array(load.along) / np.linalg.norm(load.along))
+        order = np.argsort(place, kind="stable")
+        _require_line(nodes[order], points[order], place[order], where)
     nodes, points = nodes[order], points[order]
     if not np.linalg.norm(np.diff(points, axis=0), axis=1).all():
         raise InputError(f"{where}: on: found two nodes of the path at one place, expected a line of nodes")
     return nodes, points
+
+
+def _require_line(nodes, points, place, where):
+    """Raise InputError for nodes (k,) with points (k, 3), in the order of their places (k,) along a direction, that lie
+    side by side, as those of a face do."""
+    reach = place[-1] - place[0]
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    closest = int(np.argmin(np.diff(place)))
+    if place[closest + 1] - place[closest] <= BESIDE * reach or length > TO_AND_FRO * reach:
+        raise InputError(
+            f"{where}: along: found nodes side by side, as {nodes[closest]} and {nodes[closest + 1]} (their path is "
+            f"{length:g} m long, and {reach:g} m in this direction), expected nodes of one line, as of an edge; take "
+            "these, or numbers in their order"
+        )
 
 
 def inertia_force(model, name, acceleration, kind):
@@ -295,11 +315,19 @@ def _inside(model, on, nodes, where):
         else:
             on = model.interfaces[place].definition.nodes
     if isinstance(on, tuple):
+        there, _ = places_of(model, np.array(on, np.int64))
+        lost = np.array(on)[~there]  # nodes of elements without a row have a message of their own
+        known = [np.isin(lost, part.ravel()) for part in model.elements.values()]
+        known = np.any(model.comm.allgather(np.any([np.zeros(len(lost), bool), *known], axis=0)), axis=0)
+        if not known.all():
+            raise InputError(f"{where}: on: node {lost[~known][0]} does not exist in {model.name}")
         return np.isin(nodes, on)
     if on.set is not None:
         return look_up(model.comm, numbers_of_set(model, on.set, f"{where}: on"), [], nodes)[0]
     if on.surface is not None:
         return np.isin(nodes, on_surface(model, on, f"{where}: on"))
+    if not model.comm.allreduce(int(on.contain(placed_nodes(model)[1]).sum())):
+        raise InputError(f"{where}: on: no node lies there; {extent_in_words(model)}")
     there, points = places_of(model, nodes)
     return there & on.contain(points)
 
