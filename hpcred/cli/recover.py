@@ -60,6 +60,16 @@ def recover(
     if (deck is None) != (original is None):
         raise InputError("--deck, --input: found one without the other; give the program and the input file that the "
                          "matrices came from")  # fmt: skip
+    of_motion = {
+        "--nodes": nodes is not None, "--quantities": quantities != "displacement", "--inertial": inertial,
+        "--stress": stress, "--from": start is not None, "--to": end is not None, "--every": every != 1,
+        "--single": single, "--first": first is not None,
+    }  # fmt: skip
+    if motion is None and any(of_motion.values()):
+        surplus = next(name for name, given in of_motion.items() if given)
+        raise InputError(f"{surplus}: belongs to MOTION; leave it out with --deck and --answers")
+    if motion is not None and units != "SI":
+        raise InputError("--units: belongs to --deck and --answers; what is recovered is in SI")
     if deck is not None:
         report = hpcred.write_deck(result, deck, original, output, units=units, progress=session.progress())
         print(f"{report['folder']}: {report['columns']} steps; run there {report['run']}")
@@ -75,8 +85,9 @@ def recover(
         result, motion, output, nodes=values.labels(nodes), quantities=quantities.split(","), inertial=inertial,
         stress=stress, start=start, end=end, every=every, single=single, first=first, progress=session.progress(),
     )  # fmt: skip
-    rows = [{"largest": name, "value": report[key]["value"], "node": report[key]["node"], "t (s)": report[key]["t_s"]}
-            for key, name in LARGEST.items() if key in report]  # fmt: skip
+    found = [(name, report[key]) for key, name in LARGEST.items() if key in report]
+    rows = [{"largest": name, "value": item["value"], "node": item["node"] or "", "t (s)": item["t_s"]}
+            for name, item in found]  # fmt: skip
     show_table(f"{report['output']}: {report['instants']} instants of {report['nodes']} nodes", rows)
     session.list_all("remark", report["remarks"])
     session.write_json(json, report)

@@ -40,7 +40,9 @@ def _target(text):
 
 def labels(text):
     """Numbers of nodes, and names of interfaces and node sets, separated by commas, or None."""
-    return [int(word) if word.strip().isdecimal() else word.strip() for word in text.split(",")] if text else None
+    if text is None:
+        return None
+    return [int(word) if word.strip().isdecimal() else word.strip() for word in text.split(",")]
 
 
 def amount(text, option, units):

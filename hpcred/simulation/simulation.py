@@ -308,7 +308,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
 
 
 def _loads_without_stress(body, setup) -> list[str]:
-    """Return a sentence on nodes with loads, joints or springs whose forces have no state in the geometric
+    """Return sentences on loads, and nodes with forces, joints or springs, that have no state in the geometric
     stiffness."""
     stiffness = body.geometric_stiffness
     if stiffness is None or not setup.geometric_stiffness:
@@ -319,13 +319,19 @@ def _loads_without_stress(body, setup) -> list[str]:
         if shape.node in loaded and shape.phi.any() and not any(state.startswith(f"{shape.label}:")
                                                                 for state in stiffness.states)
     ]  # fmt: skip
-    missing += [item.name for item in setup.load]
-    if not missing:
-        return []
-    return [
-        f"geometric stiffness: forces at {', '.join(missing)} have no state, so that their stress does not count; make "
-        "these nodes inputs or interfaces of the reduction"
-    ]
+    found = []
+    if missing:
+        found.append(
+            f"geometric stiffness: forces at {', '.join(missing)} have no state, so that their stress does not count; "
+            "make these nodes inputs or interfaces of the reduction"
+        )
+    if setup.load:
+        names = ", ".join(item.name for item in setup.load)
+        found.append(
+            f"geometric stiffness: the stress of the loads {names} does not count: there are states of accelerations, "
+            "angular velocities, and forces at nodes"
+        )
+    return found
 
 
 def _spins_twice(body, setup) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,14 +83,20 @@ def recover(
         whole = coordinates_of(taken, motion, comm, first)
         if inertial:
             require_frame(motion, whole)
+        else:
+            whole = replace(whole, frame=None)
         whole = whole.with_rates(motion, "velocity" in quantities or (inertial and "acceleration" in quantities),
                                  "acceleration" in quantities)  # fmt: skip
         coordinates = whole.thinned(motion, start, end, every)
         points = read_points(source, comm, nodes, stress)
     origin = taken.floating_frame.origin if taken.floating_frame is not None else np.zeros(3)
     begin = start_places(points.position - origin, whole) if inertial else None
+    remarks = list(coordinates.remarks)
+    if stress and taken.reduced.record is not None:
+        remarks += [f"load '{load.name}': {load.remark}" for load in taken.reduced.record.loads
+                    if load.kind == "temperature"]  # fmt: skip
     record = {"result": str(source), "motion": str(motion), "axes": "inertial" if inertial else "body",
-              "remarks": list(coordinates.remarks), "versions": versions()}  # fmt: skip
+              "remarks": remarks, "versions": versions()}  # fmt: skip
     with progress.stage("recover", str(output)):
         report = write_recovered(output, points, coordinates, quantities, record, comm, origin=origin, start=begin,
                                  dtype="<f4" if single else "<f8", progress=progress)  # fmt: skip

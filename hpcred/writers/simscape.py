@@ -43,4 +43,6 @@ class FlexibleSolid(SuperelementWriter):
             "loads": element.loads,
             "load_names": np.array(element.load_names, dtype=object),
         }, oned_as="column")  # fmt: skip
-        return content.getvalue(), {}, list(element.remarks)
+        loads = ", ".join(element.load_names)
+        instead = [f"`loads` in the file has the forces of {loads} on frames and modal coordinates"] if loads else []
+        return content.getvalue(), {}, [*element.remarks, *instead]

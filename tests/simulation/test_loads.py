@@ -72,6 +72,7 @@ def test_at_rest_it_deflects_as_the_full_model():
         marked.with_inputs(["root", "tip"]) as forced, forced.with_loads([wind]) as loaded,
         hpcred.reduce(loaded, [Modes(count=6), StaticCorrection()], Buckens()) as rom,
     ):  # fmt: skip
+        stiff = body_of(loaded, rom, geometric_stiffness=hpcred.geometric_stiffness(loaded, rom.columns, Buckens()))
         body = body_of(loaded, rom)
         K, _, B = dense_model(loaded)
         G, free = to_dense(loaded.Gt)[:, 6:9].T, loaded.dofs.position[:, 0] > 1e-9
@@ -84,6 +85,9 @@ def test_at_rest_it_deflects_as_the_full_model():
     assert motion.node_displacement[:, tip] == pytest.approx(np.tile(G @ u, (3, 1)), rel=1e-5, abs=1e-12)
     assert abs((G @ u)[2]) > 1e-8
     assert motion.constraint_force[0][2] == pytest.approx(2e4 * 0.04 * 0.02, rel=1e-6)
+    said = "geometric stiffness: the stress of the loads wind does not count: there are states of accelerations, "
+    assert [note.startswith(said) for note in hpcred.simulate(stiff, setup).notes].count(True) == 1
+    assert not any("geometric stiffness" in note and "wind" in note for note in motion.notes)
 
 
 @pytest.mark.parametrize(

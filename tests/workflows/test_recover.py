@@ -66,6 +66,7 @@ def test_all_nodes_in_the_body_frame(simulated):
     assert report["instants"] == 21 and report["nodes"] == 20 and report["axes"] == "body"
     assert any("accelerations by differences of the velocities" in remark for remark in report["remarks"])
     assert not any("velocities by differences" in remark for remark in report["remarks"])
+    assert not any("of the frame" in remark for remark in report["remarks"])
     assert hpcred.verify_file(simulated / "out.h5")["verified_datasets"] == 7
     said = hpcred.describe_file(simulated / "out.h5")
     assert said["format"] == "hpcred recovered motion" and said["nodes"] == 20 and said["arrays"] == list(ALL)
@@ -277,6 +278,23 @@ def test_stresses_over_time(folder, comm):
     assert table[f"stress_{some[1]}_yz"] == pytest.approx(expected[:, 7, 4], rel=1e-9)
 
 
+def test_what_comes_off_stresses_of_temperatures_is_said(tmp_path):
+    steel = hpcred.Material(name="steel", young=2.1e11, poisson=0.3, expansion=1.2e-5)
+    hot = hpcred.Temperature(name="hot")
+    with (
+        hpcred.solid((2, 1, 1), inputs=1) as bare, bare.with_material(steel) as model,
+        model.with_loads([hot]) as heated, hpcred.reduce(heated, [hpcred.StaticCorrection()]) as rom,
+    ):  # fmt: skip
+        modes = hpcred.stress_modes(heated, rom.columns)
+        hpcred.write_result(tmp_path / "result.h5", rom, heated, stress=modes)
+    names = ",".join(f"q{k + 1}" for k in range(len(modes.stress)))
+    (tmp_path / "q.csv").write_text(f"t,{names}\n" + ",".join(["0"] * (len(modes.stress) + 1)) + "\n")
+    for stress in (False, True):
+        report = hpcred.recover(tmp_path / "result.h5", tmp_path / "q.csv", tmp_path / "out.csv", stress=stress)
+        told = [remark for remark in report["remarks"] if remark.startswith("load 'hot': recovered stresses are those")]
+        assert len(told) == stress
+
+
 @pytest.mark.mpi
 def test_a_folder_of_something_else_is_not_replaced(simulated, comm):
     if comm.rank == 0:
@@ -318,6 +336,27 @@ def test_on_the_command_line(linkage_folder, capsys):
     assert "out.csv: 5 instants of 2 nodes" in shown and "velocity (m/s)" in shown
     first = Path("out.csv").read_text().split("\n")[0].split(",")
     assert first[1] == "displacement_1_x" and first[7] == "velocity_1_x" and len(first) == 13
+
+
+@pytest.mark.parametrize("words, says", [
+    (["simulation.h5", "--units", "mm,t,s"], "--units: belongs to --deck and --answers; what is recovered is in SI"),
+    (["--deck", "calculix", "--input", "a.inp", "--nodes", "1"], "--nodes: belongs to MOTION; leave it out with"),
+    (["--answers", "a.frd", "--stress", "--every", "2"], "--stress: belongs to MOTION; leave it out with --deck"),
+    (["simulation.h5", "--answers", "a.frd"], "expected one of MOTION, --deck with --input, and --answers"),
+    (["--deck", "calculix"], "--deck, --input: found one without the other"),
+])  # fmt: skip
+def test_options_that_do_not_belong_together_are_refused(words, says, capsys):
+    assert run(["recover", "result.h5", "-o", "out", *words]) == 2
+    assert says in " ".join(capsys.readouterr().err.split())
+
+
+def test_an_empty_list_of_nodes_is_refused(linkage_folder, capsys):
+    from helpers import reduce_linkage
+
+    reduce_linkage(Path())
+    Path("q.csv").write_text("t,q1,q2,q3,q4,q5,q6\n0,0,0,0,0,0,0\n")
+    assert run(["recover", "result.h5", "q.csv", "-o", "out.csv", "--nodes", ""]) == 2
+    assert "node ''" in capsys.readouterr().err
 
 
 @pytest.fixture
