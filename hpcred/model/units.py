@@ -158,7 +158,8 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
     Raises
     ------
     InputError
-        For a model without nodes, unless the unit of length is m, and for one that has interface nodes already.
+        For a model without nodes, unless the unit of length is m, and for one that has interface nodes or loads
+        already.
 
     Notes
     -----
@@ -174,6 +175,8 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
         )
     if model.interfaces:
         raise InputError(f"units: {model.name} has interface nodes already; convert it before they are made")
+    if model.loads:
+        raise InputError(f"units: {model.name} has loads already, which are in SI; convert it before they are made")
     moved = _translations(model)
     scale = np.where(moved, units.length, 1.0)
     mats = {key: mat.copy() for key, mat in model.matrices.items()}

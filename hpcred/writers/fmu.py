@@ -291,8 +291,8 @@ def output_rows(reduced) -> dict:
 
 
 def _variable(word, name) -> str:
-    """force_20_z of "force" and "20:z": a name that every program takes."""
-    return re.sub(r"\W", "_", f"{word}_{name}", flags=re.ASCII)
+    """force_20_z of "force" and "20:z", stress_20_xx of "stress" and "stress 20:xx": names that every program takes."""
+    return re.sub(r"\W", "_", f"{word}_{name.removeprefix('stress ')}", flags=re.ASCII)
 
 
 def with_stresses(reduced: ReducedModel, result, wanted) -> ReducedModel:

@@ -14,6 +14,7 @@ from hpcred.cli.main import run
 from hpcred.model.dofs import Dofs
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.model.units import unit_of_response, units_of
+from hpcred.parallel.failures import InputError
 
 POUND = 0.45359237 * 9.80665
 # sizes in SI of the units of length and mass, the time, and a bar of steel in them, by the tables of handbooks
@@ -188,3 +189,13 @@ def test_an_export_in_other_units_is_that_of_a_model_in_them(folder, capsys, com
 ])  # fmt: skip
 def test_units_of_responses(output, given, unit):
     assert unit_of_response(output, given) == unit
+
+
+@pytest.mark.mpi
+def test_loads_are_made_in_si(comm):
+    with (
+        hpcred.solid((2, 1, 1), comm=comm) as model,
+        model.with_loads([hpcred.Gravity(name="g", value=(0.0, 0.0, -9.81))]) as loaded,
+        pytest.raises(InputError, match="units: solid has loads already, which are in SI; convert it before they"),
+    ):
+        hpcred.in_si(loaded, units_of("mm,t,s"))

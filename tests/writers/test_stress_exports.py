@@ -152,6 +152,17 @@ def test_stresses_of_chosen_nodes_are_outputs_of_an_fmu(made):
         export_result(made / "bare.h5", "fmu", made / "x.fmu", options={"stress": "1"})
 
 
+def test_a_stress_of_the_model_has_the_name_that_others_have(tmp_path):
+    with (
+        hpcred.solid((3, 2, 2), inputs=1) as model,
+        model.with_outputs([hpcred.StressOutput(node=20, stress="xx"), (20, "z")]) as measured,
+    ):
+        hpcred.reduce(measured, [Modes(count=3)]).export(tmp_path / "s.fmu")
+    found = [item.name for item in fmpy.read_model_description(str(tmp_path / "s.fmu")).modelVariables
+             if item.causality == "output"]  # fmt: skip
+    assert found == ["stress_20_xx", "displacement_20_z", "stress_rate_20_xx", "velocity_20_z"]
+
+
 def exported_of_fmu(folder, place, **options):
     return export_result(folder / "rod.h5", "fmu", folder / place, options=options)
 
