@@ -31,6 +31,7 @@ from .stress_stiffness import node_stiffness, projected
 
 AXIAL = 0.02  # sine of the angle, and offset in radii of gyration, up to which a load counts as axial
 SLENDER = 0.2  # of the other moments of inertia: the largest one about the axis of a slender body
+NO_CHANGE = 1e-13  # ||K - K'|| / ||K|| of the digits of files, without a load
 SAME_MASS = 1e-6  # ||M - M'|| / ||M|| that digits explain
 
 
@@ -42,7 +43,7 @@ class LoadedState:
     ----------
     state : str
         Such as "wz^2", "ax" or "crank:x".
-    value : float, default 1.0
+    value : float
         Of the state in that run, in SI: 1e4 for 100 rad/s of "wz^2".
     stresses : str, optional
         File of CalculiX with the stresses of all solids at their integration points: *EL PRINT with S.
@@ -52,33 +53,37 @@ class LoadedState:
         The same under the opposite load, which takes the even part of the change of K out.
     matrix : str, optional
         Name of a matrix of `file` that is the stiffness of the stress itself, as Nastran's KDGG.
-    units : str, default "SI"
-        Units of these files, such as "mm,t,s".
+    units : str, optional
+        Units of these files, such as "mm,t,s"; by default those from which the model was converted.
     spin_softening : bool, default True
         Whether K of a centrifugal state contains spin softening, as that of CalculiX does.
 
     Raises
     ------
     InputError
-        For unknown states, a value of 0, and both files or none.
+        For unknown states, a value of 0 or of a square below 0, and both files or none.
     """
 
     state: str
-    value: float = 1.0
+    value: float
     stresses: str | None = None
     file: str | None = None
     opposite: str | None = None
     matrix: str | None = None
-    units: str = "SI"
+    units: str | None = None
     spin_softening: bool = True
 
     def __post_init__(self):
         as_declared(self, "geometric_stiffness.")
         check_state(self.state)
         within("geometric_stiffness.value", self.value, ANYTHING)
-        units_of(self.units)
-        if not self.value:
-            raise InputError("geometric_stiffness.value: found 0, expected the value of the state in the loaded run")
+        if self.units is not None:
+            units_of(self.units)
+        if not self.value or (self.value < 0 and self.state.endswith("^2")):
+            raise InputError(
+                f"geometric_stiffness.value: found {self.value:g}, expected the value of the state '{self.state}' in "
+                "the loaded run"
+            )
         if (self.stresses is None) == (self.file is None):
             raise InputError("geometric_stiffness: expected one of `stresses` and `file`, found both or neither")
         for key in ("opposite", "matrix"):
@@ -128,10 +133,15 @@ def stiffness_of_difference(model, columns, item: LoadedState, loaded, opposite=
     change.axpy(-1.0, (opposite or model).K)
     if opposite is not None:
         change.scale(0.5)
+    if change.norm(PETSc.NormType.FROBENIUS) <= NO_CHANGE * model.K.norm(PETSc.NormType.FROBENIUS):
+        raise InputError(
+            f"{item.file}: found the K of {item.opposite or model.name}, expected that under the load '{item.state}'; "
+            "let the program write K of a step behind the loaded one"
+        )
     axis = "xyz".find(item.state[1]) if item.state.endswith("^2") else -1
     if axis >= 0 and item.spin_softening:
         spin = np.zeros(3)
-        spin[axis] = np.sqrt(abs(item.value))
+        spin[axis] = np.sqrt(item.value)
         change.axpy(-1.0, spin_softening(model, spin))
     return _symmetric(model, project(change, columns))
 

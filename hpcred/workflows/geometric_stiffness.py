@@ -55,26 +55,26 @@ def geometric_stiffness_of_job(job, model, reduced) -> GeometricStiffness | None
 
 def _matrix(item: LoadedState, model, columns) -> np.ndarray:
     """Return the stiffness of a unit of a state by its files. Collective."""
-    units = units_of(item.units)
+    units = units_of(item.units or model.converted_from or "SI")
     if item.stresses is not None:
         from ..readers.calculix.printed_stresses import read  # as other readers, loaded when it is used
 
         element, point, stress = read(item.stresses, model.comm)
         stress = stress * (units.mass / units.length / units.time**2)
         return stiffness_of_stresses(model, columns, element, point, stress, item.stresses) / item.value
-    others = [name and _loaded(name, units, item.matrix, model.comm) for name in (item.file, item.opposite)]
+    others = [name and _loaded(name, units, item, model.comm) for name in (item.file, item.opposite)]
     return stiffness_of_difference(model, columns, item, *others) / item.value
 
 
-def _loaded(name, units, matrix, comm):
-    """Return the model of a file in SI, with K of this name, or its own. Collective."""
-    kind = None
+def _loaded(name, units, item, comm):
+    """Return the model of a file of a LoadedState in SI, with K of its name, or its own. Collective."""
+    kind, matrix, given = None, item.matrix, item.units
     with agreed(comm):
         kind = kind_of_file(name)
     if kind == FORMAT:
         if matrix:
             raise InputError(f"geometric_stiffness.matrix: {name} is a model of hpcred, whose K has no other name")
-        if units != units_of("SI"):
+        if given and units_of(given) != units_of("SI"):
             raise InputError(f"geometric_stiffness.units: {name} is a model of hpcred, which is in SI; leave units out")
         return read_model(name, comm)
     from ..readers.model_source import load_export  # which loads the readers of all formats

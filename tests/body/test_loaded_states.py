@@ -94,7 +94,9 @@ def test_a_difference_of_matrices_is_the_stiffness_of_the_stress(comm):
             wanted = own.of(["wz^2"])[0]
             assert found == pytest.approx(wanted, abs=1e-7 * np.abs(wanted).max())
             with pytest.raises(InputError, match="a difference of matrices holds the stiffness of the displacements"):
-                stiffness_of_difference(model, rom.columns, LoadedState(state="ay", file="a"), loaded)
+                stiffness_of_difference(model, rom.columns, LoadedState(state="ay", value=1.0, file="a"), loaded)
+        with pytest.raises(InputError, match="spin.h5: found the K of solid, expected that under the load 'wz.2'; let"):
+            stiffness_of_difference(model, rom.columns, spin, model)
         pull = LoadedState(state="right:x", value=1e3, file="pull.h5", opposite="push.h5")
         with (
             hpcred.preloaded(model, Preload(forces={"right:x": 1e3}), CLAMP) as one,
@@ -130,7 +132,8 @@ WRONG = [
     ({"state": "wz^2"}, "expected one of `stresses` and `file`, found both or neither"),
     ({"state": "wz^2", "file": "a", "stresses": "b"}, "found both or neither"),
     ({"state": "wz^2", "stresses": "a", "opposite": "b"}, "opposite: belongs to `file`"),
-    ({"state": "wz^2", "stresses": "a", "value": 0.0}, "value: found 0, expected the value of the state"),
+    ({"state": "wz^2", "stresses": "a", "value": 0.0}, "value: found 0, expected the value of the state 'wz.2'"),
+    ({"state": "wx^2", "stresses": "a", "value": -1e4}, "value: found -10000, expected the value of the state 'wx.2'"),
     ({"state": "wz^2", "stresses": "a", "units": "parsec"}, "units"),
 ]
 
@@ -138,4 +141,4 @@ WRONG = [
 @pytest.mark.parametrize("keys, says", WRONG)
 def test_tables_that_make_no_sense(keys, says):
     with pytest.raises(InputError, match=says):
-        LoadedState(**keys)
+        LoadedState(**{"value": 1.0, **keys})

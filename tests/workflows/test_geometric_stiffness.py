@@ -167,19 +167,23 @@ def with_signs(matrix, path, other):
 
 
 @pytest.mark.mpi
-def test_a_matrix_that_is_the_stiffness_of_the_stress(comm, folder):
-    """By its name in a file with K and M, for a transverse load too; here of a .mat file."""
+@pytest.mark.parametrize("units", ["m, kg, s", "mm, t, s (N, MPa)"])
+def test_a_matrix_that_is_the_stiffness_of_the_stress(comm, folder, units):
+    """By its name in a file with K and M, for a transverse load too; here of a .mat file, in the units from which the
+    model was converted."""
+    length = 1e3 if units[:2] == "mm" else 1.0
     preload = hpcred.Preload(forces={"36:y": 1e3, "33:x": 2e3})
     with hpcred.solid((8, 1, 1), (0.8, 0.02, 0.03), 3, False, comm) as model:
-        hpcred.write_model(folder / "model.h5", model)
+        hpcred.write_model(folder / "model.h5", model.with_fields(converted_from=units))
         frame = hpcred.Chord((1, 33, 3))
         basis = hpcred.Modes(count=4)
         with hpcred.preloaded(model, preload, frame) as loaded, hpcred.reduce(model, basis, frame) as rom:
             matrices = {"M": to_dense(model.M), "K": to_dense(model.K), "KDGG": to_dense(loaded.K) - to_dense(model.K)}
             wanted = hpcred.geometric_stiffness(model, rom.columns, frame, nodes=[36, 33]).sum(preload.forces)
-        nodes = np.concatenate(comm.allgather(np.hstack([model.dofs.node[:, None], model.dofs.position])))[::3]
+        places = length * model.dofs.position
+        nodes = np.concatenate(comm.allgather(np.hstack([model.dofs.node[:, None], places])))[::3]
     if comm.rank == 0:
-        scipy.io.savemat(folder / "d.mat", {**matrices, "nodes": nodes})
+        scipy.io.savemat(folder / "d.mat", {**{key: item / length for key, item in matrices.items()}, "nodes": nodes})
         table = 'geometric_stiffness = [{state = "36:y", value = 1.0, file = "d.mat", matrix = "KDGG"}]'
         job = JOB.replace("geometric_stiffness = true", table).replace("body_origin = [0.01, 0.0, 0.0]", "")
         job = job.replace("0.059999", "0.799999").replace("0.060001", "0.800001")
@@ -191,14 +195,15 @@ def test_a_matrix_that_is_the_stiffness_of_the_stress(comm, folder):
 
 
 REFUSED = [
-    ('[{state = "wz^2", stresses = "no.dat"}]', "no.dat"),
-    ('[{state = "ay", file = "model.h5"}]', "geometric_stiffness: 'ay': a difference of matrices holds"),
-    ('[{state = "crank:x", stresses = "model.h5"}]', "'crank' is no interface of model.h5"),
-    ('[{state = "500:x", stresses = "model.h5"}]', "node 500 does not exist in model.h5"),
-    ('[{state = "ay", file = "model.h5", matrix = "KDGG"}]', "whose K has no other name"),
-    ('[{state = "ay", stresses = "model.h5", matrix = "KDGG"}]', "geometric_stiffness.matrix: belongs to `file`"),
-    ('[{state = "wz^2"}]', "expected one of `stresses` and `file`"),
-    ('[{state = "wz^2", file = "model.h5", units = "mm,t,s"}]', "model.h5 is a model of hpcred, which is in SI"),
+    ('[{state = "wz^2", value = 1.0, stresses = "no.dat"}]', "no.dat"),
+    ('[{state = "ay", value = 1.0, file = "model.h5"}]', "geometric_stiffness: 'ay': a difference of matrices holds"),
+    ('[{state = "crank:x", value = 1.0, stresses = "model.h5"}]', "'crank' is no interface of model.h5"),
+    ('[{state = "500:x", value = 1.0, stresses = "model.h5"}]', "node 500 does not exist in model.h5"),
+    ('[{state = "ay", value = 1.0, file = "model.h5", matrix = "KDGG"}]', "whose K has no other name"),
+    ('[{state = "ay", value = 1.0, stresses = "model.h5", matrix = "KDGG"}]', "matrix: belongs to `file`"),
+    ('[{state = "wz^2", value = 1.0}]', "expected one of `stresses` and `file`"),
+    ('[{state = "wz^2", value = 1.0, file = "model.h5", units = "mm,t,s"}]', "a model of hpcred, which is in SI"),
+    ('[{state = "wz^2", stresses = "spin.dat"}]', r"geometric_stiffness\[0\].value: missing"),
 ]
 
 
