@@ -2,17 +2,18 @@
 
 import numpy as np
 import pytest
-from helpers import block_from, face, gather
+from helpers import block_from, block_with_ends, columns_of, dense_model, face, gather
 from solid_meshes import mesh, model_of, stiffness
 
 import hpcred
 from hpcred import Buckens, Chord, Material, Modes, Tangent
+from hpcred.body.geometric_stiffness import VELOCITIES
 from hpcred.body.stress_stiffness import assembled, node_stiffness
 from hpcred.body.unit_states import geometric_stiffness
 from hpcred.linalg.blocks import apply, create_block, local_rows
 from hpcred.model.element_rows import element_rows
 from hpcred.model.element_rules import RULES, rule_of
-from hpcred.model.rigid_body_modes import rigid_body_quantities
+from hpcred.model.rigid_body_modes import rigid_body_quantities, rigid_motions
 from hpcred.model.shape_functions import gradients_in_space, integration_points, shape_functions
 from hpcred.parallel.failures import InputError
 
@@ -191,3 +192,30 @@ def test_a_mechanism_has_no_stress_under_unit_loads(comm):
         with pytest.raises(InputError, match="geometric stiffness: K of model is singular on the support of the frame"):
             geometric_stiffness(model, block, Buckens())
         block.destroy()
+
+
+@pytest.mark.mpi
+def test_stresses_turn_with_the_body(comm):
+    """K_sigma of a rotation by theta is theta x f, node by node, for the forces f that a state has in equilibrium: all
+    states of a free body in interface coordinates, whose basis has the rotations; f by numpy."""
+    with block_with_ends(comm) as model:
+        basis = [hpcred.ConstraintModes(), hpcred.FixedInterfaceModes(count=3)]
+        rom = hpcred.reduce(model, basis, Buckens(), coordinates="interface")
+        found = hpcred.geometric_stiffness(model, rom.columns, Buckens())
+        V, R, B = gather(rom.columns), gather(rigid_motions(model)), columns_of(model.B)
+        _, M, _ = dense_model(model)
+        x, names = np.concatenate(comm.allgather(model.dofs.position))[::3], model.input_names
+    turns = np.linalg.lstsq(V, R[:, 3:], rcond=None)[0]
+    assert np.abs(V @ turns - R[:, 3:]).max() < 1e-10
+    assert found.states == (*VELOCITIES, *names)
+    for state, matrix in zip(found.states, found.matrices, strict=True):
+        if state in names:
+            f = B[:, names.index(state)]
+        else:
+            a, b = ("xyz".index(letter) for letter in state.replace("^2", state[1]) if letter in "xyz")
+            W = np.zeros((3, 3))
+            W[a, b] = W[b, a] = 1.0
+            f = -M @ (x @ W - x * (a == b)).ravel()  # of w x (w x r) = w (w . r) - r w^2
+        f = f - M @ R @ np.linalg.solve(R.T @ M @ R, R.T @ f)
+        expected = np.stack([V.T @ np.cross(axis, f.reshape(-1, 3)).ravel() for axis in np.eye(3)], axis=1)
+        assert matrix @ turns == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
