@@ -110,7 +110,7 @@ def reduced_at(body: Body, preload: Preload) -> ReducedModel:
         not exist, and where the body buckles.
     """
     declared("preload", preload, Preload)
-    stiffness, reduced = body.geometric_stiffness, body.reduced
+    stiffness, reduced = body.geometric_stiffness, getattr(body.reduced, "base", body.reduced)
     if body.prestress is not None or isinstance(body.floating_frame, StiffenedFrame):
         state = "stiffened (Body.stiffened)" if body.prestress is None else "at a preload"
         raise InputError(

@@ -15,6 +15,7 @@ from ..settings.preload_text import preload_of
 from . import session, values
 from .options import (
     DIRECTIONS,
+    AtValues,
     Band,
     Frequencies,
     FullFile,
@@ -47,6 +48,7 @@ def evaluate(
         str | None, typer.Option(help="What eps is: directions, or paper, the Frobenius norm (55).")
     ] = None,
     preload: PreloadTable = None,
+    at: AtValues = None,
     estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False,
     check: Annotated[
         int | None, typer.Option(help="Compare the estimate with full solves at N random frequencies.")
@@ -71,6 +73,9 @@ def evaluate(
                          "--estimate, --check or --figure; call evaluate once for each result")  # fmt: skip
     if len(results) > 1 and preload:
         raise InputError("--preload: of one result at a time; call evaluate once for each")
+    if at and (estimate or len(results) > 1):
+        raise InputError("--at: of one result at a time, and without --estimate, which is over all values; call "
+                         "evaluate twice")  # fmt: skip
     given = {"--preload": preload, "--band": band, "--frequencies": frequencies, "-o": output, "--full": full,
              "--check": check, "--figure": figure, "--pairs": pairs}
     allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
@@ -92,16 +97,18 @@ def evaluate(
     if estimate:
         session.write_json(json, _show_estimate(result, parts=points, **chosen))
         return 0
+    point = values.parameters(at, "--at")
     solving = {"groups": groups, "factoring": factoring, "progress": session.progress()}
     if check is not None:
-        report = _show_check(result, full, check, seed=seed, **solving)
+        report = _show_check(result, full, check, seed=seed, at=point, **solving)
     elif len(results) > 1:
         report = _show_comparison(results, full, band=limits, points=points, output=output, measure=measure,
                                   **chosen, **solving)  # fmt: skip
     else:
         pairs = pairs.split(",") if pairs else ()
         report = _show_responses(result, full, band=limits, points=points, output=output, figure=figure, pairs=pairs,
-                                 measure=measure, preload=preload_of(preload), **chosen, **solving)  # fmt: skip
+                                 measure=measure, preload=preload_of(preload), at=point,
+                                 **chosen, **solving)  # fmt: skip
     session.write_json(json, report)
     return int(not report.get("passed", True))
 
@@ -137,7 +144,7 @@ def _show_responses(result, full, **keywords):
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
     if "pseudo_frequencies_hz" in report:
         found = ", ".join(f"{f:.6g}" for f in report["pseudo_frequencies_hz"])
-        print(f"pseudo-frequencies at the preload (Hz): {found}")
+        print(f"pseudo-frequencies {'at the preload' if 'preload' in report else 'there'} (Hz): {found}")
     if full:
         show_table(DIRECTIONS, report["direction_rows"])
         paper = " (55)" if report["measure"] == "paper" else ""

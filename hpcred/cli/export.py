@@ -13,7 +13,7 @@ from ..parallel.failures import InputError
 from ..settings.preload_text import preload_of
 from ..writers.registry import WRITERS
 from . import session, values
-from .options import JsonFile, PreloadTable
+from .options import AtValues, JsonFile, PreloadTable
 
 
 class ExportCommand(typer.core.TyperCommand):
@@ -45,6 +45,7 @@ def export(
         list[str] | None, typer.Option("--set", metavar="FORMAT.KEY=VALUE", help="A setting of the format.")
     ] = None,
     preload: PreloadTable = None,
+    at: AtValues = None,
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
@@ -55,7 +56,7 @@ def export(
     shapes = [int(number) for number in values.numbers(modes, "--modes")] if modes else None
     report = hpcred.export_result(
         result, kind, output, nodes=values.labels(nodes), units=units, modes=shapes, options=options,
-        preload=preload_of(preload), progress=session.progress(),
+        preload=preload_of(preload), at=values.parameters(at, "--at"), progress=session.progress(),
     )
     if "shapes" in report:
         print(f"{report['output']}: {', '.join(report['shapes'])}")

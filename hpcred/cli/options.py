@@ -33,5 +33,8 @@ Package = Annotated[str | None, typer.Option(help="What factors: mumps, superlu_
 PreloadTable = Annotated[
     str | None, typer.Option("--preload", metavar="TABLE", help="Constant load: '{omega = [0, 0, 300]}' (rad/s).")
 ]
+AtValues = Annotated[
+    str | None, typer.Option("--at", metavar="P=V,...", help="Values of parameters; default: the reference values.")
+]
 DIRECTIONS = "Directions by themselves, the least accurate first (|H| in SI units: m/N, rad/(N m))"
 INTERFACES = "Interfaces, and where their reference nodes are (m)"

@@ -14,6 +14,7 @@ interface/node (k), name (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rot
 phi q and rotations psi q of each node, which rotates where it has rotations
 geometric_stiffness/state (s), matrices (s, m, m), origin (3): stiffness by unit states of load, see
     body.geometric_stiffness
+parameters/: of a model that depends on parameters, see files.result_parameters; reduced/ is at their reference values
 record: JSON of reduction.record.Record
 """
 
@@ -32,26 +33,32 @@ from ..body.geometric_stiffness import GeometricStiffness
 from ..body.node_shapes import NodeShape, shapes_of_rows
 from ..body.preload import Preload, forces_of, reduced_at, softening_of
 from ..body.stress import StressModes
+from ..body.turned import turned_frame, turned_node, turned_stiffness
 from ..linalg.blocks import create_block, local_rows
 from ..model.dofs import SCALAR
 from ..model.elements import surface_triangles
 from ..model.interfaces import InterfaceNode
+from ..model.parameters import checked_values
 from ..model.second_order_model import listed, require_model
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
+from ..reduction.parametric.accuracy import in_words
+from ..reduction.parametric.reduced import ParametricReducedModel
 from ..reduction.record import Record, difference_of, signature_of
 from ..reduction.reduced_model import ReducedModel
 from .checked import Array
 from .hdf5 import reading, texts, writing
 from .model_file import NODES, sets_of, write_nodes
+from .result_parameters import SCHEMA as OF_PARAMETERS
+from .result_parameters import with_parameters, write_parameters
 
 FORMAT, VERSION = "hpcred-result", 2
 LABELS = ("node", "direction", "position")
 ARRAYS = ("M", "D", "K", "B", "C", "frequencies")
 NAMES = ("input_names", "output_names")
 QUANTITIES = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
-SCHEMA = NODES | {
+SCHEMA = NODES | OF_PARAMETERS | {
     **{f"reduced/{key}": Array("real", ("m", "m"), needed=True) for key in "MDK"},
     "reduced/Cv": Array("real", ("r", "m")), "reduced/Ca": Array("real", ("r", "m")),
     "reduced/B": Array("real", ("m", "p"), needed=True), "reduced/C": Array("real", ("r", "m"), needed=True),
@@ -85,7 +92,9 @@ class Result:
 
     `reduced`: the ReducedModel with its record. `floating_frame`: None where the model had no nodes or the projection
     was two-sided. `nodes`: shapes of the interface nodes, those of the inputs and outputs. `geometric_stiffness`: None
-    where it was not asked for. `preload`: at which `reduced` is, with its `prestress`, see at_preload. `stress_nodes`,
+    where it was not asked for. `values` of the parameters at which `reduced` is, with the coordinates X z of the basis
+    (`turn`, X (m, m)), see at; empty and None as read, where `reduced` may have parameters.
+    `preload`: at which `reduced` is, with its `prestress`, see at_preload. `stress_nodes`,
     `stress_source`: the number of nodes with stress modes, and how these were made. `path` of the file.
     """
 
@@ -94,6 +103,8 @@ class Result:
     floating_frame: FloatingFrame | None = None
     nodes: list[NodeShape] = field(default_factory=list)
     geometric_stiffness: GeometricStiffness | None = None
+    values: dict[str, float] = field(default_factory=dict)
+    turn: np.ndarray | None = None
     preload: Preload | None = None
     prestress: Prestress | None = None
     stress_nodes: int = 0
@@ -114,6 +125,11 @@ class Result:
                 f"{self.path}: no floating-frame quantities; the model had no node coordinates, or the projection "
                 "was two-sided"
             )
+        if self.values and self._mass_differs():
+            raise InputError(
+                f"{self.path}: the mass depends on parameters, and the floating-frame quantities are those at the "
+                "reference values; leave the values out, or take a format without nodes, such as a state space or FMU"
+            )
         known = {shape.node: shape for shape in self.nodes}
         members = {} if nodes is None else self._members({node for node in nodes if isinstance(node, str)})
         if nodes is None:
@@ -128,6 +144,31 @@ class Result:
             self.reduced, self.floating_frame, [known[node] for node in chosen],
             geometric_stiffness=self.geometric_stiffness, prestress=self.prestress,
         )  # fmt: skip
+
+    def at(self, **values: float) -> Result:
+        """The result at values of its parameters, in pseudo-modal coordinates of its own; those that are not named have
+        their reference values. On one rank, or on all. Raises InputError for a result without parameters, names that it
+        does not have, and values outside of their ranges."""
+        if not isinstance(self.reduced, ParametricReducedModel):
+            found = f"it is at {in_words(self.values)} already" if self.values else "it has no parameters"
+            raise InputError(f"{self.path}: {found}; read a result of a job with [[parameter]] and [[term]]")
+        values, X = checked_values(self.reduced.parameters, values), self.reduced.turn(values)
+        reduced = self.reduced.at(**values)
+        if values != self.reduced.reference and reduced.record is not None:
+            reduced = replace(reduced, record=reduced.record.away_from_reference())
+        return replace(
+            self, reduced=reduced, values=values, turn=X,
+            floating_frame=self.floating_frame and turned_frame(self.floating_frame, X),
+            nodes=[turned_node(node, X) for node in self.nodes],
+            geometric_stiffness=self.geometric_stiffness and turned_stiffness(self.geometric_stiffness, X),
+        )  # fmt: skip
+
+    def at_reference(self) -> Result:
+        """The result as it is in the file, with a reduced model that has no parameters."""
+        return replace(self, reduced=getattr(self.reduced, "base", self.reduced))
+
+    def _mass_differs(self):
+        return not np.allclose(self.floating_frame.Me, self.reduced.M, rtol=0, atol=1e-6)
 
     def at_preload(self, preload: Preload) -> Result:
         """The result under a constant load, by its geometric stiffness: see body.preload.reduced_at. The states of the
@@ -187,6 +228,7 @@ class Result:
                 parts = [np.concatenate([part, file[f"held/{key}"][...][held]])
                          for key, part in zip(LABELS, parts, strict=True)]  # fmt: skip
                 basis = np.concatenate([basis, np.zeros((len(held), basis.shape[1]))])
+        basis = basis if self.turn is None else basis @ self.turn
         return shapes_of_rows(nodes, *parts, basis, str(self.path))
 
     def basis_digest(self) -> str:
@@ -199,7 +241,7 @@ class Result:
         with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
             if "basis/V" not in file or "elements" not in file or file["basis/V"].shape[1] > LARGE:
                 return None
-            shapes = Shapes(file, self.path)
+            shapes = self._shapes(file)
             triangles = surface_triangles(shapes.cells)
             nodes, places = np.unique(triangles, return_inverse=True)
             phi = [shapes.column(column)[nodes] for column in range(self.reduced.size)]
@@ -223,6 +265,7 @@ class Result:
                 raise InputError(f"{self.path}: no stress of node {lacking[0]}; it has those of {len(known)} nodes")
             rows, back = np.unique(place, return_inverse=True)
             stress = file["basis/stress"][:, rows][:, back]
+            stress = stress if self.turn is None else np.tensordot(self.turn.T, stress, axes=1)
             return StressModes(wanted, stress, file["basis/stress_source"][()].decode())
 
     def stress_to_export(self) -> StressModes | None:
@@ -234,7 +277,12 @@ class Result:
     def shapes(self):
         """The Shapes of all columns of the basis, while the file is open. On one rank. Raises InputError."""
         with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
-            yield Shapes(file, self.path)
+            yield self._shapes(file)
+
+    def _shapes(self, file):
+        if self.turn is None:
+            return Shapes(file, self.path)
+        return Shapes(file, self.path, self.turn, self.reduced)
 
 
 def require_basis(file, name):
@@ -258,10 +306,11 @@ class Shapes:
     as indices of points, `names` and `frequencies` (m,) of the shapes: pseudo-modes, which the columns of the basis
     are (54), but in interface coordinates, or the basis vectors of a two-sided projection. `first`: the number of the
     first shape. `has_stress`: whether there are stress modes. `mark_names` and `mark_points` (j, 3) in m: of the
-    interface nodes, which need not be among the nodes.
+    interface nodes, which need not be among the nodes. Made of an open result file, and at values of parameters with
+    the coordinates `turn` (m, m) and the ReducedModel there.
     """
 
-    def __init__(self, file, name):
+    def __init__(self, file, name, turn=None, reduced=None):
         require_basis(file, name)
         self._rows = np.flatnonzero(file["dofs/direction"][...] != SCALAR)  # scalar dofs have no place
         node, self._direction = (file[f"dofs/{key}"][...][self._rows] for key in ("node", "direction"))
@@ -273,14 +322,18 @@ class Shapes:
         self.points = position[first]
         self._place = place[: len(self._direction)]
         self._basis, self._name = file["basis/V"], name
+        if turn is not None:
+            self._basis = turn.T @ self._basis[...]
+        self._turn, group = turn, file["reduced"]
+        M, K, self.frequencies = (group[key][...] if reduced is None else getattr(reduced, key)
+                                  for key in ("M", "K", "frequencies"))  # fmt: skip
         self.has_stress, self._stress = "basis/stress" in file, file["basis"]
         kind = "basis vector" if "basis/W" in file else "pseudo-mode"
-        self.frequencies = file["reduced/frequencies"][...]
         self._mixture = self._mixed = None
         if "reduced/interfaces" in file:
             from scipy.linalg import eigh  # which few results need
 
-            self._mixture = eigh(file["reduced/K"][...], file["reduced/M"][...])[1]
+            self._mixture = eigh(K, M)[1]
         width = len(str(len(self.frequencies)))
         self.first = int(file.attrs.get("first_number", 1))
         self.names = [f"{kind} {k:0{width}d}: {f:.6g} Hz" for k, f in enumerate(self.frequencies, self.first)]
@@ -290,6 +343,7 @@ class Shapes:
             named = texts(marks["name"]) if "name" in marks else numbers
             self.mark_names = [name or number for name, number in zip(named, numbers, strict=True)]
             self.mark_points, self._mark_phi = marks["position"][...], marks["phi"][...]
+            self._mark_phi = self._mark_phi if turn is None else self._mark_phi @ turn
         self.cells = {}
         for key, cells in file.get("elements", {}).items():
             cells = cells[...]
@@ -328,6 +382,7 @@ class Shapes:
         place = np.searchsorted(self.nodes, node).clip(max=len(self.nodes) - 1)
         there = self.nodes[place] == node
         found = np.full((len(self.nodes), 6), np.nan)
+        q = q if self._turn is None else self._turn @ q
         found[place[there]] = sum(part * modes[k] for k, part in enumerate(q) if part)[there]
         return found
 
@@ -372,6 +427,8 @@ def write_result(
         for key in ("Cv", "Ca"):
             if getattr(reduced, key) is not None:
                 file.small(f"reduced/{key}", getattr(reduced, key))
+        if isinstance(reduced, ParametricReducedModel):
+            write_parameters(file, reduced)
         for key in NAMES:
             file.small(f"reduced/{key}", list(getattr(reduced, key)))
         if reduced.resultants is not None:
@@ -432,7 +489,7 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
             loss_factor=file.attribute("loss_factor", float),
             record=record,
         )
-        result = Result(Path(path), reduced)
+        result = Result(Path(path), with_parameters(file, reduced, path))
         if "basis/stress" in file:
             result.stress_nodes = file["basis/stress_node"].shape[0]
             result.stress_source = file["basis/stress_source"][()].decode()
@@ -454,6 +511,12 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
                 for node, position, phi, psi, rotates, name in zip(*arrays, names, strict=True)
             ]
         return result
+
+
+def result_at(path, values: dict[str, float] | None, comm=MPI.COMM_WORLD) -> Result:
+    """Read a result at values of its parameters, at the reference values without any. Collective. Raises InputError."""
+    result = read_result(path, comm)
+    return result.at(**values) if values else result.at_reference()
 
 
 def read_basis(path, model):

@@ -78,6 +78,16 @@ class Record:
     contents: dict[str, str] | None = None
     hints: tuple[str, ...] = ()
 
+    def away_from_reference(self) -> Record:
+        """Return the record of the model at other values of its parameters, where of the error over the frequencies no
+        more is known than the largest one over all values."""
+        if self.accuracy is None:
+            return self
+        low, high = self.accuracy.band
+        largest = self.accuracy.largest
+        known = replace(self.accuracy, frequencies=(low, high), eps=(largest, largest), mean=largest, directions=())
+        return replace(self, accuracy=known)
+
     @property
     def ordering(self) -> str:
         """The fill-reducing ordering of the last factor."""

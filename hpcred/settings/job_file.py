@@ -32,6 +32,7 @@ from ..reduction.components.craig_bampton import (
 from ..reduction.components.krylov import Krylov, StaticCorrection
 from ..reduction.components.modes import Modes
 from ..reduction.components.second_order_krylov import SecondOrderKrylov
+from ..reduction.parametric.settings import ParameterSearch
 from ..reduction.settings import Reduction
 from ..reduction.tolerance.accuracy import Adaptive, Limits
 from .source import Source
@@ -76,7 +77,7 @@ class Job:
     or all directions of all interfaces. `interface`: see model.interfaces.Interface; its name stands for a node in
     inputs, outputs and frames. `load`: further inputs, behind `inputs`.
     `parameter` and `term`: what the matrices depend on, and the matrices that are added to those of the model, each
-    times its factor (docs/parameters.md).
+    times its factor (docs/parameters.md); `parameter_search`: at how many values the error is looked at.
     `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over the band, within the limits
     `adaptive` (see reduction.tolerance.accuracy.Limits); `measure`, `static`: see
     reduction.tolerance.accuracy.Adaptive; `unreached`: where it is not reached the model is written under a name that
@@ -107,6 +108,7 @@ class Job:
     load: tuple[AnyLoad, ...] = ()
     parameter: tuple[Parameter, ...] = ()
     term: tuple[TermTable, ...] = ()
+    parameter_search: ParameterSearch = ParameterSearch()
     frame: Frame = NoFrame()
     damping: Damping | None = None
     deflation_tolerance: float = Reduction.deflation_tolerance
@@ -161,6 +163,13 @@ class Job:
             )
         if self.parameter or self.term:
             check_terms(self.parameter, [item.with_matrix(None) for item in self.term])
+            if self.geometric_stiffness and any(item.with_matrix(None).of == "K" for item in self.term):
+                raise InputError(
+                    "geometric_stiffness: found it beside terms of K, on which the stress under a load depends; leave "
+                    "it out, or reduce at one value without [[term]]"
+                )
+        elif self.parameter_search != ParameterSearch():
+            raise InputError("parameter_search: found it without [[parameter]], to which it belongs; leave it out")
         require_band("band", self.band)
         self.settings, self.search  # noqa: B018  (refused early)
 

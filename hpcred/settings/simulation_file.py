@@ -6,7 +6,7 @@ docs/simulate.md lists them. SI units.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ..parallel.failures import InputError
@@ -17,7 +17,8 @@ from .toml_file import CONFIG, check_file_names, parse, read_table
 @dataclass(frozen=True, kw_only=True)
 class SimulationJob(Simulation):
     """A Simulation and its files. `body`: result.h5. `output`: an HDF5 file; .csv and .png are written beside it, and
-    with `paraview` a .pvd with the motion of all nodes, one file a time in a folder.
+    with `paraview` a .pvd with the motion of all nodes, one file a time in a folder. `at`: values of the parameters of
+    the body by name, such as {omega = 300.0}; by default those of reference.
 
     In sim.toml, file names are relative to the folder of that file.
     """
@@ -25,6 +26,7 @@ class SimulationJob(Simulation):
     body: str
     output: str = "simulation.h5"
     paraview: bool = False
+    at: dict[str, float] = field(default_factory=dict)
 
     __pydantic_config__ = CONFIG
 

@@ -13,7 +13,7 @@ from ..analysis.frequency_response import frequency_response
 from ..files.locks import locks_given_back
 from ..files.outputs import PICTURES, check_outputs
 from ..files.response_file import read_responses
-from ..files.result_file import read_result
+from ..files.result_file import result_at
 from ..files.sweep_table import check_table_name, write_sweep_table
 from ..parallel.declared import spelled
 from ..parallel.failures import InputError
@@ -80,7 +80,7 @@ def _row(run, state, full, keys):
     )
     if not state.done:
         return row, None
-    reduced = read_result(state.file, SELF).reduced
+    reduced = result_at(state.file, None, SELF).reduced
     record, curve = reduced.record, None
     row |= {
         "size": reduced.size, "seconds": record.timing.elapsed, "factorisations": len(record.factorisations),

@@ -11,7 +11,7 @@ from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.frequency_response import frequency_response
 from ..files.hdf5 import atomic_output
 from ..files.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
-from ..files.result_file import read_basis, read_result
+from ..files.result_file import read_basis, result_at
 from ..linalg.blocks import inner, times
 from ..linalg.solvers.settings import Factoring
 from ..parallel.failures import InputError, agreed
@@ -47,7 +47,7 @@ def compare_results(
     """
     results = [str(path) for path in results]
     labels = short_names(results)
-    whole = [read_result(path, comm).reduced for path in results]
+    whole = [result_at(path, None, comm).reduced for path in results]
     reduced = [elastic_part(item) for item in whole]
     _check_alike(results, reduced)
     first = reduced[0].record

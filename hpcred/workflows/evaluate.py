@@ -13,7 +13,7 @@ from ..analysis.frequency_response import checked_frequencies, frequencies_to_dr
 from ..body.preload import Preload
 from ..files.outputs import check_outputs
 from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
-from ..files.result_file import read_result
+from ..files.result_file import result_at
 from ..files.room import rescued
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import NoDamping
@@ -37,7 +37,7 @@ MOST_FIGURES = 16  # of the largest responses
 def evaluate_result(
     result, full=None, *, frequencies=(), band=None, points: int = 61, output=None, figure=None, pairs=(),
     measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None,
-    preload: Preload | None = None, comm=None, progress: Progress | None = None,
+    preload: Preload | None = None, at: dict[str, float] | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Return the responses of result.h5, and eps(f) and Q (57) against the model file `full` if given. Collective.
 
@@ -47,12 +47,13 @@ def evaluate_result(
     as the model was reduced. Modal ratios are measured as the loss factor of the smallest. `output`: a .csv or HDF5
     file for the responses, see write_responses. `figure`: a .png, .svg or .pdf of a response and its error, for
     each of the `pairs` "output/input", by default the largest. `groups`: see frequency_response. `preload`: a
-    constant load, by the geometric stiffness of the result. Returns plain numbers for a table or JSON. Raises
-    InputError.
+    constant load, by the geometric stiffness of the result. `at`: values of the parameters of the result, by default
+    those of reference, of the full model too, whose terms are those of the job. Returns plain numbers for a table or
+    JSON. Raises InputError.
     """
     if preload is not None and full is not None:
         raise InputError("--preload: cannot be combined with --full, which is without load; leave one of them out")
-    found = read_result(result, comm)
+    found = result_at(result, at, comm)
     reduced = elastic_part((found if preload is None else found.at_preload(preload)).reduced)
     record = reduced.record
     grid = frequencies_over(frequencies, band or band_of(reduced), points)
@@ -64,6 +65,8 @@ def evaluate_result(
     check_figure(figure, comm, reads, progress)
     shown = pairs_by_name(pairs, reduced.output_names, reduced.input_names, result)
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
+    if at:
+        report |= {"at": found.values, "pseudo_frequencies_hz": reduced.frequencies.tolist()}
     if preload is not None:
         report |= {"preload": asdict(preload), "pseudo_frequencies_hz": reduced.frequencies.tolist()}
     damping, words = record.damping, ""
@@ -72,7 +75,9 @@ def evaluate_result(
     arrays = {"frequencies": grid, "reduced": frequency_response(reduced, grid)}
     report["reduced_norm"] = np.linalg.norm(arrays["reduced"], axis=(1, 2)).tolist()
     if full is not None:
-        with full_of_record(full, record, result, damping=damping, factoring=factoring, comm=comm) as known:
+        with full_of_record(
+            full, record, result, damping=damping, factoring=factoring, at=found.values, comm=comm
+        ) as known:
             arrays["full"], arrays["drive"] = known.response(grid, groups, progress)
         errors = errors_of(reduced, grid, arrays["full"], arrays["reduced"], arrays["drive"], measure)
         arrays["eps"] = errors.eps
@@ -114,7 +119,7 @@ def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) ->
     Besides the whole curve, its maximum, Q (57), the proofs and the sentence. Raises InputError where the basis was
     chosen by hand.
     """
-    reduced = elastic_part(read_result(result, comm).reduced)
+    reduced = elastic_part(result_at(result, None, comm).reduced)
     accuracy = accuracy_of(reduced, result)
     if len(frequencies):
         chosen = frequencies_over(frequencies, accuracy.band, 2)
@@ -148,7 +153,8 @@ def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) ->
 @workflow
 def check_result(
     result, full, count: int = 5, *, seed: int | None = None, groups: int | None = None,
-    factoring: Factoring | None = None, comm=None, progress: Progress | None = None,
+    factoring: Factoring | None = None, at: dict[str, float] | None = None, comm=None,
+    progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Return the estimated error of result.h5 against full solves of the model file `full`, at `count` fresh
     frequencies of the band and some right beside resonances. Collective.
@@ -157,10 +163,13 @@ def check_result(
     estimated and measured errors, whether it `passed`, and the sentence. Raises InputError where the basis was chosen
     by hand.
     """
-    reduced = elastic_part(read_result(result, comm).reduced)
+    found = result_at(result, at, comm)
+    reduced = elastic_part(found.reduced)
     accuracy, record = accuracy_of(reduced, result), reduced.record
     damping = measuring_damping(accuracy, record.damping)
-    with full_of_record(full, record, result, damping=damping, factoring=factoring, comm=comm) as known:
+    with full_of_record(
+        full, record, result, damping=damping, factoring=factoring, at=found.values, comm=comm
+    ) as known:
         check = check_reduced(
             reduced, known.model, count, seed=seed, factoring=known.factoring, groups=groups, progress=progress
         )

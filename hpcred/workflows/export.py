@@ -20,6 +20,7 @@ from ..parallel.declared import as_declared, declared, nearest, spelled, types_o
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..parallel.plugins import blamed
+from ..reduction.parametric.accuracy import in_words
 from ..reduction.reduced_model import ReducedModel
 from ..settings.toml_file import override
 from ..writers.base import ExportSource
@@ -36,7 +37,7 @@ WITHOUT_NODES = {
 
 @workflow
 def export_result(
-    result, kind=None, path=None, *, nodes=None, units: str = "SI", modes=None, options=None, preload=None,
+    result, kind=None, path=None, *, nodes=None, units: str = "SI", modes=None, options=None, preload=None, at=None,
     comm=None, progress=None,
 ) -> dict:  # fmt: skip
     """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
@@ -45,7 +46,8 @@ def export_result(
     default the name of the result with the suffix of the format. `nodes`: numbers of the interface nodes, or names of
     interfaces or node sets, by default those of the inputs and outputs; a superelement has those of its coordinates.
     `units`: of the file, see model.units.units_of; bodies and superelements have others than SI. `preload`: a Preload,
-    whose stiffness K then has.
+    whose stiffness K then has. `at`: values of the parameters by name; without them formats that hold parameters keep
+    them, and others have the reference values.
     `modes`: numbers from 1 of the shapes of a picture, by default the first six elastic ones, of a moving one (gif,
     webp) the first. `options`: settings of the format by name, such as {"ge_order": "coordinate"} of "sid", or texts
     such as "sid.ge_order=coordinate". Returns what was written: output, format, and shapes (their names), or
@@ -53,7 +55,7 @@ def export_result(
     superelement, the files beside the output.
     """
     if isinstance(result, Result):
-        result, preload = result.path, preload or result.preload
+        result, preload, at = result.path, preload or result.preload, at or result.values
     require_name(result)
     writer, guessed = _chosen(kind, path, comm), kind is None and path
     kind = writer.name
@@ -84,10 +86,17 @@ def export_result(
         with agreed(comm), _naming(result):
             if comm.rank == 0:
                 taken = read_result(result, MPI.COMM_SELF)
+                parametric = taken.reduced if hasattr(taken.reduced, "parameters") and not at else None
+                taken = taken.at(**at) if at else taken.at_reference()
                 taken = taken if preload is None else taken.at_preload(preload)
                 surface = writer.surface or getattr(settings, "surface", False)
-                source = ExportSource(taken, path.stem, nodes, system, modes, surface, writer.stress, settings)
+                source = ExportSource(taken, path.stem, nodes, system, modes, surface, writer.stress, settings,
+                                      parametric=parametric if preload is None else None)  # fmt: skip
                 report = _write(writer, source, temporary)
+                if parametric is not None and not writer.keeps_parameters:
+                    report.get("remarks", []).append(
+                        f"at {in_words(parametric.reference)}, the reference values; --at takes others"
+                    )
                 report.get("remarks", []).extend(WRITERS.broken)
                 beside = {path.with_name(path.stem + suffix): content for suffix, content in source.beside.items()}
         report, names = comm.bcast((report, beside and list(beside)))
@@ -107,8 +116,8 @@ def export_result(
 
 @spelled
 def export_reduced(
-    reduced, path, format=None, *, nodes=None, units: str = "SI", modes=None, options=None, preload=None, stress=None,
-    geometric_stiffness=None, progress=None,
+    reduced, path, format=None, *, nodes=None, units: str = "SI", modes=None, options=None, preload=None, at=None,
+    stress=None, geometric_stiffness=None, progress=None,
 ) -> dict:  # fmt: skip
     """Write a ReducedModel, with the model that it was made from, for another program: see export_result.
 
@@ -128,7 +137,7 @@ def export_reduced(
         )
         try:
             return export_result(
-                result, format, path, nodes=nodes, units=units, modes=modes, options=options, preload=preload,
+                result, format, path, nodes=nodes, units=units, modes=modes, options=options, preload=preload, at=at,
                 comm=reduced.model.comm, progress=progress,
             )
         except InputError as error:  # names a file that the caller has never seen

@@ -14,8 +14,9 @@ from ..linalg.solvers.settings import PACKAGES, Factoring, LinearSolver
 from ..model.cut_outputs import cut_output_of
 from ..model.damping import Damping, NoDamping
 from ..model.dofs import target_of
-from ..model.loads import AnyLoad, input_names
 from ..model.motion_outputs import motion_output_of
+from ..model.parameters import Parameter
+from ..model.parametric_model import ParametricModel
 from ..model.second_order_model import SecondOrderModel
 from ..model.stress_outputs import stress_output_of
 from ..parallel import startup
@@ -23,7 +24,8 @@ from ..parallel.failures import InputError
 from ..reduction.components.modes import Modes
 from ..reduction.record import Record, difference_of, signature_of
 from ..reduction.reduce import reduce
-from .model_of_job import with_interfaces, with_targets
+from ..settings.term_table import TermTable
+from .model_of_job import with_interfaces, with_targets, with_terms
 
 
 @dataclass(frozen=True)
@@ -52,16 +54,17 @@ class FullModel:
 
 
 @contextmanager
-def full_of_record(path, record: Record, result, *, damping=None, factoring=None, comm):
+def full_of_record(path, record: Record, result, *, damping=None, factoring=None, at=None, comm):
     """Yield the FullModel of a model file `path` while the context is open; `result` names the file of the record.
 
     `damping`: that of the responses, by default that of the record, which decides on the PETSc build where none is
-    loaded; `factoring` likewise. Collective. Raises InputError where it is another model.
+    loaded; `factoring` likewise. `at`: values of its parameters, by default those of reference. Collective. Raises
+    InputError where it is another model.
     """
     damping = record.damping if damping is None else damping
     factoring = factoring or factoring_of(record)
     start_for([damping], factoring)
-    with _model_of_record(path, record, result, comm) as model:
+    with _model_of_record(path, record, result, at, comm) as model:
         yield FullModel(model, record, damping, factoring)
 
 
@@ -79,7 +82,7 @@ def factoring_of(record) -> Factoring:
     return Factoring(solver=solver, **{key: job.get(key) for key in ("out_of_core", "low_rank", "memory_mb")})
 
 
-def _model_of_record(path, record, result, comm):
+def _model_of_record(path, record, result, at, comm):
     """Return the model of a model file with the inputs and outputs of a reduction, checked to be the one that was
     reduced."""
     model = read_model(path, comm)
@@ -90,30 +93,41 @@ def _model_of_record(path, record, result, comm):
     model = with_interfaces(model, record.interfaces)
     for key, names in (("input", record.inputs), ("output", record.outputs)):
         model = _as_recorded(model, key, names, record, path)
+    parametric = with_terms_of_record(model, record)
+    if parametric is not None:
+        model = parametric.at(**parametric.reference)
     key = difference_of(signature_of(model), record)
     if key is not None:
         with model:
             what = {"B": "inputs differ", "C": "outputs differ"}.get(key, f"matrix {key} differs")
             raise InputError(f"{path}: its {what} from what {result} was reduced from; take that model, or "
                              "reduce this one again")  # fmt: skip
-    return model
+    if parametric is None:
+        return model
+    with model, parametric:
+        return parametric.at(**at) if at else model.shared()
+
+
+def with_terms_of_record(model, record) -> ParametricModel | None:
+    """Return a model with the terms of the job of a record, and close it; None, and `model` stays, where the job has
+    none. Collective. Raises InputError."""
+    job = record.job or {}
+    if not job.get("term"):
+        return None
+    parameters, tables = (
+        TypeAdapter(tuple[kind, ...]).validate_python(job[key])
+        for kind, key in ((Parameter, "parameter"), (TermTable, "term"))
+    )
+    return with_terms(model, parameters, tables)
 
 
 def _as_recorded(model, key, names, record, path):
-    """Return the model with the inputs or outputs of a reduction, from their names, or files and loads of the job."""
+    """Return the model with the inputs or outputs of a reduction, from their names or from the file of the job."""
     if key == "output" and names == record.inputs and "C" not in record.signature:
         with model:
             return model.with_output_columns(None, ())
     if getattr(model, f"{key}_names") == names:
         return model
-    loads = _loads_of(record) if key == "input" else ()
-    added = tuple(name for item in loads for name in input_names(item))
-    if added and names[-len(added) :] == added:
-        with _as_recorded(model, key, names[: -len(added)], record, path) as bare:
-            return bare.with_loads(loads)
-    if not names:
-        with model:
-            return model.with_input_columns(None, ())
     kinds = (stress_output_of, motion_output_of, cut_output_of, target_of)
     targets = [next(filter(None, (kind(name) for kind in kinds)), None) for name in names]
     file = (record.job or {}).get(key + "s")
@@ -121,8 +135,3 @@ def _as_recorded(model, key, names, record, path):
         with model:
             raise InputError(f"{path}: has no {key}s {', '.join(names)}, which the reduction used")
     return with_targets(model, key, file if None in targets else targets)
-
-
-def _loads_of(record) -> tuple:
-    """Return the loads that the job of a record added to the inputs of the model."""
-    return TypeAdapter(tuple[AnyLoad, ...]).validate_python((record.job or {}).get("load", ()))

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..files import model_file, motion_file, outputs, recovered_file, response_file, result_file
 from ..files.hdf5 import kind_of_file, reading, require_whole, texts
+from ..model.parameters import rows_of_parameters
 from ..parallel.failures import InputError, agreed
 from ..parallel.plugins import OWN, blamed
 from ..parallel.shares import row_range
@@ -36,6 +37,9 @@ def result(path, comm) -> dict:
     }
     if found.geometric_stiffness is not None:
         report["geometric_stiffness"] = list(found.geometric_stiffness.states)
+    if varied := getattr(reduced, "parameters", ()):
+        report["parameters"] = rows_of_parameters(varied)
+        report["terms"] = [{"of": item.of, "factor": item.factor} for item in reduced.terms]
     if found.stress_nodes:
         report["stress"] = f"{found.stress_nodes} nodes; {found.stress_source}"
     record = reduced.record

@@ -36,6 +36,11 @@ def model_of_job(job: Job, comm):
     return with_terms(model, job.parameter, job.term) if job.term else model
 
 
+def at_reference(model):
+    """Return the model at the reference values of its parameters, with references of its own. Collective."""
+    return model.at() if isinstance(model, ParametricModel) else model.shared()
+
+
 def with_terms(model, parameters, tables) -> ParametricModel:
     """Return a model with the terms of tables [[term]]; `model` is closed. Collective. Raises InputError."""
     from ..readers.term_files import read_term_matrix  # which loads the readers of all formats

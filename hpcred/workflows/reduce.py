@@ -22,7 +22,7 @@ from ..reduction.record import Record
 from ..reduction.reduce import reduce
 from ..settings.job_file import Job, plain, read_job
 from .geometric_stiffness import check_geometric_stiffness, geometric_stiffness_of_job
-from .model_of_job import model_of_job
+from .model_of_job import at_reference, model_of_job
 from .workflow import workflow
 
 SIZE = 40  # coordinates that a reduction to a tolerance is expected to have
@@ -65,29 +65,30 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
         check_outputs({_not_reached(job.output): hdf5_kind(FORMAT)}, comm, [*reads, *job.files])
     with progress.stage("read", str(job.model)):
         model = model_of_job(job, comm)
-    with model:
+    with model, at_reference(model) as reference:
         nodes = job.stress if isinstance(job.stress, tuple) else None
         if job.stress:
-            Solids(model, nodes)  # refused early
+            Solids(reference, nodes)  # refused early
         with agreed(comm):
-            check_room(job.output, _bytes(job, model) if job.write_basis else 0)
+            check_room(job.output, _bytes(job, reference) if job.write_basis else 0)
         with progress.stage("read"):
             contents = {str(Path(name).absolute()): content_of(name, comm) for name in job.files}
-        check_geometric_stiffness(job, model)  # before what takes long
+        check_geometric_stiffness(job, reference)  # before what takes long
         with listening(store is not None):
             reduced = reduce(
                 model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings,
                 factoring=job.factoring, store=store, progress=progress,
+                parameter_search=job.parameter_search if job.term else None,
             )  # fmt: skip
         with reduced:
             output = _name_of(job, reduced.record.accuracy)
             reduced.record = replace(reduced.record, job=plain(job), contents=contents, timing=progress.timing())
             with progress.stage("geometric stiffness"):
-                stiffness = geometric_stiffness_of_job(job, model, reduced)
+                stiffness = geometric_stiffness_of_job(job, reference, reduced)
             stress = None
             if job.stress:
                 with progress.stage("stress"):
-                    stress = stress_modes(model, reduced.columns, nodes)
+                    stress = stress_modes(reference, reduced.columns, nodes)
                 spins = stiffness is not None and any(state in VELOCITIES for state in stiffness.states)
                 told = [f"stress: {REMEDY}, if it spins"] if spins and lacks_spin(reduced.record) else []
                 warnings = (*reduced.record.warnings, *stress.remarks, *told)
@@ -95,7 +96,7 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
             with progress.stage("write", output):
                 rescued(
                     lambda place: write_result(
-                        place, reduced, model, basis=job.write_basis, origin=job.body_origin,
+                        place, reduced, reference, basis=job.write_basis, origin=job.body_origin,
                         lumped=job.lumped_integrals, geometric_stiffness=stiffness, stress=stress,
                     ), output, comm,
                 )  # fmt: skip

@@ -10,7 +10,7 @@ from ..analysis.check import check
 from ..analysis.error import Errors, as_compared, errors_of
 from ..analysis.error_check import measuring_damping
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
-from ..files.result_file import Result, read_result
+from ..files.result_file import Result, result_at
 from ..model.damping import Damping
 from ..parallel.failures import InputError
 from ..parallel.progress import Progress
@@ -92,7 +92,7 @@ def sheets_of(
         raise InputError("report: no result; give the name of at least one result.h5")
     if solves < 2:
         raise InputError(f"solves: found {solves}, expected at least 2 frequencies")
-    read = [read_result(path, comm) for path in results]
+    read = [result_at(path, None, comm) for path in results]
     for result in read:
         if result.reduced.record is None:
             raise InputError(f"{result.path}: has no record of its reduction, which a report is about")

@@ -12,7 +12,7 @@ from ..body.spin_stress import warnings_of_spin
 from ..files.hdf5 import atomic_output
 from ..files.motion_file import FORMAT, coordinates_of, write_motion, write_motion_csv
 from ..files.outputs import CSV_OF_MOTION, PNG, VTK, check_outputs, hdf5_kind
-from ..files.result_file import read_result
+from ..files.result_file import result_at
 from ..files.result_points import read_points
 from ..files.room import rescued
 from ..parallel.failures import InputError, agreed
@@ -47,7 +47,7 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     # the stage on all ranks, because the first one starts PETSc, which is collective
     with progress.stage("simulate", setup.body), agreed(comm):
         if comm.rank == 0:
-            result = read_result(setup.body, MPI.COMM_SELF)
+            result = result_at(setup.body, setup.at, MPI.COMM_SELF)
             body, basis = result.body(setup.nodes), result.basis_digest()
             if setup.paraview:
                 with result.shapes():
@@ -55,6 +55,10 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
             motion = simulate(body, setup, progress)
             if result.stress_nodes:
                 motion.notes += warnings_of_spin(body, motion.angular_velocity, motion.energies["elastic"].max())
+            if result.turn is not None:  # coordinates of the basis in the file, for whoever reads the motion
+                motion.elastic, motion.elastic_velocity = (
+                    part @ result.turn.T for part in (motion.elastic, motion.elastic_velocity)
+                )
     motion, basis = comm.bcast((motion, basis))
     files = [(output.with_suffix(".csv"), write_motion_csv)]
     notes = list(motion.notes)
@@ -82,7 +86,7 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
 def _write_paraview(target, body, motion, comm):
     """Write a .pvd, and one .vtu a time in a new folder beside it. Collective."""
     coordinates = coordinates_of(motion)
-    points, origin = read_points(body, comm), read_result(body, comm).floating_frame.origin
+    points, origin = read_points(body, comm), result_at(body, None, comm).floating_frame.origin
     start = start_places(points.position - origin, coordinates)
     write_recovered(target, points, coordinates, ("displacement",), {}, comm, origin=origin, start=start)
 

@@ -7,6 +7,11 @@ nodes (k), positions (k, 3) in the body frame, phi and psi (k, 3, m); where the 
 (m, s, 6) of xx, yy, zz, xy, yz, zx by coordinate, and stress_nodes (s); where it has geometric stiffness,
 geometric_stiffness (g, m, m) by unit states of load, and geometric_states (g), their names. SI units. Nothing that
 affects numbers is missing. Lists of names are cell arrays in a .mat.
+
+Of a model with parameters, unless values were chosen, all this is at their reference values, and parameter_names,
+parameter_units (a), parameter_ranges (a, 2) and parameter_references (a), constant_M, constant_D, ..., constant_C, and
+for the terms (t) term_of, term_factors, such as omega^2, and term_1, term_2, ... make up the matrices at others:
+M(p) = constant_M + the sum of factor times term over the terms of M.
 """
 
 from __future__ import annotations
@@ -20,6 +25,7 @@ from numpy.lib import format as npy
 
 from ..body.body import Body, maker, remarks, resultants_of
 from ..files.outputs import MATLAB, ZIP
+from ..reduction.parametric.reduced import ParametricReducedModel
 from ..reduction.reduced_model import require_finite
 from .base import Writer
 
@@ -46,6 +52,23 @@ def arrays_of(body: Body) -> dict:
     }
 
 
+def arrays_of_parameters(reduced: ParametricReducedModel | None) -> dict:
+    """The parameters, constant parts and terms by their names in the file; nothing for None."""
+    if reduced is None:
+        return {}
+    parameters, terms = reduced.parameters, reduced.terms
+    return {
+        "parameter_names": np.array([item.name for item in parameters]),
+        "parameter_units": np.array([item.unit for item in parameters]),
+        "parameter_ranges": np.array([item.range for item in parameters]),
+        "parameter_references": np.array([item.reference for item in parameters]),
+        **{f"constant_{key}": part for key, part in reduced.constant.items()},
+        "term_of": np.array([item.of for item in terms]),
+        "term_factors": np.array([item.factor.replace("**", "^") for item in terms]),  # as MATLAB has it
+        **{f"term_{k}": item.matrix for k, item in enumerate(terms, 1)},
+    }
+
+
 def save_npz(path, arrays: dict):
     """Write arrays by name; call it on one rank. They are packed in memory: an archive cannot be left half written."""
     content = io.BytesIO()
@@ -66,10 +89,10 @@ def save_mat(path, arrays: dict):
 class BodyNpz(Writer):
     """Arrays of a body for NumPy."""
 
-    suffix, needs, kind, stress = ".npz", "body", ZIP, True
+    suffix, needs, kind, stress, keeps_parameters = ".npz", "body", ZIP, True, True
 
     def write(self, target, source):
-        save_npz(target, arrays_of(source.body))
+        save_npz(target, arrays_of(source.body) | arrays_of_parameters(source.parametric))
         return remarks(source.body)
 
     def describe(self, path):
@@ -92,8 +115,8 @@ class BodyNpz(Writer):
 class BodyMat(Writer):
     """Arrays of a body for MATLAB."""
 
-    suffix, needs, kind, stress = ".mat", "body", MATLAB, True
+    suffix, needs, kind, stress, keeps_parameters = ".mat", "body", MATLAB, True, True
 
     def write(self, target, source):
-        save_mat(target, arrays_of(source.body))
+        save_mat(target, arrays_of(source.body) | arrays_of_parameters(source.parametric))
         return remarks(source.body)

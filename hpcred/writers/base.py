@@ -15,6 +15,7 @@ from ..body.units import fields_in, in_units
 from ..files.outputs import SUPERELEMENT, kind_of_start
 from ..files.result_file import Result, Shapes
 from ..model.units import SI, Units
+from ..reduction.parametric.reduced import ParametricReducedModel
 from ..reduction.reduced_model import ReducedModel
 from .superelement import Superelement, superelement
 
@@ -26,7 +27,8 @@ class ExportSource:
     `name`: of the result, without suffix; `stem`: of the file that is written. `units`: those of the file, in which
     `body` and `superelement` are; everything else is in SI. `modes`: numbers from 1 of the chosen shapes, or None.
     `surface`, `stress`: whether the body has them. `options`: those of the Writer, an instance of its class `options`,
-    or None. `beside`: contents (str or bytes) of further files to write, by what follows `stem` in their names.
+    or None. `parametric`: the reduced model with its parameters, None where it has none or values were chosen.
+    `beside`: contents (str or bytes) of further files to write, by what follows `stem` in their names.
     """
 
     result: Result
@@ -38,6 +40,7 @@ class ExportSource:
     stress: bool = False
     options: Any = None
     beside: dict[str, str | bytes] = field(default_factory=dict)
+    parametric: ParametricReducedModel | None = None
 
     @property
     def name(self) -> str:
@@ -87,6 +90,8 @@ class Writer(ABC):
         Whether the body has the surface that is drawn. By default False.
     stress : bool
         Whether the body has its stress modes, where the result has some. By default False.
+    keeps_parameters : bool
+        Whether the file keeps parameters of a model that has some. By default False: it is at their reference values.
     picture : bool
         Whether it shows chosen shapes (--modes). By default False.
     options : type or None
@@ -101,7 +106,7 @@ class Writer(ABC):
     """
 
     name = suffix = needs = kind = ""
-    si = surface = stress = picture = False
+    si = surface = stress = picture = keeps_parameters = False
     options: type | None = None
     package = ""  # that brings it
 

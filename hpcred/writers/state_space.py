@@ -9,6 +9,9 @@ With x = [q; q'], u the forces of the inputs and y the outputs:
     y = output_matrix q + velocity_matrix q' + acceleration_matrix q'', the last two where they are not zero
 
 input_names, output_names; velocity_names of the rows of C_velocity; comment. There is no place for structural damping.
+
+Of a model with parameters, unless values were chosen, these are at their reference values, and the arrays of
+writers.arrays for parameters make up mass, damping, stiffness, input_matrix, output_matrix (M, D, K, B, C) at others.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ import numpy as np
 from ..body.body import check_viscous, instability, maker
 from ..files.outputs import MATLAB, ZIP
 from ..reduction.reduced_model import ReducedModel, require_finite
-from .arrays import save_mat, save_npz
+from .arrays import arrays_of_parameters, save_mat, save_npz
 from .base import Writer
 
 
@@ -59,18 +62,18 @@ def state_space(reduced: ReducedModel) -> dict:
 class StateSpaceMat(Writer):
     """State spaces for MATLAB."""
 
-    suffix, needs, kind = "_statespace.mat", "reduced", MATLAB
+    suffix, needs, kind, keeps_parameters = "_statespace.mat", "reduced", MATLAB, True
 
     def write(self, target, source):
-        save_mat(target, state_space(source.reduced))
+        save_mat(target, state_space(source.reduced) | arrays_of_parameters(source.parametric))
         return instability(source.reduced)
 
 
 class StateSpaceNpz(Writer):
     """State spaces for NumPy."""
 
-    suffix, needs, kind = "_statespace.npz", "reduced", ZIP
+    suffix, needs, kind, keeps_parameters = "_statespace.npz", "reduced", ZIP, True
 
     def write(self, target, source):
-        save_npz(target, state_space(source.reduced))
+        save_npz(target, state_space(source.reduced) | arrays_of_parameters(source.parametric))
         return instability(source.reduced)

@@ -17,7 +17,7 @@ import numpy as np
 from ..files.hdf5 import atomic_output
 from ..files.result_points import Points
 from ..files.system_errors import writing_to
-from ..parallel.failures import InputError, Owned, agreed
+from ..parallel.failures import Owned, agreed
 from .vtk import TYPES
 
 KINDS = {"<f8": "Float64", "<f4": "Float32", "<i8": "Int64", "<i4": "Int32", "|u1": "UInt8"}
@@ -41,9 +41,6 @@ def series(path, points: Points, t, comm, dtype):
     path = Path(path)
     folder, digits, done = path.with_name(f"{path.stem}_vtu"), len(str(len(t))), 0
     names = [f"{folder.name}_{i:0{digits}d}.vtu" for i in range(len(t))]
-    with agreed(comm):
-        if comm.rank == 0:
-            _require_ours(path, folder)
     with atomic_output(path, comm) as temporary, Owned(comm) as owned, writing_to(path, temporary):
         fresh = None
         with agreed(comm), writing_to(path, temporary):
@@ -75,16 +72,6 @@ def single(path, points: Points, comm, dtype):
     with atomic_output(path, comm) as temporary:
         mesh = _mesh(points, comm, dtype)
         yield lambda fields: _write([temporary], mesh, points, fields, comm, dtype)
-
-
-def _require_ours(path, folder):
-    """Raise InputError where something else than a folder of .vtu files has the name of the folder."""
-    if not folder.exists():
-        return
-    others = [folder] if not folder.is_dir() else [item for item in folder.iterdir() if item.suffix != ".vtu"]
-    if others:
-        raise InputError(f"output {path}: {others[0]} is none of the .vtu files of an earlier run, and {folder} would "
-                         "be replaced; move it, or choose another name")  # fmt: skip
 
 
 def _write_collection(path, t, names):

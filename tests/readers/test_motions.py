@@ -90,7 +90,6 @@ def test_columns_of_tables(tmp_path, head, places):
 
 
 @pytest.mark.parametrize("head, end, message", [
-    ("t,q01,q02", "\n", r"found columns t, q01, q02, and none of the reduced coordinates, q1, q2"),
     ("t,displacement_20_z", "\n", r"found columns t, displacement_20_z, and none of the reduced coordinates, q1, q2"),
     ("t,q1,q3", "\n", r"found 2 columns such as q1, and no q2; expected all from 1 on"),
     ("t,q1,q1", "\n", r"found the column 'q1' more than once"),

@@ -69,18 +69,6 @@ def test_a_job_with_loads(block, capsys):
     assert [row["load"] for row in told] == ["oil", "weight"] and told[0]["Fx (N)"] == pytest.approx(-40.0)
 
 
-def test_the_full_model_has_the_loads_of_the_job(block):
-    """`evaluate --full` takes a model file, which has none: they are made again, beside inputs or alone."""
-    with hpcred.read_model("model.h5") as model, model.with_input_columns(None, []) as bare:
-        hpcred.write_model("bare.h5", bare)
-    for name, text in (("model.h5", JOB), ("bare.h5", JOB.replace('inputs = [[20, "z"]]\n', ""))):
-        Path("job.toml").write_text(text.replace("model.h5", name))
-        assert run(["reduce", "job.toml"]) == 0
-        more = ["--full", name, "--band", "0,20000", "--points", "5", "--json", "errors.json"]
-        assert run(["evaluate", "result.h5", *more]) == 0
-        assert max(json.loads(Path("errors.json").read_text())["eps"]) < 1e-4
-
-
 def test_loads_alone_are_enough(block):
     with hpcred.read_model("model.h5") as model, model.with_input_columns(None, []) as bare:
         hpcred.write_model("bare.h5", bare)

@@ -296,17 +296,6 @@ def test_what_comes_off_stresses_of_temperatures_is_said(tmp_path):
 
 
 @pytest.mark.mpi
-def test_a_folder_of_something_else_is_not_replaced(simulated, comm):
-    if comm.rank == 0:
-        (simulated / "mine_vtu").mkdir()
-        (simulated / "mine_vtu" / "notes.txt").write_text("for the report")
-    comm.Barrier()
-    with pytest.raises(InputError, match=r"mine_vtu/notes.txt is none of the .vtu files of an earlier run, and"):
-        hpcred.recover(simulated / "result.h5", simulated / "simulation.h5", simulated / "mine.pvd", every=5)
-    assert names(simulated / "mine_vtu", comm) == [simulated / "mine_vtu" / "notes.txt"]
-
-
-@pytest.mark.mpi
 def test_nodes_that_are_held_rest(folder, comm):
     """Their largest displacement is zero, at one of them."""
     with (

@@ -78,7 +78,7 @@ def _family(path, names, patterns) -> list[int]:
         before, after = pattern.split("{}")
         numbers = [name[len(before) : len(name) - len(after)] for name in names
                    if name.startswith(before) and name.endswith(after) and len(name) > len(before) + len(after)]
-        numbers = sorted(int(text) for text in numbers if text.isdecimal() and str(int(text)) == text)  # but q01
+        numbers = sorted(int(text) for text in numbers if text.isdecimal())
         if not numbers:
             continue
         missing = set(range(1, len(numbers) + 1)).difference(numbers)

@@ -104,11 +104,13 @@ class ParametricReducedModel(ReducedModel):
 
     def transfer_function(self, s: complex | np.ndarray, **values: float) -> np.ndarray:
         """Return H(s) (r, p) at values of the parameters; (..., r, p) for an array (...) of s."""
+        if not values:  # what was replaced in this one counts
+            return self.base.transfer_function(s)
         return replace(self.base, **self.matrices(values)).transfer_function(s)
 
     def frequency_response(self, frequencies: ArrayLike, **values: float) -> np.ndarray:
         """Return H(i omega) at `frequencies` in Hz and at values of the parameters, (F, r, p)."""
-        return self.at(**values).frequency_response(frequencies)
+        return (self.at(**values) if values else self.base).frequency_response(frequencies)
 
 
 def projected_parts(parametric, reduced: ReducedModel, damping) -> dict:

@@ -1,0 +1,65 @@
+"""Write and read what a reduced model has beside that at the reference values of its parameters.
+
+parameters/name, unit (w), range (w, 2), reference (w)
+parameters/constant/M, D, K (m, m), B (m, p), C (r, m), Cv, Ca where not zero: the parts without terms
+parameters/terms/of, factor (o): the matrices that terms add to, and their factors; parameters/terms/M, D, K (k, m, m),
+    B (k, m, p), C (k, r, m): the matrices of the terms of each, in their order
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+
+from ..model.parameters import Parameter
+from ..parallel.failures import InputError
+from ..reduction.parametric.reduced import ParametricReducedModel, ReducedTerm
+from ..reduction.reduced_model import ReducedModel
+from .checked import Array
+from .hdf5 import texts
+
+SHAPES = {"M": ("m", "m"), "D": ("m", "m"), "K": ("m", "m"), "B": ("m", "p"), "C": ("r", "m")}
+OF_OUTPUTS = {"Cv": ("r", "m"), "Ca": ("r", "m")}
+SCHEMA = {
+    "parameters/name": Array("text", ("w",)), "parameters/unit": Array("text", ("w",)),
+    "parameters/range": Array("real", ("w", 2)), "parameters/reference": Array("real", ("w",)),
+    **{f"parameters/constant/{key}": Array("real", shape) for key, shape in (SHAPES | OF_OUTPUTS).items()},
+    "parameters/terms/of": Array("text", ("o",)), "parameters/terms/factor": Array("text", ("o",)),
+    **{f"parameters/terms/{key}": Array("real", ("?", *shape)) for key, shape in SHAPES.items()},
+}  # fmt: skip
+
+
+def write_parameters(file, reduced: ParametricReducedModel):
+    """Write the parameters and the terms into a result that is being written. Collective."""
+    for key in ("name", "unit", "range", "reference"):
+        file.small(f"parameters/{key}", [getattr(item, key) for item in reduced.parameters])
+    for key, value in reduced.constant.items():
+        file.small(f"parameters/constant/{key}", value)
+    for key in ("of", "factor"):
+        file.small(f"parameters/terms/{key}", [getattr(item, key) for item in reduced.terms])
+    for key in SHAPES:
+        if found := [item.matrix for item in reduced.terms if item.of == key]:
+            file.small(f"parameters/terms/{key}", np.array(found))
+
+
+def with_parameters(file, reduced: ReducedModel, path) -> ReducedModel:
+    """Return the model of an open result, with its parameters if it has some. Raises InputError."""
+    if "parameters" not in file:
+        return reduced
+    try:
+        names, units, of, factors = (texts(file[f"parameters/{key}"]) for key in ("name", "unit", "terms/of",
+                                                                                  "terms/factor"))  # fmt: skip
+        numbers = (file[f"parameters/{key}"][...].tolist() for key in ("range", "reference"))
+        parameters = tuple(
+            Parameter(name, tuple(limits), reference, unit)
+            for name, unit, limits, reference in zip(names, units, *numbers, strict=True)
+        )
+        stacks = {key: iter(file[f"parameters/terms/{key}"][...]) for key in dict.fromkeys(of)}
+        terms = tuple(ReducedTerm(key, factor, next(stacks[key])) for key, factor in zip(of, factors, strict=True))
+        constant = {key: file[f"parameters/constant/{key}"][...] for key in (*SHAPES, *OF_OUTPUTS)
+                    if key in SHAPES or f"parameters/constant/{key}" in file}  # fmt: skip
+    except (KeyError, StopIteration, ValueError) as error:  # an InputError is a ValueError
+        raise InputError(f"{path}: its parameters are damaged: {error}; reduce again") from error
+    known = {item.name: getattr(reduced, item.name) for item in fields(ReducedModel)}
+    return ParametricReducedModel(**known, parameters=parameters, constant=constant, terms=terms)
