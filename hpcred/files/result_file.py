@@ -14,7 +14,10 @@ interface/node (k), name (k), position (k, 3), phi (k, 3, m), psi (k, 3, m), rot
 phi q and rotations psi q of each node, which rotates where it has rotations
 geometric_stiffness/state (s), matrices (s, m, m), origin (3): stiffness by unit states of load, see
     body.geometric_stiffness
-parameters/: of a model that depends on parameters, see files.result_parameters; reduced/ is at their reference values
+parameters/name, unit (w), range (w, 2), reference (w): of a model that depends on parameters, at whose reference values
+    reduced/ is; parameters/constant/M, D, K, B, C, Cv, Ca: as in reduced/, without terms; parameters/terms/of,
+    factor (o): the matrices that terms add to, and their factors; parameters/terms/M, D, K, B, C (k, ., .): the
+    matrices of the terms of each, in their order
 record: JSON of reduction.record.Record
 """
 

@@ -1,10 +1,4 @@
-"""Write and read what a reduced model has beside that at the reference values of its parameters.
-
-parameters/name, unit (w), range (w, 2), reference (w)
-parameters/constant/M, D, K (m, m), B (m, p), C (r, m), Cv, Ca where not zero: the parts without terms
-parameters/terms/of, factor (o): the matrices that terms add to, and their factors; parameters/terms/M, D, K (k, m, m),
-    B (k, m, p), C (k, r, m): the matrices of the terms of each, in their order
-"""
+"""Write and read what a result has beside the model at the reference values of its parameters: see result_file."""
 
 from __future__ import annotations
 
