@@ -327,15 +327,15 @@ class Shapes:
         self._basis, self._name = file["basis/V"], name
         if turn is not None:
             self._basis = turn.T @ self._basis[...]
-        self._turn, group = turn, file["reduced"]
-        M, K, self.frequencies = (group[key][...] if reduced is None else getattr(reduced, key)
-                                  for key in ("M", "K", "frequencies"))  # fmt: skip
+        self._turn = turn
+        self.frequencies = file["reduced/frequencies"][...] if reduced is None else reduced.frequencies
         self.has_stress, self._stress = "basis/stress" in file, file["basis"]
         kind = "basis vector" if "basis/W" in file else "pseudo-mode"
         self._mixture = self._mixed = None
         if "reduced/interfaces" in file:
             from scipy.linalg import eigh  # which few results need
 
+            K, M = (file[f"reduced/{key}"][...] if reduced is None else getattr(reduced, key) for key in "KM")
             self._mixture = eigh(K, M)[1]
         width = len(str(len(self.frequencies)))
         self.first = int(file.attrs.get("first_number", 1))
