@@ -170,10 +170,10 @@ def _in_groups(framed, frequencies, factoring, progress, groups):
     return response
 
 
-def measured_response(reduced, frequencies) -> np.ndarray:
-    """Return the response (F, r, p) of a ReducedModel without the factors s and s^2 of velocities and accelerations.
-    Collective."""
-    return _reduced(reduced, frequencies, reduced.measured_response)
+def measured_response(reduced, frequencies, derivatives) -> np.ndarray:
+    """Return the response (F, r, p) of a ReducedModel without the factors s and s^2 of velocities and accelerations,
+    which `derivatives` of the full model tells. Collective."""
+    return _reduced(reduced, frequencies, lambda s: reduced.measured_response(s, derivatives))
 
 
 def _reduced(reduced, frequencies, response_at=None, comm=MPI.COMM_WORLD):

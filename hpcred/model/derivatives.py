@@ -35,7 +35,7 @@ class Derivatives:
     def measured_at(self, s: np.ndarray) -> np.ndarray:
         """Return the same (S, r, k) without the factor s^k of pure outputs, whose relative error it does not change:
         it is that of the displacement, also at 0 Hz."""
-        return combined(self.parts, s, without=True)
+        return combined(self.parts, s, self.orders)
 
     def static(self) -> np.ndarray:
         """Return the columns (r, k) that pure outputs differentiate; zero rows for mixed ones."""
@@ -73,12 +73,12 @@ def orders_of(parts: np.ndarray) -> np.ndarray:
     return np.where(there.sum(axis=0) > 1, MIXED, there.argmax(axis=0))
 
 
-def combined(parts: np.ndarray, s: np.ndarray, without: bool = False) -> np.ndarray:
-    """Return C + s C_v + s^2 C_a (..., r, m) at s (...); `without` the factor s^k of rows that have one part."""
+def combined(parts: np.ndarray, s: np.ndarray, orders: np.ndarray | None = None) -> np.ndarray:
+    """Return C + s C_v + s^2 C_a (..., r, m) at s (...); with `orders` (r,) without the factor s^k of pure outputs."""
     powers = np.asarray(s)[..., None, None] ** np.arange(len(parts))  # (..., 1, 3)
     powers = np.broadcast_to(powers, (*np.shape(s), parts.shape[1], len(parts)))
-    if without:
-        powers = np.where((orders_of(parts) == MIXED)[:, None], powers, 1.0)
+    if orders is not None:
+        powers = np.where((orders == MIXED)[:, None], powers, 1.0)
     return np.einsum("...rd,drm->...rm", powers, parts)
 
 
@@ -108,10 +108,8 @@ def check_names(names, there: np.ndarray, what: str):
         quantity, place = named_quantity(name)
         found = [word for word, is_there in zip(QUANTITIES, row, strict=True) if is_there]
         if found and found != [quantity] and target_of(place) is not None:
+            better = f"'{quantity_name(found[0], place)}', or by " if len(found) == 1 else "by "
             raise InputError(
                 f"{what}: found '{name}', the name of a {quantity}, for a row of {' and '.join(found)}; name it "
-                f"'{quantity_name(found[0], place)}', or by a word of your own"
-                if len(found) == 1 else
-                f"{what}: found '{name}', the name of a {quantity}, for a row of {' and '.join(found)}; name it by a "
-                "word of your own"
-            )  # fmt: skip
+                f"{better}a word of your own"
+            )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..model.derivatives import combined
+from ..model.derivatives import Derivatives, combined
 from ..model.interfaces import InterfaceNode
 from ..model.second_order_model import SecondOrderModel, listed
 from ..parallel.failures import InputError, settle
@@ -100,10 +100,12 @@ class ReducedModel:
         array (...) of s."""
         return combined(self.output_parts, s) @ self.states(s)
 
-    def measured_response(self, s: complex | np.ndarray) -> np.ndarray:
+    def measured_response(self, s: complex | np.ndarray, derivatives: Derivatives | None) -> np.ndarray:
         """Return H(s) without the factors s and s^2 of velocities and accelerations, whose relative error is that of
-        the displacement."""
-        return combined(self.output_parts, s, without=True) @ self.states(s)
+        the displacement; `derivatives`: those of the full model, by which they are known."""
+        if derivatives is None:
+            return self.transfer_function(s)
+        return combined(self.output_parts, s, derivatives.orders) @ self.states(s)
 
     @property
     def output_parts(self) -> np.ndarray:
@@ -188,11 +190,11 @@ class ReducedModel:
             raise InputError(f"to_pymor: pyMOR is missing ({error}); install it by `pip install pymor`") from error
         import hpcred
 
-        if self.Cv is not None or self.Ca is not None:
-            raise InputError("to_pymor: found outputs that are velocities or accelerations; take to_state_space")
         found = hpcred.state_space(self)  # which refuses structural damping
-        keys = ("mass", "damping", "stiffness", "input_matrix", "output_matrix")
-        return PymorModel.from_matrices(*(found[key] for key in keys))
+        Cp, Cv = np.split(found["C"], 2, axis=1)
+        rates = {} if self.displaces.all() else {"Cv": Cv, "D": found["D"]}
+        keys = ("mass", "damping", "stiffness", "input_matrix")
+        return PymorModel.from_matrices(*(found[key] for key in keys), Cp, **rates)
 
     def plot(self, pairs: str | Sequence[str] | None = None, *, band: Sequence[float] | None = None) -> Figure:
         """Draw the frequency response, and its estimated error where that is known: see plot_response.

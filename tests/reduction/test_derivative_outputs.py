@@ -64,6 +64,17 @@ def test_reduced_responses_hold_the_tolerance(seed):
         assert check.passed, check.sentence
 
 
+def test_a_mixture_whose_displacement_nothing_moves():
+    """c^T q + d^T q' where c^T q is zero in every motion: it stays a mixture in estimates and checks."""
+    K, M = np.diag([1.0, 4.0, 9.0, 1e4]), np.eye(4)
+    K[0, 1] = K[1, 0] = -0.5
+    C, Cv, B = np.zeros((1, 4)), np.zeros((1, 4)), np.eye(4)[:, :1]
+    C[0, 3], Cv[0, 1] = 1.0, 1.0
+    model = hpcred.SecondOrderModel(M, 1e-3 * K, K, B, C, Cv=Cv)
+    reduced = hpcred.reduce(model, tolerance=1e-3, band=(0.01, 0.3))
+    assert reduced.record.accuracy.reached and hpcred.check_reduced(reduced, model, 5, seed=1).passed
+
+
 def test_a_pure_derivative_has_the_error_of_its_displacement():
     M, D, K, B, *_ = case(2)
     rows = B.T
