@@ -3,8 +3,9 @@
 simulation.h5, with nt output times, m elastic coordinates, k nodes, c and d components of constraints, s springs:
 t (nt); position (nt, 3) of the body frame in inertial axes; quaternion (nt, 4), scalar first, of the rotation from body
 to inertial axes; velocity, angular_velocity (nt, 3) of the body frame in body axes; elastic, elastic_velocity (nt, m)
-nodes/number, name (k); nodes/position, displacement, rotation (nt, k, 3) in inertial axes; rotation: a vector in rad,
-which goes on beyond pi
+nodes/number, name (k); nodes/position, displacement, rotation, velocity, acceleration (nt, k, 3) in inertial axes;
+rotation: a vector in rad, which goes on beyond pi
+outputs/name (r); outputs/value (nt, r): of the reduced model, from the elastic coordinates
 constraints/name (c), such as 7:x; constraints/force (nt, c) on the body; constraints/moment_name (d), such as 7:rx;
 constraints/moment (nt, d) on the body; all joints and drives of a node together, in inertial axes
 springs/name (s), such as 1:7 for the first one, at node 7; springs/force, moment (nt, s, 3) on the body; springs/energy
@@ -13,7 +14,7 @@ energy/kinetic, elastic, gravity, springs, work (of forces and moments), drives 
 The datasets of vectors have the attribute `axes`: "inertial" or "body".
 provenance: JSON with versions, setup, digest of the basis, largest errors, and where the time went
 The .csv has one line a time: t, position, quaternion, elastic coordinates, displacements, rotations of nodes that have
-some, forces, moments and energies.
+some, outputs, forces, moments and energies.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ FORMAT = "hpcred-simulation"
 VERSION = 1
 FRAME = ("position", "quaternion", "velocity", "angular_velocity")
 AXES_OF = {"velocity": "body", "angular_velocity": "body", **dict.fromkeys((
-    "position", "nodes/position", "nodes/displacement", "nodes/rotation", "constraints/force", "constraints/moment",
+    "position", "nodes/position", "nodes/displacement", "nodes/rotation", "nodes/velocity", "nodes/acceleration",
+    "constraints/force", "constraints/moment",
     "springs/force", "springs/moment"), "inertial")}  # fmt: skip
 SCHEMA = {
     "t": Array("real", ("t",), needed=True), "provenance": Array("text", (), needed=True),
@@ -68,6 +70,10 @@ def _arrays(motion) -> dict:
         "nodes/position": motion.node_position,
         "nodes/displacement": motion.node_displacement,
         "nodes/rotation": motion.node_rotation,
+        "nodes/velocity": motion.node_velocity,
+        "nodes/acceleration": motion.node_acceleration,
+        "outputs/name": motion.output_names,
+        "outputs/value": motion.outputs,
         "constraints/name": motion.constraint_names,
         "constraints/force": motion.constraint_force,
         "constraints/moment_name": motion.moment_names,
@@ -101,6 +107,7 @@ def write_motion_csv(path, motion: Motion):
         for j, name in enumerate(motion.node_names):
             if kind == "displacement" or motion.node_rotates[j]:
                 columns |= {f"{kind}_{name}_{a}": values[:, j, i] for i, a in enumerate(AXES)}
+    columns |= {f"output_{name}": motion.outputs[:, i] for i, name in enumerate(motion.output_names)}
     for kind, names in (("force", motion.constraint_names), ("moment", motion.moment_names)):
         values = getattr(motion, f"constraint_{kind}")
         columns |= {f"constraint_{kind}_{name.replace(':', '_')}": values[:, i] for i, name in enumerate(names)}

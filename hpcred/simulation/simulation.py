@@ -164,6 +164,13 @@ class Motion:
     node_rotation : ndarray, shape (nt, k, 3)
         Rotation vectors from the undeformed orientation at the start, continued beyond pi; those of the body for nodes
         without rotations.
+    node_velocity, node_acceleration : ndarray, shape (nt, k, 3)
+        Velocities (m/s) and accelerations (m/s^2) of the nodes.
+    output_names : list of str
+        Names of the outputs of the reduced model.
+    outputs : ndarray, shape (nt, r)
+        The outputs y = C q + Cv q' + Ca q'', such as stresses and section forces, from the elastic coordinates alone:
+        displacements, velocities and accelerations of nodes are those relative to the body frame, in its axes.
     constraint_names, moment_names, spring_names : list of str
         Names of the columns of forces, of moments, and of springs.
     constraint_force, constraint_moment : ndarray, shape (nt, c) and (nt, d)
@@ -197,6 +204,10 @@ class Motion:
     node_position: np.ndarray
     node_displacement: np.ndarray
     node_rotation: np.ndarray
+    node_velocity: np.ndarray
+    node_acceleration: np.ndarray
+    output_names: list
+    outputs: np.ndarray
     constraint_names: list
     constraint_force: np.ndarray
     moment_names: list
@@ -296,7 +307,8 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         t, states, rates, factorisations = _integrate(system, setup, y0, yp0, limits, progress)
         motion = Motion(
             t=t, notes=notes, factorisations=factorisations, **_motion(system, t, states),
-            **_nodes(body, undeformed, t, states, system), **_reactions(body, system, t, states, rates),
+            **_nodes(body, undeformed, t, states, system), **_rates_of_nodes(body, system, states, rates),
+            **_outputs(body.reduced, system, states, rates), **_reactions(body, system, t, states, rates),
             **_springs(body, setup, system, t, states),
         )  # fmt: skip
     numbers = [*motion.energies.values(), *(value for value in vars(motion).values() if isinstance(value, np.ndarray))]
@@ -467,6 +479,36 @@ def _nodes(body, undeformed, t, states, system):
         "node_displacement": places - np.array([start.x for start in first]).reshape(shape[1:]),
         "node_rotation": continuous(rotations),
     }
+
+
+def _rates_of_nodes(body, system, states, rates):
+    """Return the fields of a Motion on velocities and accelerations of nodes.
+
+    With x = r + A (d + u(q)): A^T x' = a = v + w x (d + u) + u', and A^T x'' = w x a + a'.
+    """
+    _, p, q, z, _, _ = (part.T for part in system.split(states))
+    A, origin = rotation(p), body.floating_frame.origin
+    dz = system.split(rates)[3].T
+    (v, w, u), (dv, dw, du) = (np.split(part, [3, 6], axis=1) for part in (z, dz))
+    found = [np.zeros((len(q), len(body.nodes), 3)) for _ in range(2)]
+    for k, shape in enumerate(body.nodes):
+        moved, _, phi, _ = (np.array(part) for part in zip(*map(shape.motion, q), strict=True))
+        arm = shape.position - origin + moved
+        speed, bent = (np.einsum("tij,tj->ti", phi, part) for part in (u, du))
+        if shape.phi1 is not None:
+            bent = bent + np.einsum("ijk,tj,tk->ti", shape.phi1, u, u)
+        a = v + np.cross(w, arm) + speed
+        rate = np.cross(w, a) + dv + np.cross(dw, arm) + np.cross(w, speed) + bent
+        for array, value in zip(found, (a, rate), strict=True):
+            array[:, k] = np.einsum("tij,tj->ti", A, value)
+    return {"node_velocity": found[0], "node_acceleration": found[1]}
+
+
+def _outputs(reduced, system, states, rates):
+    """Return the fields of a Motion on outputs of the reduced model."""
+    q, u, du = (part.T for part in (system.split(states)[2], system.split(states)[3][6:], system.split(rates)[3][6:]))
+    y = sum(part @ matrix.T for part, matrix in zip((q, u, du), reduced.output_parts, strict=True))
+    return {"output_names": list(reduced.output_names), "outputs": y}
 
 
 def _reactions(body, system, t, states, rates):
