@@ -64,7 +64,8 @@ JOBS = [
         ("residual_attachment", ""))),
     BLOCK + '[[basis]]\nkind = "constraint_modes"\n[[basis]]\nkind = "fixed_interface_modes"\ncount = 3\n',
     'inputs = [1]\nmodel = {K = "K.mtx", M = "M.mtx", nodes = "nodes.txt"}\n' + MODES,
-    'model = "block.h5"\ninputs = [[13, "x"]]\noutputs = [[13, "x"], {node = 13, stress = "xx"}]\nstress = [13]\n'
+    'model = "block.h5"\ninputs = [[13, "x"]]\noutputs = [[13, "x"], {node = 13, stress = "xx"}, '
+    '{node = 13, direction = "y", quantity = "velocity"}]\nstress = [13]\n'
     + MODES,
     *('model = "block.h5"\n' + MODES + f'[[load]]\nname = "a"\nkind = "{kind}"\n' + more for kind, more in (
         ("pressure", END), ("traction", END + "value = [1.0, 0.0, 0.0]\n"), ("gravity", "value = [0.0, 0.0, -9.81]\n"),

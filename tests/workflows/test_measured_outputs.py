@@ -173,6 +173,10 @@ def test_state_spaces_and_fmus_have_them(tmp_path, kind):
     A, B, C, D = (found[key] for key in "ABCD")
     s = 2j * np.pi * 700.0
     assert np.allclose(C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D, reduced.transfer_function(s), rtol=1e-9)
+    force = reduced.input_names[0]
+    labels = reduced.plot([f"60:z/{force}", f"{kind} 60:z/{force}"], band=(0.0, 900.0))
+    unit = {"velocity": "m/s/N", "acceleration": "m/s^2/N"}[kind]
+    assert labels.axes[0].get_ylabel() == f"|H| (m/N, {unit})"
     assert found["C_velocity"].shape == (1, len(A)) and list(found["velocity_names"]) == ["velocity of 60:z"]
     description = fmpy.read_model_description(tmp_path / "body.fmu")
     names = [item.name for item in description.modelVariables if item.causality == "output"]
