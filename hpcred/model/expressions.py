@@ -19,6 +19,7 @@ FUNCTIONS = {"sqrt": math.sqrt, "exp": math.exp, "log": math.log, "sin": math.si
 CONSTANTS = {"pi": math.pi}
 OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
              ast.Pow: math.pow, ast.USub: operator.neg, ast.UAdd: operator.pos}  # fmt: skip
+SIGNS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.USub: "-", ast.UAdd: "+"}
 LONGEST = 500  # letters
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 STRANGE = re.compile(r"[^A-Za-z0-9_ .()*/^+-]")  # a comment, for one, would be read over
@@ -133,3 +134,25 @@ class Expression:
 
     def _refused(self, what, place):
         return InputError(f"expression '{self.text}': found {what} at letter {place + 1}; {EXPECTED}")
+
+
+def in_c(expression: Expression, places: Mapping[str, str]) -> str:
+    """Return an expression in C, of what stands there for each parameter."""
+
+    def text(node):
+        match node:
+            case ast.Constant():
+                return f"{float(node.value)!r}"
+            case ast.Name():
+                return repr(CONSTANTS[node.id]) if node.id in CONSTANTS else places[node.id]
+            case ast.UnaryOp():
+                return f"({SIGNS[type(node.op)]}{text(node.operand)})"
+            case ast.BinOp() if isinstance(node.op, ast.Pow):
+                return f"pow({text(node.left)}, {text(node.right)})"
+            case ast.BinOp():
+                return f"({text(node.left)} {SIGNS[type(node.op)]} {text(node.right)})"
+            case ast.Call():
+                name = "fabs" if node.func.id == "abs" else node.func.id
+                return f"{name}({text(node.args[0])})"
+
+    return text(expression.tree)

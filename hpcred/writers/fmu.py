@@ -31,6 +31,7 @@ from ..model.dofs import DIRECTIONS, QUANTITIES, SCALAR, named_quantity, target_
 from ..parallel.failures import ComputationError, InputError, printable
 from ..reduction.reduced_model import ReducedModel, require_finite
 from .base import Writer
+from .fmu_parameters import Family
 from .state_space import state_space
 
 SOURCES = Path(__file__).with_name("fmi2")  # body.c, and the headers of the FMI standard
@@ -65,10 +66,12 @@ UNKNOWN = (("input", None), ("output", None), ("output_rate", None))
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "zx")  # of stresses, in their order
 
 
-def write_fmu(path, reduced: ReducedModel, name: str | None = None) -> list[str]:
+def write_fmu(path, reduced: ReducedModel, name: str | None = None, parametric=None) -> list[str]:
     """Write an FMU; call it on one rank. Returns remarks.
 
-    `name`: of the body, in any letters, by default that of the model which was reduced.
+    `name`: of the body, in any letters, by default that of the model which was reduced. `parametric`: the
+    ParametricReducedModel whose parameters the FMU has, and of which `reduced` is the model at the reference values,
+    perhaps with further outputs; by default none.
     Raises InputError for structural damping, a model without inputs or outputs, or a machine without C compiler, and
     ComputationError when the compiler fails.
     """
@@ -77,7 +80,8 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None) -> list[str]
     if not reduced.input_names or not reduced.output_names:
         raise InputError("an FMU needs inputs and outputs; reduce with `inputs` in the job, or convert with --inputs")
     compiler, (folder, suffix) = _compiler(), _platform()
-    data = _data(reduced)
+    family = Family.of(parametric, reduced)
+    data = _data(reduced, family)
     if name is None:
         name = Path(reduced.record.model).stem if reduced.record is not None else "body"
     name = printable(name).strip() or "body"  # XML has no control characters
@@ -90,7 +94,7 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None) -> list[str]
         (Path(build) / "body_data.h").write_text(data)
         _compile(compiler, build, binary)
         contents = {
-            DESCRIPTION: _description(reduced, name, identifier, guid),
+            DESCRIPTION: _description(reduced, family, name, identifier, guid),
             f"binaries/{folder}/{binary.name}": binary.read_bytes(),
             "sources/body.c": (SOURCES / "body.c").read_bytes(),
             "sources/body_data.h": data.encode(),
@@ -101,7 +105,8 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None) -> list[str]
             item.compress_type = zipfile.ZIP_DEFLATED
             item.external_attr = 0o755 << 16 if key.startswith("binaries") else 0o644 << 16
             archive.writestr(item, content)
-    return [f"the binary is for {folder}; other platforms compile sources/body.c", *instability(reduced)]
+    return [f"the binary is for {folder}; other platforms compile sources/body.c", *family.remarks,
+            *instability(reduced)]  # fmt: skip
 
 
 def _compiler() -> list[str]:
@@ -149,27 +154,37 @@ def _nominal(reduced) -> tuple[float, float]:
     return (q, q * 2 * np.pi * elastic.min()) if q > 0 and len(elastic) else (1.0, 1.0)
 
 
-def _data(reduced) -> str:
+def _data(reduced, family) -> str:
     """The header with the numbers, without the GUID."""
     displacement, velocity = _nominal(reduced)
     outputs = _outputs(reduced)
-    sizes = {"COORDINATES": reduced.size, "INPUTS": len(reduced.input_names), "OUTPUTS": len(outputs)}
-    numbers = sizes | {"NOMINAL_Q": f"{displacement:.17g}", "NOMINAL_V": f"{velocity:.17g}"}
-    arrays = {
-        "stiffness_matrix": np.linalg.solve(reduced.M, reduced.K),
-        "damping_matrix": np.linalg.solve(reduced.M, reduced.D),
-        "input_matrix": np.linalg.solve(reduced.M, reduced.B),
-        "output_matrix": np.array([item.states for item in outputs]),
-        "feed_through": np.array([item.inputs for item in outputs]),
-    }
+    parts = [_matrices(reduced, family.constant), *(_matrices(reduced, part) for part in family.terms)]
+    numbers = {
+        "COORDINATES": reduced.size, "INPUTS": len(reduced.input_names), "OUTPUTS": len(outputs),
+        "NOMINAL_Q": f"{displacement:.17g}", "NOMINAL_V": f"{velocity:.17g}", "PARAMETERS": len(family.parameters),
+        "PARTS": len(parts), "ENTRIES": len(parts[0]),
+    }  # fmt: skip
     lines = [f"#define {key} {value}" for key, value in numbers.items()]
-    for key, array in arrays.items():
-        rows = ",\n".join(", ".join(f"{value:.17g}" for value in row) for row in array)
-        lines.append(f"static const double {key}[{array.size}] = {{\n{rows}\n}};")
-    return "\n".join(lines) + "\n"
+    rows = ",\n".join(f"{{\n{_listed(part)}\n}}" for part in parts)
+    lines.append(f"static const double parts[PARTS][ENTRIES] = {{\n{rows}\n}};")
+    return "\n".join([*lines, *family.in_c()]) + "\n"
 
 
-def _description(reduced, name, identifier, guid) -> bytes:
+def _matrices(reduced, part) -> np.ndarray:
+    """The entries of stiffness_matrix, damping_matrix, input_matrix, output_matrix and feed_through of a part, in which
+    the mass of `reduced` is divided out."""
+    outputs = _outputs(reduced, part)
+    arrays = [*(np.linalg.solve(reduced.M, getattr(part, key)) for key in "KDB"),
+              *(np.array([getattr(item, key) for item in outputs]) for key in ("states", "inputs"))]  # fmt: skip
+    return np.concatenate([array.ravel() for array in arrays])
+
+
+def _listed(values, row=8) -> str:
+    lines = [values[k : k + row] for k in range(0, len(values), row)]
+    return ",\n".join(", ".join(f"{value:.17g}" for value in line) for line in lines)
+
+
+def _description(reduced, family, name, identifier, guid) -> bytes:
     """modelDescription.xml."""
     root = ElementTree.Element("fmiModelDescription", {
         "fmiVersion": "2.0", "modelName": name, "guid": guid, "generationTool": maker(reduced),
@@ -188,12 +203,12 @@ def _description(reduced, name, identifier, guid) -> bytes:
     for unit, base in UNITS.items():
         exponents = {key: str(value) for key, value in base.items()}
         ElementTree.SubElement(ElementTree.SubElement(units, "Unit", name=unit), "BaseUnit", exponents)
-    _add_variables(root, reduced)
+    _add_variables(root, reduced, family)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
 
 
-def _add_variables(root, reduced):
+def _add_variables(root, reduced, family):
     """The variables, whose value references count from 0 and indices from 1, and what depends on what."""
     size, inputs, outputs = reduced.size, len(reduced.input_names), _outputs(reduced)
     at_q = inputs + len(outputs)
@@ -201,7 +216,7 @@ def _add_variables(root, reduced):
     nominals = [f"{value:.6g}" for value in _nominal(reduced)]
     variables, taken = ElementTree.SubElement(root, "ModelVariables"), set()
 
-    def add(word, causality, description, **real):
+    def add(word, causality, description, variability="continuous", **real):
         while word in taken:  # names that differ in signs only
             word += "_"
         taken.add(word)
@@ -209,7 +224,7 @@ def _add_variables(root, reduced):
         initial = {} if causality == "input" else {"initial": "exact" if "start" in real else "calculated"}
         variable = ElementTree.SubElement(variables, "ScalarVariable", {
             "name": word, "valueReference": str(count), "description": description, "causality": causality,
-            "variability": "continuous", **initial,
+            "variability": variability, **initial,
         })  # fmt: skip
         ElementTree.SubElement(variable, "Real", {key: value for key, value in real.items() if value is not None})
 
@@ -225,15 +240,21 @@ def _add_variables(root, reduced):
     for letter, first in (("q", at_q), ("v", at_v)):
         for i in range(size):
             add(f"der({letter}[{i + 1}])", "local", "rate of a state", derivative=str(first + i + 1))
+    for item in family.parameters:
+        low, high, start = (f"{value:.17g}" for value in (*item.range, item.reference))
+        unit = item.unit if item.unit in UNITS else None
+        add(item.name, "parameter", f"parameter in {item.unit}" if item.unit else "parameter", variability="fixed",
+            unit=unit, min=low, max=high, start=start)  # fmt: skip
 
     structure = ElementTree.SubElement(root, "ModelStructure")
     unknown = {"Outputs": [], "Derivatives": []}
-    for i, item in enumerate(outputs):
+    for i, item in enumerate(_patterns(reduced, family)):
         known = np.concatenate([np.flatnonzero(item.inputs), at_q + np.flatnonzero(item.states)])
         unknown["Outputs"].append((inputs + i, known))
     unknown["Derivatives"] += [(at_rates + i, [at_v + i]) for i in range(size)]
     unknown["Derivatives"] += [(at_rates + size + i, None) for i in range(size)]  # on everything
-    unknown["InitialUnknowns"] = unknown["Outputs"] + unknown["Derivatives"]
+    found = unknown["Outputs"] + unknown["Derivatives"]
+    unknown["InitialUnknowns"] = [(at, None) for at, _ in found] if family.parameters else found
     for key, entries in unknown.items():
         group = ElementTree.SubElement(structure, key)
         for index, known in entries:
@@ -252,9 +273,18 @@ class _Output(NamedTuple):
     inputs: np.ndarray
 
 
-def _outputs(reduced) -> list[_Output]:
-    """Return the outputs of the model, then the rates of those that are no velocities or accelerations."""
-    found, still, rates = state_space(reduced), np.zeros(reduced.B.shape[1]), []
+def _patterns(reduced, family) -> list[_Output]:
+    """Return the outputs with rows that are not zero where those of any part are not."""
+    parts = [_outputs(reduced, part) for part in (family.constant, *family.terms)]
+    return [item._replace(states=sum(abs(part[i].states) for part in parts),
+                          inputs=sum(abs(part[i].inputs) for part in parts))
+            for i, item in enumerate(parts[0])]  # fmt: skip
+
+
+def _outputs(reduced, part=None) -> list[_Output]:
+    """Return the outputs of the model, then the rates of those that are no velocities or accelerations; with the rows
+    of another `part` of its matrices."""
+    found, still, rates = state_space(part or reduced), np.zeros(reduced.B.shape[1]), []
     outputs = []
     for name, row, through, displaces in zip(
         reduced.output_names, found["C"], found["D"], reduced.displaces, strict=True
@@ -329,13 +359,13 @@ class FmuOptions:
 class Fmu(Writer):
     """FMUs, which have the name of the result unless they are named."""
 
-    suffix, needs, kind, options = ".fmu", "reduced", ZIP, FmuOptions
+    suffix, needs, kind, options, keeps_parameters = ".fmu", "reduced", ZIP, FmuOptions, True
 
     def write(self, target, source):
         reduced, wanted = source.reduced, source.options.stress
         if wanted not in ("", ()):
             reduced = with_stresses(reduced, source.result, wanted)
-        return write_fmu(target, reduced, source.options.name or source.name)
+        return write_fmu(target, reduced, source.options.name or source.name, source.parametric)
 
     def describe(self, path):
         if not zipfile.is_zipfile(path):

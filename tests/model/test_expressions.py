@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hpcred import InputError
-from hpcred.model.expressions import LONGEST, Expression
+from hpcred.model.expressions import LONGEST, Expression, in_c
 
 VALUES = {"omega": 3.0, "e": -0.5, "a_1": 2.0}
 
@@ -85,6 +85,11 @@ def test_values_that_are_no_finite_numbers_are_refused(text):
 def test_the_message_names_the_values():
     with pytest.raises(InputError, match=r"'sqrt\(e\)\*omega': found no finite number at e = -0.5, omega = 3$"):
         Expression("sqrt(e)*omega").at(VALUES)
+
+
+def test_expressions_in_c():
+    found = in_c(Expression("-omega^2/3 + abs(e - pi)*sqrt(a_1)"), {"omega": "p[0]", "e": "p[1]", "a_1": "p[2]"})
+    assert found == "(((-pow(p[0], 2.0)) / 3.0) + (fabs((p[1] - 3.141592653589793)) * sqrt(p[2])))"
 
 
 def test_many_signs_are_no_matter():

@@ -3,7 +3,7 @@
 import shutil
 import subprocess
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import fmpy
@@ -14,8 +14,10 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
 
 import hpcred
-from hpcred import Buckens, Modes, Rayleigh
+from hpcred import Buckens, Modes, Parameter, ParametricModel, Rayleigh, Term
+from hpcred.model.damping import GivenDamping
 from hpcred.parallel.failures import ComputationError, InputError
+from hpcred.reduction.parametric.reduced import ParametricReducedModel, ReducedTerm, projected_parts
 from hpcred.writers.fmu import write_fmu
 from hpcred.writers.state_space import state_space
 
@@ -181,15 +183,18 @@ def test_what_cannot_be_is_refused_by_the_fmu(fmu):
     shutil.rmtree(folder)
 
 
-def test_the_sources_are_whole_and_the_file_is_always_the_same(body, fmu, tmp_path):
-    """With the headers of FMPy, which are those of the standard, and all warnings."""
-    folder = Path(fmpy.extract(fmu, unzipdir=str(tmp_path / "extracted")))
-    headers = Path(fmpy.__file__).with_name("c-code")
-    said = subprocess.run(
+def said_of_sources(path, folder):
+    """What the compiler says of the sources in an FMU."""
+    folder, headers = Path(fmpy.extract(path, unzipdir=str(folder))), Path(fmpy.__file__).with_name("c-code")
+    return subprocess.run(
         ["cc", "-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsyntax-only", f"-I{headers}",
          str(folder / "sources/body.c")], capture_output=True, text=True,
-    )  # fmt: skip
-    assert said.returncode == 0, said.stderr
+    ).stderr  # fmt: skip
+
+
+def test_the_sources_are_whole_and_the_file_is_always_the_same(body, fmu, tmp_path):
+    """With the headers of FMPy, which are those of the standard, and all warnings."""
+    assert said_of_sources(fmu, tmp_path / "extracted") == ""
     write_fmu(tmp_path / "again.fmu", body)
     assert (tmp_path / "again.fmu").read_bytes() == fmu.read_bytes()
 
@@ -257,3 +262,101 @@ def test_loads_are_inputs_by_their_names(tmp_path):
     assert found["work_oil"] == pytest.approx(expected[:, k], rel=1e-6, abs=1e-9 * np.abs(expected[:, k]).max())
     other = expected[:, 1 - k]
     assert found[f"displacement_{name}"] == pytest.approx(other, rel=1e-6, abs=1e-9 * np.abs(other).max())
+
+
+SHORT = 2e-5  # s
+FACTORS = ("-omega^2/1e4", "2*exp(-omega/50)*sin(pi*e)", "abs(e - 1)/(1 + sqrt(omega))", "1 + tan(e/3)^2", "log(e)")
+
+
+@pytest.fixture(scope="module")
+def family():
+    """A block whose matrices K, D, B and C depend on two parameters, with an acceleration among the outputs."""
+    rng = np.random.default_rng(3)
+    with hpcred.solid((3, 2, 2), inputs=2) as plain:
+        n = plain.size
+        K = rng.normal(size=(n, n)) * (rng.random((n, n)) < 0.05)
+        terms = [
+            Term("K", 1e7 * (K @ K.T), FACTORS[0]), Term("D", 1e2 * (K - K.T), FACTORS[1]),
+            Term("D", 1e2 * (K @ K.T), FACTORS[2]), Term("B", rng.normal(size=(n, 2)), FACTORS[3]),
+            Term("K", 1e8 * np.eye(n), FACTORS[4]),
+        ]  # fmt: skip
+        outputs = [(20, "z"), hpcred.MotionOutput(node=20, direction="x", quantity="acceleration")]
+        parameters = [Parameter("omega", (0.0, 100.0), unit="rad/s"), Parameter("e", (0.5, 1.5), 1.2)]
+        with plain.with_outputs(outputs) as model, ParametricModel(model, parameters, terms) as parametric:
+            reference = parametric.at()
+            with reference, hpcred.reduce(reference, [Modes(count=6)], None, GivenDamping()) as reduced:
+                parts = projected_parts(parametric, reduced, GivenDamping())
+                known = {item.name: getattr(reduced, item.name) for item in fields(reduced)}
+    known |= {"columns": None, "model": None}
+    return ParametricReducedModel(**known, parameters=parametric.parameters, **parts)
+
+
+@pytest.fixture(scope="module")
+def family_fmu(family, tmp_path_factory):
+    path = tmp_path_factory.mktemp("fmu") / "body.fmu"
+    assert len(write_fmu(path, family.base, parametric=family)) == 1
+    return path
+
+
+VALUES = [{}, {"omega": 37.5, "e": 0.8}, {"omega": 100.0}, {"e": 1.5, "omega": 0.0}]
+
+
+@pytest.mark.parametrize("values", VALUES)
+def test_the_step_response_at_values(family, family_fmu, values):
+    names = [v.name for v in fmpy.read_model_description(family_fmu).modelVariables if v.causality == "output"]
+    first = next(v.name for v in fmpy.read_model_description(family_fmu).modelVariables if v.causality == "input")
+    result = fmpy.simulate_fmu(family_fmu, fmi_type="CoSimulation", stop_time=COUNT * SHORT, output_interval=SHORT,
+                               start_values={first: 10.0} | values, output=names)  # fmt: skip
+    at = replace(family.base, **family.matrices(values)) if values else family.base
+    expected = exact(at, [SHORT] * COUNT, [[10.0, 0.0]] * COUNT, np.zeros((COUNT, 2)))
+    expected[:, :2] += state_space(at)["D"] @ [10.0, 0.0]
+    scale = np.abs(expected).max(axis=0)
+    assert (np.abs(numbers(result) - expected).max(axis=0) < 1e-9 * scale).all() and (scale > 0).all()
+
+
+def test_fmpy_finds_no_fault_and_sees_parameters(family_fmu, tmp_path):
+    assert validate_fmu(str(family_fmu)) == []
+    assert said_of_sources(family_fmu, tmp_path / "extracted") == ""
+    found = {v.name: v for v in fmpy.read_model_description(family_fmu).modelVariables if v.causality == "parameter"}
+    assert list(found) == ["omega", "e"]
+    omega = found["omega"]
+    assert (omega.unit, float(omega.min), float(omega.max), float(omega.start)) == ("rad/s", 0.0, 100.0, 50.0)
+    assert found["e"].variability == "fixed" and float(found["e"].start) == 1.2
+
+
+def test_values_out_of_range_are_refused_and_states_keep_theirs(family_fmu):
+    reference = {v.name: v.valueReference for v in fmpy.read_model_description(family_fmu).modelVariables}
+    with slave(family_fmu) as instance:
+        instance.setReal([reference["omega"]], [80.0])
+        saved = instance.getFMUstate()
+        instance.setReal([0], [3.0])
+        instance.doStep(0.0, SHORT)
+        there = instance.getReal([2])
+        instance.setReal([reference["omega"]], [10.0])
+        instance.setFMUstate(saved)
+        assert instance.getReal([reference["omega"], reference["e"]]) == [80.0, 1.2]
+        instance.setReal([0], [3.0])
+        instance.doStep(0.0, SHORT)
+        assert instance.getReal([2]) == there
+        for value in (100.1, -1.0, float("nan")):
+            with pytest.raises(Exception, match="failed with status"):
+                instance.setReal([reference["omega"]], [value])
+        instance.reset()
+        assert instance.getReal([reference["omega"]]) == [50.0]
+
+
+def test_mass_that_depends_on_parameters_is_that_at_the_reference(family, tmp_path):
+    other = replace(family, terms=(*family.terms, ReducedTerm("M", "e", np.eye(family.size))))
+    remarks = write_fmu(tmp_path / "body.fmu", family.base, parametric=other)
+    assert "the mass depends on parameters: at omega = 50, e = 1.2; --at takes others" in remarks
+    causes = {v.causality for v in fmpy.read_model_description(tmp_path / "body.fmu").modelVariables}
+    assert "parameter" not in causes
+
+
+def test_exports_of_files_keep_parameters(family, tmp_path):
+    hpcred.write_result(tmp_path / "r.h5", family)
+    for at, kept in ((None, True), ({"omega": 3.0}, False)):
+        report = hpcred.export_result(tmp_path / "r.h5", "fmu", tmp_path / "r.fmu", at=at)
+        assert not any("reference values" in item for item in report["remarks"])
+        causes = {v.causality for v in fmpy.read_model_description(tmp_path / "r.fmu").modelVariables}
+        assert ("parameter" in causes) == kept

@@ -2,10 +2,11 @@
 
        q'' = F u - K q - D q',   y = C x + E u,   x = (q, q')
 
-   body_data.h gives m COORDINATES q, p INPUTS, r OUTPUTS, the GUID, two nominal values, and by rows the matrices
-   stiffness_matrix K (m, m), damping_matrix D (m, m), input_matrix F (m, p), output_matrix C (r, 2m) and feed_through
-   E (r, p), in which the mass matrix is divided out already. Value references count through u, y, q, v = q', dq/dt,
-   dv/dt.
+   body_data.h gives m COORDINATES q, p INPUTS, r OUTPUTS, the GUID, two nominal values, and by rows, one behind the
+   other, the matrices stiffness_matrix K (m, m), damping_matrix D (m, m), input_matrix F (m, p), output_matrix C (r, 2m)
+   and feed_through E (r, p), in which the mass matrix is divided out already. Of a body with PARAMETERS these are the
+   first of PARTS: the others are added to it, each times its factor, a function of the parameters. Value references
+   count through u, y, q, v = q', dq/dt, dv/dt, and the parameters.
 
    Co-simulation makes no error in time but that of the inputs between communication points, which are constant, or
    linear where the master gives their derivatives: with x = (q, v) and a step h
@@ -36,18 +37,28 @@ enum {
     AT_V = AT_Q + COORDINATES,
     AT_DQ = AT_V + COORDINATES,
     AT_DV = AT_DQ + COORDINATES,
-    VALUES = AT_DV + COORDINATES
+    AT_PARAMETER = AT_DV + COORDINATES,
+    VALUES = AT_PARAMETER + PARAMETERS
 };
+
+typedef struct {
+    double stiffness_matrix[COORDINATES * COORDINATES], damping_matrix[COORDINATES * COORDINATES];
+    double input_matrix[COORDINATES * INPUTS], output_matrix[OUTPUTS * STATES], feed_through[OUTPUTS * INPUTS];
+} Matrices;
 
 /* Everything that a saved state contains */
 typedef struct {
     double time;
     double u[INPUTS], slope[INPUTS]; /* inputs and their derivatives */
     double x[STATES];                /* q, then v */
+#if PARAMETERS
+    double parameters[PARAMETERS];
+#endif
 } State;
 
 typedef struct {
     State state;
+    Matrices matrices;               /* at the parameters of the state */
     double step;                     /* for which the matrices are; 0 before the first step */
     double *phi, *gamma0, *gamma1;   /* (STATES, STATES), (STATES, INPUTS) twice */
     char *name;
@@ -66,26 +77,30 @@ static double dot(const double *row, const double *column, int count)
     return sum;
 }
 
-static double acceleration(const State *state, int i)
+static double acceleration(const Matrices *m, const State *state, int i)
 {
-    return dot(input_matrix + i * INPUTS, state->u, INPUTS)
-         - dot(stiffness_matrix + (size_t)i * COORDINATES, state->x, COORDINATES)
-         - dot(damping_matrix + (size_t)i * COORDINATES, state->x + COORDINATES, COORDINATES);
+    return dot(m->input_matrix + i * INPUTS, state->u, INPUTS)
+         - dot(m->stiffness_matrix + (size_t)i * COORDINATES, state->x, COORDINATES)
+         - dot(m->damping_matrix + (size_t)i * COORDINATES, state->x + COORDINATES, COORDINATES);
 }
 
-static double value_of(const State *state, int reference)
+static double value_of(const Matrices *m, const State *state, int reference)
 {
     const int row = reference - AT_OUTPUT;
     if (reference < AT_OUTPUT)
         return state->u[reference];
     if (reference < AT_Q)
-        return dot(output_matrix + (size_t)row * STATES, state->x, STATES)
-             + dot(feed_through + (size_t)row * INPUTS, state->u, INPUTS);
+        return dot(m->output_matrix + (size_t)row * STATES, state->x, STATES)
+             + dot(m->feed_through + (size_t)row * INPUTS, state->u, INPUTS);
     if (reference < AT_DQ)
         return state->x[reference - AT_Q];
     if (reference < AT_DV)
         return state->x[COORDINATES + reference - AT_DQ];
-    return acceleration(state, reference - AT_DV);
+#if PARAMETERS
+    if (reference >= AT_PARAMETER)
+        return state->parameters[reference - AT_PARAMETER];
+#endif
+    return acceleration(m, state, reference - AT_DV);
 }
 
 /* Where an input or a state is kept; NULL for what is calculated */
@@ -95,7 +110,40 @@ static double *place_of(State *state, fmi2ValueReference reference)
         return state->u + reference;
     if (reference >= AT_Q && reference < AT_DQ)
         return state->x + (reference - AT_Q);
+#if PARAMETERS
+    if (reference >= AT_PARAMETER && reference < VALUES)
+        return state->parameters + (reference - AT_PARAMETER);
+#endif
     return NULL;
+}
+
+/* Make the matrices at the parameters of the state; 0 where a factor is no finite number */
+static int update(Instance *self)
+{
+    memcpy(&self->matrices, parts[0], sizeof(Matrices));
+    self->step = 0.0;
+#if PARAMETERS
+    double theta[PARTS], *entries = (double *)&self->matrices;
+    size_t i, k;
+    factors(self->state.parameters, theta);
+    for (k = 1; k < PARTS; k++) {
+        if (!isfinite(theta[k]))
+            return 0;
+        for (i = 0; i < ENTRIES; i++)
+            entries[i] += theta[k] * parts[k][i];
+    }
+#endif
+    return 1;
+}
+
+/* The state at the start */
+static int begin(Instance *self)
+{
+    memset(&self->state, 0, sizeof(State));
+#if PARAMETERS
+    memcpy(self->state.parameters, reference_values, sizeof(reference_values));
+#endif
+    return update(self);
 }
 
 
@@ -118,7 +166,7 @@ static void multiply(double *out, const double *a, const double *b, int rows, in
 }
 
 /* A for the states (scale q, v), in which both halves have the same size; returns its norm: the largest column sum */
-static double system_matrix(double *a, double scale)
+static double system_matrix(const Matrices *m, double *a, double scale)
 {
     double largest = 0.0;
     int i, j;
@@ -127,8 +175,8 @@ static double system_matrix(double *a, double scale)
         double *upper = a + (size_t)i * STATES, *lower = a + (size_t)(COORDINATES + i) * STATES;
         upper[COORDINATES + i] = scale;
         for (j = 0; j < COORDINATES; j++) {
-            lower[j] = -stiffness_matrix[(size_t)i * COORDINATES + j] / scale;
-            lower[COORDINATES + j] = -damping_matrix[(size_t)i * COORDINATES + j];
+            lower[j] = -m->stiffness_matrix[(size_t)i * COORDINATES + j] / scale;
+            lower[COORDINATES + j] = -m->damping_matrix[(size_t)i * COORDINATES + j];
         }
     }
     for (j = 0; j < STATES; j++) {
@@ -141,14 +189,14 @@ static double system_matrix(double *a, double scale)
 }
 
 /* The root of the norm of K: a circular frequency, the highest one where K is diagonal */
-static double highest_frequency(void)
+static double highest_frequency(const Matrices *m)
 {
     double largest = 0.0;
     int i, j;
     for (i = 0; i < COORDINATES; i++) {
         double sum = 0.0;
         for (j = 0; j < COORDINATES; j++)
-            sum += fabs(stiffness_matrix[(size_t)i * COORDINATES + j]);
+            sum += fabs(m->stiffness_matrix[(size_t)i * COORDINATES + j]);
         largest = sum > largest ? sum : largest;
     }
     return largest > 0.0 ? sqrt(largest) : 1.0;
@@ -157,16 +205,17 @@ static double highest_frequency(void)
 /* Phi, Gamma0 and Gamma1 of a step; 0 where memory is missing */
 static int prepare(Instance *self, double step)
 {
+    const Matrices *m = &self->matrices;
     const size_t square = (size_t)STATES * STATES, tall = (size_t)STATES * INPUTS;
     double *memory = malloc(sizeof(double) * (3 * square + 2 * tall)), *swap;
     double *a = memory, *term = a + square, *work = term + square, *load = work + square, *next = load + tall;
     double *phi = self->phi, *gamma0 = self->gamma0, *gamma1 = self->gamma1;
-    double scale = highest_frequency(), small, factor;
+    double scale = highest_frequency(m), small, factor;
     int doublings = 0, k;
     size_t i;
     if (memory == NULL)
         return 0;
-    for (factor = system_matrix(a, scale) * step; factor > 0.5; factor /= 2)
+    for (factor = system_matrix(m, a, scale) * step; factor > 0.5; factor /= 2)
         doublings++;
     small = ldexp(step, -doublings);
     for (i = 0; i < square; i++)
@@ -178,7 +227,7 @@ static int prepare(Instance *self, double step)
         term[i * STATES + i] = 1.0;
     memcpy(phi, term, sizeof(double) * square);
     memset(load, 0, sizeof(double) * tall);
-    memcpy(load + (size_t)COORDINATES * INPUTS, input_matrix, sizeof(input_matrix));
+    memcpy(load + (size_t)COORDINATES * INPUTS, m->input_matrix, sizeof(m->input_matrix));
     for (i = 0; i < tall; i++) {
         gamma0[i] = small * load[i];
         gamma1[i] = small * small * load[i] / 2;
@@ -241,7 +290,7 @@ static void advance(Instance *self, double step)
         state->u[i] += step * state->slope[i];
     for (i = 0; i < COORDINATES; i++) {
         x[i] = state->x[i] + rest * state->x[COORDINATES + i];
-        x[COORDINATES + i] = state->x[COORDINATES + i] + rest * acceleration(state, i);
+        x[COORDINATES + i] = state->x[COORDINATES + i] + rest * acceleration(&self->matrices, state, i);
     }
     memcpy(state->x, x, sizeof(x));
 }
@@ -299,6 +348,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
         failed(self, "there is not enough memory for the body");
     else if (guid == NULL || strcmp(guid, GUID) != 0)
         failed(self, "the guid is not that of this FMU: modelDescription.xml and the binary do not belong together");
+    else if (!begin(self))
+        failed(self, "the factors of the terms are no finite numbers at the reference values");
     else
         return self;
     fmi2FreeInstance(self);
@@ -339,7 +390,7 @@ fmi2Status fmi2Terminate(fmi2Component c)
 
 fmi2Status fmi2Reset(fmi2Component c)
 {
-    memset(&((Instance *)c)->state, 0, sizeof(State));
+    begin(c);
     return fmi2OK;
 }
 
@@ -353,7 +404,7 @@ fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference references[], s
     for (i = 0; i < count; i++) {
         if (references[i] >= VALUES)
             return failed(self, "fmi2GetReal: no variable has this value reference");
-        values[i] = value_of(&self->state, (int)references[i]);
+        values[i] = value_of(&self->matrices, &self->state, (int)references[i]);
     }
     return fmi2OK;
 }
@@ -362,16 +413,27 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference references[], s
 {
     Instance *self = c;
     size_t i;
+    int changed = 0;
     for (i = 0; i < count; i++) {
         double *place = place_of(&self->state, references[i]);
         if (place == NULL)
-            return failed(self, "fmi2SetReal: only inputs, and q and v before the start, can be set");
+            return failed(self, "fmi2SetReal: only inputs, and q, v and parameters before the start, can be set");
         if (!isfinite(values[i]))
             return failed(self, "fmi2SetReal: found a value that is NaN or infinite");
+#if PARAMETERS
+        if (references[i] >= AT_PARAMETER) {
+            const int k = references[i] - AT_PARAMETER;
+            if (values[i] < lowest_values[k] || values[i] > highest_values[k])
+                return failed(self, "fmi2SetReal: found a value of a parameter outside of its range (min, max)");
+            changed = changed || *place != values[i];
+        }
+#endif
         *place = values[i];
         if (references[i] < AT_OUTPUT)
             self->state.slope[references[i]] = 0.0;
     }
+    if (changed && !update(self))
+        return failed(self, "fmi2SetReal: the factors of the terms are no finite numbers at these parameters");
     return fmi2OK;
 }
 
@@ -431,14 +493,14 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
     memset(&change, 0, sizeof(change));
     for (i = 0; i < knowns; i++) {
         double *place = place_of(&change, known[i]);
-        if (place == NULL)
+        if (place == NULL || known[i] >= AT_PARAMETER)
             return failed(self, "fmi2GetDirectionalDerivative: only inputs and states are known");
         *place = changes[i];
     }
     for (i = 0; i < unknowns; i++) {
         if (unknown[i] >= VALUES)
             return failed(self, "fmi2GetDirectionalDerivative: no variable has this value reference");
-        derivatives[i] = value_of(&change, (int)unknown[i]);
+        derivatives[i] = value_of(&self->matrices, &change, (int)unknown[i]);
     }
     return fmi2OK;
 }
@@ -459,7 +521,15 @@ fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *saved)
 
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate saved)
 {
-    memcpy(&((Instance *)c)->state, saved, sizeof(State));
+    Instance *self = c;
+#if PARAMETERS
+    const int same = memcmp(self->state.parameters, ((State *)saved)->parameters, sizeof(reference_values)) == 0;
+#else
+    const int same = 1;
+#endif
+    memcpy(&self->state, saved, sizeof(State));
+    if (!same && !update(self))
+        return failed(self, "fmi2SetFMUstate: the factors of the terms are no finite numbers at its parameters");
     return fmi2OK;
 }
 
@@ -568,7 +638,7 @@ fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t co
     if (check_count(self, count, STATES) != fmi2OK)
         return fmi2Error;
     for (i = 0; i < STATES; i++)
-        derivatives[i] = value_of(&self->state, AT_DQ + i);
+        derivatives[i] = value_of(&self->matrices, &self->state, AT_DQ + i);
     return fmi2OK;
 }
 
