@@ -83,6 +83,10 @@ from .model.stress_outputs import StressOutput as StressOutput
 from .model.units import Units as Units
 from .model.units import in_si as in_si
 from .model.units import units_of as units_of
+from .model.viscoelastic import Fractional as Fractional
+from .model.viscoelastic import FractionalKelvinVoigt as FractionalKelvinVoigt
+from .model.viscoelastic import Maxwell as Maxwell
+from .model.viscoelastic import Viscoelastic as Viscoelastic
 from .parallel.failures import ComputationError as ComputationError
 from .parallel.failures import InputError as InputError
 from .parallel.failures import agreed as agreed

@@ -18,11 +18,13 @@ from ..model.frames import Frame, apply_frame
 from ..model.input_output_counts import require_room
 from ..model.scales import in_usual_units, unscaled
 from ..model.second_order_model import SecondOrderModel, require_inputs, require_model
+from ..model.viscoelastic import added_stiffness, transformed
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.petsc import MPI, PETSc
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
+from ..reduction.checks import require_no_series
 from ..reduction.components.groups import Group
 from ..reduction.reduced_model import ReducedModel, require_finite
 from ..reduction.tolerance.error_estimate import at_poles
@@ -89,6 +91,7 @@ def frequency_response(
     damping = damping_or_given(model, damping)
     if isinstance(damping, ModalDamping):
         raise InputError("damping: modal ratios belong to a reduced model; the full model has no such response")
+    require_no_series(model, damping)
     groups = declared("groups", groups, int | None) or (model.comm.size if model.size <= SMALL else 1)
     if not 1 <= groups <= model.comm.size:
         raise InputError(f"groups: found {groups}, expected 1 to {model.comm.size}, the number of ranks")
@@ -233,9 +236,12 @@ def _by_full_matrices(solvers, frequencies, response, step) -> np.ndarray:
     D = np.zeros_like(K) if model.D is None else _full_matrix(model.D)
     C = B.T if model.Ct is None else _full_matrix(model.Ct).T
     terms = np.stack([K + 1j * solvers.loss * K, 1j * D, -M]).reshape(3, -1)  # of 1, omega, omega^2
+    parts = transformed(model.viscoelastic, _full_matrix)
     for part in _parts(len(frequencies), model.size):
         omega = 2 * np.pi * frequencies[part]
         A = (np.vander(omega, 3, increasing=True) @ terms).reshape(-1, *K.shape)
+        if parts:
+            A += added_stiffness(parts, 1j * omega)
         try:
             X = np.linalg.solve(A, np.broadcast_to(B.astype(complex), (len(A), *B.shape)))
         except np.linalg.LinAlgError:
@@ -261,7 +267,9 @@ class _Solvers:
         self.model, self.rigid, self.factoring = framed.model, framed.rigid, factoring
         self.terms = caughey_terms(framed.damping)
         self.loss = loss_factor_of(framed.damping)
-        self.damped = self.model.D is not None or self.terms is not None or self.loss > 0
+        self.damped = bool(
+            self.model.D is not None or self.terms is not None or self.loss > 0 or self.model.viscoelastic
+        )
         self._shifted = self._complex = None
 
     def close(self):
@@ -293,7 +301,7 @@ class _Solvers:
         solution = create_block(self.model.K, right.getSizes()[1])
         if self.terms is None:
             s = 1j * omega
-            self._complex.factor(s * s, s, 1 + 1j * self.loss)
+            self._complex.factor_at(s, 1 + 1j * self.loss)
             self._complex.solve(right, solution)
         else:
             solve_caughey(self._complex, 1j * omega, self.terms, right, solution)

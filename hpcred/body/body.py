@@ -163,12 +163,24 @@ def check_moving(body: Body, where: str):
 
 
 def check_viscous(reduced, where: str):
-    """Raise InputError for a model with structural damping, which `where` (such as "a SID file") cannot contain."""
+    """Raise InputError for a model with structural damping or viscoelastic parts, which `where` (such as "a SID file")
+    cannot contain."""
+    require_no_laws(reduced, where)
     if reduced.loss_factor:
         raise InputError(
             f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no meaning in time and no place in "
             f"{where}; reduce with damping of kind 'modal' and ratio = {reduced.loss_factor / 2:g}, half the loss "
             "factor, which is the same at resonance"
+        )
+
+
+def require_no_laws(reduced, where: str):
+    """Raise InputError for a model with viscoelastic parts, which `where` (such as "a SID file") cannot contain."""
+    if reduced.viscoelastic:
+        raise InputError(
+            f"viscoelastic: {where} has no place for a stiffness that depends on frequency "
+            f"({', '.join(part.name for part in reduced.viscoelastic)}); laws of kind 'maxwell' go into state spaces, "
+            "and arrays (npz, mat) hold all"
         )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from ..model.frames import Frame
 from ..model.rotation import spin_softening
 from ..model.second_order_model import SecondOrderModel
+from ..model.viscoelastic import parts_from
 from ..parallel.declared import as_declared, declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
@@ -228,4 +229,5 @@ def preloaded(
             mats[key].zeroEntries()
             mats[key].axpy(1.0, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
     remark = remark_on_supports(model, solids, lambda points: preload.acceleration_at(points - origin))
-    return model.with_fields(**mats, remarks=(*model.remarks, *([remark] if remark else [])))
+    fields = {key: mats.get(key) for key in "KMD"} | {"viscoelastic": parts_from(model.viscoelastic, mats)}
+    return model.with_fields(**fields, remarks=(*model.remarks, *([remark] if remark else [])))

@@ -38,6 +38,10 @@ def in_units(body: Body, units: Units) -> Body:
             reduced, **fields_in(reduced, units), B=g[:, None] * reduced.B * force,
             **{key: part if part is None else measured[:, None] * part * g
                for key, part in (("C", reduced.C), ("Cv", reduced.Cv), ("Ca", reduced.Ca))}, resultants=resultants,
+            viscoelastic=tuple(
+                replace(part, matrix=both * units.time**2 / inertia * part.matrix, law=part.law.in_units(units.time))
+                for part in reduced.viscoelastic
+            ),
         ),
         replace(
             quantities, masses=quantities.masses / M, mc=quantities.mc / moment, J=quantities.J / inertia,

@@ -11,9 +11,14 @@ import hpcred
 
 from ..parallel.failures import InputError
 from ..report.tables import in_words, show_table
+from ..settings.viscoelastic import viscoelastic_of
 from . import session, values
 from .options import Inputs, JsonFile, Outputs
 
+Viscoelastic = Annotated[
+    list[str] | None,
+    typer.Option(metavar="TABLE", help='Part g(s) K_v: \'{file = "Kv.mtx", law = {kind = "maxwell", ...}}\''),
+]
 Output = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 
 
@@ -33,6 +38,7 @@ def convert(
     outputs: Outputs = None,
     variables: Annotated[str | None, typer.Option(metavar="K=...,M=...", help="Names of matrices in a file.")] = None,
     units: Annotated[str, typer.Option(help="Units of the files: SI; mm,t,s; mm-kg-ms; inch-lbf-s; ...")] = "SI",
+    viscoelastic: Viscoelastic = None,
     list_formats: Annotated[bool, typer.Option("--list-formats", help="Say what can be read, and stop.")] = False,
     json: JsonFile = None,
 ):
@@ -67,7 +73,7 @@ def convert(
     )  # fmt: skip
     report = hpcred.convert(
         source, output, inputs=values.targets(inputs, "--inputs"), outputs=values.targets(outputs, "--outputs"),
-        variables=names, units=units, progress=session.progress(),
+        variables=names, units=units, viscoelastic=viscoelastic_of(viscoelastic), progress=session.progress(),
     )  # fmt: skip
     told = ("output", "sentences", "warnings", "loads")
     show_table(None, [{"": key.replace("_", " "), output: in_words(value)} for key, value in report.items()

@@ -279,6 +279,10 @@ def writing(path, comm):
                 seal(temporary)
 
 
+# versions of files with viscoelastic parts, which programs of before would leave out
+ALSO = {"hpcred-model": 2, "hpcred-result": 3}
+
+
 @contextmanager
 def reading(path, kind: str, version: int | None = None, schema=None):
     """A CheckedFile, opened by this rank; see opened, and files.checked for `schema`. Raises InputError."""
@@ -310,7 +314,7 @@ def opened(path, kind: str, version: int | None = None):
             raise InputError(f"{path}: found an HDF5 file of format '{found}', expected '{kind}'{by}")
         if version is not None and "version" not in file.attrs:
             raise InputError(f"{path}: found no attribute 'version', expected {version} for the format '{kind}'")
-        if version is not None and number != version:
+        if version is not None and number not in (version, ALSO.get(kind)):
             newer, older = "a newer hpcred wrote it: update this one", "an older hpcred wrote it: make it again"
             what = newer if number > version else older
             raise InputError(f"{path}: found version {number} of the format '{kind}', expected {version}; {what}")

@@ -2,6 +2,7 @@
 
 matrices/indptr (n + 1), matrices/indices (nonzeros): one sorted pattern for all matrices, columns from 0
 matrices/K, M and, where there is one, D (nonzeros)
+matrices/Kv1, Kv2, ... (nonzeros), of viscoelastic parts; viscoelastic: JSON, their names and laws; K is static then
 inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T, and then Cv, Ca (r, n) where
     velocities and accelerations are measured
 loads/name, kind, remark, spins, area (l) in m^2, sums (l, 4, 3): of the inputs that are loads, as of
@@ -26,14 +27,16 @@ from ..model.dofs import Dofs, dofs_per_node
 from ..model.loads import LoadColumn
 from ..model.materials import ElementProperties, Material
 from ..model.second_order_model import SecondOrderModel, require_model
+from ..model.viscoelastic import KEY, NamedLaw, Viscoelastic, laws_of
 from ..parallel.failures import agreed
-from ..parallel.petsc import MPI
+from ..parallel.petsc import MPI, PETSc
 from ..parallel.shares import row_range
 from .checked import Array, damaged
-from .hdf5 import reading, texts, writing
+from .hdf5 import ALSO, reading, texts, writing
 
 FORMAT, VERSION = "hpcred-model", 1
 MATERIALS = TypeAdapter(tuple[Material, ...])
+LAWS = TypeAdapter(tuple[NamedLaw, ...])
 SUMS = ("force", "moment", "held_force", "held_moment")
 NODES = {
     "dofs/node": Array("integer", ("n",)), "dofs/direction": Array("integer", ("n",)),
@@ -47,7 +50,7 @@ SCHEMA = NODES | {
     "matrices/indptr": Array("integer", ("n+1",), needed=True),
     "matrices/indices": Array("integer", ("z",), needed=True),
     "matrices/K": Array("real", ("z",), needed=True), "matrices/M": Array("real", ("z",), needed=True),
-    "matrices/D": Array("real", ("z",)),
+    "matrices/D": Array("real", ("z",)), "matrices/*": Array("real", ("z",)), "viscoelastic": Array("text", ()),
     "inputs/B": Array("real", ("p", "n")), "inputs/names": Array("text", ("p",)),
     "loads/name": Array("text", ("l",)), "loads/kind": Array("text", ("l",)),
     "loads/remark": Array("text", ("l",)), "loads/area": Array("real", ("l",)),
@@ -69,12 +72,14 @@ def write_model(path, model: SecondOrderModel):
     dense = {"inputs": (model.B, model.input_names), "outputs": (model.Ct, model.output_names)}
     with writing(path, model.comm) as file:
         file.attribute("format", FORMAT)
-        file.attribute("version", VERSION)
+        file.attribute("version", ALSO[FORMAT] if model.viscoelastic else VERSION)
         file.attribute("size", model.size)
         file.attribute("rows_per_block", _block(model))
         if model.converted_from:
             file.attribute("converted_from", model.converted_from)
         write_csr(file, model.comm, indptr, indices, parts)
+        if model.viscoelastic:
+            file.small("viscoelastic", LAWS.dump_json(laws_of(model.viscoelastic)).decode())
         for group, (mat, names) in dense.items():
             if mat is not None:
                 rows = np.ascontiguousarray(mat.getDenseArray().real.T)
@@ -165,6 +170,8 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         if indices.size and not 0 <= indices.min() <= indices.max() < size:
             raise damaged(path, f"/matrices/indices has columns outside of 0 to {size - 1}")
         values = {key: matrices[key][part] for key in ("K", "M", "D") if key in matrices}
+        laws = read_laws(file["viscoelastic"]) if "viscoelastic" in file else ()
+        added = {f"{KEY}{number}": matrices[f"{KEY}{number}"][part] for number in range(1, 1 + len(laws))}
         dense, names = {}, {}
         for group, key in (("inputs", "B"), ("outputs", "C")):
             dense[group] = file[f"{group}/{key}"][:, first:last].T if group in file else None
@@ -187,10 +194,22 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
     if rates:
         with model:
             model = model.with_output_columns(dense["outputs"], names["outputs"], **rates)
-    if not loads:
+    if not loads and not laws:
         return model
     with model:
-        return model.with_fields(loads=loads)
+        found, pattern = [], [(indptr - indptr[0]).astype(PETSc.IntType), indices.astype(PETSc.IntType)]
+        for item, values in zip(laws, added.values(), strict=True):
+            mat = PETSc.Mat().createAIJ(model.K.getSizes(), csr=(*pattern, values), comm=model.K.comm)
+            found.append(Viscoelastic(mat, item.law, item.name))
+        return model.with_fields(loads=loads, viscoelastic=tuple(found))
+
+
+def read_laws(dataset) -> tuple[NamedLaw, ...]:
+    """Return the names and laws of viscoelastic parts. Raises InputError."""
+    try:
+        return LAWS.validate_json(dataset[()])
+    except ValidationError as error:
+        raise damaged(dataset.path, f"{dataset.name}: {error.errors()[0]['msg']}") from error
 
 
 def sets_of(file) -> dict:

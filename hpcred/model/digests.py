@@ -12,7 +12,7 @@ def digest_of(model, key: str) -> str:
     if key in ("dofs", "labels"):
         labels = [model.dofs.node, model.dofs.direction, *([model.dofs.position] if key == "dofs" else [])]
         return digest_of_block(model.comm, first, np.column_stack(labels).astype("<f8"))
-    item = getattr(model, key)
+    item = model.matrices[key] if key in model.matrices else getattr(model, key)
     if key in ("B", "Ct"):
         columns = np.ascontiguousarray(item.getDenseArray().real, "<f8") + 0.0
         return digest_of_block(model.comm, first, _rounded(model, columns) if model.interfaces else columns)

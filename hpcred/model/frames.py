@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from ..linalg.blocks import column_norms, from_dense, local_rows
+from ..linalg.blocks import column_norms, from_dense, local_rows, times
 from ..linalg.csr import compress, sparse_rows
 from ..parallel.declared import as_declared, declared
 from ..parallel.failures import InputError
@@ -26,6 +26,7 @@ from .rigid_body_modes import RigidBodyModes
 from .second_order_model import SecondOrderModel, listed
 
 ONLY_RIGID = 1e-11  # of a load that is left after it is equilibrated: round-off
+RESISTS = 1e-6  # ||K_v r|| of rigid-body motions r over ||K_v|| ||r||
 COLLINEAR = 1e-6  # area of the unit triangle below which three points count as collinear
 
 
@@ -195,6 +196,13 @@ def _free_body(model, frame):
             f"frame: the Buckens frame needs a free body, but {model.name} is supported "
             f"(||K R|| / ||K|| = {rigid.defect:.1e} for rigid-body motions R); take frame kind 'none'"
         )
+    for part in model.viscoelastic:  # the static stiffness does not show one that carries nothing at rest
+        resists = column_norms(times(part.matrix, rigid.R)) / column_norms(rigid.R)
+        if resists.max() > RESISTS * part.matrix.norm():
+            raise InputError(
+                f"frame: the Buckens frame needs a free body, but the viscoelastic part {part.name} of {model.name} "
+                "resists its rigid-body motions; put it into the multibody model, or take frame kind 'none'"
+            )
     if frame.supports is not None:
         rows = [row_of(model, tuple(pair)) for pair in frame.supports]
         if len(set(rows)) != rigid.count or not _holds(model, rigid, rows):

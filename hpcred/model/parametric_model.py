@@ -65,6 +65,9 @@ class ParametricModel:
 
     def __init__(self, model: SecondOrderModel, parameters: Iterable[Parameter], terms: Iterable[Term]) -> None:
         require_model(model)
+        if model.viscoelastic:
+            raise InputError(f"{model.name}: found viscoelastic parts beside parameters, which no reduction has; leave "
+                             "one of them out")  # fmt: skip
         parameters = declared("parameters", parameters, tuple[Parameter, ...])
         terms = declared("terms", terms, tuple[Term, ...])
         check_terms(parameters, terms)

@@ -31,6 +31,7 @@ from .materials import ElementProperties, Material
 from .motion_outputs import MotionOutput
 from .stress_outputs import StressOutput
 from .targets import interface_targets, output_columns, unit_columns
+from .viscoelastic import KEY, Viscoelastic, matrices_by_key, parts_from, transformed, with_viscoelastic
 
 if TYPE_CHECKING:
     from typing import TypeAlias
@@ -126,6 +127,8 @@ class SecondOrderModel:
         How velocities, accelerations and mixed outputs follow from the columns of Ct; None if these are the outputs.
     properties : ElementProperties or None
         Numbers, types and materials of the elements, if known, for stresses and loads.
+    viscoelastic : tuple of Viscoelastic
+        Parts that add (g(s) - g(0)) K_v to K, the static stiffness; their matrices are on the pattern of K.
     """
 
     M: PETSc.Mat
@@ -147,6 +150,7 @@ class SecondOrderModel:
     converted_from: str = ""
     properties: ElementProperties | None = None
     derivatives: Derivatives | None = None
+    viscoelastic: tuple[Viscoelastic, ...] = ()
 
     def __init__(
         self,
@@ -206,8 +210,8 @@ class SecondOrderModel:
 
     def close(self) -> None:
         """Free the PETSc objects. Collective."""
-        for key in ("M", "D", "K", "B", "Ct", "Gt"):
-            if (mat := vars(self).get(key)) is not None:
+        for mat in (*map(vars(self).get, ("M", "D", "K", "B", "Ct", "Gt")), *(p.matrix for p in self.viscoelastic)):
+            if mat is not None:
                 mat.destroy()
         for key in ("M", "K"):  # PETSc ends the process that uses a destroyed matrix
             vars(self).pop(key, None)
@@ -241,10 +245,13 @@ class SecondOrderModel:
         """Return the model with other fields, and its own references to the other PETSc objects. Collective."""
         kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
+        if "viscoelastic" not in changed:
+            kept["viscoelastic"] = transformed(self.viscoelastic, copy)
         other = self.assembled(**{item.name: getattr(self, item.name) for item in fields(self)} | kept | changed)
         for name in ("_digests", "_defects", "_signs"):
             known, shared = getattr(self, name), getattr(other, name)
-            shared.update({key: value for key, value in known.items() if key not in changed})
+            shared.update({key: value for key, value in known.items()
+                           if key not in changed and not key.startswith(KEY)})  # fmt: skip
         return other
 
     @cached_property
@@ -280,8 +287,9 @@ class SecondOrderModel:
 
     @property
     def matrices(self) -> dict:
-        """M, K and, if it is not None, D, by name."""
-        return {key: mat for key, mat in (("M", self.M), ("K", self.K), ("D", self.D)) if mat is not None}
+        """M, K and, if it is not None, D, by name, and the matrices of viscoelastic parts as Kv1, Kv2, ..."""
+        found = {key: mat for key, mat in (("M", self.M), ("K", self.K), ("D", self.D)) if mat is not None}
+        return found | matrices_by_key(self.viscoelastic)
 
     @property
     def nonzeros(self) -> int:
@@ -329,7 +337,7 @@ class SecondOrderModel:
         Collective.
         """
         if key not in self._digests:
-            there = getattr(self, "dofs" if key == "labels" else key) is not None
+            there = key in self.matrices or getattr(self, "dofs" if key == "labels" else key, None) is not None
             self._digests[key] = digest_of(self, key) if there else None
         return self._digests[key]
 
@@ -554,6 +562,33 @@ class SecondOrderModel:
                 check_finite(indptr, {"D": values}, D.getOwnershipRange()[0], self.name, self.dofs)
         return self.with_fields(D=D)
 
+    def with_viscoelastic(self, parts: Iterable[Viscoelastic]) -> SecondOrderModel:
+        """Return the model with stiffness that depends on frequency, K(s) = K + sum g(s) K_v.
+
+        Collective.
+
+        Parameters
+        ----------
+        parts : iterable of Viscoelastic
+            Matrices K_v with their laws g.
+
+        Returns
+        -------
+        SecondOrderModel
+            Its K is the static stiffness K + sum g(0) K_v.
+
+        Raises
+        ------
+        InputError
+            For matrices that do not fit, are not symmetric, or have negative eigenvalues.
+
+        Examples
+        --------
+        >>> rubber = hpcred.Maxwell(factors=[0.5, 0.8], times=[1e-2, 1e-4], constant=1.0)
+        >>> damped = model.with_viscoelastic([hpcred.Viscoelastic(Kv, rubber)])
+        """
+        return with_viscoelastic(self, parts)
+
     def as_dual(self) -> SecondOrderModel:
         """Return the model of the transposed transfer function of the measured columns: D^T for D, C^T for B.
         Collective."""
@@ -575,7 +610,7 @@ class SecondOrderModel:
         return self.assembled(
             matrices["M"], matrices["K"], matrices.get("D"), B=B, Ct=Ct, dofs=dofs, input_names=self.input_names,
             own_output_names=self.own_output_names, name=self.name, Gt=Gt, interfaces=self.interfaces,
-            derivatives=self.derivatives,
+            derivatives=self.derivatives, viscoelastic=parts_from(self.viscoelastic, matrices),
         )  # fmt: skip
 
     def frequency_response(self, frequencies: ArrayLike, *, frame=None, damping=None, **more) -> np.ndarray:

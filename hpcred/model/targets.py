@@ -11,6 +11,7 @@ from .dofs import DIRECTIONS, QUANTITIES, quantity_name, row_of, rows_of_node, t
 from .interfaces import SIX, find_interface, node_number
 from .motion_outputs import MotionOutput
 from .stress_outputs import StressOutput, stress_columns, stress_output_of
+from .viscoelastic import cuts_refused
 
 
 def unit_columns(model, key: str, targets) -> tuple[np.ndarray, list[str]]:
@@ -28,6 +29,8 @@ def output_columns(model, targets) -> tuple[dict[str, np.ndarray | None], list[s
         if isinstance(target, StressOutput):
             found, called = [np.zeros(model.local_rows)], [target.name]  # all of them together, below
         elif isinstance(target, CutOutput):
+            if model.viscoelastic:
+                raise cuts_refused(model)
             found, called = list(cut_columns(model, target).T), target.names
         else:
             singles = _single_targets(model, target.target if isinstance(target, MotionOutput) else target)

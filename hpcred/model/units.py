@@ -13,6 +13,7 @@ from .cut_outputs import cut_output_of
 from .dofs import DIRECTIONS, OWN, QUANTITIES, SCALAR, Dofs, named_quantity, target_of
 from .second_order_model import SecondOrderModel
 from .stress_outputs import stress_output_of
+from .viscoelastic import parts_from
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "inch": 0.0254, "in": 0.0254, "ft": 0.3048}
 POUND = 0.45359237  # kg
@@ -197,6 +198,7 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
         M=mats["M"], K=mats["K"], D=mats.get("D"), B=dense[0], Ct=dense[1], dofs=dofs, held=held,
         converted_from=units.name, properties=properties,
         derivatives=model.derivatives and model.derivatives.in_time(units.time),
+        viscoelastic=parts_from(model.viscoelastic, mats),
     )  # fmt: skip
 
 
@@ -205,7 +207,7 @@ def scale_to_si(model, units: Units, key: str, mat):
     inverse = model.K.createVecLeft()
     inverse.setArray(1 / np.where(_translations(model), units.length, 1.0))
     mat.diagonalScale(inverse, inverse)
-    mat.scale(units.energy * units.time ** "KDM".index(key))
+    mat.scale(units.energy * units.time ** "KDM".index(key[0]))  # K_v as K
 
 
 def _translations(model) -> np.ndarray:

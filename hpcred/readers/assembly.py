@@ -169,7 +169,7 @@ def with_transposed_pattern(entries: Entries) -> Entries:
     return Entries(entries.shape, np.concatenate([i, j]), np.concatenate([j, i]), values)
 
 
-def owned(comm, starts, entries):
+def owned(comm, starts, entries) -> tuple:
     """Return rows, columns and values of the entries in the rows of this rank. Collective."""
     owner = np.searchsorted(starts, entries.rows, side="right") - 1
     return exchange(comm, owner, [entries.rows, entries.columns, entries.values])

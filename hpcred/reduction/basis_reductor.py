@@ -16,11 +16,12 @@ from ..model.input_output_counts import require_room
 from ..model.load_columns import loads_of, resultants
 from ..model.scales import in_usual_units
 from ..model.second_order_model import require_model
+from ..model.viscoelastic import transformed
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.petsc import free_dropped
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
-from .checks import check_model, warnings_of
+from .checks import check_model, check_viscoelastic, warnings_of
 from .components.component import Component, PointComponent
 from .components.groups import blocks_in_groups, number_of_groups
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
@@ -119,6 +120,7 @@ class BasisReductor(Reductor):
     def _check(self, model) -> tuple[str, ...]:
         """Refuse what cannot be reduced in this way; returns warnings of the model. Collective."""
         check_model(model)
+        check_viscoelastic(model, self.damping)
         self._check_room(model)
         if self.settings.coordinates == "interface":
             check_interface_coordinates(model, self.frame)
@@ -203,17 +205,20 @@ class BasisReductor(Reductor):
         for key, value in small.items():
             if key != "D" or full.symmetric:
                 small[key] = (value + value.T) / 2
+        parts = transformed(full.viscoelastic, lambda mat: _symmetric(project(mat, columns)))
         inputs = project_columns(columns, full.B)
         outputs = (inputs if full.Ct is None else project_columns(columns, full.Ct)).T.copy()
         if self.settings.coordinates == "interface":
-            moved = to_interface_coordinates(framed, Projected(columns, **small, B=inputs, C=outputs))
+            given = Projected(columns, **small, B=inputs, C=outputs, viscoelastic=parts)
+            moved = to_interface_coordinates(framed, given)
             small = {"M": moved.M, "D": moved.D, "K": moved.K}
             frequencies = np.concatenate([np.zeros(framed.rigid_size), frequencies])
-            reduced = with_derivatives(model, reduced_model(model, framed, small, moved.B, moved.C, frequencies))
+            found = reduced_model(model, framed, small, moved.B, moved.C, frequencies, moved.viscoelastic)
+            reduced = with_derivatives(model, found)
             reduced.interfaces = full.interfaces
             reduced.columns = everywhere(model, framed, moved.columns)
             return reduced, defect
-        reduced = with_derivatives(model, reduced_model(model, framed, small, inputs, outputs, frequencies))
+        reduced = with_derivatives(model, reduced_model(model, framed, small, inputs, outputs, frequencies, parts))
         reduced.columns = everywhere(model, framed, columns)
         return reduced, defect
 
@@ -246,11 +251,16 @@ def _highest(basis, run) -> float:
     return max([*(point / 2 / np.pi for point in points if np.isfinite(point)), *modes], default=0.0) or np.inf
 
 
-def reduced_model(model, framed, small, inputs, outputs, frequencies):
-    """Return the same arrays on all ranks, to the last digit."""
-    small, inputs, outputs, frequencies = model.comm.bcast((small, inputs, outputs, frequencies))
+def _symmetric(matrix):
+    return (matrix + matrix.T) / 2
+
+
+def reduced_model(model, framed, small, inputs, outputs, frequencies, parts=()):
+    """Return the same arrays on all ranks, to the last digit; `parts`: viscoelastic ones, projected."""
+    given = small, inputs, outputs, frequencies, parts
+    small, inputs, outputs, frequencies, parts = model.comm.bcast(given)
     loss = loss_factor_of(framed.damping)
     return ReducedModel(
         **small, B=inputs, C=outputs, frequencies=frequencies, loss_factor=loss,
-        input_names=model.input_names, output_names=model.output_names,
+        input_names=model.input_names, output_names=model.output_names, viscoelastic=parts,
     )  # fmt: skip

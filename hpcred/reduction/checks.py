@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from ..linalg.csr import diagonal_of
+from ..model.damping import caughey_terms
 from ..model.definiteness import check_definite, warnings_of_definiteness
 from ..model.frames import Buckens
 from ..model.interfaces import warnings_of_interfaces
 from ..model.rigid_body_modes import exchange_of_matrices, soft_supports, warnings_of_nodes
 from ..model.second_order_model import SYMMETRIC_TO, require_inputs
+from ..model.viscoelastic import Maxwell
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 
@@ -31,6 +33,29 @@ def check_symmetric(model):
                 f"{model.name}: matrix {key} is not symmetric: ||A - A^T|| / ||A|| = "
                 f"{model.symmetry_defects[key]:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
             )
+
+
+def check_viscoelastic(model, damping):
+    """Refuse what does not go with viscoelastic parts: a long Caughey series, and matrices with which a fractional law
+    may be unstable, which its poles do not show."""
+    if not model.viscoelastic:
+        return
+    require_no_series(model, damping)
+    fractional = [part.name for part in model.viscoelastic if not isinstance(part.law, Maxwell)]
+    if fractional and (not model.symmetric or warnings_of_definiteness(model)):
+        raise InputError(
+            f"{model.name}: the law of {fractional[0]} is fractional, and M, D and K are not all symmetric and "
+            "positive semidefinite, so that stability is not known; take a law of kind 'maxwell'"
+        )
+
+
+def require_no_series(model, damping):
+    """Refuse a Caughey series of more than two terms beside viscoelastic parts."""
+    if model.viscoelastic and caughey_terms(damping) is not None:
+        raise InputError(
+            f"damping: {model.name} has viscoelastic parts, beside which a Caughey series of more than two terms is "
+            "not computed; take 'rayleigh', 'given' or 'modal'"
+        )
 
 
 def warnings_of(model, frame) -> tuple[str, ...]:

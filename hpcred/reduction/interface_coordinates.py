@@ -22,6 +22,7 @@ from ..model.damping import GivenDamping
 from ..model.dofs import DIRECTIONS
 from ..model.frames import Chord, NoFrame, Tangent
 from ..model.rigid_body_modes import RigidBodyModes
+from ..model.viscoelastic import Viscoelastic, transformed
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from .components.craig_bampton import check_directions, interface_forces
@@ -40,6 +41,7 @@ class Projected(NamedTuple):
     K: np.ndarray
     B: np.ndarray
     C: np.ndarray
+    viscoelastic: tuple[Viscoelastic, ...] = ()
 
 
 def check_interface_coordinates(model, frame):
@@ -75,12 +77,13 @@ def to_interface_coordinates(framed, given: Projected) -> Projected:
     c = len(motion)
     M, K = (_symmetric(T.T @ value @ T) for value in (whole.M, whole.K))
     D = T.T @ whole.D @ T
+    parts = transformed(whole.viscoelastic, lambda matrix: _symmetric(T.T @ matrix @ T))
     if framed.model.symmetric:
         D = _symmetric(D)
     M[c:, c:] = np.eye(len(M) - c)
     K[:c, c:] = K[c:, :c] = 0.0
     K[c:, c:] = np.diag(np.diag(K)[c:])
-    return Projected(block, M, D, K, T.T @ whole.B, whole.C @ T)
+    return Projected(block, M, D, K, T.T @ whole.B, whole.C @ T, parts)
 
 
 def _with_rigid(framed, given):
@@ -103,7 +106,8 @@ def _with_rigid(framed, given):
     D = project(model.D, block) if isinstance(framed.damping, GivenDamping) else beside(given.D, 0.0)
     B = np.concatenate([project_columns(rigid.R, model.B), given.B])
     C = B.T if model.Ct is None else np.concatenate([project_columns(rigid.R, model.Ct).T, given.C], axis=1)
-    return Projected(block, beside(given.M, np.eye(count)), D, beside(given.K, 0.0), B, C)
+    parts = transformed(given.viscoelastic, lambda matrix: beside(matrix, 0.0))
+    return Projected(block, beside(given.M, np.eye(count)), D, beside(given.K, 0.0), B, C, parts)
 
 
 def transformation(motion, M, K, interfaces):
@@ -149,6 +153,7 @@ def elastic_part(reduced: ReducedModel, count: int | None = None) -> ReducedMode
         reduced, **small, B=X.T @ reduced.B, frequencies=reduced.frequencies[count:], interfaces=(), columns=None,
         **{key: part if part is None else part @ X
            for key, part in (("C", reduced.C), ("Cv", reduced.Cv), ("Ca", reduced.Ca))},
+        viscoelastic=transformed(reduced.viscoelastic, lambda matrix: X.T @ matrix @ X),
     )  # fmt: skip
 
 

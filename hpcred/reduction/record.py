@@ -17,6 +17,7 @@ from ..model.frames import Frame
 from ..model.interfaces import Interface, InterfaceNode
 from ..model.load_columns import loads_of
 from ..model.loads import LoadColumn
+from ..model.viscoelastic import NamedLaw, laws_of
 from ..parallel import processor
 from ..parallel.declared import renamed
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
@@ -36,8 +37,8 @@ class Record:
     by name, interfaces and their nodes, loads with their sums, and `signature` (see signature_of), by which it is known
     again. Of the reduction: frame, damping, basis and settings; what each component brought; every factorisation, and
     how many more a store saved; max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings; where the time went, and
-    hints at what would take less; of an automatic one its accuracy. `job`: the job file with its overrides, file names
-    absolute, and `contents` of the files that it names, by name.
+    hints at what would take less; of an automatic one its accuracy. `viscoelastic`: the laws of such parts. `job`: the
+    job file with its overrides, file names absolute, and `contents` of the files that it names, by name.
     """
 
     date: str
@@ -77,6 +78,7 @@ class Record:
     job: dict[str, Any] | None = None
     contents: dict[str, str] | None = None
     hints: tuple[str, ...] = ()
+    viscoelastic: tuple[NamedLaw, ...] = ()
 
     def away_from_reference(self) -> Record:
         """Return the record of the model at other values of its parameters, where of the error over the frequencies no
@@ -191,6 +193,7 @@ def make_record(model, framed, runs, progress, **known) -> Record:
         interfaces=tuple(item.definition for item in model.interfaces),
         interface_nodes=tuple(replace(item, definition=None) for item in model.interfaces),
         loads=loads_of(model),
+        viscoelastic=laws_of(model.viscoelastic),
         components=tuple(notes[0].components),
         factorisations=tuple(record for item in notes for record in item.factorisations),
         factorisations_saved=sum(item.factorisations_saved for item in notes),

@@ -13,9 +13,12 @@ from numpy.typing import ArrayLike
 from ..model.derivatives import Derivatives, combined
 from ..model.interfaces import InterfaceNode
 from ..model.second_order_model import SecondOrderModel, listed
+from ..model.viscoelastic import Maxwell, Viscoelastic, added_stiffness, matrices_by_key, transformed
 from ..parallel.failures import InputError, settle
+from .maxwell_states import maxwell_states
 from .record import Record
 from .tolerance.accuracy import Accuracy
+from .viscoelastic_poles import oscillating_poles
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,7 +34,8 @@ class ReducedModel:
 
     M, D, K (m, m), B (m, p), C, Cv, Ca (r, m), the last two None where they are zero.
     `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52).
-    `loss_factor`: eta of structural damping, for frequency responses only. `record`: what made it.
+    `loss_factor`: eta of structural damping, for frequency responses only. `viscoelastic`: parts that add
+    (g(s) - g(0)) K_v (m, m) to K, the static stiffness. `record`: what made it.
     `interfaces`: in interface coordinates, the nodes whose displacements x, y, z, rx, ry, rz are the first coordinates,
     six a node, in this order; empty in pseudo-modal ones.
     `resultants` (p, 6): force and moment about the origin of each input at 1 on the whole body, in N and N m, which
@@ -58,6 +62,7 @@ class ReducedModel:
     model: SecondOrderModel | None = None
     Cv: np.ndarray | None = None
     Ca: np.ndarray | None = None
+    viscoelastic: tuple[Viscoelastic, ...] = ()
 
     @property
     def size(self) -> int:
@@ -96,8 +101,8 @@ class ReducedModel:
     __repr__ = __str__
 
     def transfer_function(self, s: complex | np.ndarray) -> np.ndarray:
-        """Return H(s) = (C + s C_v + s^2 C_a) (s^2 M + s D + (1 + i eta) K)^-1 B (r, p), (25, 41); (..., r, p) for an
-        array (...) of s."""
+        """Return H(s) = (C + s C_v + s^2 C_a) A(s)^-1 B (r, p), (25, 41); (..., r, p) for an array (...) of
+        s."""
         return combined(self.output_parts, s) @ self.states(s)
 
     def measured_response(self, s: complex | np.ndarray, derivatives: Derivatives | None) -> np.ndarray:
@@ -118,9 +123,13 @@ class ReducedModel:
         return ~self.output_parts[1:].any(axis=(0, 2))
 
     def states(self, s: complex | np.ndarray) -> np.ndarray:
-        """Return (s^2 M + s D + (1 + i eta) K)^-1 B (m, p); (..., m, p) for an array (...) of s."""
+        """Return A(s)^-1 B (m, p), A(s) = s^2 M + s D + (1 + i eta) K + sum (g(s) - g(0)) K_v; (..., m, p) for an array
+        (...) of s."""
+        added = added_stiffness(self.viscoelastic, s) if self.viscoelastic else 0.0
         s = np.asarray(s)[..., None, None]
         dynamic = s * s * self.M + s * self.D + (1 + 1j * self.loss_factor) * self.K
+        if self.viscoelastic:
+            dynamic += added
         loads = np.broadcast_to(self.B.astype(complex), (*dynamic.shape[:-2], *self.B.shape))
         return np.linalg.solve(dynamic, loads)
 
@@ -217,19 +226,34 @@ class ReducedModel:
         return hpcred.plot_response(self, pairs, band=band)
 
     def state_matrix(self) -> np.ndarray:
-        """Return A (2m, 2m) of (x, x')' = A (x, x')."""
+        """Return A (2m, 2m) of (x, x')' = A (x, x'); with viscoelastic parts their states come last (see
+        hpcred.reduction.maxwell_states), for Maxwell's law."""
         size, inverse = self.size, np.linalg.inv(self.M)
+        if self.viscoelastic:
+            return maxwell_states(self.viscoelastic).state_matrix(inverse, self.D, self.K)
         return np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ self.K, -inverse @ self.D]])
 
     def poles(self) -> np.ndarray:
-        """Return the 2m roots of det(s^2 M + s D + K) in rad/s, by imaginary part."""
+        """Return the 2m roots of det A(s) in rad/s, by imaginary part, without structural damping.
+
+        With viscoelastic parts of Maxwell's law also those of their states; of fractional laws those that oscillate, up
+        to the highest of `frequencies`.
+        """
+        if any(not isinstance(part.law, Maxwell) for part in self.viscoelastic):
+            from scipy.linalg import eigh  # which most models do without
+
+            eigenvalues, X = eigh(self.K, self.M)
+            parts = transformed(self.viscoelastic, lambda matrix: X.T @ matrix @ X)
+            upper = oscillating_poles(eigenvalues, X.T @ self.D @ X, parts)
+            return np.concatenate([upper.conj()[::-1], upper])
         roots = np.linalg.eigvals(self.state_matrix())
         return roots[np.argsort(roots.imag)]
 
     def unstable_poles(self) -> np.ndarray:
         """Return the poles in the right half-plane, beyond round-off; none where M, D and K are symmetric and
         semidefinite."""
-        if all(_semidefinite(matrix) for matrix in (self.M, self.D, self.K)):
+        parts = self.viscoelastic
+        if all(_semidefinite(matrix) for matrix in (self.M, self.D, self.K, *matrices_by_key(parts).values())):
             return np.zeros(0, dtype=complex)
         roots = self.poles()
         size = np.abs(roots).max(initial=0.0)
@@ -272,8 +296,9 @@ def _semidefinite(matrix):
 
 def require_finite(reduced: ReducedModel):
     """Raise InputError for NaN and Inf in a reduced model, as one that was made by hand may have."""
-    for key in ("M", "D", "K", "B", "C", "Cv", "Ca", "frequencies"):
-        if (value := getattr(reduced, key)) is None:
+    arrays = {key: getattr(reduced, key) for key in ("M", "D", "K", "B", "C", "Cv", "Ca", "frequencies")}
+    for key, value in (arrays | matrices_by_key(reduced.viscoelastic)).items():
+        if value is None:
             continue
         numbers = np.asarray(value)
         wrong = numbers.size - np.count_nonzero(np.isfinite(numbers))

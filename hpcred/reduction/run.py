@@ -15,6 +15,7 @@ from ..linalg.solvers.base import DoesNotFit, FactorRecord
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import GivenDamping
 from ..model.frames import FramedModel, NoFrame
+from ..model.viscoelastic import laws_of, matrices_by_key
 from ..parallel.decisions import decided
 from ..parallel.memory import MB
 from ..parallel.petsc import PETSc
@@ -205,6 +206,9 @@ def identity_of_model(model, framed, **known) -> dict:
     found = {key: model.digest_of(key) for key in ("M", "K")}
     found |= {"inputs": model.digest_of("B"), "outputs": model.digest_of("Ct"), "transposed": False}
     found["D"] = model.digest_of("D") if isinstance(framed.damping, GivenDamping) else None
+    if model.viscoelastic:  # they count wherever D does
+        laws = [asdict(item) for item in laws_of(model.viscoelastic)]
+        found["D"] = [found["D"], laws, [model.digest_of(key) for key in matrices_by_key(model.viscoelastic)]]
     # frames and interface nodes are made from the nodes
     found["nodes"] = None
     if model.interfaces or not isinstance(known["frame"], NoFrame):

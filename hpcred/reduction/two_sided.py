@@ -30,6 +30,9 @@ class TwoSidedReductor(BasisReductor):
             )
         if self.settings.coordinates == "interface":
             raise InputError("projection: interface coordinates belong to a one-sided projection; leave it out")
+        if model.viscoelastic:
+            raise InputError(f"projection: 'two_sided' has no place for the viscoelastic parts of {model.name}; take "
+                             "'one_sided', or a tolerance")  # fmt: skip
         return super()._check(model)
 
     def _more_runs(self, run):

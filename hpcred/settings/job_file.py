@@ -38,6 +38,7 @@ from ..reduction.tolerance.accuracy import Adaptive, Limits
 from .source import Source
 from .term_table import TermTable
 from .toml_file import CONFIG, check_file_names, parse, read_table
+from .viscoelastic import ViscoelasticPart
 
 FILES_OF_STATE = ("stresses", "file", "opposite")
 PLACES = ("output", "inputs", "outputs", "out_of_core", "store")  # keys that may be names of files, besides `model`
@@ -76,6 +77,7 @@ class Job:
     "xx"}, and the forces of a cut, {cut = "TIP", about = [0.1, 0.0, 0.0]}; without them those of the model are taken,
     or all directions of all interfaces. `interface`: see model.interfaces.Interface; its name stands for a node in
     inputs, outputs and frames. `load`: further inputs, behind `inputs`.
+    `viscoelastic`: parts with a stiffness that depends on frequency.
     `parameter` and `term`: what the matrices depend on, and the matrices that are added to those of the model, each
     times its factor (docs/parameters.md); `parameter_search`: at how many values the error is looked at.
     `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over the band, within the limits
@@ -111,6 +113,7 @@ class Job:
     parameter_search: ParameterSearch = ParameterSearch()
     frame: Frame = NoFrame()
     damping: Damping | None = None
+    viscoelastic: tuple[ViscoelasticPart, ...] = ()
     deflation_tolerance: float = Reduction.deflation_tolerance
     drop_above: float | None = None
     write_basis: bool = True
@@ -203,7 +206,7 @@ class Job:
     @property
     def preferred_scalar(self) -> str:
         """The PETSc build that fits: complex where a component needs a complex A(s)."""
-        damped = not isinstance(self.damping, NoDamping | None)
+        damped = bool(self.viscoelastic) or not isinstance(self.damping, NoDamping | None)
         return "complex" if any(item.complex_shift(damped) for item in self.basis) else "real"
 
     @property
@@ -211,7 +214,7 @@ class Job:
         """All files that the run reads."""
         model = [self.model] if isinstance(self.model, str) else self.model.files
         named = (self.inputs, self.outputs, *(item.nodes for item in self.interface),
-                 *(getattr(item, "file", None) for item in (*self.load, *self.term)),
+                 *(getattr(item, "file", None) for item in (*self.load, *self.term, *self.viscoelastic)),
                  *(getattr(item, key) for item in self.loaded_states for key in FILES_OF_STATE))  # fmt: skip
         return list(dict.fromkeys([*model, *(item for item in named if isinstance(item, str))]))
 
@@ -262,6 +265,7 @@ def _with_folder(job, folder):
     interface = tuple(replace(item, nodes=at(item.nodes)) for item in job.interface)
     load, term = (tuple(replace(item, file=at(item.file)) if hasattr(item, "file") else item for item in items)
                   for items in (job.load, job.term))  # fmt: skip
+    moved["viscoelastic"] = tuple(replace(item, file=at(item.file)) for item in job.viscoelastic)
     if job.loaded_states:
         moved["geometric_stiffness"] = tuple(
             replace(item, **{key: at(getattr(item, key)) for key in FILES_OF_STATE}) for item in job.loaded_states
@@ -286,6 +290,8 @@ def plain(job: Job) -> dict:
     for item in [*table["load"], *table["term"]]:
         if "file" in item:
             item["file"] = absolute(item["file"])
+    for item in table["viscoelastic"]:
+        item["file"] = absolute(item["file"])
     if job.loaded_states:
         for item in table["geometric_stiffness"]:
             item |= {key: absolute(item[key]) for key in FILES_OF_STATE}

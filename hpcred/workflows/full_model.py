@@ -25,7 +25,8 @@ from ..reduction.components.modes import Modes
 from ..reduction.record import Record, difference_of, signature_of
 from ..reduction.reduce import reduce
 from ..settings.term_table import TermTable
-from .model_of_job import with_interfaces, with_targets, with_terms
+from ..settings.viscoelastic import viscoelastic_from
+from .model_of_job import with_interfaces, with_targets, with_terms, with_viscoelastic
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,8 @@ def _model_of_record(path, record, result, at, comm):
         with model:
             raise InputError(f"{path}: has {model.size} dofs, and the model that {result} was reduced from has "
                              f"{record.size}; take that model, or reduce this one again")  # fmt: skip
+    if record.viscoelastic and not model.viscoelastic:
+        model = with_viscoelastic(model, viscoelastic_from((record.job or {}).get("viscoelastic", ())))
     model = with_interfaces(model, record.interfaces)
     for key, names in (("input", record.inputs), ("output", record.outputs)):
         model = _as_recorded(model, key, names, record, path)

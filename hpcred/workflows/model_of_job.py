@@ -10,6 +10,7 @@ from ..files.model_file import read_model
 from ..model import interface_motion
 from ..model.parametric_model import ParametricModel
 from ..model.rotation import rotation_matrix, unit_axis
+from ..model.viscoelastic import Viscoelastic
 from ..parallel.failures import InputError, agreed
 from ..readers.nodes.table import read_node_numbers
 from ..settings.job_file import Job
@@ -66,7 +67,24 @@ def with_interfaces_of_job(job: Job, comm):
         from ..readers.model_source import load_source  # which loads the readers of all formats
 
         model = load_source(job.model, comm, Path(job.model.K).name)
-    return with_interfaces(model, job.interface)
+    return with_interfaces(with_viscoelastic(model, job.viscoelastic), job.interface)
+
+
+def with_viscoelastic(model, parts):
+    """Return the model with viscoelastic parts, whose matrices are in files; `model` is closed. Collective. Raises
+    InputError."""
+    if not parts:
+        return model
+    from ..readers.term_files import read_term_matrix  # which loads the readers of all formats
+
+    with model:
+        found, remarks = [], list(model.remarks)
+        for item in parts:
+            matrix, more = read_term_matrix(model, "K", item.file, item.variable, item.units)
+            remarks += more
+            found.append(Viscoelastic(matrix, item.law, item.name or Path(item.file).name))
+        with model.with_fields(remarks=tuple(remarks)) as elastic:
+            return elastic.with_viscoelastic(found)
 
 
 def with_interfaces(model, interfaces):

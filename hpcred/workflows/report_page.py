@@ -180,6 +180,7 @@ def _facts(sheet):
         "units": "kg, m, s, if the model has them",
         "frame": kind_in_words(record.frame),
         "damping": kind_in_words(record.damping),
+        **({"viscoelastic": "; ".join(part.in_words for part in reduced.viscoelastic)} if reduced.viscoelastic else {}),
         "rigid-body modes": str(record.rigid_body_modes),
         "inputs": in_words(list(record.inputs)),
         "outputs": in_words(list(record.outputs)),

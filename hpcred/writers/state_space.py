@@ -8,7 +8,9 @@ With x = [q; q'], u the forces of the inputs and y the outputs:
     mass q'' + damping q' + stiffness q = input_matrix u
     y = output_matrix q + velocity_matrix q' + acceleration_matrix q'', the last two where they are not zero
 
-input_names, output_names; velocity_names of the rows of C_velocity; comment. There is no place for structural damping.
+input_names, output_names; velocity_names of the rows of C_velocity; comment. Viscoelastic parts of Maxwell's law have
+states w, x = [q; q'; w], and in the second-order form, whose mass is singular, coordinates (q, w): see
+reduction.maxwell_states. There is no place for structural damping and for fractional laws.
 
 Of a model with parameters, unless values were chosen, these are at their reference values, and the arrays of
 writers.arrays for parameters make up mass, damping, stiffness, input_matrix, output_matrix (M, D, K, B, C) at others.
@@ -16,18 +18,23 @@ writers.arrays for parameters make up mass, damping, stiffness, input_matrix, ou
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..body.body import check_viscous, instability, maker
 from ..files.outputs import MATLAB, ZIP
+from ..reduction.maxwell_states import maxwell_states
 from ..reduction.reduced_model import ReducedModel, require_finite
 from .arrays import arrays_of_parameters, save_mat, save_npz
 from .base import Writer
 
 
 def state_space(reduced: ReducedModel) -> dict:
-    """The matrices by name. Raises InputError for structural damping."""
+    """The matrices by name. Raises InputError for structural damping and fractional laws."""
     require_finite(reduced)
+    if reduced.viscoelastic:
+        return _with_maxwell_states(reduced)
     check_viscous(reduced, "a state space")
     M, D, K, B, C, size = reduced.M, reduced.D, reduced.K, reduced.B, reduced.C, reduced.size
     _, Cv, Ca = reduced.output_parts
@@ -59,6 +66,35 @@ def state_space(reduced: ReducedModel) -> dict:
     }
 
 
+def _with_maxwell_states(reduced) -> dict:
+    """The matrices of a model with viscoelastic parts."""
+    states = maxwell_states(reduced.viscoelastic)
+    elastic = state_space(replace(reduced, viscoelastic=(), columns=None, left_columns=None, model=None))
+    A = states.state_matrix(np.linalg.inv(reduced.M), reduced.D, reduced.K)
+    E = np.eye(len(A))
+    E[: 2 * reduced.size, : 2 * reduced.size] = elastic["E"]
+    mass, damping, stiffness = states.second_order(reduced.M, reduced.D, reduced.K)
+
+    longer = {key: np.pad(elastic[key], [(0, states.size), (0, 0)]) for key in ("B", "EB", "input_matrix")}
+    for key in ("C_velocity", "output_matrix", "velocity_matrix", "acceleration_matrix"):
+        if key in elastic:
+            longer[key] = np.pad(elastic[key], [(0, 0), (0, states.size)])
+    C, Cv, Ca = reduced.output_parts
+    outputs = np.hstack([C, Cv, np.zeros((len(C), states.size))]) + Ca @ A[reduced.size : 2 * reduced.size]
+    return elastic | longer | {
+        "A": A, "E": E, "EA": E @ A, "C": outputs, "mass": mass, "damping": damping, "stiffness": stiffness,
+        "comment": np.array("; ".join([maker(reduced), *instability(reduced), *words_on_states(reduced)])),
+    }  # fmt: skip
+
+
+def words_on_states(reduced) -> list[str]:
+    """Return a remark on the states of viscoelastic parts, if there are any."""
+    if not reduced.viscoelastic:
+        return []
+    count, names = maxwell_states(reduced.viscoelastic).size, ", ".join(part.name for part in reduced.viscoelastic)
+    return [f"the last {count} states are those of Maxwell elements ({names})"]
+
+
 class StateSpaceMat(Writer):
     """State spaces for MATLAB."""
 
@@ -66,7 +102,7 @@ class StateSpaceMat(Writer):
 
     def write(self, target, source):
         save_mat(target, state_space(source.reduced) | arrays_of_parameters(source.parametric))
-        return instability(source.reduced)
+        return [*instability(source.reduced), *words_on_states(source.reduced)]
 
 
 class StateSpaceNpz(Writer):
@@ -76,4 +112,4 @@ class StateSpaceNpz(Writer):
 
     def write(self, target, source):
         save_npz(target, state_space(source.reduced) | arrays_of_parameters(source.parametric))
-        return instability(source.reduced)
+        return [*instability(source.reduced), *words_on_states(source.reduced)]

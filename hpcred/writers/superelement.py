@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
+from ..body.body import require_no_laws
 from ..model.interfaces import InterfaceNode
 from ..parallel.failures import InputError
 from ..reduction.reduced_model import ReducedModel, require_finite
@@ -106,6 +107,7 @@ def superelement(reduced: ReducedModel) -> Superelement:
             'found pseudo-modal coordinates, expected those of interface nodes; write coordinates = "interface" and '
             "a table [[interface]] for each bearing into the job, and reduce again"
         )
+    require_no_laws(reduced, "a superelement")
     require_finite(reduced)
     # the K of a free body with one interface and no modes is round-off: below 1 rad/s nothing is asked of it
     floors = {"K": np.abs(reduced.M).max(), "M": 0.0, "D": 0.0}

@@ -13,6 +13,7 @@ from ...model.dofs import Dofs
 from ...model.frames import FramedModel
 from ...model.rigid_body_modes import RigidBodyModes
 from ...model.second_order_model import SecondOrderModel
+from ...model.viscoelastic import parts_from
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, Owned, agreed, forget
 from ...parallel.petsc import PETSc, free_dropped
@@ -80,6 +81,7 @@ def _copy(model, group, number, groups):
         mats["M"], mats["K"], mats.get("D"), B=blocks[0] if model.B is not None else None,
         Ct=blocks[-1] if model.Ct is not None else None, dofs=dofs, input_names=model.input_names,
         own_output_names=model.own_output_names, name=model.name, derivatives=model.derivatives,
+        viscoelastic=parts_from(model.viscoelastic, mats),
     )  # fmt: skip
 
 

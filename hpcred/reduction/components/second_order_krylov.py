@@ -15,6 +15,7 @@ from ...linalg.basis import ComplexBasis
 from ...linalg.blocks import add_product, as_pairs, create_block, inner, times, unfold
 from ...linalg.solvers.base import SingularMatrix
 from ...model.damping import caughey_terms
+from ...model.viscoelastic import Maxwell
 from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
@@ -32,8 +33,9 @@ SMALL = 1e-13  # singular value below which a direction of the coefficients is d
 class SecondOrderKrylov(PointComponent):
     """`order` + 1 blocks of the second-order Krylov subspace at s = decay + i 2 pi frequency, or at `s` (re, im).
 
-    For any damping matrix. The real and the imaginary part of each block both enter the real basis (50), so that a
-    complex point gives twice the columns and its conjugate is matched as well.
+    For any damping matrix; with viscoelastic parts g(s) is linear from the point on, so that blocks 0 and 1 match. The
+    real and the imaginary part of each block both enter the real basis (50), so that a complex point gives twice the
+    columns and its conjugate is matched as well.
     """
 
     kind: Literal["second_order_krylov"] = field(default="second_order_krylov", kw_only=True, repr=False)
@@ -71,7 +73,7 @@ class SecondOrderKrylov(PointComponent):
                 "second_order_krylov: a Caughey series with more than two terms has no sparse damping matrix; "
                 "it is proportional, so that kind 'krylov' fits"
             )
-        if model.D is None:
+        if model.D is None and not model.viscoelastic:
             # without damping these R_l are combinations of (A^-1 M)^k A^-1 B, k <= l: the same span
             return Krylov(s.imag / 2 / np.pi, self.order, s.real or None).blocks(run)
         sequence = SecondOrderSequence(run, s, wanted=self.order + 1)
@@ -99,7 +101,8 @@ class SecondOrderSequence(KrylovSequence):
         self.labels = (str(s.real**2), str(s.real)) if self._is_real() else (str(s * s), str(s))
 
     def _is_real(self):
-        return self._s.imag == 0 and (self._s == 0 or self.run.rigid is None)
+        real = self._s.imag == 0 and (self._s == 0 or self.run.rigid is None)
+        return real and (self._s == 0 or not self.run.model.viscoelastic)
 
     def _load_columns(self):
         return self.run.loads.getActiveColumns()[1]
@@ -109,7 +112,7 @@ class SecondOrderSequence(KrylovSequence):
         if self._is_real():
             return run.solvers.factored(s.real**2, point_name(s), s.real)
         with run.progress.stage("factor", point_name(s)):
-            run.solvers.complex.factor(s * s, s)
+            run.solvers.complex.factor_at(s)
             return run.solvers.complex
 
     def _next_load(self):
@@ -120,10 +123,13 @@ class SecondOrderSequence(KrylovSequence):
         s, scale, upper, lower = self._s, self._scale, self._upper, self._lower
         columns = upper.shape[1]
         load = create_block(model.K, 2 * columns)
-        for mat, coefficients in (
-            (model.M, scale * (2 * s * upper + scale * lower)),
-            (model.D, scale * upper),
-        ):
+        terms = [(model.M, scale * (2 * s * upper + scale * lower))]
+        if model.D is not None:
+            terms.append((model.D, scale * upper))
+        for part in model.viscoelastic:
+            if s or isinstance(part.law, Maxwell):  # a fractional law has no derivative at 0
+                terms.append((part.matrix, scale * part.law.slope(s) * upper))
+        for mat, coefficients in terms:
             combined = create_block(model.K, 2 * columns)
             add_product(combined, self.vectors.columns, unfold(coefficients), beta=0.0)
             add_product(load, times(mat, combined), np.eye(2 * columns), alpha=-1.0)

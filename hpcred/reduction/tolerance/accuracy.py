@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, Structural
+from ...model.damping import Caughey, GivenDamping, ModalDamping, NoDamping, Rayleigh, Structural
 from ...parallel.declared import as_declared, renamed
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, FREQUENCY, require_band, within
@@ -214,9 +214,11 @@ class Accuracy:
         return found
 
 
-def measured_damping(damping, zeta0: float, band) -> tuple[Proportional, bool, str]:
+def measured_damping(damping, zeta0: float, band, viscoelastic=False) -> tuple[Proportional, bool, str]:
     """Return the damping with which responses are measured: its proportional part, whether a given D is added, and a
-    sentence."""
+    sentence; `viscoelastic`: whether the model has such parts, which always act."""
+    if viscoelastic:
+        return _beside_viscoelastic(damping, zeta0, band)
     if isinstance(damping, GivenDamping):
         loss = damping.loss_factor
         words = "measured with the damping matrix of the model"
@@ -230,6 +232,17 @@ def measured_damping(damping, zeta0: float, band) -> tuple[Proportional, bool, s
         ratio = max(float(damping.at(np.linspace(*band, UNIFORM)).min()), 1e-6)
         why = "the smallest modal ratio"
     return Proportional(eta=2 * ratio), False, f"measured with the loss factor {2 * ratio:g} ({why})"
+
+
+def _beside_viscoelastic(damping, zeta0, band):
+    """Return the same of a model with viscoelastic parts, which damp it."""
+    words = "measured with the viscoelastic parts of the model"
+    if isinstance(damping, Rayleigh | Caughey):
+        return proportional(damping.coefficients), False, f"{words} and its damping"
+    if isinstance(damping, NoDamping) or (isinstance(damping, Structural) and not damping.loss_factor):
+        return Proportional(), False, words
+    found, given, of_damping = measured_damping(damping, zeta0, band)
+    return found, given, words + of_damping.replace("measured with", " and", 1)
 
 
 def proportional(coefficients) -> Proportional:

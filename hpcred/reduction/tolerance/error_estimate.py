@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..measure import Measure, Paper, drive_points, silent_outputs
+from ..viscoelastic_poles import oscillating_poles
 from .pseudo_modal import Proportional, PseudoModal, difference
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
@@ -94,6 +95,9 @@ def _silent(model, frequencies) -> list[int]:
 
 def upper_poles(model: PseudoModal) -> np.ndarray:
     """Return the poles (k,) of a model that are not below the real axis, in rad/s."""
+    if model.viscoelastic:
+        D = np.diag(model.damping.at(model.eigenvalues)) + (0.0 if model.D is None else model.D)
+        return oscillating_poles(model.eigenvalues, D, model.viscoelastic, model.damping.eta)
     if model.poles is not None:
         poles = model.poles.values
     else:

@@ -34,7 +34,9 @@ class Expansion:
 
     def __init__(self, basis: Basis, run: Run, settings: Adaptive):
         self.run, self.settings = run, settings
-        damping, damped, self._measured = measured_damping(run.framed.damping, settings.zeta0, settings.band)
+        damping, damped, self._measured = measured_damping(
+            run.framed.damping, settings.zeta0, settings.band, bool(run.model.viscoelastic)
+        )
         check_support(run, settings.band)
         self._asked_damping = damping
         self.projections = Projections(run, basis, damping, damped)
@@ -42,8 +44,8 @@ class Expansion:
         self.judge = Judge(self.projections, settings)
         self.solver = PointSolver(self.projections, settings, self.points)
         inputs = self.projections.loads.getActiveColumns()[1]
-        self.by_mass = not damped and inputs <= BLOCK
-        self._width = min(4 * inputs if damped else inputs, BLOCK)
+        self.by_mass = not self.projections.is_damped and inputs <= BLOCK
+        self._width = min(4 * inputs if self.projections.is_damped else inputs, BLOCK)
         self._accounted = len(run.factorisations)  # those that belong to a point, or to what was before the search
 
     @property
@@ -53,9 +55,8 @@ class Expansion:
         found, eta = self._measured + counts, self.projections.damping.eta
         if eta == self._asked_damping.eta:
             return found
-        return (
-            f"{found} and the loss factor {eta:g}, since the damping matrix leaves modes of the band without damping"
-        )
+        leave = "viscoelastic parts leave" if self.projections.viscoelastic else "damping matrix leaves"
+        return f"{found} and the loss factor {eta:g}, since the {leave} modes of the band without damping"
 
     @property
     def counted(self) -> list[tuple[float, int]]:
@@ -185,7 +186,7 @@ class Expansion:
     def look_at_damping(self):
         """Measure with the loss factor of undamped models what a given D leaves without damping; decided once."""
         projections = self.projections
-        undamped = projections.D is not None and not projections.damping.eta
+        undamped = projections.is_damped and not projections.damping.eta
         if undamped and decided(self.run.model.comm, self._has_undamped):
             projections.add_loss_factor(2 * self.settings.zeta0)
 

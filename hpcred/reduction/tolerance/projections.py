@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ...linalg.basis import Basis
 from ...linalg.blocks import copy_of, inner
+from ...model.viscoelastic import transformed
 from ..projection import project
 from ..run import Run
 from .pseudo_modal import Proportional, PseudoModal, diagonalised
@@ -26,8 +29,9 @@ class Projections:
     """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
 
     `K` (m, m) = V^T K V, `L` (m, l) = V^T L for the block `loads` L of the run, `D` (m, m) = V^T D V, or None unless
-    `damped`: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `io`:
-    inputs and outputs in terms of L; `damping`: the proportional damping of the models. Raises InputError (see io).
+    `damped`, and `viscoelastic` parts V^T K_v V: small arrays, the same on all ranks. Models of columns of the basis
+    are parts of them. `io`: inputs and outputs in terms of L; `damping`: the proportional damping of the models. Raises
+    InputError (see io).
     """
 
     def __init__(self, run: Run, basis: Basis, damping: Proportional, damped: bool):
@@ -37,6 +41,7 @@ class Projections:
         self.K = np.zeros((0, 0))
         self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
         self.D = np.zeros((0, 0)) if damped else None
+        self.viscoelastic = self._no_parts()
         self._project(0)
 
     def extend(self, block, mass_images=None) -> int:
@@ -67,7 +72,16 @@ class Projections:
     def _project_all(self):
         self._starts, self.K, self.L = [0], np.zeros((0, 0)), self.L[:0]
         self.D = None if self.D is None else np.zeros((0, 0))
+        self.viscoelastic = self._no_parts()
         self._project(0)
+
+    def _no_parts(self):
+        return transformed(self.run.model.viscoelastic, lambda _: np.zeros((0, 0)))
+
+    @property
+    def is_damped(self) -> bool:
+        """Whether A(s) has parts that are not proportional to M and K; local."""
+        return self.D is not None or bool(self.viscoelastic)
 
     @property
     def blocks(self) -> list[tuple[int, int]]:
@@ -88,6 +102,10 @@ class Projections:
             new = copy_of(self.basis.columns_between(start, stop), model.K)
             self.L = np.vstack([self.L, inner(new, self.loads)])
             self.K = extended(self.K, model.K, new, self.basis.columns)
+            self.viscoelastic = tuple(
+                replace(part, matrix=extended(part.matrix, full.matrix, new, self.basis.columns))
+                for part, full in zip(self.viscoelastic, model.viscoelastic, strict=True)
+            )
             if self.D is not None:
                 self.D = extended(self.D, model.D, new, self.basis.columns, model.symmetric)
 
@@ -95,4 +113,5 @@ class Projections:
         """Return the model of `columns` (places) of the basis, by default of all; local."""
         k = np.arange(self.basis.size) if columns is None else columns
         D = None if self.D is None else self.D[np.ix_(k, k)]
-        return diagonalised(self.K[np.ix_(k, k)], self.L[k], D, self.damping, self.io)
+        parts = transformed(self.viscoelastic, lambda matrix: matrix[np.ix_(k, k)])
+        return diagonalised(self.K[np.ix_(k, k)], self.L[k], D, self.damping, self.io, parts)

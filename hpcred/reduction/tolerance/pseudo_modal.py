@@ -5,6 +5,7 @@ Everything is dense NumPy, deterministic and local. For V^T M V = I and the colu
     A(s) = a K + b M + s D,   a = 1 + i eta + s beta,   b = s^2 + s alpha,   s = 2 pi i f          (41, 40)
     H(s) = C A(s)^-1 B = Lc^T (L^T A(s)^-1 L) Lb,       B = L Lb,   C^T = L Lc
     of a Caughey series s D = s M sum_k a_k (M^-1 K)^k, diagonal too                (39)
+    of viscoelastic parts also + sum (g(s) - g(0)) K_v
     H - H_V = R^T A^-1 R,   R = L - A V y_V,   y_V = A_V^-1 V^T L          (exact for symmetric A, W = V)
 
 In a richer basis Q the difference H_Q - H_V is r^T A_Q^-1 r with r = L_Q - A_Q U y_V, V = Q U, without cancellation.
@@ -18,9 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...model.derivatives import Derivatives
+from ...model.viscoelastic import Viscoelastic, added_stiffness, excesses, transformed
 
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
 NUMBERS_AT_A_TIME = 2**22  # complex numbers of states held at a time
+NUMBERS_KEPT = 2**24  # complex numbers of inverses that a model keeps
 
 
 class Proportional(NamedTuple):
@@ -88,7 +91,8 @@ class PseudoModal:
 
     `eigenvalues` (m,): omega^2, ascending; `L` (m, l): the projected loads, of which `io` makes inputs and outputs;
     `damping`: proportional; `D` (m, m): a given damping matrix, projected, or None; `vectors` (m, m): from these
-    coordinates to those of the basis; `poles`: of the first-order form, with D.
+    coordinates to those of the basis; `poles`: of the first-order form, with D; `viscoelastic`: parts (m, m),
+    projected, with which A(s)^-1 is by elimination.
     """
 
     eigenvalues: np.ndarray
@@ -98,6 +102,7 @@ class PseudoModal:
     damping: Proportional = UNDAMPED
     D: np.ndarray | None = None
     poles: Poles | None = None
+    viscoelastic: tuple[Viscoelastic, ...] = ()
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
@@ -124,37 +129,40 @@ class PseudoModal:
             self.D is None or np.abs(self.D - self.D.T).max(initial=0.0) <= 1e-10 * np.abs(self.D).max(initial=0.0)
         )
 
+    @property
+    def is_diagonal(self) -> bool:
+        """Whether A(s) is diagonal."""
+        return self.D is None and not self.viscoelastic
+
     def without_D(self) -> PseudoModal:
         """Return the same without any damping."""
-        return replace(self, D=None, poles=None, damping=UNDAMPED)
+        return replace(self, D=None, poles=None, damping=UNDAMPED, viscoelastic=())
 
     def restricted(self, U: np.ndarray) -> tuple[PseudoModal, np.ndarray]:
         """Return the model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated.
         """
         K = U.T @ (self.eigenvalues[:, None] * U)
         D = None if self.D is None else U.T @ self.D @ U
-        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io)
+        parts = transformed(self.viscoelastic, lambda matrix: U.T @ matrix @ U)
+        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, parts)
         return inner, U @ inner.vectors
 
     def solve(self, frequencies, right: np.ndarray, transposed=False, accuracy=1e-14) -> np.ndarray:
         """A(s)^-1 right (S, m, l), or A(s)^-T right; `right` (m, l) or (S, m, l).
 
         With a given D by its poles and at most two steps of refinement until the residual is below `accuracy`; where it
-        stays above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination.
+        stays above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination. With viscoelastic parts
+        by inverses, which are kept as there is room, and by elimination beyond that.
         """
-        if self.D is None:
+        if self.is_diagonal:
             return right / self._diagonal(frequencies)[:, :, None]
         right = np.broadcast_to(right, (len(frequencies), *right.shape[-2:]))
         states, wrong = np.zeros(right.shape, dtype=complex), np.arange(len(frequencies))
-        s = self.damping.coefficients(frequencies)[2]
-        if (inverse := self.poles) is not None:
-            if transposed:
-                inverse = Poles(inverse.values, inverse.left.T, inverse.right.T)
-            factor = _reciprocal(s[:, None, None] - inverse.values[:, None])
+        if (nearly := self._nearly_inverse(frequencies, transposed)) is not None:
             size = _column_norms(right)
             rest = right
             for _ in range(3):
-                states += times(inverse.right, factor * times(inverse.left, rest))
+                states += nearly(rest)
                 rest = right - self.multiply(frequencies, states, transposed)
                 scale = size + _column_norms(self._diagonal(frequencies)[:, :, None] * states)
                 if (_column_norms(rest) <= accuracy * scale).all():
@@ -162,11 +170,51 @@ class PseudoModal:
             wrong = np.flatnonzero(~(_column_norms(rest) <= 1e3 * accuracy * scale).all(axis=1))
         parts = 1 + len(wrong) * len(self) ** 2 // NUMBERS_AT_A_TIME
         for part in np.array_split(wrong, parts) if len(wrong) else ():
-            matrices = s[part][:, None, None] * (self.D.T if transposed else self.D)
-            index = np.arange(len(self))
-            matrices[:, index, index] += self._diagonal(frequencies[part])
-            states[part] = _eliminated(matrices, right[part])
+            matrices = self._matrices(frequencies[part], transposed)
+            states[part] = _scaled(matrices, right[part]) if self.viscoelastic else _eliminated(matrices, right[part])
         return states
+
+    def _matrices(self, frequencies, transposed=False):
+        """A(s) (S, m, m), or A(s)^T."""
+        s, m = self.damping.coefficients(frequencies)[2], len(self)
+        if self.D is not None:
+            matrices = s[:, None, None] * (self.D.T if transposed else self.D)
+        else:
+            matrices = np.zeros((len(s), m, m), dtype=complex)
+        if self.viscoelastic:
+            matrices += added_stiffness(self.viscoelastic, s)
+        matrices[:, np.arange(m), np.arange(m)] += self._diagonal(frequencies)
+        return matrices
+
+    def _nearly_inverse(self, frequencies, transposed):
+        """Return a function that takes columns (S, m, l) to A(s)^-1 times these, but for round-off; or None."""
+        if self.viscoelastic:
+            inverses = self._kept_inverses(frequencies)
+            if inverses is None:
+                return None
+            return (inverses.transpose(0, 2, 1) if transposed else inverses).__matmul__
+        if self.poles is None:
+            return None
+        inverse = Poles(self.poles.values, self.poles.left.T, self.poles.right.T) if transposed else self.poles
+        s = self.damping.coefficients(frequencies)[2]
+        factor = _reciprocal(s[:, None, None] - inverse.values[:, None])
+        return lambda columns: times(inverse.right, factor * times(inverse.left, columns))
+
+    def _kept_inverses(self, frequencies):
+        """Return A(s)^-1 (S, m, m), which are kept, or None where there is no room for them."""
+        m, (known, inverses) = len(self), vars(self).get("_inverses", (np.zeros(0), None))
+        new = np.setdiff1d(frequencies, known)
+        if (len(known) + len(new)) * m * m > NUMBERS_KEPT:
+            return None
+        if len(new):
+            one = np.broadcast_to(np.eye(m, dtype=complex), (len(new), m, m))
+            made = _scaled(self._matrices(new), one)
+            made[~np.isfinite(made)] = 0.0  # for elimination to follow
+            order = np.argsort(np.concatenate([known, new]))
+            inverses = made if inverses is None else np.concatenate([inverses, made])[order]
+            known = np.concatenate([known, new])[order]
+            vars(self)["_inverses"] = known, inverses
+        return inverses if np.array_equal(known, frequencies) else inverses[np.searchsorted(known, frequencies)]
 
     def multiply(self, frequencies: np.ndarray, states: np.ndarray, transposed=False) -> np.ndarray:
         """A(s) states (S, m, l), or A(s)^T states."""
@@ -174,6 +222,10 @@ class PseudoModal:
         if self.D is not None:
             s = self.damping.coefficients(frequencies)[2]
             result += s[:, None, None] * times(self.D.T if transposed else self.D, states)
+        if self.viscoelastic:
+            s = self.damping.coefficients(frequencies)[2]
+            for part, factor in zip(self.viscoelastic, excesses(self.viscoelastic, s), strict=True):
+                result += factor[:, None, None] * times(part.matrix, states)
         return result
 
     def _diagonal(self, frequencies):
@@ -188,7 +240,7 @@ class PseudoModal:
     def parts_of(self, frequencies: np.ndarray) -> list[np.ndarray]:
         """Parts of the frequencies whose states (and matrices, with a given D) fit."""
         m, l = self.L.shape
-        width = l if self.D is None else l + m
+        width = l if self.is_diagonal else l + m
         return np.array_split(frequencies, max(1, -(-len(frequencies) * m * width // NUMBERS_AT_A_TIME)))
 
     def response(self, frequencies: np.ndarray) -> np.ndarray:
@@ -211,12 +263,16 @@ class PseudoModal:
 
 def diagonalised(
     K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, damping: Proportional = UNDAMPED,
-    io: InputsOutputs | None = None,
+    io: InputsOutputs | None = None, viscoelastic: tuple[Viscoelastic, ...] = (),
 ) -> PseudoModal:  # fmt: skip
-    """Return the model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) in pseudo-modal coordinates (53, 54); by
-    default the columns L are its inputs and outputs."""
+    """Return the model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) and viscoelastic parts (m, m) in pseudo-modal
+    coordinates (53, 54); by default the columns L are its inputs and outputs."""
     io = io or InputsOutputs(*[np.eye(L.shape[1])] * 2)
     eigenvalues, vectors = np.linalg.eigh((K + K.T) / 2)
+    if viscoelastic:
+        D = None if D is None else vectors.T @ D @ vectors
+        parts = transformed(viscoelastic, lambda matrix: vectors.T @ matrix @ vectors)
+        return PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, D, viscoelastic=parts)
     if D is None:
         return PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping)
     model = PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, vectors.T @ D @ vectors)
@@ -301,3 +357,11 @@ def _eliminated(matrices, right):
         if len(matrices) == 1:
             return np.full(right.shape, np.inf, dtype=complex)
         return np.concatenate([_eliminated(*one) for one in zip(matrices[:, None], right[:, None], strict=True)])
+
+
+def _scaled(matrices, right):
+    """Return matrices^-1 right (S, m, l), with the rows and columns of high modes scaled to the size of the others."""
+    scale = 1 / np.sqrt(np.maximum(np.abs(np.einsum("smm->sm", matrices)), np.finfo(float).tiny))[:, :, None]
+    matrices *= scale
+    matrices *= scale.transpose(0, 2, 1)
+    return scale * _eliminated(matrices, scale * right)

@@ -22,6 +22,7 @@ from ...linalg.blocks import (
     times,
 )
 from ...linalg.csr import diagonal_of
+from ...model.viscoelastic import excesses
 from ...parallel.decisions import decided
 from ...parallel.petsc import PETSc
 from .error_estimate import measure_over
@@ -169,6 +170,7 @@ def _space(projections, damped=True) -> ResidualSpace:
     matrices = [(model.M, True), (model.K, True)]
     if projections.D is not None and damped:
         matrices.append((model.D, model.symmetric))
+    matrices += [(part.matrix, True) for part in model.viscoelastic if damped]
     return ResidualSpace(model, run.rigid, projections.loads, projections.basis.columns, matrices, row_scale(model))
 
 
@@ -178,7 +180,8 @@ def _coefficients(projections, settings, S, damped=True):
 
 
 def residual_coefficients(model, settings, S):
-    """Return coefficients of R = L P w - M V c_M - K V c_K - D V c_D at S (Hz), Re beside Im: P w (l, N), c_M.. (m, N).
+    """Return coefficients of R = L P w - M V c_M - K V c_K - D V c_D - K_v V c_v at S (Hz), Re beside Im: P w (l, N),
+    c_M.. (m, N).
 
     `model`: that of V; P: inputs and outputs in terms of L, w: one over their scales, 1 without settings.
     """
@@ -191,7 +194,7 @@ def residual_coefficients(model, settings, S):
     states = model.solve(S, model.L @ P) * weights
     a, b, s = model.damping.coefficients(S)
     loads = columns(np.broadcast_to(P.astype(complex), (len(S), *P.shape)) * weights)
-    factors = (b, a, s) if model.D is not None else (b, a)
+    factors = (b, a, *([s] if model.D is not None else []), *excesses(model.viscoelastic, s))
     return [loads, *(model.vectors @ columns(factor[:, None, None] * states) for factor in factors)]
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...model.viscoelastic import transformed
 from ...parallel.petsc import MPI
 from ..reduced_model import ReducedModel, as_measured
 from .accuracy import Accuracy
@@ -33,7 +34,8 @@ def projected_again(projections: Projections) -> Iterator[PseudoModal]:
         lengths = factors
         again, scale = Projections(projections.run, basis, damping, damped), np.outer(lengths, lengths)
         D = None if again.D is None else again.D / scale
-        yield diagonalised(again.K / scale, again.L / lengths[:, None], D, damping, again.io)
+        parts = transformed(again.viscoelastic, lambda matrix: matrix / scale)  # noqa: B023  (used here)
+        yield diagonalised(again.K / scale, again.L / lengths[:, None], D, damping, again.io, parts)
 
 
 def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Projections) -> Accuracy:

@@ -1,0 +1,77 @@
+"""Turn viscoelastic parts of Maxwell's law into states: the displacements of the dashpots of their elements.
+
+With K_v = L L^T an element of a part is a spring factor K_v in series with a dashpot, whose displacement w follows from
+time w' = L^T x - w. Together with the coordinates x these are (x, w) of a symmetric second-order model,
+
+    [M 0] [x'']   [D    0   ] [x']   [K + c L L^T  -c L] [x]   [B]
+    [0 0] [w''] + [0  c time] [w'] + [  -c L^T      c  ] [w] = [0] u,        c = factor
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.viscoelastic import Maxwell
+from ..parallel.failures import InputError
+
+RANK = 1e-14  # of the largest eigenvalue of K_v, below which it is round-off
+
+
+@dataclass(frozen=True, eq=False)
+class MaxwellStates:
+    """Elements of viscoelastic parts: `L` (m, w), the `factors` and `times` (s) of the w states."""
+
+    L: np.ndarray
+    factors: np.ndarray
+    times: np.ndarray
+
+    @property
+    def size(self) -> int:
+        return len(self.times)
+
+    def state_matrix(self, inverse, D, K) -> np.ndarray:
+        """Return A (2m + w, 2m + w) of (x, x', w)' = A (x, x', w), with M^-1."""
+        m, w = self.L.shape
+        pull = self.factors * self.L
+        return np.block([
+            [np.zeros((m, m)), np.eye(m), np.zeros((m, w))],
+            [-inverse @ (K + pull @ self.L.T), -inverse @ D, inverse @ pull],
+            [self.L.T / self.times[:, None], np.zeros((w, m)), np.diag(-1 / self.times)],
+        ])  # fmt: skip
+
+    def second_order(self, M, D, K) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return M, D, K (m + w, m + w) of the coordinates (x, w)."""
+        pull = self.factors * self.L
+        return (
+            _beside(M, np.zeros((self.size, self.size))), _beside(D, np.diag(self.factors * self.times)),
+            np.block([[K + pull @ self.L.T, -pull], [-pull.T, np.diag(self.factors)]]),
+        )  # fmt: skip
+
+
+def maxwell_states(parts, where="a state space") -> MaxwellStates:
+    """Return the states of viscoelastic parts with matrices (m, m). Raises InputError, which names `where` they were to
+    go, for laws that have none."""
+    columns, factors, times = [], [], []
+    for part in parts:
+        if not isinstance(part.law, Maxwell):
+            raise InputError(
+                f"viscoelastic: the law of {part.name} is fractional, which no finite number of states has in {where}; "
+                "take kind 'maxwell' with elements that follow it over the band"
+            )
+        values, vectors = np.linalg.eigh((part.matrix + part.matrix.T) / 2)
+        kept = values > RANK * values.max(initial=0.0)
+        root = vectors[:, kept] * np.sqrt(values[kept])
+        for factor, time in zip(part.law.factors, part.law.times, strict=True):
+            if factor:
+                columns.append(root)
+                factors += [factor] * root.shape[1]
+                times += [time] * root.shape[1]
+    size = len(parts[0].matrix)
+    return MaxwellStates(np.hstack([np.zeros((size, 0)), *columns]), np.array(factors), np.array(times))
+
+
+def _beside(one, other):
+    a, b = len(one), len(other)
+    return np.block([[one, np.zeros((a, b))], [np.zeros((b, a)), other]])

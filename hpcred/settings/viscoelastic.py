@@ -1,0 +1,65 @@
+"""Define where the matrix of a viscoelastic part comes from: a table of a job, or of the command line."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+
+from ..model.viscoelastic import Law
+from ..parallel.declared import as_declared
+from ..parallel.failures import InputError
+from .toml_file import CONFIG, check_file_names, parse
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViscoelasticPart:
+    """A part with the stiffness g(s) K_v, which K(s) = K + sum g(s) K_v has.
+
+    `law`: g, a table with a `kind`. `file`: a matrix file of K_v, with the rows of the model; `variable`: its name in a
+    file that holds several; `units`: of its numbers, such as "mm,t,s", for a model that was converted to SI. `name`:
+    for messages and records, by default that of the file.
+    """
+
+    law: Law
+    file: str
+    variable: str | None = None
+    units: str | None = None
+    name: str = ""
+
+    def __post_init__(self):
+        as_declared(self, "viscoelastic.")
+        check_file_names(**{"viscoelastic.file": self.file})
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Holder:
+    """The table around a part."""
+
+    viscoelastic: ViscoelasticPart
+
+    __pydantic_config__ = CONFIG
+
+
+def viscoelastic_from(tables) -> list[ViscoelasticPart]:
+    """Return the parts of tables of a job, as a record has them. Raises InputError."""
+    return [parse(_Holder, {"viscoelastic": table}).viscoelastic for table in tables]
+
+
+def viscoelastic_of(texts) -> tuple[ViscoelasticPart, ...]:
+    """Return the parts of texts such as '{file = "Kv.mtx", law = {kind = "maxwell", ...}}'. Raises InputError."""
+    found = []
+    for text in texts or ():
+        try:
+            table = tomllib.loads(f"viscoelastic = {text}")
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(
+                f"--viscoelastic: found '{text[:80]}', expected a table such as '{{file = \"Kv.mtx\", law = {{kind = "
+                "\"maxwell\", factors = [0.5], times = [1e-3]}}'"
+            ) from error
+        found += viscoelastic_from([table["viscoelastic"]])
+    return tuple(found)

@@ -1,0 +1,149 @@
+"""Viscoelastic parts: laws, what is refused, and full responses against dense ones."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+from helpers import close, dense_model, to_dense
+from viscoelastic_models import MAXWELL, SPRINGPOT, ZENER, Sandwich, law_at, sandwich
+
+import hpcred
+from hpcred import Fractional, FractionalKelvinVoigt, InputError, Maxwell, Viscoelastic
+from hpcred.analysis import frequency_response
+from hpcred.model.frames import apply_frame
+
+LAWS = (MAXWELL, ZENER, SPRINGPOT)
+FREQUENCIES = np.array([0.0, 3.0, 61.0, 400.0, 2500.0])
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_laws(law):
+    s = np.array([[2j, 50.0 + 3e3j], [1e5j, 4.0]])
+    expected = np.array([[law_at(law, value) for value in row] for row in s])
+    assert np.allclose(law.static + law.excess(s), expected, rtol=1e-13)
+    assert law.static == law_at(law, 0.0) and law.excess(0.0) == 0
+    step = 1e-6 * s
+    assert np.allclose(law.slope(s), (law.excess(s + step) - law.excess(s - step)) / (2 * step), rtol=1e-7)
+
+
+@pytest.mark.parametrize("law, wanted, message", [
+    (Maxwell, {"factors": [1.0], "times": []}, "found 1 factors and 0 times"),
+    (Maxwell, {"factors": [], "times": []}, "expected one of each"),
+    (Maxwell, {"factors": [-1.0], "times": [1.0]}, "law.factors: found -1, expected 0 to"),
+    (Maxwell, {"factors": [1.0], "times": [0.0]}, "law.times: found 0, expected 1e-30 to 1e\\+30 s"),
+    (Maxwell, {"factors": [1.0], "times": [1.0], "constant": np.nan}, "law.constant: found nan"),
+    (Fractional, {"low": 2.0, "high": 1.0, "time": 1.0, "exponent": 0.5}, "low = 2 above high = 1"),
+    (Fractional, {"low": 1.0, "high": 2.0, "time": 1.0, "exponent": 1.5}, "law.exponent: found 1.5, expected 0.001"),
+    (FractionalKelvinVoigt, {"low": 1.0, "rise": -2.0, "time": 1.0, "exponent": 0.5}, "law.rise: found -2"),
+])  # fmt: skip
+def test_laws_that_are_refused(law, wanted, message):
+    with pytest.raises(InputError, match=message):
+        law(**wanted)
+
+
+@pytest.mark.parametrize("change, message", [
+    (lambda K: K[:-1, :-1], "Kv1: found 39 rows of K_v, expected 40 as K of sandwich has"),
+    (lambda K: K + np.triu(K, 1), "Kv1: found an unsymmetric K_v"),
+    (lambda K: -K, "Kv1: x\\^T K_v x comes down to"),
+    (lambda K: 0.0 * K, "Kv1: K_v is zero"),
+    (lambda K: K * np.nan, "entries that are NaN"),
+    (lambda K: K[0], "expected a square matrix"),
+])  # fmt: skip
+def test_matrices_that_are_refused(comm, change, message):
+    case = sandwich()
+    wrong = Sandwich(case.K, case.M, case.B, [(change(case.parts[0][0]), ZENER)])
+    with pytest.raises(InputError, match=message):
+        wrong.model(comm)
+
+
+def test_what_is_no_law_is_refused():
+    with pytest.raises(InputError, match="law: found 'rubber'"):
+        Viscoelastic(np.eye(3), "rubber")
+
+
+@pytest.mark.mpi
+def test_matrices_of_a_model(comm):
+    case = sandwich((MAXWELL, ZENER))
+    with case.model(comm) as model:
+        assert sorted(model.matrices) == ["K", "Kv1", "Kv2", "M"]
+        assert [part.name for part in model.viscoelastic] == ["Kv1", "Kv2"]
+        assert close(case.stiffness(0.0), to_dense(model.K)) < 1e-14
+        assert close(case.parts[1][0], to_dense(model.viscoelastic[1].matrix)) < 1e-15
+        assert "Kv2" in str(model)
+        with pytest.raises(InputError, match="has viscoelastic parts already"):
+            model.with_viscoelastic([Viscoelastic(np.eye(40), ZENER)])
+        with model.with_inputs([1]) as other:
+            assert other.digest_of("Kv1") == model.digest_of("Kv1") != model.digest_of("Kv2")
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("tiny", [0, 150])
+def test_full_response(comm, monkeypatch, tiny):
+    monkeypatch.setattr(frequency_response, "TINY", tiny)
+    for case in (sandwich(LAWS, inputs=2), sandwich((ZENER,), outputs=2, damped=True)):
+        with case.model(comm) as model:
+            assert close(case.truth(FREQUENCIES)[0], model.frequency_response(FREQUENCIES)) < 1e-10
+            damping = hpcred.GivenDamping(0.03) if case.D is not None else hpcred.Structural(0.03)
+            found = model.frequency_response(FREQUENCIES, damping=damping)
+            assert close(case.truth(FREQUENCIES, 0.03)[0], found) < 1e-10
+
+
+def test_long_series_are_refused(comm):
+    with sandwich().model(comm) as model, pytest.raises(InputError, match="viscoelastic parts, beside which a Caughey"):
+        model.frequency_response([3.0], damping=hpcred.Caughey([1.0, 1e-6, 1e-12]))
+
+
+@pytest.mark.mpi
+def test_frames_and_interfaces_change_k_v_as_k(solid):
+    """K_v = K: the response is that of a structural loss factor, with complex stiffness g K."""
+    K = solid.K.copy()
+    with solid.with_viscoelastic([Viscoelastic(K, SPRINGPOT)]) as model:
+        interface = hpcred.Interface(name="end", nodes=hpcred.Nodes(box=((0.035, -1, -1), (1, 1, 1))), kind="rigid")
+        with model.with_interfaces([interface]) as coupled:
+            framed = apply_frame(coupled).model
+            assert framed.size < coupled.size
+            expected = (1 + law_at(SPRINGPOT, 0.0)) * to_dense(framed.viscoelastic[0].matrix)
+            assert close(to_dense(framed.K), expected) < 1e-14
+
+
+@pytest.mark.mpi
+def test_units(solid):
+    """mm, t, s: a stiffness in N/mm is a thousand times larger in SI."""
+    K = solid.K.copy()
+    units = hpcred.units_of("mm,t,s")
+    with solid.with_viscoelastic([Viscoelastic(K, ZENER)]) as model, hpcred.in_si(model, units) as si:
+        assert close(to_dense(si.viscoelastic[0].matrix), 1e3 * to_dense(K)) < 1e-14
+
+
+def test_a_part_that_holds_a_free_body_is_refused(comm):
+    """K alone is that of a free body where the mount carries nothing at rest."""
+    mount = np.zeros((120, 120))
+    mount[2, 2] = 1e5
+    law = Maxwell(factors=[1.0], times=[1e-3])
+    message = "the viscoelastic part mount of .* resists its rigid-body motions"
+    with (
+        hpcred.linkage(comm) as model, model.with_viscoelastic([Viscoelastic(mount, law, "mount")]) as held,
+        pytest.raises(InputError, match=message),
+    ):  # fmt: skip
+        apply_frame(held, hpcred.Buckens())
+
+
+@pytest.mark.mpi
+def test_a_free_body(comm):
+    """K_v = K, by modes: the elastic part of a body of viscoelastic material."""
+    law, f = Maxwell(factors=[1.0, 0.3], times=[1e-3, 1e-5]), np.array([20.0, 90.0])
+    with hpcred.linkage(comm) as model:
+        K, M, B = dense_model(model)
+        with model.with_viscoelastic([Viscoelastic(model.K.copy(), law, "core")]) as free:
+            values, modes = scipy.linalg.eigh(K, M)
+            loads = (modes.T @ B)[6:]
+            s = 2j * np.pi * f
+            diagonal = s[:, None] ** 2 + (1 + law.excess(s))[:, None] * values[6:]
+            expected = np.array([loads.T @ (loads / row[:, None]) for row in diagonal])
+            assert close(expected, free.frequency_response(f, frame=hpcred.Buckens())) < 1e-8
+            with hpcred.reduce(free, frame=hpcred.Buckens(), tolerance=1e-4, band=(0, 100)) as rom:
+                assert close(expected, rom.frequency_response(f)) < 2e-4
+
+
+def test_parameters_beside_it_are_refused(comm):
+    with sandwich().model(comm) as model, pytest.raises(InputError, match="viscoelastic parts beside parameters"):
+        hpcred.ParametricModel(model, [hpcred.Parameter("p", (0.0, 1.0))], [hpcred.Term("K", np.eye(40), "p")])

@@ -1,0 +1,210 @@
+"""Reductions of models with viscoelastic parts against dense truth: components, tolerance, states, poles, refusals."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+from helpers import close
+from viscoelastic_models import MAXWELL, SPRINGPOT, ZENER, sandwich
+
+import hpcred
+from hpcred import InputError, Krylov, Maxwell, Modes, SecondOrderKrylov, Viscoelastic
+from hpcred.reduction.maxwell_states import maxwell_states
+from hpcred.reduction.tolerance.error_estimate import upper_poles
+from hpcred.reduction.tolerance.pseudo_modal import diagonalised, difference
+from hpcred.reduction.viscoelastic_poles import oscillating_poles
+
+BAND = (0.0, 600.0)
+FRESH = np.sort(np.random.default_rng(8).uniform(*BAND, 60))
+
+
+def errors(case, rom, eta=0.0):
+    """eps of a reduced model by its measure, and the estimate of its record, at fresh frequencies."""
+    accuracy = rom.record.accuracy
+    H, drive = case.truth(FRESH, eta)
+    true = accuracy.measure.eps(H - hpcred.frequency_response(rom, FRESH), H, drive)
+    estimated = np.exp(np.interp(FRESH, accuracy.frequencies, np.log(np.maximum(accuracy.eps, 1e-300))))
+    return true, estimated
+
+
+@pytest.mark.mpi
+def test_any_number_of_ranks(comm):
+    case = sandwich((ZENER, MAXWELL), inputs=2, damped=True)
+    with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-3, band=BAND, groups="auto") as rom:
+        true, estimated = errors(case, rom)
+        assert true.max() <= 1e-3 and np.median(estimated / true) < 2
+        assert hpcred.check_reduced(rom, model, 3, seed=1).passed
+
+
+@pytest.mark.parametrize("laws, more", [
+    ((ZENER,), {}), ((MAXWELL, ZENER), {"inputs": 2}), ((SPRINGPOT, MAXWELL, ZENER), {"outputs": 2, "damped": True}),
+])  # fmt: skip
+def test_tolerance_against_truth(comm, laws, more):
+    case = sandwich(laws, **more)
+    with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-5, band=BAND) as rom:
+        accuracy = rom.record.accuracy
+        assert accuracy.reached and "viscoelastic parts of the model" in accuracy.measured
+        true, estimated = errors(case, rom)
+        assert true.max() <= 1e-5
+        assert ((true <= 2 * estimated) & (estimated <= 2 * true)).mean() > 0.9
+        assert rom.size < len(case.K) and not rom.unstable_poles().size
+        assert [item.law for item in rom.record.viscoelastic] == list(laws)
+        check = hpcred.check_reduced(rom, model, 6, seed=1)
+        assert check.passed and max(check.measured) > 0
+
+
+@pytest.mark.mpi
+def test_full_response_to_a_tolerance(comm):
+    case = sandwich((ZENER, MAXWELL))
+    with case.model(comm) as model:
+        found = hpcred.full_response(model, FRESH, tolerance=1e-8, band=BAND, check=3, seed=2)
+        assert found.reached
+        assert close(case.truth(FRESH)[0], found.response) < 1e-8
+
+
+@pytest.mark.mpi
+def test_components(comm):
+    """Exact with a complete basis; second-order Krylov blocks match H and its derivative at their point."""
+    case = sandwich((MAXWELL, ZENER), n=12)
+    s, f = 2j * np.pi * 150.0, 150.0
+    with case.model(comm) as model:
+        with hpcred.reduce(model, Modes(count=12)) as rom:
+            assert close(case.truth(FRESH)[0], rom.frequency_response(FRESH)) < 1e-10
+            assert close(rom.transfer_function(s), case.truth([f])[0][0]) < 1e-10
+        with hpcred.reduce(model, SecondOrderKrylov(frequency=f, order=1)) as rom:
+            assert rom.size == 4
+
+            def slope(transfer):
+                step = 1e-4 * s
+                return (transfer(s + step) - transfer(s - step)) / (2 * step)
+
+            def full(at):
+                return case.B.T @ np.linalg.solve(case.dynamic(at), case.B)
+
+            assert close(full(s), rom.transfer_function(s)) < 1e-8
+            assert close(slope(full), slope(rom.transfer_function)) < 1e-6
+        with hpcred.reduce(model, Krylov(frequency=f, order=8)) as rom:
+            assert rom.size == 9 and close(full(s), rom.transfer_function(s)) < 0.05
+
+
+def test_damping_beside_it(comm):
+    """A loss factor belongs to the static stiffness; modal ratios count besides."""
+    case = sandwich()
+    with case.model(comm) as model:
+        with hpcred.reduce(model, tolerance=1e-4, band=BAND, damping=hpcred.Structural(0.05)) as rom:
+            assert errors(case, rom, eta=0.05)[0].max() <= 1e-4
+            assert rom.record.accuracy.measured.endswith("of the model and the loss factor 0.05")
+        with hpcred.reduce(model, tolerance=1e-4, band=BAND, damping=hpcred.ModalDamping(ratio=0.02)) as rom:
+            assert np.diag(rom.D).min() > 0 and hpcred.check_reduced(rom, model, 4, seed=1).passed
+
+
+def test_modes_without_damping_are_measured_with_a_loss_factor(comm):
+    """Viscoelastic parts of one chain leave those of the other undamped."""
+    case = sandwich((ZENER, ZENER))
+    half = len(case.K) // 2
+    for matrix, _ in case.parts:
+        matrix[:half] = matrix[:, :half] = 0.0
+    case.parts = case.parts[1:]
+    case.parts[0][0][half - 1, half - 1] = 0.0
+    case.K[half, half] += 1e6
+    with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-4, band=BAND) as rom:
+        accuracy = rom.record.accuracy
+        assert accuracy.loss_factor == 0.002
+        assert "viscoelastic parts leave modes of the band without damping" in accuracy.measured
+        assert hpcred.check_reduced(rom, model, 4, seed=1).passed
+
+
+def modal(case):
+    """Eigenvalues of the static stiffness, D and parts in modal coordinates."""
+    values, X = scipy.linalg.eigh(case.stiffness(0.0), case.M)
+    D = np.zeros_like(X) if case.D is None else X.T @ case.D @ X
+    return values, X, D, [Viscoelastic(X.T @ Kv @ X, law, "rubber") for Kv, law in case.parts]
+
+
+@pytest.mark.parametrize("damped", [False, True])
+def test_poles_are_those_of_maxwell_states(damped):
+    case = sandwich((MAXWELL,), damped=damped)
+    values, X, D, parts = modal(case)
+    states = maxwell_states(parts)
+    exact = np.linalg.eigvals(states.state_matrix(np.eye(len(values)), D, np.diag(values)))
+    exact = exact[exact.imag > 1e-3]
+    found = oscillating_poles(values, D, parts)
+    found = found[np.abs(found.real) < 0.3 * np.abs(found)]
+    assert len(found) > 25
+    assert (np.abs(found[:, None] - exact).min(axis=1) <= 1e-8 * np.abs(found)).mean() > 0.9
+    sharp = exact[(np.abs(exact.real) < 0.05 * np.abs(exact)) & (exact.imag < np.sqrt(values[-1]))]
+    assert (np.abs(sharp[:, None] - found).min(axis=1) <= 1e-6 * np.abs(sharp)).all()
+
+
+def test_poles_of_a_fractional_law_are_zeros_of_a():
+    case = sandwich((ZENER, SPRINGPOT))
+    values, _, D, parts = modal(case)
+    found = oscillating_poles(values, D, parts)
+    left = []
+    for pole in found:
+        A = case.dynamic(pole)
+        left.append(np.linalg.svd(A)[1][-1] / np.linalg.norm(A))
+    assert len(found) > 30 and np.mean(np.array(left) <= 1e-12) > 0.8
+    assert max(left[:5]) <= 1e-12
+
+
+def test_no_poles_without_stiffness():
+    assert not len(oscillating_poles(np.zeros(2), np.zeros((2, 2)), [Viscoelastic(np.eye(2), ZENER)]))
+
+
+@pytest.mark.parametrize("outputs", [0, 2])
+def test_differences_of_nested_models_are_exact(outputs):
+    """H_Q - H_V without cancellation, with viscoelastic parts, against plain subtraction of the dense."""
+    case = sandwich((ZENER, MAXWELL), n=20, outputs=outputs)
+    values, X, _, parts = modal(case)
+    L = X.T @ (case.B if not outputs else np.hstack([case.B, case.Ct]))
+    outer = diagonalised(np.diag(values), L, viscoelastic=tuple(parts))
+    inner, embedding = outer.restricted(np.eye(20)[:, :8])
+    f = np.array([10.0, 200.0, 900.0])
+    plain = outer.response(f) - inner.response(f)
+    assert close(plain, difference(inner, outer, embedding, f)) < 1e-9
+    assert upper_poles(outer).imag.min() > 0
+
+
+@pytest.mark.mpi
+def test_interface_coordinates_and_the_basis_turn_k_v(solid):
+    """K_v = K in a part of the body: its projection is that of K, in either coordinates."""
+    interface = hpcred.Interface(name="end", nodes=hpcred.Nodes(box=((0.035, -1, -1), (1, 1, 1))))
+    core = Viscoelastic(solid.K.copy(), MAXWELL)
+    with solid.with_viscoelastic([core]) as model, model.with_interfaces([interface]) as body:
+        for coordinates in ("modal", "interface"):
+            with hpcred.reduce(body, tolerance=1e-3, band=(0.0, 20000.0), coordinates=coordinates) as rom:
+                assert close(rom.K, (1 + MAXWELL.static) * rom.viscoelastic[0].matrix) < 1e-9
+                full = body.frequency_response([900.0, 15000.0])
+                assert hpcred.relative_error(full, rom.frequency_response([900.0, 15000.0])).max() < 2e-3
+
+
+def test_what_has_no_place_for_it_is_refused(comm):
+    case = sandwich(outputs=2)
+    with case.model(comm) as model:
+        with pytest.raises(InputError, match="'two_sided' has no place for the viscoelastic parts of sandwich"):
+            hpcred.reduce(model, Krylov(frequency=10.0), projection="two_sided")
+        with pytest.raises(InputError, match="irka: sandwich has viscoelastic parts"):
+            hpcred.IRKA(size=4, band=(1.0, 100.0), damping=hpcred.Rayleigh(1.0)).reduce(model)
+        with pytest.raises(InputError, match="beside which a Caughey series"):
+            hpcred.reduce(model, Modes(count=3), damping=hpcred.Caughey([1.0, 1e-6, 1e-12]))
+    case.D = np.triu(np.ones_like(case.K)) - np.tril(np.ones_like(case.K))
+    with case.model(comm) as model, pytest.raises(InputError, match="the law of Kv1 is fractional, and M, D and K are"):
+        hpcred.reduce(model, Modes(count=3))
+
+
+def test_gyroscopic_forces_with_maxwell_elements(comm):
+    case = sandwich((MAXWELL,))
+    half = len(case.K) // 2
+    G = np.zeros_like(case.K)
+    G[np.arange(half), half + np.arange(half)] = 20.0
+    case.D = G - G.T
+    with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-4, band=BAND) as rom:
+        assert errors(case, rom)[0].max() <= 1e-4 and not rom.unstable_poles().size
+
+
+def test_states_of_laws_that_have_none(comm):
+    parts = [Viscoelastic(np.eye(2), ZENER, "core")]
+    with pytest.raises(InputError, match="the law of core is fractional, which no finite number .* in an FMU"):
+        maxwell_states(parts, "an FMU")
+    none = maxwell_states([Viscoelastic(np.diag([1.0, 0.0]), Maxwell([1.0, 0.0], [1.0, 2.0]), "core")])
+    assert none.L.tolist() == [[1.0], [0.0]] and none.times.tolist() == [1.0]
