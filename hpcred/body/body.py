@@ -151,6 +151,7 @@ def check_moving(body: Body, where: str):
     """
     require_finite(body.reduced)
     check_viscous(body.reduced, where)
+    require_no_laws(body.reduced, where)
     masses = body.floating_frame.masses
     missing = [name for name, mass in zip("xyz", masses, strict=True) if mass <= 0]
     if missing:
@@ -163,9 +164,7 @@ def check_moving(body: Body, where: str):
 
 
 def check_viscous(reduced, where: str):
-    """Raise InputError for a model with structural damping or viscoelastic parts, which `where` (such as "a SID file")
-    cannot contain."""
-    require_no_laws(reduced, where)
+    """Raise InputError for a model with structural damping, which `where` (such as "a SID file") cannot contain."""
     if reduced.loss_factor:
         raise InputError(
             f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no meaning in time and no place in "

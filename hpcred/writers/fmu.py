@@ -24,7 +24,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ..body.body import check_viscous, instability, maker
+from ..body.body import check_viscous, instability, maker, require_no_laws
 from ..files.outputs import ZIP
 from ..model.cut_outputs import cut_output_of
 from ..model.dofs import DIRECTIONS, QUANTITIES, SCALAR, named_quantity, target_of
@@ -77,6 +77,7 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None, parametric=N
     """
     require_finite(reduced)
     check_viscous(reduced, "an FMU")
+    require_no_laws(reduced, "an FMU")
     if not reduced.input_names or not reduced.output_names:
         raise InputError("an FMU needs inputs and outputs; reduce with `inputs` in the job, or convert with --inputs")
     compiler, (folder, suffix) = _compiler(), _platform()
