@@ -40,7 +40,7 @@ def dense(K, D, damping, f):
 
 
 def dense_response(K, L, D, damping, io):
-    Lb, Lc = io
+    Lb, Lc = io[:2]
     return np.array([(L @ Lc).T @ np.linalg.solve(dense(K, D, damping, f), L @ Lb) for f in F])
 
 
