@@ -9,7 +9,7 @@ from ..analysis.whirl import in_words
 from .figures import COLOURS, INK, add_grid, legend_beside, pyplot, save_as
 
 STYLES = {"forward": (COLOURS[0], "-"), "backward": (COLOURS[1], "--"), "none": (INK, "-."), "unknown": (INK, "-")}
-UNDAMPED = 1e-9  # ratios below it are round-off
+UNDAMPED = 1e-7  # per cent, below which it is round-off
 RPM = np.pi / 30
 
 
@@ -25,28 +25,28 @@ def campbell_figure(path, found: Campbell, title, kind="png"):
 def draw_campbell(figure, found: Campbell, title):
     """Draw frequencies over the parameter on an empty figure, with the lines of the orders of its critical speeds and
     dots of the full model, and below the damping ratios where there is damping."""
-    damped = np.nanmax(np.abs(found.damping_ratios), initial=0.0) > UNDAMPED
+    shown = (found.frequencies > 0) & (found.frequencies <= found.highest)  # what does not vibrate has 100 or -100 %
+    ratios = np.where(shown, 100 * found.damping_ratios, np.nan)
+    damped = np.nanmax(np.abs(ratios), initial=0.0) > UNDAMPED
     panels = figure.subplots(1 + damped, sharex=True, squeeze=False, height_ratios=(3, 2)[: 1 + damped])[:, 0]
     values, top = found.values, np.nanmax(found.frequencies, initial=0.0) or 1.0
     top = 1.05 * min(top, found.highest)
     _curves(panels[0], found, found.frequencies)
     panels[0].set(ylabel="frequency (Hz)", xlim=(values[0], values[-1]), ylim=(0.0, top))
     if damped:
-        ratios = np.where(found.frequencies <= found.highest, 100 * found.damping_ratios, np.nan)
         _curves(panels[1], found, ratios)
         panels[1].set_ylabel("damping ratio (%)")
         panels[1].axhline(0.0, color=INK, linewidth=0.8)
-        _limit_to(panels[1], ratios)
     panels[0].set_title(title, fontsize=10)
     panels[-1].set_xlabel(f"{found.parameter} ({found.unit})" if found.unit else found.parameter)
     _orders(panels[0], found, top)
     for full, label in zip(found.full, ["full model"] + [None] * len(found.full), strict=False):
         style = {"marker": "o", "fillstyle": "none", "color": INK, "linestyle": "none", "markersize": 5}
         inside = full.frequencies <= found.highest
-        at = np.full(inside.sum(), full.value)
+        at, moves = np.full(inside.sum(), full.value), full.frequencies[inside] > 0
         panels[0].plot(at, full.frequencies[inside], label=label, **style)
         if damped:
-            panels[1].plot(at, 100 * full.damping_ratios[inside], **style)
+            panels[1].plot(at[moves], 100 * full.damping_ratios[inside][moves], **style)
     if found.stability_limit is not None:
         for axes in panels:
             axes.axvspan(found.stability_limit, values[-1], color=COLOURS[1], alpha=0.12, zorder=0, linewidth=0)
@@ -79,15 +79,6 @@ def _curves(axes, found, heights):
                       label=label if new else None)  # fmt: skip
             labelled |= {label} if new else set()
             start = stop
-
-
-def _limit_to(axes, ratios):
-    """Have over-critical modes, of 100 %, not hide those of a few per cent."""
-    vibrating = ratios[np.isfinite(ratios) & (np.abs(ratios) < 99.0)]
-    if len(vibrating):
-        low, high = min(vibrating.min(), 0.0), max(vibrating.max(), 0.0)
-        room = 0.08 * (high - low) or 1.0
-        axes.set_ylim(low - room, high + room)
 
 
 def _orders(axes, found, top):
