@@ -215,7 +215,11 @@ def test_the_reference_has_every_key_command_and_name():
 
 @pytest.mark.parametrize(
     ("page", "says"),
-    [("python.md", ["largest error", "crank:rx"]), ("parameters.md", ["parameters k 0.1 to 10; terms of K (k)"])],
+    [
+        ("python.md", ["largest error", "crank:rx"]),
+        ("parameters.md", ["parameters k 0.1 to 10; terms of K (k)"]),
+        ("campbell.md", ["unstable from 742.25"]),
+    ],
 )
 def test_examples_in_python_run(tmp_path, monkeypatch, capsys, page, says):
     monkeypatch.chdir(tmp_path)
