@@ -27,7 +27,7 @@ def campbell(
     orders: Annotated[str, typer.Option(metavar="K1,K2,...", help="Multiples of the speed.")] = "1",
     highest: Annotated[float | None, typer.Option(metavar="HZ", help="Frequency up to which modes are shown.")] = None,
     full: Annotated[
-        str | None, typer.Option(metavar="JOB.toml", help="Solve the model of this job at some of the values.")
+        str | None, typer.Option(metavar="MODEL.h5", help="Solve this full model at some of the values.")
     ] = None,
     solves: Annotated[int, typer.Option(help="Number of these values.")] = 5,
     out_of_core: OutOfCore = None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from types import SimpleNamespace
 
@@ -19,7 +20,6 @@ from ..files.result_file import Result, read_result
 from ..files.room import rescued
 from ..linalg.solvers.settings import Factoring
 from ..model.parameters import Parameter
-from ..model.parametric_model import ParametricModel
 from ..model.rotation import unit_axis
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
@@ -27,9 +27,7 @@ from ..parallel.progress import Progress
 from ..reduction.record import versions
 from ..report.campbell_figure import campbell_figure
 from ..report.figures import kind_of_figure
-from ..settings.job_file import read_job
-from .full_model import start_for
-from .model_of_job import model_of_job
+from .full_model import factoring_of, full_of_record
 from .pair_figures import check_figure
 from .workflow import workflow
 
@@ -46,7 +44,7 @@ def campbell_file(
     parameters that has geometric stiffness goes over the speed omega of a rotation about the `axis`, whose centrifugal
     forces stiffen it. `at`: values of the other parameters. `nodes`: whose orbits tell the direction of whirl, by
     number or name, by default those of the inputs and outputs. `axis`, `orders`, `highest`: see campbell. `full`: the
-    job.toml of the reduction, whose model is then solved at `solves` of the values. `output`: a .csv or HDF5 file, see
+    model file of the reduction, which is then solved at `solves` of the values. `output`: a .csv or HDF5 file, see
     write_campbell; `figure`: a .png, .svg or .pdf. Returns plain numbers for a table or JSON. Raises InputError.
     """
     found = read_result(result, comm)
@@ -85,24 +83,21 @@ def campbell_file(
 
 
 def _with_full(diagram, full, result, at, solves, factoring, comm, progress):
-    """Return the diagram with poles of the model of a job file. Collective."""
+    """Return the diagram with poles of a model file. Collective."""
     record = result.reduced.record
-    if not getattr(result.reduced, "parameters", ()) or record is None:
+    if record is None or not getattr(result.reduced, "parameters", ()):
         raise InputError(f"full: {result.path} was not reduced from a model with parameters")
+
+    @contextmanager
+    def full_at(**values):
+        with full_of_record(full, record, result.path, factoring=factoring, at=values, comm=comm) as known:
+            yield known.model
+
     places = np.linspace(0, len(diagram.values) - 1, solves).round().astype(int)
-    start_for((), factoring or Factoring())
-    with progress.stage("read", str(full)):
-        model = model_of_job(read_job(full), comm)
-    with model:
-        if not isinstance(model, ParametricModel) or model.size != record.size:
-            raise InputError(
-                f"{full}: found a model of {model.size} dofs"
-                f"{'' if isinstance(model, ParametricModel) else ' without parameters'}, and {result.path} was reduced "
-                f"from one with parameters and {record.size} dofs; take the job of that"
-            )
-        return diagram.with_full(
-            model, diagram.values[places], record.frame, record.damping, at=at, factoring=factoring, progress=progress
-        )
+    return diagram.with_full(
+        SimpleNamespace(at=full_at), diagram.values[places], record.frame, record.damping, at=at,
+        factoring=factoring or factoring_of(record), progress=progress,
+    )  # fmt: skip
 
 
 def parametric_of(result: Result, over: str, axis):
