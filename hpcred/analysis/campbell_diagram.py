@@ -121,6 +121,11 @@ class Campbell:
         """Damping ratios, (V, k); negative ones grow."""
         return damping_ratios(self.poles)
 
+    def spread(self, count: int) -> np.ndarray:
+        """Return so many of the values, or fewer, about equally spaced."""
+        wanted = np.linspace(self.values[0], self.values[-1], count)
+        return np.unique(self.values[np.abs(self.values[:, None] - wanted).argmin(axis=0)])
+
     @property
     def full_rows(self) -> list[dict]:
         """Return a row for each pole of the full model below `highest`: its value, frequency (Hz) and damping ratio,
@@ -178,7 +183,7 @@ class Campbell:
         A factor and an eigenproblem of twice the size at each value: see damped_modes.
         """
         if values is None:
-            values = self.values[np.linspace(0, len(self.values) - 1, FULL_POINTS).round().astype(int)]
+            values = self.spread(FULL_POINTS)
         values = np.unique(np.array(declared("values", values, tuple[float, ...])))
         full, warnings = [], list(self.warnings)
         for value in values.tolist():

@@ -23,7 +23,9 @@ def campbell(
     nodes: Annotated[
         str | None, typer.Option(metavar="N1,N2,...", help="Nodes whose orbits tell the whirl: numbers, names, sets.")
     ] = None,
-    axis: Annotated[str, typer.Option(help="Of the rotation: x, y, z or three numbers.")] = "z",
+    axis: Annotated[
+        str | None, typer.Option(help="Of the rotation: x, y, z or three numbers; default: that of the job, or z.")
+    ] = None,
     orders: Annotated[str, typer.Option(metavar="K1,K2,...", help="Multiples of the speed.")] = "1",
     highest: Annotated[float | None, typer.Option(metavar="HZ", help="Frequency up to which modes are shown.")] = None,
     full: Annotated[
@@ -43,7 +45,7 @@ def campbell(
         raise InputError(f"--range: found '{range}', expected two values, the lower one first, such as 0,800")
     report = hpcred.campbell_file(
         result, over, range=limits or None, points=points, at=values.parameters(at, "--at"),
-        nodes=values.labels(nodes), axis=axis if axis in "xyz" else values.numbers(axis, "--axis"),
+        nodes=values.labels(nodes), axis=axis if axis in (None, "x", "y", "z") else values.numbers(axis, "--axis"),
         orders=values.numbers(orders, "--orders"), highest=highest, full=full, solves=solves,
         factoring=values.factoring(out_of_core, low_rank, package), output=output, figure=figure,
         progress=session.progress(),

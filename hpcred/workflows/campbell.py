@@ -24,7 +24,7 @@ from ..model.rotation import unit_axis
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
-from ..reduction.record import versions
+from ..reduction.record import Record, versions
 from ..report.campbell_figure import campbell_figure
 from ..report.figures import kind_of_figure
 from .full_model import factoring_of, full_of_record
@@ -34,7 +34,7 @@ from .workflow import workflow
 
 @workflow
 def campbell_file(
-    result, over: str = "omega", *, values=(), range=None, points: int = POINTS, at=None, nodes=None, axis="z",
+    result, over: str = "omega", *, values=(), range=None, points: int = POINTS, at=None, nodes=None, axis=None,
     orders=(1.0,), highest: float | None = None, full=None, solves: int = FULL_POINTS,
     factoring: Factoring | None = None, output=None, figure=None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
@@ -43,9 +43,10 @@ def campbell_file(
     `values` of the parameter, or else `points` of them over a `range` (low, high), by default its own. A result without
     parameters that has geometric stiffness goes over the speed omega of a rotation about the `axis`, whose centrifugal
     forces stiffen it. `at`: values of the other parameters. `nodes`: whose orbits tell the direction of whirl, by
-    number or name, by default those of the inputs and outputs. `axis`, `orders`, `highest`: see campbell. `full`: the
-    model file of the reduction, which is then solved at `solves` of the values. `output`: a .csv or HDF5 file, see
-    write_campbell; `figure`: a .png, .svg or .pdf. Returns plain numbers for a table or JSON. Raises InputError.
+    number or name, by default those of the inputs and outputs. `axis`: by default that of the terms of rotation of the
+    job, or else z. `orders`, `highest`: see campbell. `full`: the model file of the reduction, which is then solved at
+    `solves` of the values. `output`: a .csv or HDF5 file, see write_campbell; `figure`: a .png, .svg or .pdf. Returns
+    plain numbers for a table or JSON. Raises InputError.
     """
     found = read_result(result, comm)
     if output is not None:
@@ -56,6 +57,7 @@ def campbell_file(
         raise InputError(f"points: found {points}, expected at least 2")
     if solves < 1:
         raise InputError(f"solves: found {solves}, expected at least 1")
+    axis = axis_of(found.reduced.record) or "z" if axis is None else axis
     model = parametric_of(found, over, axis)
     if not len(values):
         range = range or _range_of(model, over)
@@ -93,11 +95,17 @@ def _with_full(diagram, full, result, at, solves, factoring, comm, progress):
         with full_of_record(full, record, result.path, factoring=factoring, at=values, comm=comm) as known:
             yield known.model
 
-    places = np.linspace(0, len(diagram.values) - 1, solves).round().astype(int)
     return diagram.with_full(
-        SimpleNamespace(at=full_at), diagram.values[places], record.frame, record.damping, at=at,
+        SimpleNamespace(at=full_at), diagram.spread(solves), record.frame, record.damping, at=at,
         factoring=factoring or factoring_of(record), progress=progress,
     )  # fmt: skip
+
+
+def axis_of(record: Record | None):
+    """Return the axis of the terms of rotation of the job of a record, or None where it has none, or several."""
+    terms = ((record and record.job) or {}).get("term", ())
+    axes = [item["axis"] for item in terms if item.get("axis") is not None]
+    return axes[0] if axes and all(item == axes[0] for item in axes) else None
 
 
 def parametric_of(result: Result, over: str, axis):
@@ -149,21 +157,19 @@ def _report(found: Campbell) -> dict:
 
 
 def rows_of_modes(found: Campbell) -> list[dict]:
-    """Return a row for each mode: frequencies and damping at the first and the last value, and the whirl."""
+    """Return a row for each mode: frequency and damping at the first and the last value, where it is there, and the
+    whirl between."""
+    low, high = (f"{value:.6g}" for value in found.values[[0, -1]])
     rows = []
-    for k in np.arange(found.poles.shape[1]):
-        there = np.flatnonzero(np.isfinite(found.poles[:, k].real))
-        first, last = there[0], there[-1]
-        orbits = found.orbits[there, k]
+    for k, orbits in enumerate(found.orbits.T):
         widest = orbits[np.nanargmax(np.abs(orbits))] if np.isfinite(orbits).any() else np.nan
-        changes = np.nanmin(orbits, initial=0.0) < -0.1 and np.nanmax(orbits, initial=0.0) > 0.1
+        senses = {in_words(orbit) for orbit in orbits[np.isfinite(orbits)]} - {"none"}
+        ends = [{"f": found.frequencies[end, k], "damping": 100 * found.damping_ratios[end, k]} for end in (0, -1)]
+        first, last = ({key: "" if np.isnan(value) else float(value) for key, value in end.items()} for end in ends)
         rows.append({
-            "mode": int(k) + 1,
-            f"f (Hz) at {found.values[first]:.6g}": float(found.frequencies[first, k]),
-            f"at {found.values[last]:.6g}": float(found.frequencies[last, k]),
-            "damping (%)": 100 * float(found.damping_ratios[first, k]),
-            "at the end": 100 * float(found.damping_ratios[last, k]),
-            "whirl": "changes" if changes else in_words(widest),
+            "mode": k + 1, f"f (Hz) at {low}": first["f"], f"at {high}": last["f"],
+            f"damping (%) at {low}": first["damping"], f"and at {high}": last["damping"],
+            "whirl": "changes" if len(senses) > 1 else in_words(widest),
         })  # fmt: skip
     return rows
 

@@ -1,14 +1,17 @@
 """Campbell diagrams of result files: the command, its files and pictures, and what is refused."""
 
 import json
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import reduce_linkage, refused
+import scipy.io
+from helpers import reduce_linkage, refused, to_dense
 
 import hpcred
 from hpcred.cli.main import run
+from hpcred.reduction.parametric.reduced import ParametricReducedModel, projected_parts
 
 BLADE = """
 model = "model.h5"
@@ -83,3 +86,78 @@ def test_a_result_without_parameters_is_refused(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     reduce_linkage(tmp_path)
     assert "it has no parameters; reduce a job with [[parameter]]" in refused(capsys, "campbell", "result.h5")
+
+
+@pytest.fixture
+def shaft(tmp_path, monkeypatch):
+    """result.h5 of modes of a clamped block over the speed about x, in its turning frame, and model.h5, in a folder of
+    its own; the record has the job that a reduction of the same would have."""
+    monkeypatch.chdir(tmp_path)
+    with hpcred.solid((4, 1, 1), (0.4, 0.02, 0.016), inputs=2) as plain:
+        hpcred.write_model("model.h5", plain)
+        omega = hpcred.Parameter("omega", (0.0, 3000.0), unit="rad/s", reference=0.0)
+        damping = hpcred.Parameter("e", (0.0, 1.0), reference=0.0)
+        terms = [*hpcred.rotation_terms(plain, "x"), hpcred.Term("D", to_dense(plain.K), "1e-7*(1 + e)")]
+        with hpcred.ParametricModel(plain, [omega, damping], terms) as model, model.at() as reference:
+            rom = hpcred.reduce(reference, [hpcred.Modes(count=24)])
+            parts = projected_parts(model, rom, rom.record.damping)
+            scipy.io.mmwrite("damping.mtx", to_dense(plain.K))
+            job = {
+                "parameter": [{"name": "omega", "range": [0.0, 3000.0], "unit": "rad/s", "reference": 0.0},
+                              {"name": "e", "range": [0.0, 1.0], "reference": 0.0}],
+                "term": [{"kind": "coriolis", "axis": "x", "factor": "omega"},
+                         {"kind": "spin_softening", "axis": "x", "factor": "omega^2"},
+                         {"of": "D", "file": str(tmp_path / "damping.mtx"), "factor": "1e-7*(1 + e)"}],
+            }  # fmt: skip
+            known = {item.name: getattr(rom, item.name) for item in fields(rom)}
+            known |= {"model": reference, "record": replace(rom.record, job=job)}
+            ParametricReducedModel(**known, parameters=model.parameters, **parts).save("result.h5")
+    return tmp_path
+
+
+def test_a_result_with_parameters_beside_its_model(shaft, capsys):
+    """The bending frequencies of a section of 20 mm by 16 mm, between which the turning shaft is unstable; the axis is
+    that of the terms of the job."""
+    assert run(["campbell", "result.h5", "--full", "model.h5", "--solves", "3", "--json", "c.json", "-o", "c.h5",
+                "--highest", "2000", "--figure", "c.png"]) == 0  # fmt: skip
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "UNSTABLE from omega = " in shown and "rpm) on, without vibration" in shown
+    report, found = json.loads(Path("c.json").read_text()), hpcred.read_campbell("c.h5")
+    bending = sorted(f for f in found.frequencies[0] if f < 2000)[0]
+    assert report["stability_limit"] == pytest.approx(2 * np.pi * bending, rel=5e-3)
+    assert [item.value for item in found.full] == pytest.approx([0.0, 1500.0, 3000.0])
+    assert max(row["distance"] for row in report["full"] if row["value"] == 0.0) < 1e-7
+    assert max(row["distance"] for row in report["full"]) < 1e-2 and report["residual"] < 1e-6
+    words = np.array(found.whirl)
+    slow = np.flatnonzero((found.values > 0) & (found.values < 0.9 * found.stability_limit))
+    assert {"forward", "backward"} <= set(words[slow].ravel())
+    assert run(["campbell", "result.h5", "--over", "e", "--at", "omega=100"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "stable for e = 0 to 1" in shown and "Critical" not in shown
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        (["--over", "speed"], "over: found the parameter 'speed', expected one of omega, e"),
+        (["--range", "0,5000"], "omega"),
+        (["--at", "f=3"], "f"),
+        (["--full", "model.h5", "--solves", "0"], "solves: found 0, expected at least 1"),
+        (["--full", "other.h5"], "other.h5: has "),
+        (["-o", "model.h5", "--full", "model.h5"], "model.h5"),
+    ],
+)
+def test_refusals_of_parameters(shaft, capsys, arguments, says):
+    with hpcred.solid((2, 1, 1)) as other:
+        hpcred.write_model("other.h5", other)
+    assert says in refused(capsys, "campbell", "result.h5", *arguments)
+
+
+def test_a_report_has_the_diagram_of_each_parameter(shaft):
+    """As a picture, tables and files."""
+    assert run(["report", "result.h5", "-o", "r.html", "--svg", "svg", "--csv", "csv"]) == 0
+    page = Path("r.html").read_text()
+    assert "Poles over parameters" in page and "UNSTABLE from omega" in page and "stable for e = 0 to 1" in page
+    assert page.count('alt="poles of result over') == 2
+    assert Path("svg/poles_over_omega_result.svg").is_file()
+    assert Path("csv/poles_over_e_result.csv").read_text().startswith("e,f_1_hz")
