@@ -52,8 +52,7 @@ def campbell(
     )  # fmt: skip
     unit = f" ({report['unit']})" * bool(report["unit"])
     show_table(f"{result} over {over}{unit}", report["modes"])
-    rows = [_critical(item, report) for item in report["critical_speeds"]]
-    show_table("Critical speeds: a mode has a multiple of the speed", rows)
+    show_table("Critical speeds: a mode has a multiple of the speed", report["critical_rows"])
     if report["full"]:
         _show_full(report)
     session.verdict(report["sentence"], report["stability_limit"] is None)
@@ -72,9 +71,3 @@ def _show_full(report):
                      "at (Hz)": worst["frequency"]})  # fmt: skip
     show_table("Full model: relative distance of its poles from the nearest of the reduced model", rows)
     print(f"largest relative residual of the full eigenproblems {report['residual']:.1e}")
-
-
-def _critical(item, report):
-    rpm = {"rpm": item["value"] * 30 / 3.141592653589793} if report["unit"] == "rad/s" else {}
-    return {"order": item["order"], report["parameter"]: item["value"], **rpm, "f (Hz)": item["frequency"],
-            "mode": item["mode"], "whirl": item["whirl"], "damping (%)": 100 * item["damping_ratio"]}  # fmt: skip

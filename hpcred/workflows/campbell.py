@@ -147,6 +147,7 @@ def _report(found: Campbell) -> dict:
         "orbits": found.orbits.tolist(),
         "modes": rows_of_modes(found),
         "critical_speeds": [asdict(item) | {"mode": item.mode + 1} for item in found.critical_speeds],
+        "critical_rows": rows_of_critical(found),
         "full": found.full_rows,
         "residual": max((item.residual for item in found.full), default=None),
         "stability_limit": found.stability_limit,
@@ -172,6 +173,16 @@ def rows_of_modes(found: Campbell) -> list[dict]:
             "whirl": "changes" if len(senses) > 1 else in_words(widest),
         })  # fmt: skip
     return rows
+
+
+def rows_of_critical(found: Campbell) -> list[dict]:
+    """Return a row for each critical speed."""
+    to_rpm = {"rad/s": 30 / np.pi}.get(found.unit)
+    return [
+        {"order": item.order, found.parameter: item.value, **({"rpm": to_rpm * item.value} if to_rpm else {}),
+         "f (Hz)": item.frequency, "mode": item.mode + 1, "whirl": item.whirl, "damping (%)": 100 * item.damping_ratio}
+        for item in found.critical_speeds
+    ]  # fmt: skip
 
 
 def in_a_sentence(found: Campbell) -> str:

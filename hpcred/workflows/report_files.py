@@ -6,6 +6,7 @@ import csv
 from dataclasses import asdict
 from pathlib import Path
 
+from ..files.campbell_file import write_campbell
 from ..files.hdf5 import atomic_output
 from ..files.response_file import Responses, write_responses
 from ..parallel.failures import InputError, agreed
@@ -13,6 +14,7 @@ from ..parallel.petsc import MPI
 from ..report.figures import errors_figure, pair_figure, time_figure
 from ..report.mode_pictures import draw_shapes, draw_state
 from .pair_figures import in_file_name
+from .report_campbell import pictures_of_diagrams
 from .report_page import directions_of, frequency_rows
 
 
@@ -48,6 +50,8 @@ def draw_files(folder, kind, sheets, chosen) -> list[str]:
         into("error", lambda path: errors_figure(path, errors, "relative error of all outputs and inputs", common,
                                                  kind=kind))  # fmt: skip
     for sheet in sheets:
+        for name, draw in pictures_of_diagrams(sheet, kind):
+            into(f"{name}_{sheet.name}", draw)
         if sheet.body is not None:
             with sheet.result.shapes() as shapes:
                 into(f"shapes_{sheet.name}", lambda path, s=shapes: draw_shapes(path, s, kind=kind))
@@ -105,6 +109,9 @@ def write_tables(folder, sheets) -> list[str]:
         if sheet.errors is not None:
             rows = zip(sheet.full.frequencies.tolist(), sheet.errors.eps.tolist(), strict=True)
             tables["error_measured"] = [{"f_hz": f, "eps": eps} for f, eps in rows]
+        for found in sheet.diagrams:
+            written.append(str(Path(folder) / f"{in_file_name(f'poles_over_{found.parameter}_{sheet.name}')}.csv"))
+            write_campbell(written[-1], found, MPI.COMM_SELF)
         for key, rows in tables.items():
             written.append(_write_table(folder, f"{key}_{sheet.name}", rows))
         names = {"input_names": reduced.input_names, "output_names": reduced.output_names}

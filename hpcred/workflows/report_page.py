@@ -11,6 +11,7 @@ from ..reduction.tolerance.directions import rows_of_directions
 from ..report.figures import UNKNOWN
 from ..report.page import packed
 from ..report.tables import in_words
+from .report_campbell import shown_diagrams
 from .report_sheets import kind_in_words
 
 
@@ -36,6 +37,7 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
         "searched": any(result["points"] for result in results),
         "shaped": any(result["shape"] for result in results),
         "stressed": any(result["pictures"] for result in results),
+        "parametric": any(result["diagrams"] for result in results),
         "with_modes": any(sheet.full is not None for sheet in sheets),
     }  # fmt: skip
     several = sum(sheet.full is not None and not sheet.full_as_before for sheet in sheets) > 1
@@ -125,6 +127,7 @@ def _shown(sheet):
         "shape": None if sheet.body is None else {"count": len(sheet.body["names"]), "start": sheet.body["start"] + 1},
         "shape_note": sheet.body_sentence,
         "pictures": sheet.pictures,
+        "diagrams": shown_diagrams(sheet),
     }  # fmt: skip
 
 

@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..analysis.campbell_diagram import Campbell
 from ..analysis.check import check
 from ..analysis.error import Errors, as_compared, errors_of
 from ..analysis.error_check import measuring_damping
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
-from ..files.result_file import Result, result_at
+from ..files.result_file import Result, read_result
 from ..model.damping import Damping
 from ..parallel.failures import InputError
 from ..parallel.progress import Progress
@@ -20,6 +21,7 @@ from ..reduction.reduced_model import ReducedModel, as_measured
 from ..report.tables import in_words
 from .evaluate import band_of, short_names
 from .full_model import difference_of, factoring_of, full_of_record, start_for
+from .report_campbell import diagrams_of
 from .stress_state import StressOfMotion
 
 BESIDE = 1.0003  # times a pseudo-frequency
@@ -46,6 +48,7 @@ class Sheet:
     With a full model: `full`, which may be that of a sheet before (`full_as_before`), and the `errors` at its
     frequencies. `body`: shapes for the page and a sentence, by body_for_page. `has_stress`: whether the result has
     stress modes. `moved`: stresses of a motion. `pictures`: of stresses, for the page.
+    `diagrams`: poles over each parameter.
     """
 
     name: str
@@ -64,6 +67,7 @@ class Sheet:
     has_stress: bool = False
     moved: StressOfMotion | None = None
     pictures: list[str] = field(default_factory=list)
+    diagrams: list[Campbell] = field(default_factory=list)
     notes: list = field(default_factory=list)
 
     @property
@@ -92,11 +96,14 @@ def sheets_of(
         raise InputError("report: no result; give the name of at least one result.h5")
     if solves < 2:
         raise InputError(f"solves: found {solves}, expected at least 2 frequencies")
-    read = [result_at(path, None, comm) for path in results]
+    whole = [read_result(path, comm) for path in results]
+    read = [result.at_reference() for result in whole]
     for result in read:
         if result.reduced.record is None:
             raise InputError(f"{result.path}: has no record of its reduction, which a report is about")
     sheets = [_sheet(name, result, read, band) for name, result in zip(short_names(results), read, strict=True)]
+    for sheet, result in zip(sheets, whole, strict=True):
+        sheet.diagrams = diagrams_of(result, sheet.notes)
     if full is not None:
         start_for([sheet.damping for sheet in sheets], factoring or factoring_of(sheets[0].record))
         for k, sheet in enumerate(sheets):

@@ -1,0 +1,51 @@
+"""Collect Campbell diagrams of results with parameters for reports: one for each parameter."""
+
+from __future__ import annotations
+
+from ..analysis.campbell import campbell
+from ..analysis.campbell_diagram import Campbell
+from ..files.result_file import Result
+from ..parallel.failures import InputError
+from ..report.campbell_figure import campbell_figure
+from ..report.figures import has_matplotlib
+from ..report.page import drawn_for_page
+from .campbell import axis_of, in_a_sentence, rows_of_critical, rows_of_modes
+
+
+def diagrams_of(result: Result, notes: list[str]) -> list[Campbell]:
+    """Return the diagrams of a result over each of its parameters, the others at their reference values; `notes` gets a
+    sentence where there is none. Collective.
+
+    The direction of whirl is told where the job says the axis of a rotation.
+    """
+    axis = axis_of(result.reduced.record)
+    nodes = () if axis is None else result.nodes
+    try:
+        return [campbell(result.reduced, item.name, nodes=nodes, axis=axis or "z")
+                for item in getattr(result.reduced, "parameters", ())]  # fmt: skip
+    except InputError as error:
+        notes.append(f"{result.path}: no poles over parameters: {error}")
+        return []
+
+
+def shown_diagrams(sheet) -> list[dict]:
+    """Return sentence, picture and rows of tables of the diagrams of a sheet, for the page; on one rank."""
+    return [
+        {
+            "over": found.parameter,
+            "sentence": in_a_sentence(found),
+            "stable": found.stability_limit is None,
+            "warnings": list(found.warnings),
+            "picture": drawn_for_page(draw) if has_matplotlib() else None,
+            "critical": rows_of_critical(found),
+            "modes": rows_of_modes(found),
+        }
+        for found, (_, draw) in zip(sheet.diagrams, pictures_of_diagrams(sheet, "png"), strict=True)
+    ]
+
+
+def pictures_of_diagrams(sheet, kind):
+    """Yield names, and functions of a path that draw the diagrams of a sheet."""
+    for found in sheet.diagrams:
+        title = f"{sheet.name} over {found.parameter}"
+        yield f"poles_over_{found.parameter}", lambda path, f=found, t=title: campbell_figure(path, f, t, kind)
