@@ -6,8 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from adaptive_models import chain, dashpots, dynamic, pair, unit
+from mpi4py import MPI
 
 from hpcred import GivenDamping, NoDamping, Parameter, ParametricModel, Rayleigh, SecondOrderModel, Term
+from hpcred.reduction.measure import MEASURES
 from hpcred.reduction.tolerance.accuracy import measured_damping
 from hpcred.reduction.tolerance.error_estimate import measure_over
 from hpcred.reduction.tolerance.pseudo_modal import InputsOutputs, diagonalised
@@ -28,10 +30,11 @@ class AffineCase:
     Ct: np.ndarray | None = None
     damping: object = field(default_factory=NoDamping)
 
-    def model(self, comm):
+    def model(self, comm=None):
         outputs = {} if self.Ct is None else {"outputs": self.Ct, "output_names": self.names("y", self.Ct)}
         model = SecondOrderModel.from_scipy(
-            self.K, self.M, self.D, comm, inputs=self.B, input_names=self.names("u", self.B), name=self.name, **outputs
+            self.K, self.M, self.D, comm or MPI.COMM_WORLD, inputs=self.B, input_names=self.names("u", self.B),
+            name=self.name, **outputs
         )
         with model:
             return ParametricModel(model, self.parameters, [Term(*item) for item in self.terms])
@@ -68,21 +71,17 @@ class AffineCase:
             at = rom.at(**values)
             small = next(dynamic(at.K, at.M, at.D if given else None, damping, np.array([f])))
             reduced = at.C @ np.linalg.solve(small, at.B.astype(complex))
-            errors.append(float(self.measure(full, damping, given).eps((H - reduced)[None], H[None], drive[None])[0]))
+            measure = self.measure(at, damping, given)
+            errors.append(float(measure.eps((H - reduced)[None], H[None], drive[None])[0]))
         return np.array(errors)
 
-    def measure(self, full, damping, given):
-        """The measure by directions with the floors of the full model at these values."""
-        from hpcred.reduction.measure import MEASURES
-
-        root = np.linalg.inv(np.linalg.cholesky(full["M"]))
-        same = np.array_equal(full["B"], full["C"].T)
-        L = full["B"] if same else np.hstack([full["B"], full["C"].T])
-        Lb = np.eye(L.shape[1])[:, : full["B"].shape[1]]
-        io = InputsOutputs(Lb, Lb if same else np.eye(L.shape[1])[:, full["B"].shape[1] :])
-        D = root @ full["D"] @ root.T if given else None
-        model = diagonalised(root @ full["K"] @ root.T, root @ L, D, damping, io)
-        return measure_over(MEASURES["directions"], self.band, model)
+    def measure(self, at, damping, given):
+        """The measure by directions with the floors of a reduced model, which are medians of its responses."""
+        L = at.B if self.Ct is None else np.hstack([at.B, at.C.T])
+        p = at.B.shape[1]
+        inputs = np.eye(L.shape[1])[:, :p]
+        io = InputsOutputs(inputs, inputs if self.Ct is None else np.eye(L.shape[1])[:, p:])
+        return measure_over(MEASURES["directions"], self.band, diagonalised(at.K, L, at.D if given else None, damping, io))
 
 
 def random_affine(seed, most=60):

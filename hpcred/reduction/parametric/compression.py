@@ -5,6 +5,7 @@ The directions come from states over the band at some points; those where the mo
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from .estimate import coarsely
 TRIALS = 10  # compressions, each with the points where the one before missed the goal
 WORST = 6  # points that join at a time
 ALONG = UNIFORM // 2  # frequencies of the band, beside those around poles
-CLOSE = 0.3  # of the largest error at few frequencies, above which more are looked at
+CLOSE = 0.5  # of the largest error at few frequencies, above which more are looked at
 KEPT = 2**24  # numbers of matrices of points that a rank keeps
 
 
@@ -127,8 +128,12 @@ def compress(projections, settings, reference, some, points, goal, fixed, beside
         if most is not None and U.shape[1] > most:
             limited = f"with {settings.size} coordinates"
             U = fewest(RangeSnapshots(projections, points, settings, fixed), 0.0, most=most)
-        errors, worst, noise = _errors(projections, points, settings, U, kept)
-        over = [k for k in np.argsort(-errors, kind="stable") if errors[k] > 1.02 * goal and points[k] not in some]
+        inside = partial(_inside, projections, settings, U, kept if size**2 * len(points) < KEPT else None)
+        errors, worst = _errors(inside, points, settings.band)
+        noise = 0.0
+        if limited or not (over := _over(errors, goal, points, some)):
+            noise = _look_closely(inside, points, settings.band, errors, worst)
+            over = _over(errors, goal, points, some)
         if not over or limited:
             break
         some = [*some, *(points[k] for k in over[:WORST])]
@@ -136,34 +141,43 @@ def compress(projections, settings, reference, some, points, goal, fixed, beside
     return RangeCompressed(U, errors, worst, found, S, curve, noise, limited)
 
 
-def _errors(projections, points, settings, U, kept):
-    """Return the errors (N,) of the model on U at the points, the frequencies of these, and the largest noise of the
-    worst of them; at more frequencies where the error is large. `kept`: models of points that this rank has made."""
-    comm, band, few = projections.form.parametric.comm, settings.band, len(points) * U.shape[0] ** 2 < KEPT
+def _over(errors, goal, points, some):
+    """Return which points miss the goal and are not among `some`, the worst first."""
+    return [k for k in np.argsort(-errors, kind="stable") if errors[k] > 1.02 * goal and points[k] not in some]
 
-    def model_at(point):
-        if point in kept:
-            return kept[point]
+
+def _inside(projections, settings, U, kept, point) -> Comparison:
+    """Return the model on U at a point beside that of all columns; `kept`: what this rank has made for points, or None.
+    """
+    known = kept.get(point) if kept is not None else None
+    if known is None:
         pair, _, inward = turned(projections, point, settings)
-        if few:
-            kept[point] = pair, inward
-        return pair, inward
+        known = pair, inward
+        if kept is not None:
+            kept[point] = known
+    pair, inward = known
+    return inner_of(pair, np.linalg.qr(inward @ U)[0])
 
-    def inside(point):
-        pair, inward = model_at(point)
-        return inner_of(pair, np.linalg.qr(inward @ U)[0])
+
+def _errors(inside, points, band):
+    """Return the errors (N,) at the points at few frequencies, and where they are (N,)."""
+    comm = inside.args[0].form.parametric.comm
+    found = shared_out(comm, lambda point: coarsely(inside(point), band), points)
+    return tuple(np.array(part) for part in zip(*found, strict=True))
+
+
+def _look_closely(inside, points, band, errors, worst) -> float:
+    """Look at more frequencies at the points with the largest `errors` (N,); returns the largest noise there."""
 
     def finely(point):
         found = inside(point)
         S, curve = largest(found, grid([found.outer, found.inner], band), rounds=2)
         return float(curve.max()), float(S[curve.argmax()]), float(found.noise(S).max())
 
-    found = shared_out(comm, lambda point: coarsely(inside(point), band), points)
-    errors, worst = (np.array(part) for part in zip(*found, strict=True))
     high = np.flatnonzero(errors >= CLOSE * errors.max())
-    found = shared_out(comm, finely, [points[k] for k in high])
+    found = shared_out(inside.args[0].form.parametric.comm, finely, [points[k] for k in high])
     errors[high], worst[high], noise = (np.array(part) for part in zip(*found, strict=True))
-    return errors, worst, float(noise.max())
+    return float(noise.max())
 
 
 def _at_reference(projections, reference, settings, U):
