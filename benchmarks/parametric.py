@@ -53,8 +53,8 @@ def main():
     rows = []
     for seed in range(options.first, options.first + options.models):
         rows.append(reduced(seed, options))
-        words = [f"{key} {value:.2g}" if isinstance(value, float) else f"{key} {value}" for key, value in rows[-1].items()]
-        print(*words, flush=True)
+        print(*(f"{key} {value:.2g}" if isinstance(value, float) else f"{key} {value}"
+                for key, value in rows[-1].items()), flush=True)  # fmt: skip
     verdicts = ("reached", "not reached", "refused", "miss")
     counts = {word: sum(row["verdict"] == word for row in rows) for word in verdicts}
     finish("parametric", [{"models": len(rows), **counts}, *[row for row in rows if row["verdict"] != "reached"]])

@@ -81,7 +81,8 @@ class AffineCase:
         p = at.B.shape[1]
         inputs = np.eye(L.shape[1])[:, :p]
         io = InputsOutputs(inputs, inputs if self.Ct is None else np.eye(L.shape[1])[:, p:])
-        return measure_over(MEASURES["directions"], self.band, diagonalised(at.K, L, at.D if given else None, damping, io))
+        model = diagonalised(at.K, L, at.D if given else None, damping, io)
+        return measure_over(MEASURES["directions"], self.band, model)
 
 
 def random_affine(seed, most=60):

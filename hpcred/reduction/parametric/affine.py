@@ -121,6 +121,11 @@ class AffineProjections:
             for i, part in enumerate(parts):
                 small[i] = extended(small[i], part.mat, new, columns, part.symmetric)
 
+    def turn(self, factor: np.ndarray):
+        """Follow a basis V that has become V factor; local."""
+        self.L = factor.T @ self.L
+        self.small = {of: [factor.T @ part @ factor for part in parts] for of, parts in self.small.items()}
+
     def at(self, theta: np.ndarray) -> PointModels:
         """Return the projections for factors (1, theta_1, ...); local."""
         K, D, M = (self._sum(of, theta) for of in "KDM")

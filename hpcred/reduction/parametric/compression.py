@@ -16,10 +16,11 @@ from ...parallel.petsc import MPI
 from ..tolerance.compression import Snapshots, fewest, inner_of, joined
 from ..tolerance.error_estimate import FINE, UNIFORM, Comparison, grid, largest, measure_over, resolved
 from .affine import AffineProjections
-from .estimate import coarsely
+from .estimate import COARSE, coarsely
 
 TRIALS = 10  # compressions, each with the points where the one before missed the goal
 WORST = 6  # points that join at a time
+ROUNDS = 3  # of weights for each size that is tried
 ALONG = UNIFORM // 2  # frequencies of the band, beside those around poles
 CLOSE = 0.5  # of the largest error at few frequencies, above which more are looked at
 KEPT = 2**24  # numbers of matrices of points that a rank keeps
@@ -28,14 +29,16 @@ KEPT = 2**24  # numbers of matrices of points that a rank keeps
 class RangeSnapshots:
     """The snapshots of several points, of which each rank has its share (see tolerance.compression.fewest).
 
-    `fixed` (m, c): orthonormal columns of the coordinates of the basis that are spanned anyway. Collective.
+    `fixed` (m, c): orthonormal columns of the coordinates of the basis that are spanned anyway; `count`: of the first
+    columns of the basis (m), by default all; `coarse`: at few frequencies. Collective.
     """
 
-    def __init__(self, projections: AffineProjections, points, settings, fixed):
-        self.fixed, self.size = fixed, len(projections.L)
+    def __init__(self, projections: AffineProjections, points, settings, fixed, count=None, coarse=False):
+        self.fixed, self.size = fixed, len(fixed)
         self._comm = projections.form.parametric.comm
         with agreed(self._comm):
-            self._cases = [_case(projections, point, settings) for point in points[self._comm.rank :: self._comm.size]]
+            mine = points[self._comm.rank :: self._comm.size]
+            self._cases = [_case(projections, point, settings, count, coarse) for point in mine]
 
     def reset(self):
         """Weight all frequencies and points alike."""
@@ -84,17 +87,17 @@ class _Case(NamedTuple):
         return np.linalg.qr(self.inward @ span)[0]
 
 
-def _case(projections, point, settings):
-    pair, outward, inward = turned(projections, point, settings)
-    S = grid([pair.outer], settings.band, ALONG)
+def _case(projections, point, settings, count, coarse):
+    pair, outward, inward = turned(projections, point, settings, count)
+    S = grid([pair.outer], settings.band, COARSE, None) if coarse else grid([pair.outer], settings.band, ALONG)
     return _Case(Snapshots(pair, S, np.zeros((len(inward), 0))), outward, inward)
 
 
-def turned(projections, point, settings) -> tuple[Comparison, np.ndarray, np.ndarray]:
-    """Return the model of all columns at a point beside itself, and the turns from its pseudo-modal coordinates to
-    those of the basis and back (m, m); local."""
+def turned(projections, point, settings, count=None) -> tuple[Comparison, np.ndarray, np.ndarray]:
+    """Return the model of the first `count` columns (m, by default all) at a point beside itself, and the turns from
+    its pseudo-modal coordinates to those of the basis and back (m, m); local."""
     models = projections.at(projections.form.theta(point))
-    outer, turn = models.model(), models.turn
+    outer, turn = models.model(count), models.turn[:count, :count]
     measure = measure_over(settings.error_measure, settings.band, outer)
     pair = Comparison(outer, outer, np.eye(len(outer)), measure)
     return pair, turn @ pair.outer.vectors, pair.outer.vectors.T @ np.linalg.inv(turn)
@@ -124,7 +127,8 @@ def compress(projections, settings, reference, some, points, goal, fixed, beside
     comm, size, kept = projections.form.parametric.comm, len(projections.L), {}
     limited, most = "", None if settings.size is None else settings.size - beside
     for trial in range(TRIALS + 1):
-        U = fewest(RangeSnapshots(projections, some, settings, fixed), goal) if trial < TRIALS else np.eye(size)
+        snapshots = RangeSnapshots(projections, some, settings, fixed)
+        U = fewest(snapshots, goal, ROUNDS) if trial < TRIALS else np.eye(size)
         if most is not None and U.shape[1] > most:
             limited = f"with {settings.size} coordinates"
             U = fewest(RangeSnapshots(projections, points, settings, fixed), 0.0, most=most)

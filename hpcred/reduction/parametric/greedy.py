@@ -21,12 +21,14 @@ from ...parallel.decisions import decided, shared_out
 from ...parallel.stopping import stop_if_asked
 from ..run import Run
 from ..tolerance.accuracy import UNDAMPED, Adaptive
-from ..tolerance.error_estimate import resonances
+from ..tolerance.compression import compressed, fewest
+from ..tolerance.error_estimate import grid, resonances
 from ..tolerance.judging import Candidate
 from ..tolerance.search import Search, State
 from ..tolerance.search_checks import is_singular
 from .accuracy import ParameterPoint, in_words
 from .affine import AffineForm, AffineProjections
+from .compression import RangeSnapshots
 from .estimate import Estimate, estimate, residual_block
 from .settings import ParameterSearch
 from .training import distances, fresh_points, training_points
@@ -36,6 +38,9 @@ BLOCKS = 4  # of them with one factor, while each makes the error so much smalle
 FASTER = 3.0
 FRESH = 8  # further points at which the error is estimated after each factor, and
 CHECKS = 32  # in the end
+TRIM = 0.1  # of the goal: error that is made to have fewer columns after each point, at
+SPREAD = 12  # training points, besides those visited
+INDEPENDENT = 1e-3  # of modes at several points
 PROOFS = 2  # new points in a row that have to prove the model
 
 
@@ -49,11 +54,15 @@ class Greedy:
     """A reduction over parameters under way: the columns `basis` (orthonormal at the reference), their projections, and
     `visited` points. `reason`: why it ended before the tolerance was reached, or "". Methods are collective.
 
-    `run`: at the reference values, with which it begins; `open_run`: see OpenRun.
+    `run`: at the reference values, with which it begins; `open_run`: see OpenRun; `kept`: how many of the first columns
+    stay in the span.
     """
 
-    def __init__(self, parametric, basis: Basis, run: Run, goal: Adaptive, search: ParameterSearch, open_run: OpenRun):
+    def __init__(
+        self, parametric, basis: Basis, run: Run, goal: Adaptive, search: ParameterSearch, open_run: OpenRun, kept: int
+    ):
         self.parametric, self.basis, self.run, self.goal, self.search = parametric, basis, run, goal, search
+        self.kept = kept
         self.comm, self._open_run = run.model.comm, open_run
         self.points = training_points(parametric.parameters, search.points)
         self.reference = tuple(parametric.reference.values())
@@ -71,6 +80,8 @@ class Greedy:
         """Visit points until the model is proven over all ranges or a limit is met."""
         self.first = Search(self.basis, self.run, self.goal)
         self.first.run_to_end()
+        with self.run.progress.stage("parameters"):
+            self.first.projections.rotate(decided(self.comm, self._trimmed_first))
         damping, damped = self.first.projections.damping, self.first.projections.D is not None
         self.form = AffineForm(self.parametric, self.run.framed, damped)
         self.projections = AffineProjections(self.form, self.basis, damping)
@@ -123,6 +134,9 @@ class Greedy:
             columns=self.basis.size - before,
             estimated=checked and checked.estimated, measured=checked and checked.measured,
         ))  # fmt: skip
+        with self.run.progress.stage("parameters"):
+            self._add_points(self._count)
+            self._trim()
         if search.state is State.ENDED:
             self.reason = f"{search.reason} at {in_words(values)}"
         elif self.basis.size >= self.goal.columns:
@@ -163,8 +177,58 @@ class Greedy:
             if self.basis.size >= self.goal.columns:
                 break
             last = self.estimate
-        with self.run.progress.stage("parameters"):
-            self._add_points(self._count)
+
+    # fewer columns
+
+    def _trimmed_first(self) -> np.ndarray:
+        """Return the combinations of the columns of the first search that matter at the reference; local."""
+        judge = self.first.judge
+        outer = judge.projections.model()
+        whole = judge.compare(outer, outer, np.eye(len(outer)))
+        modes = np.eye(len(outer))[:, self._counted(outer)]
+        fixed = _independent(np.hstack([outer.vectors.T[:, : self.kept], modes]))
+        goal = TRIM * max(judge.goal, judge.noise)
+        return outer.vectors @ compressed(whole, grid([outer], self.goal.band), goal, fixed, rounds=0)
+
+    def _trim(self):
+        """Keep the combinations of the columns before the newest block that matter at the visited points and some
+        others. What the rest needs in addition, estimates and blocks that follow see."""
+        count = self._count
+        if count < 2:
+            return
+        points = self._spread()
+        fixed = decided(self.comm, self._fixed, count)
+        snapshots = RangeSnapshots(self.projections, points, self.goal, fixed, count, coarse=True)
+        U = fewest(snapshots, TRIM * max(self.first.judge.goal, self.first.judge.noise), rounds=0)
+        size, kept = self.basis.size, U.shape[1]
+        factor = np.zeros((size, kept + size - count))
+        factor[:count, :kept] = U
+        factor[count:, kept:] = np.eye(size - count)
+        self.basis.multiply(factor)
+        self.projections.turn(factor)
+        self._count = kept
+
+    def _fixed(self, count):
+        """Return columns (count, c) that stay in the span: those that are kept anyway, and the modes of the band at the
+        visited points, which factors count; local."""
+        found = [np.eye(count)[:, : self.kept]]
+        for point in self.visited:
+            models = self.projections.at(self.form.theta(point))
+            model = models.model(count)
+            found.append(models.turn[:count, :count] @ model.vectors[:, self._counted(model)])
+        return _independent(np.hstack(found))
+
+    def _counted(self, model):
+        """The modes of the band that factors count."""
+        count = int((model.frequencies < self.goal.band[1]).sum()) if self.first.expansion.solver.counts else 0
+        return slice(count)
+
+    def _spread(self):
+        """Return the visited points, and SPREAD training points far from them and each other."""
+        found = list(self.visited)
+        for _ in range(min(SPREAD, len(self.points))):
+            found.append(self.points[int(distances(self.parametric.parameters, self.points, found).argmax())])
+        return list(dict.fromkeys(found))
 
     def _add_points(self, count):
         """Estimate the error at fresh points; those where it is larger than elsewhere, and too large, stay."""
@@ -221,3 +285,16 @@ class Greedy:
             eta = 2 * self.goal.zeta0
             self.projections.damping = self.projections.damping._replace(eta=eta)
             self.first.projections.add_loss_factor(eta)
+
+
+def _independent(columns) -> np.ndarray:
+    """Return orthonormal columns for the directions of columns, those that nearly depend on others left out; the first
+    ones span what the first of them span."""
+    columns = columns / np.linalg.norm(columns, axis=0)
+    found = np.zeros((len(columns), 0))
+    for column in columns.T:
+        rest = column - found @ (found.T @ column)
+        rest -= found @ (found.T @ rest)
+        if np.linalg.norm(rest) > INDEPENDENT:
+            found = np.column_stack([found, rest / np.linalg.norm(rest)])
+    return found

@@ -55,7 +55,7 @@ class ParametricReductor(ToleranceReductor):
 
     def _search(self, vectors, run, groups, kept):
         open_run = partial(self._run_at, run)
-        greedy = Greedy(self.parametric, vectors, run, self.goal, self.parameter_search, open_run)
+        greedy = Greedy(self.parametric, vectors, run, self.goal, self.parameter_search, open_run, len(kept))
         greedy.run_to_end()
         return greedy.first, *self._compressed(greedy, run, kept)
 
