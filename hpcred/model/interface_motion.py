@@ -106,17 +106,19 @@ def members(model, item) -> np.ndarray:
                 f"row in {model.name}; nodes that follow another one, as in a rigid body, have none: take their "
                 "reference node in place of the interface, inputs = [[node, 'x'], ...], or export the body without it"
             )
-        raise InputError(f"{where}: nodes: none lies there; {extent_in_words(model)}")
+        raise InputError(
+            f"{where}: nodes: none lies there; the nodes of {model.name} lie between {extent_in_words(model)}"
+        )
     return inside[0]
 
 
 def extent_in_words(model) -> str:
-    """Say between which places the nodes of a model lie. Collective."""
+    """Return the two ends of the box that the nodes of a model fill, in m. Collective."""
     dofs = model.dofs
     ends = model.comm.allgather((dofs.position.min(axis=0), dofs.position.max(axis=0)) if dofs.node.size else None)
     low, high = zip(*(pair for pair in ends if pair is not None), strict=True)
     low, high = (", ".join(f"{x:g}" for x in end) for end in (np.min(low, axis=0), np.max(high, axis=0)))
-    return f"the nodes of {model.name} lie between ({low}) and ({high}) m"
+    return f"({low}) and ({high}) m"
 
 
 def numbers_of_set(model, name, where) -> np.ndarray:

@@ -327,7 +327,9 @@ def _inside(model, on, nodes, where):
     if on.surface is not None:
         return np.isin(nodes, on_surface(model, on, f"{where}: on"))
     if not model.comm.allreduce(int(on.contain(placed_nodes(model)[1]).sum())):
-        raise InputError(f"{where}: on: no node lies there; {extent_in_words(model)}")
+        raise InputError(
+            f"{where}: on: none lies there; the nodes of {model.name} lie between {extent_in_words(model)}"
+        )
     there, points = places_of(model, nodes)
     return there & on.contain(points)
 

@@ -69,8 +69,8 @@ def describe_file(
     path, *, frequencies=(), band_top=None, modes=None, variables=None, figure=None, sets=None, comm=None,
     progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Describe a file: a model file as inspect_file does, a job file by its model and interfaces, others by their
-    format and contents. Collective.
+    """Describe a file: a model file as inspect_file does, a job file by its model, interfaces and loads, others by
+    their format and contents. Collective.
 
     `variables`: names of matrices by K, M, D in a file that holds several. `figure`: a .png, .svg or .pdf of the node
     sets of a model, or only of those named in `sets`, or of the interfaces of a job. Raises InputError.
@@ -156,10 +156,12 @@ def _read_job(path):
 
 
 def _job(path, job, figure, comm, progress):
-    """Return the model and the interfaces of a job, which are drawn. Collective. Raises InputError."""
+    """Return the model, the loads and the interfaces of a job, which are drawn. Collective. Raises InputError."""
     with progress.stage("read", str(path)):
         model = with_interfaces_of_job(job, comm)
     with model:
+        with model.with_loads(job.load) as loaded:
+            loads = loaded.loads
         found = model.interfaces
         if figure is not None:
             sets = {item.name: np.unique(model.dofs.node[members(model, item.definition)]) for item in found}
@@ -176,7 +178,8 @@ def _job(path, job, figure, comm, progress):
         } if job.term else {}  # fmt: skip
         return {
             "format": "job file", "model": model.name, "dofs": model.size, "output": job.output,
-            "interfaces": rows, **varied, "warnings": [*model.remarks, *warnings_of_interfaces(model)],
+            "interfaces": rows, "loads": [item.row for item in loads], **varied,
+            "warnings": [*model.remarks, *warnings_of_interfaces(model), *sum((item.notes for item in loads), [])],
         }  # fmt: skip
 
 

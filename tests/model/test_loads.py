@@ -368,7 +368,7 @@ def test_a_moving_load_is_a_force_anywhere_on_its_path(comm):
         (lambda: MovingLoad(name="w", on=END, along=(0, 1, 0), value=(0, 0, 1)), "w': along: found nodes side by side"),
         (lambda: MovingLoad(name="w", on=END, along=(0, 1, 0.1), value=(0, 0, 1)), r"side by side, .* is 0.104721 m"),
         (lambda: MovingLoad(name="w", on=Nodes(sphere=((9, 0, 0), 1)), along=(1, 0, 0), value=(0, 0, 1)),
-         r"load 'w': on: no node lies there; the nodes of solid lie between \(0.01, 0, 0\) and"),
+         r"load 'w': on: none lies there; the nodes of solid lie between \(0.01, 0, 0\) and"),
     ],
 )
 def test_refused_moving_loads(comm, make, words):
@@ -383,7 +383,7 @@ def test_refused_moving_loads(comm, make, words):
         (Pressure(name="p", on="NOSE"), "load 'p': on: solid has no node set or interface 'NOSE'; it has none"),
         (Pressure(name="p", on=(1, 2, 3)), "load 'p': on: no face of the surface of solid has all its nodes there"),
         (Pressure(name="p", on=(1, 2, 999)), "load 'p': on: node 999 does not exist in solid"),
-        (Pressure(name="p", on=Nodes(box=((10, 0, 0), (30, 20, 20)))), "load 'p': on: no node lies there; the nodes"),
+        (Pressure(name="p", on=Nodes(box=((10, 0, 0), (30, 20, 20)))), "load 'p': on: none lies there; the nodes"),
         (Pressure(name="p", on=Nodes(bore=((0, 0, 0), (0, 0, 1), 0.1))), "load 'p': on.bore: no face of solid lies"),
         (LineLoad(name="l", on=END, value=(1, 0, 0)), "load 'l': on: found 4 whole faces among these nodes, expected"),
         (LineLoad(name="l", on=(1, 14), value=(1, 0, 0)), "load 'l': on: no edge of an element on the surface of"),

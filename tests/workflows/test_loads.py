@@ -41,7 +41,10 @@ def block(tmp_path, monkeypatch):
 
 
 def test_a_job_with_loads(block, capsys):
-    """To a tolerance, against the full model; the sums in the table, the record, and of info."""
+    """To a tolerance, against the full model; the sums in the table, the record, and of info, before it too."""
+    assert run(["info", "job.toml"]) == 0 and "Loads, and their sums" in capsys.readouterr().out
+    loads = hpcred.describe_file("job.toml")["loads"]
+    assert [item["load"] for item in loads] == ["oil", "weight"] and loads[0]["Fx (N)"] == pytest.approx(-40.0)
     assert run(["reduce", "job.toml", "--json", "run.json"]) == 0
     told = capsys.readouterr().out
     assert "Loads, and their sums; moments about the origin" in told and "oil" in told
@@ -120,7 +123,7 @@ def test_columns_of_a_converted_model_have_sums(block, capsys):
         ("value = 1e5", "value = 0.0", "load 'oil': value: found 0.0, which is no load; leave it out"),
         ("[0.041, 1.0, 1.0]]}", "[0.041, 1.0, 1.0]], sphere = [[0.0, 0.0, 0.0], 1.0]}", "nodes: found box, sphere"),
         ('name  = "weight"', 'name = "oil"', "load 'oil': found two inputs of this name, expected each once"),
-        ("[[0.039,", "[[0.5,", "load 'oil': on: no face of the surface of model.h5 has all its nodes there"),
+        ("[[0.039,", "[[0.5,", "load 'oil': on: none lies there; the nodes of model.h5 lie between"),
         ('on    = {box = [[0.039, -1.0, -1.0], [0.041, 1.0, 1.0]]}', 'on = "BORE"',
          "load 'oil': on: model.h5 has no node set or interface 'BORE'; it has none"),
         ("[[load]]", "[load]", "load: found a single table, expected a list of tables; write [[load]] in place of"),
