@@ -8,43 +8,27 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..linalg.csr import diagonal_of
+from ..model.load_columns import mass_times
 from ..model.shape_functions import integration_points, shape_functions
 from ..model.strain_matrices import strain_matrices
 from ..parallel.sums import summed
-
-ROUND_OFF = 1e-13  # of the largest force
 
 
 def remark_on_supports(model, solids, acceleration) -> str:
     """Return a sentence on the forces that a function of accelerations (k, 3) at points (k, 3) lacks; "" where M has
     them all, or is lumped. Collective."""
-    if model.held is None:
+    forces, count, coupled = mass_times(model, acceleration)
+    if not count or not coupled:
         return ""
-    dofs, held = model.dofs, solids.rows < 0
-    moved = np.flatnonzero(dofs.direction < 3)
-    values = np.zeros(model.local_rows)
-    values[moved] = acceleration(dofs.position)[moved, dofs.direction[moved]]
-    field, product = model.M.createVecRight(), model.M.createVecLeft()
-    field.setArray(values)
-    model.M.mult(field, product)
-    forces = product.getArray(readonly=True).real
-    beside = np.abs(forces - diagonal_of(model.M) * values).max(initial=0.0)
-    largest = np.abs(forces).max(initial=0.0)
-    beside, largest = np.max(model.comm.allgather((beside, largest)), axis=0)
+    held = solids.rows < 0
     still = np.where(held, acceleration(solids.position), 0.0)
-    resting = model.held.direction < 3
-    count = np.count_nonzero(acceleration(model.held.position)[resting, model.held.direction[resting]])
     unknown = any(group.material.density is None and still[group.nodes].any() for group in solids.groups)
     lost = sum(np.abs(np.where(held[group.nodes], 0.0, _forces(group, solids.position, still))).sum()
                for group in solids.groups if group.material.density is not None)  # fmt: skip
-    parts = np.array([lost, np.abs(forces).sum(), count, unknown], dtype=float)
-    lost, whole, count, unknown = summed(model.comm, parts)
-    if beside <= ROUND_OFF * largest or not count:
-        return ""
+    lost, whole, unknown = summed(model.comm, np.array([lost, np.abs(forces).sum(), unknown], dtype=float))
     size = "how much that is needs densities" if unknown else f"{lost / whole:.2g} of all forces"
     return (
-        f"preload: the inertia of the mass at {count:.0f} held dofs is not in M ({size}): export the body without "
+        f"preload: the inertia of the mass at {count} held dofs is not in M ({size}): export the body without "
         "supports and hold it by a frame where that counts"
     )
 

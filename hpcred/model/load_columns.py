@@ -150,26 +150,32 @@ def _require_line(nodes, points, place, where):
 def inertia_force(model, name, acceleration, kind):
     """Return the rows of this rank of M a, and its LoadColumn, for a function that gives the accelerations a (k, 3) in
     m/s^2 at points (k, 3); nodes do not turn. Collective. Raises InputError."""
-    dofs = model.dofs
-    if any(model.comm.allgather(bool((dofs.direction >= OWN).any()))):
+    if any(model.comm.allgather(bool((model.dofs.direction >= OWN).any()))):
         raise InputError(f"load '{name}': {model.name} has dofs in directions of their own, whose weight is not known")
-    values = _components(dofs, acceleration)
+    column, held, coupled = mass_times(model, acceleration)
+    remark = ""
+    if held and coupled:
+        remark = (
+            f"the mass of {held} held dofs is not in M, nor is its part in the forces beside them; export the body "
+            "without supports where these have to be exact"
+        )
+    elif held:
+        remark = f"the mass of {held} held dofs is not in M, and missing in its sums; it deforms nothing"
+    return column, replace(sums_of_column(model, column, name, kind), remark=remark)
+
+
+def mass_times(model, acceleration) -> tuple[np.ndarray, int, bool]:
+    """Return the rows of this rank of M a, how many held dofs have an acceleration, and whether M couples dofs, so that
+    their mass is missing beside them; for a function that gives a (k, 3) at points (k, 3). Collective."""
+    values = _components(model.dofs, acceleration)
     field, product = model.M.createVecRight(), model.M.createVecLeft()
     field.setArray(values)
     model.M.mult(field, product)
     column = product.getArray(readonly=True).real.copy()
     held = 0 if model.held is None else np.count_nonzero(_components(model.held, acceleration))
     beside = np.abs(column - diagonal_of(model.M) * values).max(initial=0.0)
-    held, beside, size = np.array(model.comm.allgather((held, beside, np.abs(column).max(initial=0.0)))).T
-    remark = ""
-    if held.any() and beside.max() > ROUND_OFF * size.max():
-        remark = (
-            f"the mass of {held.sum():.0f} held dofs is not in M, nor is its part in the forces beside them; export "
-            "the body without supports where these have to be exact"
-        )
-    elif held.any():
-        remark = f"the mass of {held.sum():.0f} held dofs is not in M, and missing in its sums; it deforms nothing"
-    return column, replace(sums_of_column(model, column, name, kind), remark=remark)
+    held, beside, size = zip(*model.comm.allgather((held, beside, np.abs(column).max(initial=0.0))), strict=True)
+    return column, sum(held), bool(max(beside) > ROUND_OFF * max(size))
 
 
 def _components(dofs, acceleration):
@@ -192,7 +198,7 @@ def centrifugal_field(model, name, spins):
         )
 
     def field(points):
-        total = np.zeros_like(points)
+        total = np.zeros(points.shape)
         for square, point, direction in spins:
             axis, arm = np.divide(direction, np.linalg.norm(direction)), points - point
             total += square * (arm - np.outer(arm @ axis, axis))
