@@ -118,6 +118,7 @@ def test_convert_takes_names_of_quantities(tmp_path, capsys):
     ('{dof = 3, node = 2}', r"outputs: found node, dof, expected a node and its direction, or a dof"),
     ('{node = 20, direction = "q"}', r"outputs.direction: found the direction 'q', expected one of x, y, z"),
     ('{node = 0, direction = "x"}', r"outputs.node: found 0, expected 1 to"),
+    ('{cut = "A", component = "qx"}', r"outputs\[0\].component: found 'qx', expected 'all' or 'fx'"),
     ('{cut = "A", about = [0.0, 1.0]}', r"outputs\[0\].about: found \[0.0, 1.0\], expected"),
 ])  # fmt: skip
 def test_tables_that_cannot_be_are_refused(tmp_path, table, sentence):
@@ -144,6 +145,16 @@ def test_names_say_what_is_measured():
     assert unit_of_response("velocity 20:z", "1:x") == "m/s/N"
     assert unit_of_response("acceleration 20:ry", "1:rx") == "rad/s^2/(N m)"
     assert unit_of_response("acceleration dof 5", "1:x") == unit_of_response("acceleration oil", "1:x") == ""
+
+
+def test_what_cannot_have_them_refuses():
+    M, D, K, B, *_ = case(1)
+    with hpcred.SecondOrderModel(M, D, K, B, Ca=B.T) as model:
+        with pytest.raises(InputError, match=r"irka: found outputs that are velocities or accelerations"):
+            hpcred.IRKA(size=4, band=(0.1, 5.0), damping=hpcred.GivenDamping()).reduce(model)
+        omega = hpcred.Parameter("omega", (0.0, 1.0))
+        with pytest.raises(InputError, match=r"found terms of C, and outputs that are velocities or accelerations"):
+            hpcred.ParametricModel(model, [omega], [hpcred.Term("C", B.T, "omega")])
 
 
 def test_models_in_other_units():

@@ -349,6 +349,11 @@ def test_inputs_that_are_no_direction_of_an_interface_are_said():
         "inputs that are no direction of an interface node are left out: left y",
         "outputs that are no direction of an interface node are left out: right x, right y",
     )
+    Cv = np.zeros_like(model.C)
+    Cv[0, 0] = 1.0
+    first = model.output_names[0]
+    remark = f"outputs that are no direction of an interface node are left out: {first}"
+    assert superelement(replace(model, Cv=Cv)).remarks == (remark,)
 
 
 def test_loads_come_with_the_matrices_of_simscape(tmp_path):
