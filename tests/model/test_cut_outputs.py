@@ -8,6 +8,7 @@ from hpcred import CutOutput, InputError
 from hpcred.body.units import in_units
 from hpcred.model.cut_outputs import cut_output_of
 from hpcred.model.units import unit_of_response
+from tests.helpers import bar
 
 POINT = (0.045, 0.01, 0.02)
 
@@ -67,6 +68,19 @@ def test_in_motion_it_is_the_load_less_the_inertia_of_the_side(comm, clamped):
     balance = resultants(model, POINT) - inertia
     assert np.abs(inertia).max() > 0.1
     assert np.abs(found - balance).max() < 1e-7 * np.abs(balance).max()
+
+
+@pytest.mark.mpi
+def test_a_beam_that_is_held_at_its_end(comm):
+    """Axial and shear force, torsion and bending moments of a cantilever of 1 m, at its third node, x = 0.5."""
+    model = bar(comm, 1.0, 4).with_inputs([(5, "all")])
+    dofs = model.dofs
+    model = model.with_fields(sets={"TIP": np.unique(dofs.node[dofs.node >= 3])})
+    cut = model.with_outputs([CutOutput(cut="TIP")])
+    H = hpcred.frequency_response(cut, [0.0], hpcred.Tangent(node=1))[0].real
+    expected = np.eye(6)  # forces and moments at the tip go through
+    expected[4, 2], expected[5, 1] = -0.5, 0.5  # M = r x F with r = (0.5, 0, 0)
+    assert np.abs(H - expected).max() < 1e-7
 
 
 @pytest.mark.mpi
