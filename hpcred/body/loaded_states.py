@@ -27,12 +27,13 @@ from ..parallel.ranges import ANYTHING, within
 from ..parallel.sums import summed
 from ..reduction.projection import project
 from .geometric_stiffness import ACCELERATIONS, SIX, check_state
+from .stress_equilibrium import sign_of_stress_stiffness
 from .stress_stiffness import node_stiffness, projected
 
 AXIAL = 0.02  # sine of the angle, and offset in radii of gyration, up to which a load counts as axial
 SLENDER = 0.2  # of the other moments of inertia: the largest one about the axis of a slender body
 NO_CHANGE = 1e-13  # ||K - K'|| / ||K|| of the digits of files, without a load
-SAME_MASS = 1e-6  # ||M - M'|| / ||M|| that digits explain
+SAME = 1e-6  # ||M - M'|| / ||M|| that digits explain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +49,8 @@ class LoadedState:
     stresses : str, optional
         File of CalculiX with the stresses of all solids at their integration points: *EL PRINT with S.
     file : str, optional
-        Model under the load, with K of the loaded state: an export or a model.h5; exactly one of `stresses` and `file`.
+        Model under the load, with K of the loaded state: an export or a model.h5; or the .full file of a buckling
+        analysis of ANSYS, with the stiffness of the stress. Exactly one of `stresses` and `file`.
     opposite : str, optional
         The same under the opposite load, which takes the even part of the change of K out.
     matrix : str, optional
@@ -126,7 +128,8 @@ def stiffness_of_difference(model, columns, item: LoadedState, loaded, opposite=
         require_axial(model, item.state)
     for other, name in ((loaded, item.file), (opposite, item.opposite)):
         if other is not None:
-            _require_same(model, other, name)
+            _require_rows(model, other, name)
+            _require_alike(other.M, model.M, model.name, name, "mass")
     if item.matrix is not None:
         return _symmetric(model, project(loaded.K, columns))
     change = loaded.K.copy()
@@ -144,6 +147,18 @@ def stiffness_of_difference(model, columns, item: LoadedState, loaded, opposite=
         spin[axis] = np.sqrt(item.value)
         change.axpy(-1.0, spin_softening(model, spin))
     return _symmetric(model, project(change, columns))
+
+
+def stiffness_of_stress(model, columns, item: LoadedState, stressed, elastic: PETSc.Mat) -> np.ndarray:
+    """Return V^T K_sigma V (m, m) of a state; its K_sigma, whose sign is not known, is the K of `stressed`.
+
+    `elastic`: K of the same file. Collective. Raises InputError for other rows or another K than those of `model`, and
+    for a matrix that is not in equilibrium with the state.
+    """
+    _require_rows(model, stressed, item.file)
+    _require_alike(elastic, model.K, model.name, item.file, "stiffness")
+    sign = sign_of_stress_stiffness(model, stressed.K, item.state, item.value, item.file)
+    return sign * _symmetric(model, project(stressed.K, columns))
 
 
 def require_state(model, state):
@@ -179,20 +194,24 @@ def require_axial(model, state):
         raise InputError(why)
 
 
-def _require_same(model, other, name):
-    """Raise InputError unless a model has the rows and the mass of another. Collective."""
+def _require_rows(model, other, name):
+    """Raise InputError unless a model has the rows of another. Collective."""
     if other.size != model.size or other.digest_of("labels") != model.digest_of("labels"):
         raise InputError(
             f"{name}: found {other.size} rows, expected the {model.size} rows of {model.name} with the same nodes and "
             "directions: it is the stiffness of another mesh, or of other supports"
         )
-    change = other.M.copy()
-    change.axpy(-1.0, model.M)
-    difference = change.norm(PETSc.NormType.FROBENIUS) / model.M.norm(PETSc.NormType.FROBENIUS)
-    if not difference <= SAME_MASS:
+
+
+def _require_alike(matrix, own, model_name, name, kind):
+    """Raise InputError unless a mass or stiffness matrix is that of the model. Collective."""
+    change = matrix.copy()
+    change.axpy(-1.0, own)
+    difference = change.norm(PETSc.NormType.FROBENIUS) / own.norm(PETSc.NormType.FROBENIUS)
+    if not difference <= SAME:
         raise InputError(
-            f"{name}: found another mass matrix than that of {model.name} (by {difference:.1e}), expected the same: it "
-            "is of another mesh, or in other units"
+            f"{name}: found another {kind} matrix than that of {model_name} (by {difference:.1e}), expected the same: "
+            "it is of another mesh, or in other units"
         )
 
 

@@ -100,7 +100,7 @@ def displacements_of_states(model, solids, frame, origin, nodes, factoring, valu
 
     States without load, such as accelerations of a free body, are left out. Collective. Raises InputError.
     """
-    loads, states = _unit_loads(model, origin, nodes)
+    loads, states = unit_loads(model, origin, nodes)
     if values is not None:
         missing = [state for state in values if state not in states]
         if missing:
@@ -163,7 +163,7 @@ def stresses(solids, field):
             yield group, nodes, group.elastic @ (B @ moved)
 
 
-def _unit_loads(model, origin, nodes) -> tuple[np.ndarray, list[str]]:
+def unit_loads(model, origin, nodes) -> tuple[np.ndarray, list[str]]:
     """Return the loads (rows of this rank, s) of all states, and their names. Collective."""
     dofs = model.dofs
     fields = create_block(model.M, len(OF_BODY))

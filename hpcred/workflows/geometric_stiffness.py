@@ -10,6 +10,7 @@ from ..body.loaded_states import (
     require_axial,
     require_state,
     stiffness_of_difference,
+    stiffness_of_stress,
     stiffness_of_stresses,
 )
 from ..body.unit_states import geometric_stiffness, require_stresses
@@ -31,12 +32,13 @@ def check_geometric_stiffness(job, model):
         require_stresses(model)
     for item in job.loaded_states:
         require_state(model, item.state)
-        if item.file is not None and item.matrix is None:
-            require_axial(model, item.state)
         with agreed(model.comm):
             for name in (item.stresses, item.file, item.opposite):
                 if name is not None:
                     require_file(name)
+            of_stress = _is_of_stress(item)
+        if item.file is not None and item.matrix is None and not of_stress:
+            require_axial(model, item.state)
 
 
 def geometric_stiffness_of_job(job, model, reduced) -> GeometricStiffness | None:
@@ -62,8 +64,38 @@ def _matrix(item: LoadedState, model, columns) -> np.ndarray:
         element, point, stress = read(item.stresses, model.comm)
         stress = stress * (units.mass / units.length / units.time**2)
         return stiffness_of_stresses(model, columns, element, point, stress, item.stresses) / item.value
+    with agreed(model.comm):
+        of_stress = _is_of_stress(item)
+    if of_stress:
+        return _of_stress(item, units, model, columns) / item.value
     others = [name and _loaded(name, units, item, model.comm) for name in (item.file, item.opposite)]
     return stiffness_of_difference(model, columns, item, *others) / item.value
+
+
+def _is_of_stress(item) -> bool:
+    """Test whether the file of a state has the stiffness of its stress. Raises InputError."""
+    from ..readers.ansys.full import has_stress_stiffness
+
+    if item.file is None or not has_stress_stiffness(item.file):
+        return False
+    if item.opposite is not None:
+        raise InputError(f"geometric_stiffness.opposite: {item.file} has the stiffness of the stress, which needs "
+                         "none; leave it out")  # fmt: skip
+    return True
+
+
+def _of_stress(item, units, model, columns) -> np.ndarray:
+    """Return the stiffness of the stress of a state in a file of a buckling analysis. Collective."""
+    from ..readers.ansys.full import BUCKLING, read_parts
+    from ..readers.assembly import assemble
+
+    parts = read_parts(item.file, model.comm, BUCKLING)
+    matrices = parts.matrices  # of which M may be anything, and is refused as a mass
+    matrices["K"], matrices["M"] = matrices["M"], matrices["K"]
+    with assemble(parts, model.comm, item.file) as read, in_si(read, units) as other:
+        elastic = other.M.copy()
+        elastic.scale(units.time**-2)  # it was converted as a mass
+        return stiffness_of_stress(model, columns, item, other, elastic)
 
 
 def _loaded(name, units, item, comm):

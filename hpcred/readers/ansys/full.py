@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...files.text import LARGEST_LABEL
+from ...files.text import LARGEST_LABEL, first_bytes
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, number_over_ranks, require_once
 from ..base import Reader
@@ -24,14 +24,14 @@ from .records import BLOCKS, INTEGER, RecordFile, Squeezed, columns, squeezed_co
 FILE = 4  # the number of .full files
 KINDS = {"K": "stiffness", "M": "mass", "D": "damping"}
 STANDARD_END = ansys_records.STANDARD + 3  # where the header of the kind begins
-STATIC, MODAL = 0, 2
+STATIC, BUCKLING, MODAL = 0, 1, 2
 ANALYSES = {0: "static", 1: "buckling", 2: "modal", 3: "harmonic", 4: "transient", 7: "substructure", 8: "spectrum"}
 NAMES = {
     7: "AX", 8: "AY", 9: "AZ", 10: "VX", 11: "VY", 12: "VZ", 13: "WARP", 19: "PRES", 20: "TEMP", 21: "VOLT", 22: "MAG",
     23: "ENKE", 24: "ENDS", 25: "EMF", 26: "CURR",
 }  # fmt: skip
-MODAL_LINES = "run ANTYPE,MODAL with WRFULL,1"
-STATIC_LINES = "run ANTYPE,STATIC with WRFULL,1 and EQSLV,SPARSE"
+LINES = {MODAL: "run ANTYPE,MODAL with WRFULL,1", STATIC: "run ANTYPE,STATIC with WRFULL,1 and EQSLV,SPARSE",
+         BUCKLING: "run ANTYPE,BUCKLE with WRFULL,1"}  # fmt: skip
 
 
 @dataclass
@@ -52,10 +52,13 @@ class Header:
     whole: tuple[int, int] | None  # equations and nodes of all parts, if this is one
 
 
-def read_parts(path, comm):
-    """Return K, M and D of a .full file, with the nodes of the .rst or .cdb file beside it. Collective."""
+def read_parts(path, comm, analysis=MODAL) -> Parts:
+    """Return K, M and D of a .full file, with the nodes of the .rst or .cdb file beside it. Collective.
+
+    Of a buckling analysis M is the stiffness of the stress, whose sign is not documented. Raises InputError.
+    """
     with agreed(comm):
-        files, base = _files(path)
+        files, base = _files(path, analysis)
     found = [_read(comm, *item) for item in files]
     matrices, label, row, removed, following = found[0] if len(found) == 1 else _joined(comm, files, found)
     parts = Parts(matrices, dict.fromkeys(matrices, str(path)), row_labels=(label, row), removed=removed)
@@ -82,10 +85,10 @@ def read_parts(path, comm):
     return parts
 
 
-def _files(path):
+def _files(path, analysis):
     """Return the file, or the parts of its distributed run, with headers; and the name of the whole."""
     file = RecordFile(path, FILE)
-    files = [(file, header_of(file))]
+    files = [(file, header_of(file, analysis))]
     if files[0][1].whole is None:
         return files, file.path
     number = r"(0|[1-9]\d{0,5})"
@@ -105,7 +108,7 @@ def _files(path):
             "into one folder, or join them by COMBINE,FULL in /AUX2"
         )
     files = [RecordFile(beside[k], FILE) for k in sorted(beside)]
-    files = [(item, header_of(item)) for item in files]
+    files = [(item, header_of(item, analysis)) for item in files]
     for item, header in files:
         if header.whole != files[0][1].whole or set(header.matrices) != set(files[0][1].matrices):
             raise InputError(
@@ -175,7 +178,7 @@ def _require_places(comm, path, found, label):
 
 
 def header_of(file: RecordFile, analysis=MODAL) -> Header:
-    """Return the header of a file of a modal analysis with K and M, or of a static one. Raises InputError."""
+    """Return the header of a file of an analysis, with M unless it is a static one. Raises InputError."""
     length, _ = file.frame(STANDARD_END)
     item, place = file.integers(STANDARD_END, length, "the header")
     if len(item) < 40:
@@ -202,12 +205,12 @@ def header_of(file: RecordFile, analysis=MODAL) -> Header:
             f"{file.path}: found the part of one process of a distributed run with constraint equations between parts "
             "(or no word on them), expected none; join the parts by COMBINE,FULL in /AUX2, or run on one process (-smp)"
         )
-    lines = MODAL_LINES if analysis == MODAL else STATIC_LINES
     if kan != analysis:
         what = f"a {ANALYSES.get(kan, f'kind {kan} of')} analysis"
         if kan == 1:
             what = "a buckling analysis, whose second matrix is stress stiffening and no mass"
-        raise InputError(f"{file.path}: found {what}, expected those of a {ANALYSES[analysis]} analysis; {lines}")
+        wanted = f"those of a {ANALYSES[analysis]} analysis; {LINES[analysis]}"
+        raise InputError(f"{file.path}: found {what}, expected {wanted}")
     if item[13]:
         raise InputError(
             f"{file.path}: found unsymmetric matrices, expected symmetric ones; use the symmetric solver "
@@ -215,9 +218,9 @@ def header_of(file: RecordFile, analysis=MODAL) -> Header:
         )
     places = {"K": wide(18, 19), "M": wide(26, 27), "D": wide(28, 29)}
     terms = {"K": wide(8, 9) or int(item[12]), "M": wide(33, 21), "D": wide(34, 39)}
-    for key in "KM" if analysis == MODAL else "K":
+    for key in "K" if analysis == STATIC else "KM":
         if not places[key]:
-            raise InputError(f"{file.path}: found no {KINDS[key]} matrix, expected one; {lines}")
+            raise InputError(f"{file.path}: found no {KINDS[key]} matrix, expected one; {LINES[analysis]}")
     matrices = {key: (places[key], terms[key]) for key in "KMD" if places[key]}
     header = Header(
         equations=int(item[1]), active=int(item[2]), nodes=int(item[6]), directions=int(item[7]), unequal=int(item[32]),
@@ -412,6 +415,16 @@ def _diagonal(comm, file, header, key, place, removed, size):
         kept = ~np.isin(row, removed)
         row = row[kept] - np.searchsorted(removed, row[kept])
     return Entries((size, size), row, row.copy(), values[kept])
+
+
+def has_stress_stiffness(path) -> bool:
+    """Test whether a file is one of a buckling analysis. Raises InputError for a damaged one."""
+    start = first_bytes(path)
+    if not ansys_records.begins(start) or ansys_records.file_number(start) != FILE:
+        return False
+    file = RecordFile(path, FILE)
+    length, _ = file.frame(STANDARD_END)
+    return file.integers(STANDARD_END, length, "the header")[0][4:5].tolist() == [BUCKLING]
 
 
 class Full(Reader):

@@ -12,7 +12,7 @@ from ...parallel.lookup import look_up
 from ..deck_loads import DeckLoads
 from ..entries import label_name, label_of, node_and_direction, require_sane
 from ..nodal_systems import AXES, ZERO
-from .full import STATIC, STATIC_LINES, header_of, rows_of
+from .full import LINES, STATIC, header_of, rows_of
 from .nodes import find_nodes
 from .records import FULL, RecordFile
 
@@ -28,7 +28,7 @@ def read_loads(path, comm) -> DeckLoads:
             raise InputError(f"{path}: found the part of one process of a distributed run, expected the whole file; "
                              "join the parts by COMBINE,FULL in /AUX2, or run on one process (-smp)")  # fmt: skip
         if not header.loads[0]:
-            raise InputError(f"{path}: found no load vector, expected one; {STATIC_LINES}")
+            raise InputError(f"{path}: found no load vector, expected one; {LINES[STATIC]}")
         if header.loads[1]:
             raise InputError(f"{path}: found an imaginary load vector, expected real loads")
     label, held, slaves = rows_of(comm, file, header)
