@@ -129,11 +129,11 @@ def stiffness_of_difference(model, columns, item: LoadedState, loaded, opposite=
     for other, name in ((loaded, item.file), (opposite, item.opposite)):
         if other is not None:
             _require_rows(model, other, name)
-            _require_alike(other.M, model.M, model.name, name, "mass")
+            _require_alike(model, other.M, model.M, name, "mass")
     if item.matrix is not None:
-        return _symmetric(model, project(loaded.K, columns))
-    change = loaded.K.copy()
-    change.axpy(-1.0, (opposite or model).K)
+        return _symmetric(model, project(_alike_distributed(model, loaded.K), columns))
+    change = _alike_distributed(model, loaded.K)
+    change.axpy(-1.0, model.K if opposite is None else _alike_distributed(model, opposite.K))
     if opposite is not None:
         change.scale(0.5)
     if change.norm(PETSc.NormType.FROBENIUS) <= NO_CHANGE * model.K.norm(PETSc.NormType.FROBENIUS):
@@ -156,9 +156,10 @@ def stiffness_of_stress(model, columns, item: LoadedState, stressed, elastic: PE
     for a matrix that is not in equilibrium with the state.
     """
     _require_rows(model, stressed, item.file)
-    _require_alike(elastic, model.K, model.name, item.file, "stiffness")
-    sign = sign_of_stress_stiffness(model, stressed.K, item.state, item.value, item.file)
-    return sign * _symmetric(model, project(stressed.K, columns))
+    _require_alike(model, elastic, model.K, item.file, "stiffness")
+    stiffness = _alike_distributed(model, stressed.K)
+    sign = sign_of_stress_stiffness(model, stiffness, item.state, item.value, item.file)
+    return sign * _symmetric(model, project(stiffness, columns))
 
 
 def require_state(model, state):
@@ -203,14 +204,21 @@ def _require_rows(model, other, name):
         )
 
 
-def _require_alike(matrix, own, model_name, name, kind):
-    """Raise InputError unless a mass or stiffness matrix is that of the model. Collective."""
-    change = matrix.copy()
+def _alike_distributed(model, matrix) -> PETSc.Mat:
+    """Return a new matrix of which each rank has the rows that it has of the model. Collective."""
+    first, last = model.K.getOwnershipRange()
+    rows = PETSc.IS().createStride(last - first, first, 1, comm=matrix.comm)
+    return matrix.createSubMatrix(rows, rows)
+
+
+def _require_alike(model, matrix, own, name, kind):
+    """Raise InputError unless a matrix is the `own` mass or stiffness of the model. Collective."""
+    change = _alike_distributed(model, matrix)
     change.axpy(-1.0, own)
     difference = change.norm(PETSc.NormType.FROBENIUS) / own.norm(PETSc.NormType.FROBENIUS)
     if not difference <= SAME:
         raise InputError(
-            f"{name}: found another {kind} matrix than that of {model_name} (by {difference:.1e}), expected the same: "
+            f"{name}: found another {kind} matrix than that of {model.name} (by {difference:.1e}), expected the same: "
             "it is of another mesh, or in other units"
         )
 
