@@ -20,6 +20,7 @@ some, outputs, forces, moments and energies.
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -107,7 +108,8 @@ def write_motion_csv(path, motion: Motion):
         for j, name in enumerate(motion.node_names):
             if kind == "displacement" or motion.node_rotates[j]:
                 columns |= {f"{kind}_{name}_{a}": values[:, j, i] for i, a in enumerate(AXES)}
-    columns |= {f"output_{name}": motion.outputs[:, i] for i, name in enumerate(motion.output_names)}
+    for name, values in zip(motion.output_names, motion.outputs.T, strict=True):
+        columns["output_" + re.sub(r"[\s:,]", "_", name)] = values
     for kind, names in (("force", motion.constraint_names), ("moment", motion.moment_names)):
         values = getattr(motion, f"constraint_{kind}")
         columns |= {f"constraint_{kind}_{name.replace(':', '_')}": values[:, i] for i, name in enumerate(names)}

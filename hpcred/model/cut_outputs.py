@@ -24,7 +24,7 @@ from .interface_motion import numbers_of_set
 from .rigid_body_modes import rigid_motions
 
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
-NAME = re.compile(r"cut (.+?)(?: at ([^ ,:]+),([^ ,:]+),([^ ,:]+))?:([fm][xyz])")
+NAME = re.compile(r"cut (.+?)(?: at ([^ :]+) ([^ :]+) ([^ :]+))?:([fm][xyz])")
 ROUND_OFF = 64 * np.finfo(float).eps  # of the absolute values that add up to an entry
 FORCE_FREE = 1e-6  # the same, to the digits of files: more is the force of a support
 
@@ -68,8 +68,8 @@ class CutOutput:
 
     @property
     def names(self) -> list[str]:
-        """The names as outputs: "cut TIP:fx", or "cut TIP at 0.1,0,0:fx" with a point that is given."""
-        at = "" if self.about is None else f" at {','.join(map(repr, self.about))}"
+        """The names as outputs: "cut TIP:fx", or "cut TIP at 0.1 0.0 0.0:fx" with a point that is given."""
+        at = "" if self.about is None else f" at {' '.join(map(repr, self.about))}"
         return [f"cut {self.cut}{at}:{component}" for component in self.components]
 
 

@@ -60,6 +60,10 @@ def test_files_of_a_simulation(made):
         assert file["constraints/name"][...].tolist() == [b"1:x", b"1:y", b"1:z", b"7:x", b"7:z", b"14:z"]
         assert table["t"] == pytest.approx(np.linspace(0, 0.05, 21))
         assert table["displacement_20_z"] == pytest.approx(moved[:, 4, 2], abs=1e-10)
+        names = [name.decode() for name in file["outputs/name"][...]]
+        outputs = file["outputs/value"][...]
+        assert outputs.shape == (21, len(names)) and f"output_{names[0].replace(':', '_')}" in table.dtype.names
+        assert file["nodes/acceleration"].shape == file["nodes/velocity"].shape == moved.shape
         assert table["constraint_force_7_z"] == pytest.approx(file["constraints/force"][:, 4], rel=1e-6, abs=1e-6)
         assert table["energy_work"] == pytest.approx(file["energy/work"][...], abs=1e-9)
         record = json.loads(file["provenance"][()])
