@@ -207,6 +207,8 @@ def _require_rows(model, other, name):
 def _alike_distributed(model, matrix) -> PETSc.Mat:
     """Return a new matrix of which each rank has the rows that it has of the model. Collective."""
     first, last = model.K.getOwnershipRange()
+    if all(model.comm.allgather(matrix.getOwnershipRange() == (first, last))):
+        return matrix.copy()  # of which createSubMatrix returns the matrix itself
     rows = PETSc.IS().createStride(last - first, first, 1, comm=matrix.comm)
     return matrix.createSubMatrix(rows, rows)
 
