@@ -158,12 +158,14 @@ def _show_responses(result, full, **keywords):
 
 
 def response(
-    model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
+    model: Annotated[str, typer.Argument(metavar="MODEL.h5|JOB.toml")],
     band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz.")] = None,
     points: Points = 2001,
     frequencies: Frequencies = None,
     tolerance: Annotated[float, typer.Option(help="Relative error of the response.")] = 1e-6,
-    frame: Annotated[str, typer.Option(help="none, buckens, tangent:NODE or chord:N1,N2,N3[:AXES].")] = "none",
+    frame: Annotated[
+        str | None, typer.Option(help="none, buckens, tangent:NODE or chord:N1,N2,N3[:AXES]; none or that of the job.")
+    ] = None,
     damping: Annotated[
         str | None,
         typer.Option(help="none, given, rayleigh:ALPHA,BETA or loss:FACTOR; given by default where the model has a D."),
@@ -174,6 +176,7 @@ def response(
     polar: Annotated[bool, typer.Option("--polar", help="Magnitude and phase in the .csv.")] = False,
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png, .svg or .pdf.")] = None,
     preload: PreloadTable = None,
+    at: AtValues = None,
     check: Annotated[int, typer.Option(help="Compare with full solves at N random frequencies.")] = 0,
     seed: Seed = None,
     groups: Annotated[int | None, typer.Option(help="Groups of ranks that share those of --check.")] = None,
@@ -186,10 +189,11 @@ def response(
     progress = session.progress()
     report = hpcred.response_file(
         model, frequencies=values.numbers(frequencies, "--frequencies"), band=values.band(band), points=points,
-        tolerance=tolerance, frame=values.frame(frame), damping=None if damping is None else values.damping(damping),
+        tolerance=tolerance, frame=values.frame(frame) if frame else None,
+        damping=None if damping is None else values.damping(damping),
         inputs=values.targets(inputs, "--inputs"), outputs=values.targets(outputs, "--outputs"), check=check, seed=seed,
         groups=groups, factoring=values.factoring(out_of_core, low_rank, package), output=output, polar=polar,
-        figure=figure, preload=preload_of(preload), progress=progress,
+        figure=figure, preload=preload_of(preload), at=values.parameters(at, "--at"), progress=progress,
     )  # fmt: skip
     told = [*([] if report["reached"] else ["NOT REACHED everywhere:"]), *report["sentences"]]
     session.verdict("\n".join(told), report["reached"])

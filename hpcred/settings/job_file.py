@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -18,7 +18,7 @@ from ..model.frames import Frame, NoFrame
 from ..model.interfaces import Interface
 from ..model.loads import AnyLoad
 from ..model.motion_outputs import MotionOutput
-from ..model.parameters import Parameter, check_terms
+from ..model.parameters import Parameter, check_terms, checked_values
 from ..model.stress_outputs import StressOutput
 from ..parallel.failures import InputError
 from ..parallel.ranges import COORDINATE, LABEL, require_band, within
@@ -79,7 +79,8 @@ class Job:
     inputs, outputs and frames. `load`: further inputs, behind `inputs`.
     `viscoelastic`: parts with a stiffness that depends on frequency.
     `parameter` and `term`: what the matrices depend on, and the matrices that are added to those of the model, each
-    times its factor (docs/parameters.md); `parameter_search`: at how many values the error is looked at.
+    times its factor (docs/parameters.md); `parameter_search`: at how many values the error is looked at;
+    `at`: values of the parameters by name, at which the model is reduced as one without parameters.
     `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over the band, within the limits
     `adaptive` (see reduction.tolerance.accuracy.Limits); `measure`, `static`: see
     reduction.tolerance.accuracy.Adaptive; `unreached`: where it is not reached the model is written under a name that
@@ -111,6 +112,7 @@ class Job:
     parameter: tuple[Parameter, ...] = ()
     term: tuple[TermTable, ...] = ()
     parameter_search: ParameterSearch = ParameterSearch()
+    at: dict[str, float] = field(default_factory=dict)
     frame: Frame = NoFrame()
     damping: Damping | None = None
     viscoelastic: tuple[ViscoelasticPart, ...] = ()
@@ -166,13 +168,15 @@ class Job:
             )
         if self.parameter or self.term:
             check_terms(self.parameter, [item.with_matrix(None) for item in self.term])
-            if self.geometric_stiffness and any(item.with_matrix(None).of == "K" for item in self.term):
+            checked_values(self.parameter, self.at)
+            if self.geometric_stiffness and not self.at and any(item.with_matrix(None).of == "K" for item in self.term):
                 raise InputError(
                     "geometric_stiffness: found it beside terms of K, on which the stress under a load depends; leave "
-                    "it out, or reduce at one value without [[term]]"
+                    "it out, or reduce at one value by `at`"
                 )
-        elif self.parameter_search != ParameterSearch():
-            raise InputError("parameter_search: found it without [[parameter]], to which it belongs; leave it out")
+        for key, default in (("at", {}), ("parameter_search", ParameterSearch())):
+            if getattr(self, key) != default and not self.parameter:
+                raise InputError(f"{key}: found it without [[parameter]], to which it belongs; leave it out")
         require_band("band", self.band)
         self.settings, self.search  # noqa: B018  (refused early)
 

@@ -98,7 +98,7 @@ def _model_of_record(path, record, result, at, comm):
         model = _as_recorded(model, key, names, record, path)
     parametric = with_terms_of_record(model, record)
     if parametric is not None:
-        model = parametric.at(**parametric.reference)
+        model = parametric.at(**(record.job.get("at") or parametric.reference))
     key = difference_of(signature_of(model), record)
     if key is not None:
         with model:

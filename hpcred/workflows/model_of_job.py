@@ -17,8 +17,8 @@ from ..settings.job_file import Job
 
 
 def model_of_job(job: Job, comm):
-    """Return the model of a job with its inputs and outputs: a ParametricModel where it has terms. Collective. Raises
-    InputError."""
+    """Return the model of a job with its inputs and outputs: a ParametricModel where it has terms, and no values `at`
+    which it is. Collective. Raises InputError."""
     model = with_interfaces_of_job(job, comm)
     for key in ("input", "output"):
         model = with_targets(model, key, getattr(job, key + "s"))
@@ -34,7 +34,13 @@ def model_of_job(job: Job, comm):
                 f"inputs: neither the job nor {model.name} has any; give dof numbers or [node, direction] pairs, "
                 "bearings by [[interface]], or loads by [[load]]"
             )
-    return with_terms(model, job.parameter, job.term) if job.term else model
+    if not job.term:
+        return model
+    parametric = with_terms(model, job.parameter, job.term)
+    if not job.at:
+        return parametric
+    with parametric:
+        return parametric.at(**job.at)
 
 
 def at_reference(model):

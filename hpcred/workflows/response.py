@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -15,13 +15,15 @@ from ..files.response_file import Responses, check_response_name, kind_of_respon
 from ..files.room import rescued
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import NoDamping
+from ..model.parameters import checked_values
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress, counted
 from ..reduction.record import versions
 from ..report.figures import MOST, kind_of_figure, response_figure
+from ..settings.job_file import read_job
 from .evaluate import frequencies_over
-from .model_of_job import at_preload, with_targets
+from .model_of_job import at_preload, model_of_job, with_targets
 from .pair_figures import check_figure, pairs_to_show
 from .workflow import workflow
 
@@ -31,27 +33,36 @@ def response_file(
     model, *, frequencies=(), band=None, points: int = 2001, tolerance: float = 1e-6, frame=None, damping=None,
     inputs=None, outputs=None, check: int = 0, seed: int | None = None, groups: int | None = None,
     factoring: Factoring | None = None, output=None, polar: bool = False, figure=None,
-    preload: Preload | None = None, comm=None, progress: Progress | None = None,
+    preload: Preload | None = None, at: dict[str, float] | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Return the frequency response of a model file to a tolerance: see full_response. Collective.
 
     `frequencies` (Hz), or else `points` of them over `band`. `inputs`, `outputs`: dofs or a matrix file, as in a job;
-    by default those of the model. `preload`: a constant load, as for modes_of_file. `output`: a .csv (`polar`:
-    magnitude and phase) or an HDF5 file, see write_responses; `figure`: a .png, .svg or .pdf. Returns plain numbers for
-    a table or JSON: sentences, whether the tolerance is `reached`, proofs, and of the response its norm and estimated
+    by default those of the model. `model`: a model.h5, or a job file, whose inputs and outputs, frame and damping are
+    then the default, and whose parameters have the values `at`, or those of reference. `preload`: a constant load, as
+    for modes_of_file. `output`: a .csv (`polar`: magnitude and phase) or an HDF5 file, see write_responses; `figure`: a
+    .png, .svg or .pdf. Returns plain numbers for a table or JSON: sentences, whether the tolerance is `reached`,
+    proofs, and of the response its norm and estimated
     error. Raises InputError or ComputationError.
     """
     if band is None and not len(frequencies):
         raise InputError("response: no frequencies; give the band in Hz, such as 0,6000")
     chosen = frequencies_over(frequencies, band, points)
-    reads = [model, *(item for item in (inputs, outputs) if isinstance(item, str))]
+    with agreed(comm):
+        job = read_job(model) if str(model).endswith(".toml") else None
+        if at and (job is None or not job.parameter):
+            raise InputError(f"--at: {model} has no parameters; give the job file that has [[parameter]] and [[term]]")
+        if job is not None:
+            job = replace(job, at=job.at | checked_values(job.parameter, job.at | (at or {})))
+            frame, damping = frame or job.frame, damping or job.damping
+    reads = [model, *(job.files if job else ()), *(item for item in (inputs, outputs) if isinstance(item, str))]
     if output is not None:
         check_response_name(output)
         check_outputs({output: kind_of_responses(output)}, comm, reads, progress=progress, needed=len(chosen) * 16)
     check_figure(figure, comm, reads, progress)
     startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
     with progress.stage("read", str(model)):
-        loaded = read_model(model, comm)
+        loaded = read_model(model, comm) if job is None else model_of_job(job, comm)
     for key, targets in (("input", inputs), ("output", outputs)):
         loaded = with_targets(loaded, key, targets)
     loaded = at_preload(loaded, preload, frame, factoring)
@@ -80,6 +91,8 @@ def response_file(
             report["figure"] = str(figure)
             if len(curves) > MOST:
                 report["warnings"].append(f"the figure shows the {MOST} largest of {len(curves)} pairs")
+    if job is not None and job.at:
+        report["at"] = job.at
     return report | {"timing": asdict(progress.timing())}
 
 

@@ -250,6 +250,35 @@ def test_a_job_of_parameters_from_end_to_end(reduced_job, capsys, monkeypatch):
     assert info["parameters"][0]["parameter"] == "k" and info["terms"] == [{"of": "K", "factor": "k"}]
 
 
+def test_a_job_at_one_value_and_a_sweep_over_it(reduced_job, monkeypatch):
+    """Reductions without parameters, which one basis for all must be like."""
+    monkeypatch.chdir(reduced_job[0])
+    Path("one.toml").write_text(JOB)
+    Path("sweep.toml").write_text('job = "one.toml"\n[[vary]]\nkey = "at.k"\nvalues = [0.5, 2.2]\n')
+    report = package.run_sweep("sweep.toml")
+    assert [run["status"] for run in report["runs"]] == ["finished", "finished"], report
+    for path, k in zip(sorted(Path(report["folder"]).glob("*.h5")), (0.5, 2.2), strict=True):
+        reduced = read_result(path).reduced
+        assert not hasattr(reduced, "parameters") and reduced.record.job["at"] == {"k": k}
+        assert package.evaluate_result(path, "chain.h5", points=4)["eps_max"] < 1e-2
+        together = read_result("r.h5").at(k=k).reduced.frequency_response([20.0, 50.0])
+        assert reduced.frequency_response([20.0, 50.0]) == pytest.approx(together, abs=3e-2 * np.abs(together).max())
+
+
+def test_the_full_response_at_values(reduced_job, monkeypatch, capsys):
+    folder, K, spring = reduced_job
+    monkeypatch.chdir(folder)
+    found = package.response_file("job.toml", band=(0.0, 60.0), points=3, at={"k": 2.2}, output="full.h5")
+    assert found["at"] == {"k": 2.2} and found["inputs"] == ["dof 6", "dof 41"]
+    s = 2j * np.pi * 30.0
+    full = np.linalg.inv(s * s * 0.1 * np.eye(60) + s * 1e-5 * K + K + 2.2 * spring)[np.ix_([5, 40], [5, 40])]
+    assert package.read_responses("full.h5").response[1] == pytest.approx(full, rel=1e-5, abs=1e-6 * np.abs(full).max())
+    message = "--at: chain.h5 has no parameters; give the job file that has [[parameter]] and [[term]]"
+    assert message in refused(capsys, "response", "chain.h5", "--band", "0,60", "--at", "k=1")
+    message = "parameter 'k': found 9, expected 0.5 to 3, its range"
+    assert message in refused(capsys, "response", "job.toml", "--band", "0,60", "--at", "k=9")
+
+
 def test_another_term_is_another_model(reduced_job, monkeypatch):
     folder, _, spring = reduced_job
     monkeypatch.chdir(folder)
@@ -280,7 +309,11 @@ def test_geometric_stiffness_beside_terms_of_k_is_refused(reduced_job, capsys, m
         assert says is None or says in refused(capsys, "reduce", "other.toml")
     text = JOB[: JOB.index("[[parameter]]")]
     Path("other.toml").write_text(text)
-    assert "parameter_search: found it without [[parameter]], to which" in refused(capsys, "reduce", "other.toml")
+    assert "parameter_search: found it without [[parameter]], to" in refused(capsys, "reduce", "other.toml")
+    Path("other.toml").write_text("at = {k = 1.0}\n" + text.replace("[parameter_search]\npoints = 5\n", ""))
+    assert "at: found it without [[parameter]], to which it belongs" in refused(capsys, "reduce", "other.toml")
+    Path("other.toml").write_text("at = {k = 5.0}\n" + JOB)
+    assert "parameter 'k': found 5, expected 0.5 to 3, its range" in refused(capsys, "reduce", "other.toml")
 
 
 def test_fmus_are_at_the_reference_or_at_values(file):
