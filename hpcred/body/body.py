@@ -31,11 +31,12 @@ class BodySurface:
 
 @dataclass
 class Prestress:
-    """A constant load in the stiffness of a body: its generalised `forces` (m,) and spin `softening` (m, m), which is a
-    part of K."""
+    """A constant load in the stiffness of a body: its generalised `forces` (m,), spin `softening` (m, m), which is a
+    part of K, and the `load` in words."""
 
     forces: np.ndarray
     softening: np.ndarray
+    load: str = ""
 
 
 @dataclass
@@ -228,8 +229,10 @@ def remarks(body: Body) -> list[str]:
         found.append(left_out)
     if has_no_inertia(body):
         found.append("the body has no inertia about one of its axes, as where every mass lies on a line; hold it there")
-    if body.prestress is not None and body.prestress.softening.any():
-        found.append("K has the spin softening of the preload, which programs that rotate the body add themselves")
+    if body.prestress is not None and body.prestress.load:
+        found.append(f"K has the stress of the preload {body.prestress.load}")
+        if body.prestress.softening.any():
+            found.append("K has the spin softening of the preload, which programs that rotate the body add themselves")
     still = [str(shape.node) for shape in body.nodes if not shape.rotates]
     if still:
         found.append(f"no rotational dofs at nodes {', '.join(still)}: psi is zero there")

@@ -84,6 +84,11 @@ class Preload:
                          (*self.acceleration, *self.angular_acceleration, *products), strict=True))  # fmt: skip
         return {state: value for state, value in (found | self.forces).items() if value}
 
+    @property
+    def words(self) -> str:
+        """Return the load in a line: states and their values, in SI."""
+        return ", ".join(f"{state} = {value:g}" for state, value in self.values.items())
+
     def acceleration_at(self, points: np.ndarray) -> np.ndarray:
         """Return the accelerations (k, 3) of points (k, 3) of the undeformed body, from the origin of its frame."""
         turning = skew(np.array(self.angular_acceleration)) + skew(np.array(self.omega)) @ skew(np.array(self.omega))

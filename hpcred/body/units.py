@@ -53,7 +53,8 @@ def in_units(body: Body, units: Units) -> Body:
         body.surface and replace(body.surface, points=body.surface.points / L, phi=body.surface.phi * g / L),
         body.geometric_stiffness and _stiffness_in(body.geometric_stiffness, both * units.time**2 / inertia, units),
         body.stress and replace(body.stress, stress=body.stress.stress * g[:, None, None] * L**3 / units.energy),
-        prestress and Prestress(g * prestress.forces / units.energy, both * prestress.softening / units.energy),
+        prestress and Prestress(g * prestress.forces / units.energy, both * prestress.softening / units.energy,
+                               prestress.load),
     )  # fmt: skip
 
 

@@ -183,8 +183,9 @@ class Result:
         nodes = [state.rpartition(":")[0] for state in preload.forces]
         body = self.body(list(dict.fromkeys(int(node) if node.isdecimal() else node for node in nodes)))
         return replace(
-            self, reduced=reduced, preload=preload, prestress=Prestress(forces_of(body, preload),
-            softening_of(body, preload)), geometric_stiffness=self.geometric_stiffness.without(tuple(preload.values)),
+            self, reduced=reduced, preload=preload,
+            prestress=Prestress(forces_of(body, preload), softening_of(body, preload), preload.words),
+            geometric_stiffness=self.geometric_stiffness.without(tuple(preload.values)),
         )  # fmt: skip
 
     def _members(self, names) -> dict[str, list[int]]:

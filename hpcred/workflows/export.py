@@ -97,7 +97,10 @@ def export_result(
                     report.get("remarks", []).append(
                         f"at {in_words(parametric.reference)}, the reference values; --at takes others"
                     )
-                report.get("remarks", []).extend(WRITERS.broken)
+                found = report.get("remarks", [])
+                if preload is not None and preload.values and not any("preload" in remark for remark in found):
+                    found.append(f"K has the stress of the preload {preload.words}")
+                found.extend(WRITERS.broken)
                 beside = {path.with_name(path.stem + suffix): content for suffix, content in source.beside.items()}
         report, names = comm.bcast((report, beside and list(beside)))
         if names or writer.needs == "superelement":

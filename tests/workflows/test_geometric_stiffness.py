@@ -88,7 +88,12 @@ def test_commands_at_a_preload(folder, capsys):
     assert run([*arguments, "--json", str(numbers)]) == 0
     assert np.abs(np.array(loaded) / json.loads(numbers.read_text())["norm"] - 1).max() > 0.01
     assert run(["export", result, "--format", "npz", "-o", str(folder / "k.npz"), "--preload", preload]) == 0
+    note = "K has the stress of the preload ay = 500, wz^2 = 3.6e+07"
+    assert f"note: {note}" in capsys.readouterr().out
+    assert run(["export", result, "--format", "fmu", "-o", str(folder / "k.fmu"), "--preload", preload]) == 0
+    assert f"note: {note}" in capsys.readouterr().out
     with np.load(folder / "k.npz") as arrays:
+        assert note in str(arrays["comment"])
         squares = scipy.linalg.eigvalsh(arrays["K"], arrays["M"])
     assert np.sqrt(squares[:4]) / 2 / np.pi == pytest.approx(found["pseudo_frequencies_hz"][:4], rel=1e-9)
 
