@@ -71,6 +71,7 @@ from .model.loads import MovingLoad as MovingLoad
 from .model.loads import Pressure as Pressure
 from .model.loads import Temperature as Temperature
 from .model.loads import Traction as Traction
+from .model.material_stiffness import material_stiffness as material_stiffness
 from .model.materials import ElementProperties as ElementProperties
 from .model.materials import Material as Material
 from .model.motion_outputs import MotionOutput as MotionOutput

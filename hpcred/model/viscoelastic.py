@@ -205,6 +205,9 @@ class Viscoelastic:
         g(s).
     name : str, default ""
         Name in messages and records, by default "Kv1", "Kv2" and so on.
+    within : bool, default False
+        Whether K of the model has K_v already, as that of elements with the modulus of their material, for which g is
+        1; K_e is K - K_v then.
 
     Raises
     ------
@@ -215,6 +218,7 @@ class Viscoelastic:
     matrix: spmatrix | sparray | np.ndarray | PETSc.Mat
     law: Law
     name: str = ""
+    within: bool = False
 
     def __post_init__(self):
         object.__setattr__(self, "law", declared("law", self.law, Law))
@@ -284,8 +288,8 @@ def with_viscoelastic(model, parts):
         _check(model, part)
     K = mats["K"].copy()
     for part in found:
-        if part.law.static:
-            K.axpy(part.law.static, part.matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        if more := part.law.static - part.within:
+            K.axpy(more, part.matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
     K.stateIncrease()
     return model.with_fields(M=mats["M"], K=K, D=mats.get("D"), viscoelastic=found)
 

@@ -18,15 +18,17 @@ else:
 
 @dataclass(frozen=True, kw_only=True)
 class ViscoelasticPart:
-    """A part with the stiffness g(s) K_v, which K(s) = K + sum g(s) K_v has.
+    """A part with the stiffness g(s) K_v, from a file or from the elements of a material.
 
     `law`: g, a table with a `kind`. `file`: a matrix file of K_v, with the rows of the model; `variable`: its name in a
     file that holds several; `units`: of its numbers, such as "mm,t,s", for a model that was converted to SI. `name`:
-    for messages and records, by default that of the file.
+    for messages and records, by default that of the file. `material`: name of the material of the solid elements that
+    K_v is made of; K has them with g = 1 already, and becomes K + (g(s) - 1) K_v.
     """
 
     law: Law
-    file: str
+    file: str | None = None
+    material: str | None = None
     variable: str | None = None
     units: str | None = None
     name: str = ""
@@ -34,6 +36,10 @@ class ViscoelasticPart:
     def __post_init__(self):
         as_declared(self, "viscoelastic.")
         check_file_names(**{"viscoelastic.file": self.file})
+        if (self.file is None) == (self.material is None):
+            raise InputError("viscoelastic: expected either a file or a material")
+        if self.material is not None and (self.variable is not None or self.units is not None):
+            raise InputError("viscoelastic: variable and units belong to a file, found them with a material")
 
 
 @dataclass(frozen=True, kw_only=True)

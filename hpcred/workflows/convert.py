@@ -31,7 +31,8 @@ def convert(
     numbers for a table or JSON, with `sentences` on them and `warnings` of what looks wrong. Raises InputError.
     """
     system = units_of(units)
-    reads = [*(source.files if isinstance(source, Source) else [source]), *(part.file for part in viscoelastic)]
+    reads = source.files if isinstance(source, Source) else [source]
+    reads = [*reads, *(part.file for part in viscoelastic if part.file is not None)]
     check_outputs({output: hdf5_kind(FORMAT)}, comm, reads, progress=progress)
     name = Path(output).name
     with progress.stage("read", source.K if isinstance(source, Source) else str(source)):

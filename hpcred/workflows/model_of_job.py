@@ -8,6 +8,7 @@ from pathlib import Path
 from ..body.preload import preloaded
 from ..files.model_file import read_model
 from ..model import interface_motion
+from ..model.material_stiffness import material_stiffness
 from ..model.parametric_model import ParametricModel
 from ..model.rotation import rotation_matrix, unit_axis
 from ..model.viscoelastic import Viscoelastic
@@ -86,6 +87,10 @@ def with_viscoelastic(model, parts):
     with model:
         found, remarks = [], list(model.remarks)
         for item in parts:
+            if item.material is not None:
+                matrix = material_stiffness(model, item.material)
+                found.append(Viscoelastic(matrix, item.law, item.name or item.material, within=True))
+                continue
             matrix, more = read_term_matrix(model, "K", item.file, item.variable, item.units)
             remarks += more
             found.append(Viscoelastic(matrix, item.law, item.name or Path(item.file).name))

@@ -1,5 +1,7 @@
 """Viscoelastic parts: laws, what is refused, and full responses against dense ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -147,3 +149,51 @@ def test_a_free_body(comm):
 def test_parameters_beside_it_are_refused(comm):
     with sandwich().model(comm) as model, pytest.raises(InputError, match="viscoelastic parts beside parameters"):
         hpcred.ParametricModel(model, [hpcred.Parameter("p", (0.0, 1.0))], [hpcred.Term("K", np.eye(40), "p")])
+
+
+def two_materials(model, young=None):
+    """The block with its elements beyond the middle of a second material, "rubber"."""
+    properties = model.properties
+    steel = properties.materials[0]
+    rubber = replace(steel, name="rubber", young=young or steel.young)
+    table = {}
+    for kind in model.elements:
+        table[kind] = properties.table[kind].copy()
+        table[kind][:, 2] = table[kind][:, 0] % 4 >= 2
+    return model.with_fields(properties=replace(properties, materials=(steel, rubber), table=table))
+
+
+@pytest.mark.mpi
+def test_stiffness_of_a_material(comm):
+    """The elements of all materials make up K; g = 1 is the model as it was."""
+    with hpcred.solid((4, 2, 3), inputs=2, clamped=False, comm=comm) as block, two_materials(block) as model:
+        names = [item.name for item in model.properties.materials]
+        parts = [to_dense(hpcred.material_stiffness(model, name)) for name in names]
+        assert all(np.linalg.matrix_rank(part) < len(part) for part in parts)
+        assert close(to_dense(model.K), sum(parts)) < 1e-12
+        law = Maxwell(factors=[2.0], times=[1e-4], constant=1.0)
+        core = Viscoelastic(hpcred.material_stiffness(model, "rubber"), law, "rubber", within=True)
+        with model.with_viscoelastic([core]) as damped:
+            assert close(to_dense(model.K), to_dense(damped.K)) < 1e-12
+            K, M, B = dense_model(model)
+            s = 2j * np.pi * 5000.0
+            expected = B.T @ np.linalg.solve(s * s * M + K + law.excess(s) * parts[1], B)
+            assert close(expected, damped.frequency_response([5000.0])[0]) < 1e-9
+
+
+@pytest.mark.mpi
+def test_materials_that_are_refused(solid):
+    with pytest.raises(InputError, match="material 'rubber': solid has no such material; it has"):
+        hpcred.material_stiffness(solid, "rubber")
+    with two_materials(solid, young=1e6) as model, pytest.raises(InputError, match="K of solid has other numbers in"):
+        hpcred.material_stiffness(model, "rubber")
+
+
+def test_section_forces_are_refused(solid):
+    nodes = np.unique(solid.dofs.node[solid.dofs.position[:, 0] > 0.025])
+    with solid.with_fields(sets={"TIP": nodes}) as model:
+        part, cut = Viscoelastic(model.K.copy(), MAXWELL), hpcred.CutOutput(cut="TIP")
+        with model.with_outputs([cut]) as measured, pytest.raises(InputError, match="leave the outputs of cuts out"):
+            measured.with_viscoelastic([part])
+        with model.with_viscoelastic([part]) as damped, pytest.raises(InputError, match="that of the static stiffness"):
+            damped.with_outputs([cut])

@@ -147,6 +147,52 @@ def test_state_spaces_have_maxwell_states(maxwell):
     assert close(H, w.C @ np.linalg.solve(200j * np.eye(len(w.A)) - w.A, w.B)) < 1e-9
 
 
+def test_state_spaces_of_velocities_and_accelerations(comm):
+    case = sandwich((MAXWELL,), inputs=2, outputs=3)
+    zero = np.zeros_like(case.Ct)
+    with case.model(comm) as model:
+        Cv, Ca = zero.copy(), zero.copy()
+        Cv[:, 1], Ca[:, 2] = case.Ct[:, 1], case.Ct[:, 2]
+        C = case.Ct * [1.0, 0.0, 0.0]
+        first, last = model.first_row, model.first_row + model.local_rows
+        rates = {"Cv": Cv[first:last], "Ca": Ca[first:last]}
+        with (
+            model.with_output_columns(C[first:last], ["d", "v", "a"], **rates) as measured,
+            hpcred.reduce(measured, Krylov(frequency=100.0, order=3)) as rom,
+        ):  # fmt: skip
+            found = state_space(rom)
+            for s in (30j, 900j):
+                H = rom.transfer_function(s)
+                one = np.eye(len(found["A"]))
+                by_states = found["C"] @ np.linalg.solve(s * one - found["A"], found["B"]) + found["D"]
+                assert close(H, by_states) < 1e-9
+                outputs = sum(s**k * found[f"{key}_matrix"]
+                              for k, key in enumerate(("output", "velocity", "acceleration")))  # fmt: skip
+                A = s * s * found["mass"] + s * found["damping"] + found["stiffness"]
+                assert close(H, outputs @ np.linalg.solve(A, found["input_matrix"])) < 1e-9
+
+
+def test_jobs_with_a_material(comm, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with hpcred.solid((4, 2, 3), inputs=1, clamped=False, comm=comm) as model:
+        name = model.properties.materials[0].name
+        hpcred.write_model("model.h5", model)
+        full = model.frequency_response([9000.0], frame=hpcred.Buckens())
+    law = 'law = {kind = "maxwell", factors = [0.5], times = [1e-5], constant = 1.0}'
+    job = 'model = "model.h5"\nframe = {kind = "buckens"}\ntolerance = 1e-3\nband = [0, 20000]\n[[viscoelastic]]\n'
+    (tmp_path / "job.toml").write_text(f'{job}material = "{name}"\n{law}\n')
+    assert run(["reduce", "job.toml"]) == 0
+    rom = hpcred.read_result("result.h5").reduced
+    assert close(rom.K, rom.viscoelastic[0].matrix) < 1e-9 and rom.viscoelastic[0].name == name
+    assert close(full[0], rom.frequency_response([9000.0])[0]) > 0.01
+    assert run(["evaluate", "result.h5", "--full", "model.h5", "--check", "3", "--seed", "1"]) == 0
+    for wrong, message in ((f'material = "{name}"\nfile = "K.mtx"', "either a file or a material"),
+                           (f'material = "{name}"\nvariable = "K"', "variable and units belong to a file"),
+                           ('material = "wood"', "has no such material; it has")):  # fmt: skip
+        (tmp_path / "job.toml").write_text(f"{job}{wrong}\n{law}\n")
+        assert message in refused(capsys, "reduce", "job.toml")
+
+
 def test_exports_without_a_place_for_it_refuse(maxwell, comm, tmp_path):
     path = tmp_path / "r.h5"
     hpcred.write_result(path, maxwell)
