@@ -186,6 +186,7 @@ def test_jobs_with_a_material(comm, tmp_path, monkeypatch, capsys):
     assert close(rom.K, rom.viscoelastic[0].matrix) < 1e-9 and rom.viscoelastic[0].name == name
     assert close(full[0], rom.frequency_response([9000.0])[0]) > 0.01
     assert run(["evaluate", "result.h5", "--full", "model.h5", "--check", "3", "--seed", "1"]) == 0
+    (tmp_path / "result.h5").unlink()
     for wrong, message in ((f'material = "{name}"\nfile = "K.mtx"', "either a file or a material"),
                            (f'material = "{name}"\nvariable = "K"', "variable and units belong to a file"),
                            ('material = "wood"', "has no such material; it has")):  # fmt: skip
