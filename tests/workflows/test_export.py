@@ -93,7 +93,8 @@ def test_exports_are_refused_on_all_ranks(reduced_linkage, comm):
 def test_superelements_are_written_with_the_files_beside_them(folder, comm):
     package.write_result(folder / "arm.h5", interface_model(damping=10.0))
     beside = {"nastran-op4": ["arm_external.pch"], "ansys": ["arm_ansys_K.mtx", "arm_ansys_M.mtx", "arm_ansys_D.mtx"]}
-    for kind in (export.name for export in WRITERS.all() if export.needs == "superelement"):
+    kinds = {export.name for export in WRITERS.all() if export.needs == "superelement"}
+    for kind in sorted(kinds - {"openfast"}):  # of one interface node
         report = export_result(folder / "arm.h5", kind)
         assert report["coordinates"] == 17 and report["nodes"] == [101, 205]
         assert report["files"] == [str(folder / name) for name in beside.get(kind, [])]
