@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -19,7 +19,7 @@ from ..parallel.progress import Progress
 from .basis_reductor import BasisReductor
 from .components.component import Component
 from .measure import Measure
-from .parametric.reductor import ParametricReductor
+from .parametric.reductor import ParametricBasisReductor, ParametricReductor
 from .parametric.settings import ParameterSearch
 from .reduced_model import ReducedModel
 from .reductor import Reductor
@@ -43,6 +43,7 @@ def reduce(
     static: Literal["tolerance", "exact"] | None = None,
     adaptive: Adaptive | None = None,
     parameter_search: ParameterSearch | None = None,
+    parameter_points: Iterable[Mapping[str, float]] | None = None,
     settings: Reduction | None = None,
     factoring: Factoring | None = None,
     store: Store | None = None,
@@ -83,6 +84,9 @@ def reduce(
         Tolerance and band with more settings, in place of the four above.
     parameter_search : ParameterSearch, optional
         For a ParametricModel: at how many values errors are estimated, and at how many the model may be factored.
+    parameter_points : iterable of mapping, optional
+        For a ParametricModel without a tolerance: values by name at which the components of the basis are made; by
+        default the reference values.
     settings : Reduction, optional
         The keywords from `deflation_tolerance` on are its fields, and replace them.
     factoring : Factoring, optional
@@ -133,14 +137,21 @@ def reduce(
     )
     frame = declared("frame", frame, Frame | None) or NoFrame()
     damping = damping_or_given(model.model if parametric else model, damping)
-    if declared("parameter_search", parameter_search, ParameterSearch | None) is not None and not parametric:
-        raise InputError("parameter_search: found it for a model without parameters; leave it out")
+    points = declared("parameter_points", tuple(map(dict, parameter_points or ())), tuple[dict[str, float], ...])
+    for key, value in (("parameter_search", declared("parameter_search", parameter_search, ParameterSearch | None)),
+                       ("parameter_points", points or None)):  # fmt: skip
+        if value is not None and not parametric:
+            raise InputError(f"{key}: found it for a model without parameters; leave it out")
     asked = {"basis": basis, "frame": frame, "damping": damping, "settings": settings,
              "factoring": factoring or Factoring(), "store": store,
              "progress": progress or Progress(model.comm, show=False)}  # fmt: skip
     if parametric:
         if adaptive is None:
-            raise InputError("basis: a model with parameters is reduced to a tolerance; give it with the band")
+            if parameter_search is not None:
+                raise InputError("parameter_search: found it without a tolerance, to which it belongs; leave it out")
+            return ParametricBasisReductor(**asked, parameter_points=points).reduce(model)
+        if points:
+            raise InputError("parameter_points: found it beside a tolerance, which chooses them; leave it out")
         search = parameter_search or ParameterSearch()
         return ParametricReductor(**asked, goal=adaptive, parameter_search=search).reduce(model)
     if settings.projection == "two_sided" and model.Ct is not None:

@@ -78,7 +78,7 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
             reduced = reduce(
                 model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings,
                 factoring=job.factoring, store=store, progress=progress,
-                parameter_search=job.parameter_search if job.term and not job.at else None,
+                parameter_search=job.parameter_search if job.term and not job.at and job.search is not None else None,
             )  # fmt: skip
         with reduced:
             output = _name_of(job, reduced.record.accuracy)

@@ -117,6 +117,46 @@ def test_damping_that_follows_the_matrices(damping, comm):
         assert np.allclose(at.D, np.diag(expected), atol=1e-9 * expected.max())
 
 
+@pytest.mark.mpi
+def test_components_at_several_values(comm):
+    """The deflection at 0 Hz is exact where its component was made, and only there."""
+    case = bushings(30)
+    case.terms.append(("M", np.eye(30), "b"))
+    points = [{"a": 0.5, "b": 0.1}, {"a": 2.0, "b": 5.0}]
+    basis = [hpcred.StaticCorrection(), Modes(count=3)]
+
+    def off(rom, values):
+        full = case.matrices(values)
+        exact = full["C"] @ np.linalg.solve(full["K"], full["B"])
+        return np.abs(rom.transfer_function(0.0, **values) - exact).max() / np.abs(exact).max()
+
+    with case.model(comm) as model, hpcred.reduce(model, basis, parameter_points=points) as rom:
+        assert rom.size == 10 and rom.record.accuracy is None
+        assert np.abs(rom.M - np.eye(10)).max() < 1e-12
+        assert max(off(rom, values) for values in points) < 1e-9
+    with case.model(comm) as model, hpcred.reduce(model, basis) as rom:
+        assert rom.size == 5
+        assert off(rom, rom.reference) < 1e-9 < max(off(rom, values) for values in points) < 0.3
+
+
+@pytest.mark.mpi
+def test_a_store_serves_again(comm, tmp_path):
+    """And another model with the same matrices at the reference is another one."""
+    folder = comm.bcast(str(tmp_path))
+    case, others = bushings(30), bushings(30)
+    others.parameters[0] = Parameter("a", (0.0, 2.0))
+    others.terms[0] = ("K", others.terms[0][1], "2*a - 1")  # the same at 1
+    responses = []
+    for each in (case, case, others):
+        with reduced(each, 1e-4, comm, store=hpcred.PointStore(folder, comm)) as rom:
+            responses.append(rom.transfer_function(3j, a=1.5))
+            made = len(rom.record.factorisations)
+            assert case is not each or made == 0 or len(responses) == 1
+            assert each.eps(rom, fresh_pairs(each, 10)).max() <= 1e-4
+    assert np.allclose(responses[0], responses[1], rtol=1e-9)
+    assert not np.allclose(responses[0], responses[2], rtol=1e-3)
+
+
 def test_limits_end_it_honestly(comm):
     case = bushings()
     with case.model(comm) as model:
@@ -146,8 +186,10 @@ def test_what_is_refused(comm):
     skew = np.triu(np.ones((20, 20)))
     with case.model(comm) as model:
         for more, message in [
-            ({}, "a model with parameters is reduced to a tolerance"),
-            ({"basis": Modes(count=4)}, "a model with parameters is reduced to a tolerance"),
+            ({}, "the list of components is empty, and no tolerance is asked for"),
+            ({"basis": Modes(count=4), "parameter_search": hpcred.ParameterSearch()}, "found it without a tolerance"),
+            ({"tolerance": 1e-3, "band": case.band, "parameter_points": [{"a": 1.0}]}, "found it beside a tolerance"),
+            ({"basis": Modes(count=4), "parameter_points": [{"a": 9.0}]}, "found 9, expected 0 to 2"),
             ({"tolerance": 1e-3, "band": case.band, "static": "exact"}, "static: found 'exact'"),
             ({"tolerance": 1e-3, "band": case.band, "drop_above": 9.0}, "drop_above"),
         ]:

@@ -55,14 +55,15 @@ class Greedy:
     `visited` points. `reason`: why it ended before the tolerance was reached, or "". Methods are collective.
 
     `run`: at the reference values, with which it begins; `open_run`: see OpenRun; `kept`: how many of the first columns
-    stay in the span.
+    stay in the span; `terms`: what tells the model from others in keys of a store.
     """
 
     def __init__(
-        self, parametric, basis: Basis, run: Run, goal: Adaptive, search: ParameterSearch, open_run: OpenRun, kept: int
-    ):
+        self, parametric, basis: Basis, run: Run, goal: Adaptive, search: ParameterSearch, open_run: OpenRun, kept: int,
+        terms: list,
+    ):  # fmt: skip
         self.parametric, self.basis, self.run, self.goal, self.search = parametric, basis, run, goal, search
-        self.kept = kept
+        self.kept, self._terms = kept, terms
         self.comm, self._open_run = run.model.comm, open_run
         self.points = training_points(parametric.parameters, search.points)
         self.reference = tuple(parametric.reference.values())
@@ -162,7 +163,8 @@ class Greedy:
         solver, last = search.expansion.solver, np.inf
         if solver.nearby is not None:  # solves take the factor itself
             solver.go_to(solver.nearby)
-        rule = {"points": [list(point) for point in self.points], "visited": len(self.visited)}
+        points, visited = ([list(point) for point in some] for some in (self.points, self.visited))
+        rule = {"points": points, "visited": visited, "terms": self._terms}
         make_load = partial(residual_block, self.projections, search.run.framed, self.points, self.goal, WIDTH)
         for _ in range(BLOCKS):
             before, start = self.basis.size, search.projections.basis.size

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import asdict, dataclass, fields, replace
-from functools import partial
 
 import numpy as np
 
+from ...linalg.basis import Basis
+from ...linalg.blocks import copy_of
 from ...linalg.matrix_estimates import symmetry_defect
 from ...model.damping import GivenDamping
 from ...model.definiteness import check_definite
@@ -15,10 +17,12 @@ from ...model.frames import Buckens, apply_frame
 from ...model.load_columns import resultants
 from ...model.parametric_model import ParametricModel
 from ...model.second_order_model import SYMMETRIC_TO
+from ...model.term_matrices import FIELD
 from ...parallel.declared import declared
 from ...parallel.failures import InputError, Owned
 from ...parallel.petsc import free_dropped
 from ...parallel.progress import counted
+from ..basis_reductor import BasisReductor, extend_by_all
 from ..notes import Notes
 from ..run import Run, identity_of_model
 from ..tolerance.outcome import accuracy_of
@@ -31,6 +35,36 @@ from .settings import ParameterSearch
 
 
 @dataclass(frozen=True, kw_only=True)
+class ParametricBasisReductor(BasisReductor):
+    """Reduce by the components of a basis at some values of the parameters, one after the other on one basis.
+
+    `parameter_points`: the values, by default the reference.
+    """
+
+    parameter_points: tuple[dict[str, float], ...] = ()
+    parametric: ParametricModel | None = None  # the one that is being reduced
+
+    def reduce(self, model) -> ParametricReducedModel:
+        if self.settings.projection == "two_sided" and model.model.Ct is not None:
+            raise InputError("projection: found 'two_sided' for a model with parameters, expected 'one_sided'")
+        return reduced_with_terms(self, model)
+
+    def _expected_columns(self, framed):
+        return max(len(self.parameter_points), 1) * super()._expected_columns(framed)
+
+    def _fill(self, bases, runs, groups):
+        (vectors,), (first,) = bases, runs
+        if not self.parameter_points:
+            extend_by_all(self.basis, bases, runs, groups)
+        for values in self.parameter_points:
+            point = tuple(self.parametric.checked(values).values())
+            with run_at(self, first, point) as run:
+                own = Basis(run.mass, run.framed.rigid_columns, run.tolerance, run.columns, run.keeps_mass_images)
+                extend_by_all(self.basis, [own], [run], 1)
+                vectors.extend(copy_of(own.columns, first.model.K))
+
+
+@dataclass(frozen=True, kw_only=True)
 class ParametricReductor(ToleranceReductor):
     """Reduce until eps(f) <= tolerance is proven over the band and the ranges of the parameters (see greedy)."""
 
@@ -38,57 +72,24 @@ class ParametricReductor(ToleranceReductor):
     parametric: ParametricModel | None = None  # the one that is being reduced
 
     def reduce(self, model) -> ParametricReducedModel:
-        check_parametric(model, self.frame, self.damping)
         if self.goal.static == "exact":
             raise InputError(
                 "static: found 'exact' for a model with parameters, at whose other values it would not be; leave it out"
             )
         if self.settings.drop_above is not None:
             raise InputError("drop_above: found it for a model with parameters and a tolerance; leave it out")
-        with model.at() as reference:
-            reduced = replace(self, parametric=model)._reduce(reference)
-            parts = projected_parts(model, reduced, self.damping)
-            known = {item.name: getattr(reduced, item.name) for item in fields(reduced)}
-            known["resultants"], known["model"] = resultants(reference), reference.shared()
-        free_dropped(model.comm)
-        return ParametricReducedModel(**known, parameters=model.parameters, **parts)
+        return reduced_with_terms(self, model)
 
     def _search(self, vectors, run, groups, kept):
-        open_run = partial(self._run_at, run)
-        greedy = Greedy(self.parametric, vectors, run, self.goal, self.parameter_search, open_run, len(kept))
+        terms = digests_of_terms(self.parametric) if self.store is not None else []
+        asked = [terms, asdict(self.parameter_search)]
+
+        def open_run(point, visited):
+            return run_at(self, run, point, [*asked, [list(item) for item in visited]])
+
+        greedy = Greedy(self.parametric, vectors, run, self.goal, self.parameter_search, open_run, len(kept), terms)
         greedy.run_to_end()
         return greedy.first, *self._compressed(greedy, run, kept)
-
-    @contextmanager
-    def _run_at(self, first, point, visited):
-        """A run at a point, whose notes go to that of the reference in the end."""
-        parametric = self.parametric
-        values = dict(zip(parametric.reference, point, strict=True))
-        with Owned(parametric.comm) as owned:
-            model = owned.owns(parametric.at(**values))
-            if any(item.of == "M" for item in parametric.terms):
-                check_definite(model)
-            framed = apply_frame(model, self.frame, self.damping)
-            if framed.rigid_size != first.framed.rigid_size:
-                raise InputError(
-                    f"{model.name}: {framed.rigid_size} rigid-body modes, but {first.framed.rigid_size} at the "
-                    "reference values; terms of K that hold a body have no place in the Buckens frame"
-                )
-            identity = {}
-            if self.store is not None:
-                asked = {"frame": self.frame, "damping": self.damping, "basis": [
-                    *(asdict(item) for item in self.basis), {"parameters": [list(item) for item in visited]},
-                    [parametric.model.digest_of(key) for key in ("M", "K", "D", "B", "Ct")],
-                    asdict(self.parameter_search),
-                ]}  # fmt: skip
-                identity = identity_of_model(model, framed, **asked)
-            run = owned.owns(Run(
-                framed, self.progress, first.tolerance, self.factoring, first.columns, self.counts_modes, self.store,
-                identity, Notes(components=first.notes.components),
-            ))  # fmt: skip
-            yield run
-            first.notes.add(run.recorded, components=False)
-        free_dropped(parametric.comm)
 
     def _compressed(self, greedy, run, kept):
         """Return the columns of the basis that the tolerance asks for at all values, and what is known of them."""
@@ -123,6 +124,56 @@ class ParametricReductor(ToleranceReductor):
             points=tuple(point for search in searches for point in search.expansion.points),
             proofs=tuple(proof for search in searches for proof in search.proofs), missing_modes=max(missing, 0),
         )  # fmt: skip
+
+def reduced_with_terms(reductor, model) -> ParametricReducedModel:
+    """Return the model that a reductor makes at the reference, with the terms on its basis. Collective."""
+    check_parametric(model, reductor.frame, reductor.damping)
+    with model.at() as reference:
+        reduced = replace(reductor, parametric=model)._reduce(reference)
+        parts = projected_parts(model, reduced, reductor.damping)
+        known = {item.name: getattr(reduced, item.name) for item in fields(reduced)}
+        known["resultants"], known["model"] = resultants(reference), reference.shared()
+    free_dropped(model.comm)
+    return ParametricReducedModel(**known, parameters=model.parameters, **parts)
+
+
+@contextmanager
+def run_at(reductor, first, point, asked=()):
+    """The run of a reductor at a point, whose notes go to the `first`, that of the reference, in the end; `asked`: what
+    else decides about columns, for keys of the store. Collective."""
+    parametric = reductor.parametric
+    values = dict(zip(parametric.reference, point, strict=True))
+    with Owned(parametric.comm) as owned:
+        model = owned.owns(parametric.at(**values))
+        if any(item.of == "M" for item in parametric.terms):
+            check_definite(model)
+        framed = apply_frame(model, reductor.frame, reductor.damping)
+        if framed.rigid_size != first.framed.rigid_size:
+            raise InputError(
+                f"{model.name}: {framed.rigid_size} rigid-body modes, but {first.framed.rigid_size} at the reference "
+                "values; terms of K that hold a body have no place in the Buckens frame"
+            )
+        identity = {}
+        if reductor.store is not None:
+            basis = [*(asdict(item) for item in reductor.basis), *asked]
+            identity = identity_of_model(model, framed, frame=reductor.frame, damping=reductor.damping, basis=basis)
+        run = owned.owns(Run(
+            framed, reductor.progress, first.tolerance, reductor.factoring, first.columns, reductor.counts_modes,
+            reductor.store, identity, Notes(components=first.notes.components),
+        ))  # fmt: skip
+        yield run
+        first.notes.add(run.recorded, components=False)
+    free_dropped(parametric.comm)
+
+
+def digests_of_terms(parametric) -> list:
+    """Return what tells the constant part and the terms of a model from others. Collective."""
+    found = [parametric.model.digest_of(key) for key in ("M", "K", "D", "B", "Ct")]
+    for item in parametric.terms:
+        key = FIELD[item.of]
+        with parametric.model.with_fields(**{key: copy(item.matrix)}) as other:
+            found.append([item.of, item.factor, other.digest_of(key)])
+    return found
 
 
 def check_parametric(model, frame, damping):
