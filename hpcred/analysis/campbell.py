@@ -15,7 +15,7 @@ from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 from ..parallel.ranges import ANYTHING, within
 from .campbell_diagram import SPEEDS, Campbell, CriticalSpeed
-from .pole_tracking import PoleTracker, damping_ratios, growth_of
+from .pole_tracking import ZERO, PoleTracker, damping_ratios, growth_of
 from .whirl import in_words, orbits
 
 POINTS = 41  # values over a range
@@ -151,16 +151,18 @@ def _campbell(matrices, values, shapes, axis, orders, highest, over, unit) -> Ca
 
 
 def _shown(found, branches, limit) -> list[int]:
-    """Return the branches that come below the limit and have more than one value: those of the first value, by
-    frequency, and then those that begin later."""
-    first, count, low = {}, {}, set()
+    """Return the branches that come below the limit: those of the first value, by frequency, and then those that begin
+    later, but for second zeros, as a mode has them where it passes zero."""
+    first, moving, low = {}, set(), set()
     for row, (part, numbers) in enumerate(zip(found, branches, strict=True)):
         for number, pole in zip(numbers.tolist(), part.poles, strict=True):
-            count[number] = count.get(number, 0) + 1
+            if abs(pole) > ZERO * part.size:
+                moving.add(number)
             first.setdefault(number, (row, pole.imag, number))
             if pole.imag <= limit:
                 low.add(number)
-    return sorted((number for number in low if count[number] > 1), key=first.get)
+    begun_as_zero = {number for number in low - moving if first[number][0] > 0}
+    return sorted(low - begun_as_zero, key=first.get)
 
 
 def _orbits(part, shapes, axis, speed):

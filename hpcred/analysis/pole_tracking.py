@@ -14,11 +14,12 @@ import numpy as np
 from scipy.linalg import eigh, polar
 from scipy.optimize import linear_sum_assignment
 
-SURE = 0.6  # of the modal assurance criterion: no second pole has as much
+SURE = 0.8  # of the modal assurance criterion: no second pole has so much
 SAME = 1e-6  # relative distance of poles that count as one
 NARROW = 1e-3  # of a frequency: modes that come so close and keep their shapes cross
 FINEST = 2.0**-14  # of the whole range: the smallest step
 REAL = 1e-9  # of the largest pole: imaginary parts below it are none
+ZERO = 1e-7  # of the largest pole: double zeros, which the root of round-off spreads
 UNDAMPED = 1e-13  # of the largest pole: real parts below it are none
 
 
@@ -120,7 +121,7 @@ def growth_of(poles: Poles, limit: float) -> tuple[float, complex]:
     if not len(chosen):
         return -np.inf, 0j
     # a double zero, of rigid-body motion, is spread by the root of round-off
-    margin = np.where(np.abs(chosen) < 1e-7 * poles.size, np.inf, 1e-10 * np.abs(chosen) + 1e-12 * poles.size)
+    margin = np.where(np.abs(chosen) < ZERO * poles.size, np.inf, 1e-10 * np.abs(chosen) + 1e-12 * poles.size)
     growth = chosen.real - margin
     worst = int(np.argmax(growth))
     return float(growth[worst]), complex(chosen[worst])

@@ -244,3 +244,26 @@ def test_a_full_rotor_beside(comm):
     assert list(whirl[:2]) in (["backward", "forward"], ["forward", "backward"])
     forward = found.frequencies[:, list(whirl).index("forward")]
     assert (np.diff(forward) > 0).all()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_coarse_values_give_the_modes_of_fine_ones(seed):
+    """Random gyroscopic, softened and damped models: each mode ends where small steps lead it."""
+    rng = np.random.default_rng(seed)
+    size = int(rng.integers(2, 9))
+    A, G, N = (rng.normal(size=(size, size)) for _ in range(3))
+    turn = np.linalg.qr(rng.normal(size=(size, size)))[0]
+    M, K = np.eye(size) + 0.05 * A @ A.T, turn @ np.diag(rng.uniform(5, 30, size) ** 2) @ turn.T
+    model = Family(lambda p: (M, 0.002 * K + p * (G - G.T), K - 0.05 * p**2 * N @ N.T))
+    ends = [
+        [mode[[0, -1]] for mode in hpcred.campbell(model, "p", np.linspace(0, 6, count), highest=100.0).poles.T]
+        for count in (4, 241)
+    ]
+    coarse, fine = (sorted(pairs, key=lambda pair: (np.nan_to_num(pair[0]).imag, pair[1].real)) for pairs in ends)
+    assert np.allclose(coarse, fine, rtol=1e-6, atol=1e-6, equal_nan=True)
+
+
+def test_a_mode_that_parts_in_the_last_step_is_there():
+    """The unstable one of two real poles begins at the last value."""
+    found = hpcred.campbell(Family(lambda p: (np.eye(1), 0.1 * np.eye(1), np.array([[4.0 - p]]))), "p", [0.0, 3.0, 5.0])
+    assert found.poles.shape[1] == 2 and np.nanmax(found.poles.real) == pytest.approx(-0.05 + np.sqrt(1.0025))

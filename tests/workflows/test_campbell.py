@@ -161,3 +161,16 @@ def test_a_report_has_the_diagram_of_each_parameter(shaft):
     assert page.count('alt="poles of result over') == 2
     assert Path("svg/poles_over_omega_result.svg").is_file()
     assert Path("csv/poles_over_e_result.csv").read_text().startswith("e,f_1_hz")
+
+
+@pytest.mark.mpi(ranks=(1, 2))
+def test_on_several_ranks(comm, folder):
+    """A blade over its speed, by all ranks."""
+    frame = hpcred.Chord(nodes=(1, 25, 3))
+    model = hpcred.solid((6, 1, 1), (0.06, 0.004, 0.003), 3, False, comm=comm)
+    with model, hpcred.reduce(model, [hpcred.Modes(count=4)], frame) as rom:
+        stiffness = hpcred.geometric_stiffness(model, rom.columns, frame)
+        rom.save(folder / "r.h5", geometric_stiffness=stiffness)
+    report = hpcred.campbell_file(folder / "r.h5", range=(0.0, 3000.0), points=3, output=folder / "c.h5", comm=comm)
+    assert report["frequencies_hz"][0] == pytest.approx(rom.frequencies, rel=1e-9)
+    assert hpcred.read_campbell(folder / "c.h5").frequencies.tolist() == report["frequencies_hz"]
