@@ -123,6 +123,11 @@ def damped_modes(
             f"damping: found kind '{damping.kind}', expected viscous damping with a sparse matrix: given, Rayleigh, or "
             "a Caughey series of at most two terms without loss factor"
         )
+    if model.viscoelastic:
+        raise InputError(
+            f"{model.name}: it has viscoelastic parts, and poles that are not those of a quadratic form; reduce it and "
+            "take poles() of the reduced model"
+        )
     progress = progress or Progress(model.comm, show=False)
     with Owned(model.comm) as owned:
         framed = apply_frame(model, frame, damping)

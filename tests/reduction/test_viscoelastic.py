@@ -183,6 +183,8 @@ def test_what_has_no_place_for_it_is_refused(comm):
     with case.model(comm) as model:
         with pytest.raises(InputError, match="'two_sided' has no place for the viscoelastic parts of sandwich"):
             hpcred.reduce(model, Krylov(frequency=10.0), projection="two_sided")
+        with pytest.raises(InputError, match="sandwich: it has viscoelastic parts, and poles that are not"):
+            hpcred.damped_modes(model, 2)
         with pytest.raises(InputError, match="irka: sandwich has viscoelastic parts"):
             hpcred.IRKA(size=4, band=(1.0, 100.0), damping=hpcred.Rayleigh(1.0)).reduce(model)
         with pytest.raises(InputError, match="beside which a Caughey series"):
