@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from ..analysis.frequency_response import response_and_drive
+from ..files.checksums import content_of
 from ..files.model_file import read_model
 from ..linalg.solvers.settings import PACKAGES, Factoring, LinearSolver
 from ..model.cut_outputs import cut_output_of
@@ -121,6 +123,12 @@ def with_terms_of_record(model, record) -> ParametricModel | None:
         TypeAdapter(tuple[kind, ...]).validate_python(job[key])
         for kind, key in ((Parameter, "parameter"), (TermTable, "term"))
     )
+    for name in [item.file for item in tables if item.file is not None]:
+        known = (record.contents or {}).get(name)
+        if known is not None and os.path.isfile(name) and content_of(name, model.comm) != known:
+            with model:
+                raise InputError(f"{name}: has another content than when its term was reduced; take the file of then, "
+                                 "or reduce again")  # fmt: skip
     return with_terms(model, parameters, tables)
 
 

@@ -16,6 +16,7 @@ from hpcred import Modes, Parameter, ParametricModel, Preload, Term, read_result
 from hpcred.cli.main import run
 from hpcred.model.damping import GivenDamping, NoDamping
 from hpcred.reduction.parametric.reduced import ParametricReducedModel, projected_parts
+from hpcred.reduction.record import difference_of, signature_of
 from hpcred.settings.simulation_file import read_simulation
 
 OMEGA = Parameter("omega", (0.0, 2000.0), unit="rad/s")
@@ -250,6 +251,50 @@ def test_a_job_of_parameters_from_end_to_end(reduced_job, capsys, monkeypatch):
     assert info["parameters"][0]["parameter"] == "k" and info["terms"] == [{"of": "K", "factor": "k"}]
 
 
+SPINNING = """
+model = "body.h5"
+output = "r.h5"
+inputs = [[20, "z"]]
+tolerance = 1e-2
+band = [0.0, 6000.0]
+parameter_search = {points = 3}
+[[parameter]]
+name = "omega"
+range = [0.0, 3000.0]
+"""
+
+
+@pytest.mark.mpi
+def test_a_body_that_spins_against_its_full_model(folder, comm):
+    """D is skew-symmetric, of which no z^T D z tells anything."""
+    with package.solid((4, 2, 2), comm=comm) as model:
+        package.write_model(folder / "body.h5", model)
+    terms = [f'[[term]]\nkind = "{kind}"\naxis = "x"\nfactor = "{factor}"\n'
+             for kind, factor in (("coriolis", "omega"), ("spin_softening", "omega^2"))]  # fmt: skip
+    if comm.rank == 0:
+        (folder / "job.toml").write_text(SPINNING + "".join(terms))
+    comm.Barrier()
+    assert run(["reduce", str(folder / "job.toml")]) == 0
+    for omega in (0.0, 2500.0):
+        found = package.evaluate_result(
+            folder / "r.h5", folder / "body.h5", at={"omega": omega}, frequencies=[1000.0, 5000.0], comm=comm
+        )
+        assert found["eps_max"] < 1e-2
+    record = read_result(folder / "r.h5", comm).reduced.record
+    with package.read_model(folder / "body.h5", comm) as model, model.with_inputs([(20, "z")]) as model:
+        for factor, differs in ((1500.0, None), (1400.0, "D")):
+            with (ParametricModel(model, [OMEGA], rotation_terms(model, "x")) as parametric,
+                  parametric.at(omega=1500.0) as there,
+                  there.with_damping_matrix(scaled(there.D, factor / 1500.0)) as changed):  # fmt: skip
+                assert difference_of(signature_of(changed), record) == differs
+
+
+def scaled(mat, factor):
+    other = mat.copy()
+    other.scale(factor)
+    return other
+
+
 def test_a_job_at_one_value_and_a_sweep_over_it(reduced_job, monkeypatch):
     """Reductions without parameters, which one basis for all must be like."""
     monkeypatch.chdir(reduced_job[0])
@@ -284,7 +329,7 @@ def test_another_term_is_another_model(reduced_job, monkeypatch):
     monkeypatch.chdir(folder)
     scipy.io.mmwrite("spring.mtx", scipy.sparse.coo_matrix(1.5 * spring))
     try:
-        with pytest.raises(package.InputError, match="chain.h5: its matrix K differs from what r.h5 was reduced from"):
+        with pytest.raises(package.InputError, match="spring.mtx: has another content than when its term was reduced"):
             package.evaluate_result("r.h5", "chain.h5", at={"k": 1.0}, points=3)
     finally:
         scipy.io.mmwrite("spring.mtx", scipy.sparse.coo_matrix(spring))
