@@ -129,7 +129,7 @@ def test_a_model_of_pymor(monkeypatch):
     found = rom.to_pymor()
     H = np.array([found.transfer_function.eval_tf(2j * np.pi * f) for f in F])
     assert np.abs(H - rom.frequency_response(F)).max() < 1e-9 * np.abs(H).max()
-    rom = hpcred.reduce(hpcred.SecondOrderModel(M, D, K, B, Ca=B.T), hpcred.Modes(count=3))
+    rom = hpcred.reduce(hpcred.SecondOrderModel(M, D, K, B, Cv=B.T, Ca=2 * B.T), hpcred.Modes(count=3))
     H = np.array([rom.to_pymor().transfer_function.eval_tf(2j * np.pi * f) for f in F])
     assert np.abs(H - rom.frequency_response(F)).max() < 1e-9 * np.abs(H).max()
 
