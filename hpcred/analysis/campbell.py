@@ -60,7 +60,8 @@ def campbell(
     Raises
     ------
     InputError
-        For unknown parameters, values that do not ascend, and structural damping, which has no poles.
+        For unknown parameters, values that do not ascend, structural damping, which has no poles, and viscoelastic
+        parts.
 
     Notes
     -----
@@ -106,6 +107,11 @@ def _matrices_of(model, over, fixed) -> Callable:
             raise InputError(
                 f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no poles; reduce with damping "
                 f"of kind 'modal' and ratio = {reduced.loss_factor / 2:g}, which is the same at resonance"
+            )
+        if laws := getattr(reduced, "viscoelastic", ()):
+            raise InputError(
+                f"viscoelastic: found {laws[0].in_words}, expected M, D and K alone: Campbell diagrams have no poles "
+                "of a stiffness that depends on frequency"
             )
         if reduced is not model:
             return reduced.M, reduced.D, reduced.K

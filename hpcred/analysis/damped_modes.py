@@ -96,7 +96,7 @@ def damped_modes(
     Raises
     ------
     InputError
-        For damping without a matrix D, the Buckens frame, and a target above 0 in a real build.
+        For damping without a matrix D, viscoelastic parts, the Buckens frame, and a target above 0 in a real build.
     ComputationError
         If the eigenproblem is not solved.
 

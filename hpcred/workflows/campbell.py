@@ -120,6 +120,12 @@ def parametric_of(result: Result, over: str, axis):
         )
     if over != "omega":
         raise InputError(f"over: found '{over}', expected omega, the speed of a body with geometric stiffness")
+    if result.reduced.rigid_size:
+        raise InputError(
+            f"{result.path}: found {result.reduced.rigid_size} rigid-body coordinates, expected none: without Coriolis "
+            "forces centrifugal ones make rigid-body motions unstable; reduce without interface coordinates, or hold "
+            "the body"
+        )
     body, e = result.body(), unit_axis("axis", axis)
 
     def at(omega):

@@ -225,6 +225,13 @@ def test_structural_damping_is_refused():
         hpcred.campbell(model, values=[0, 1])
 
 
+def test_viscoelastic_parts_are_refused():
+    part = hpcred.Viscoelastic(np.eye(2), hpcred.Maxwell([1.0], [0.1]), "core")
+    model = SimpleNamespace(at=lambda omega: SimpleNamespace(loss_factor=0.0, viscoelastic=(part,)))
+    with pytest.raises(hpcred.InputError, match="viscoelastic: found core: Maxwell"):
+        hpcred.campbell(model, values=[0, 1])
+
+
 @pytest.mark.mpi(ranks=(1, 2))
 def test_a_full_rotor_beside(comm):
     """The lowest modes of an overhung rotor with gyroscopic moments, against all its modes in numpy."""

@@ -1,5 +1,7 @@
 """Reductions of models with parameters to a tolerance, against dense solves at other frequencies and values."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from adaptive_models import chain, pair, unit
@@ -230,3 +232,26 @@ def test_training_points_fill_the_ranges():
 @pytest.mark.mpi
 def test_what_is_shared_out_comes_in_order(comm):
     assert shared_out(comm, lambda item: item**2, list(range(7))) == [0, 1, 4, 9, 16, 25, 36]
+
+
+class Keys(hpcred.PointStore):
+    """Keeps nothing but the keys of blocks for all values."""
+
+    def load(self, model, key, say, most=None):
+        return None
+
+    def save(self, model, key, entry, say):
+        if "visited" in key:
+            self.keys = [*getattr(self, "keys", []), repr(key)]
+
+
+def test_a_store_tells_blocks_of_other_bands_and_terms_apart(tmp_path, comm):
+    """Blocks for all values belong to the band and to the terms, also to those that are zero at the reference."""
+    one = replace(rotor(16), parameters=[Parameter("omega", (0.0, 10.0), reference=0.0)])
+    weaker = [(of, 0.9 * matrix, factor) for of, matrix, factor in one.terms]
+    found = []
+    for case in (one, replace(one, terms=weaker), replace(one, band=(0.0, 4.99))):
+        store = Keys(tmp_path)
+        with reduced(case, 0.1, comm, store=store, parameter_search=hpcred.ParameterSearch(points=3, most=3)):
+            found.append(set(store.keys))
+    assert found[0] and not found[0] & found[1] and not found[0] & found[2]

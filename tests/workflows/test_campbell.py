@@ -3,6 +3,7 @@
 import json
 from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from helpers import reduce_linkage, refused, to_dense
 import hpcred
 from hpcred.cli.main import run
 from hpcred.reduction.parametric.reduced import ParametricReducedModel, projected_parts
+from hpcred.workflows.campbell import parametric_of
 
 BLADE = """
 model = "model.h5"
@@ -80,6 +82,12 @@ def test_a_blade_over_its_speed(blade, capsys):
 )
 def test_refusals(blade, capsys, arguments, says):
     assert says in refused(capsys, "campbell", "result.h5", *arguments)
+
+
+def test_a_free_body_in_interface_coordinates_is_refused():
+    reduced = SimpleNamespace(rigid_size=6)
+    with pytest.raises(hpcred.InputError, match="found 6 rigid-body coordinates, expected none"):
+        parametric_of(SimpleNamespace(path="free.h5", reduced=reduced, geometric_stiffness=object()), "omega", "z")
 
 
 def test_a_result_without_parameters_is_refused(tmp_path, monkeypatch, capsys):

@@ -164,12 +164,12 @@ class Greedy:
         if solver.nearby is not None:  # solves take the factor itself
             solver.go_to(solver.nearby)
         points, visited = ([list(point) for point in some] for some in (self.points, self.visited))
-        rule = {"points": points, "visited": visited, "terms": self._terms}
+        rule = {"training": points, "visited": visited, "terms": self._terms}
         make_load = partial(residual_block, self.projections, search.run.framed, self.points, self.goal, WIDTH)
         for _ in range(BLOCKS):
             before, start = self.basis.size, search.projections.basis.size
             with self.run.progress.stage("parameters"):
-                new = solver.extend_by(rule | {"size": before}, make_load)
+                new = solver.extend_by_basis(make_load, **rule)
                 if new:
                     self._join(search, start)
                 self.estimated = estimate(self.projections, self.points, before, self.goal)

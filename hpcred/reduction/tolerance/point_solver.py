@@ -178,9 +178,9 @@ class PointSolver:
         """extend_by() the inputs and outputs."""
         return self.extend_by({}, lambda: copy_of(self.projections.loads, self.run.model.K))
 
-    def extend_by_basis(self, make_load) -> int:
+    def extend_by_basis(self, make_load, **rule) -> int:
         """extend_by() a load that is made from the basis."""
-        return self.extend_by(self._history(), make_load)
+        return self.extend_by(self._history() | rule, make_load)
 
     def extend_by_residuals(self, f, width) -> int:
         """extend_by() `width` directions of what the basis leaves of the loads over the band and at f (Hz)."""
