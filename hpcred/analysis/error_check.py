@@ -137,7 +137,7 @@ def check_reduced(
     """
     declared("reduced", reduced, ReducedModel)
     require_model(model)
-    accuracy, record = accuracy_of(reduced), reduced.record
+    accuracy, record, reduced = accuracy_of(reduced), reduced.record, elastic_part(reduced)
     seed, frequencies = fresh_frequencies(accuracy.band, _resonances(reduced, accuracy), count, seed, model.comm)
     full, drive = response_and_drive(
         model, frequencies, record.frame, measuring_damping(accuracy, record.damping), factoring=factoring,
@@ -156,7 +156,7 @@ def _resonances(reduced, accuracy):
     the poles, which a given D moves off the pseudo-frequencies."""
     if accuracy.loss_factor and not (accuracy.beside_damping or reduced.viscoelastic):
         return reduced.frequencies, accuracy.loss_factor / 2
-    f, ratios = at_poles(elastic_part(reduced).poles())
+    f, ratios = at_poles(reduced.poles())
     return f, ratios + accuracy.loss_factor / 2
 
 

@@ -200,11 +200,13 @@ class ReducedModel:
         import hpcred
 
         found = hpcred.state_space(self)  # which refuses structural damping
-        Cp, Cv, of_states = np.split(found["C"], [self.size, 2 * self.size], axis=1)
-        Cp, Cv = np.hstack([Cp, of_states]), np.hstack([Cv, np.zeros_like(of_states)])
-        rates = {} if self.displaces.all() else {"Cv": Cv, "D": found["D"]}
-        keys = ("mass", "damping", "stiffness", "input_matrix")
-        return PymorModel.from_matrices(*(found[key] for key in keys), Cp, **rates)
+        keys = ("mass", "damping", "stiffness", "input_matrix", "output_matrix")
+        *matrices, Cp = (found[key] for key in keys)
+        if self.displaces.all():
+            return PymorModel.from_matrices(*matrices, Cp)
+        Cv, by_mass = found.get("velocity_matrix", 0.0), np.linalg.solve(self.M.T, self.output_parts[2].T).T
+        D, K = (mat[: self.size] for mat in matrices[1:3])  # states of viscoelastic parts come after the coordinates
+        return PymorModel.from_matrices(*matrices, Cp - by_mass @ K, Cv - by_mass @ D, found["D"])
 
     def plot(self, pairs: str | Sequence[str] | None = None, *, band: Sequence[float] | None = None) -> Figure:
         """Draw the frequency response, and its estimated error where that is known: see plot_response.

@@ -155,7 +155,7 @@ def dataclasses_of(kind) -> set:
     while todo:
         kind = todo.pop()
         todo += typing.get_args(kind)
-        if is_dataclass(kind) and kind not in found:
+        if isinstance(kind, type) and is_dataclass(kind) and kind not in found:
             found.add(kind)
             todo += typing.get_type_hints(kind, include_extras=True).values()
     return found

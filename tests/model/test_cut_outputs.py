@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import hpcred
-from hpcred import CutOutput, InputError
+from hpcred import CutOutput, InputError, MotionOutput
 from hpcred.body.units import in_units
 from hpcred.model.cut_outputs import cut_output_of
 from hpcred.model.units import unit_of_response
@@ -100,12 +100,31 @@ def test_under_the_tolerance_and_in_files(comm, folder):
     assert found["eps_max"] <= 1e-4
 
 
+@pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.parametrize("coordinates", ["modal", "interface"])
+def test_a_free_body_to_a_tolerance(comm, coordinates):
+    model = cantilever(comm, clamped=False)
+    node = 1
+    if coordinates == "interface":
+        nodes, node = hpcred.Nodes(set="TIP"), "A"
+        model = model.with_interfaces([hpcred.Interface(name="A", nodes=nodes, kind="averaging")])
+    velocity = MotionOutput(node=node, direction="all", quantity="velocity")
+    model = model.with_outputs([CutOutput(cut="TIP"), velocity])
+    damping, settings = hpcred.Structural(0.01), hpcred.Reduction(coordinates=coordinates)
+    reduced = hpcred.reduce(
+        model, tolerance=1e-4, band=(0.0, 8000.0), frame=hpcred.Buckens(), settings=settings, damping=damping
+    )
+    assert reduced.record.accuracy.reached
+    check = hpcred.check_reduced(reduced, model, 4, seed=5)  # of the elastic part
+    assert check.passed, check.sentence
+
+
 @pytest.mark.mpi
 def test_bodies_in_other_units(comm):
     targets = [
         CutOutput(cut="TIP", component="fz"), CutOutput(cut="TIP", component="mx"),
         hpcred.StressOutput(node=60, stress="xx"),
-        *(hpcred.MotionOutput(node=128, direction="z", quantity=name) for name in ("velocity", "acceleration")),
+        *(MotionOutput(node=128, direction="z", quantity=name) for name in ("velocity", "acceleration")),
     ]  # fmt: skip
     model = cantilever(comm).with_outputs(targets)
     rom = hpcred.reduce(model, [hpcred.Modes(count=6), hpcred.StaticCorrection()])
