@@ -174,7 +174,8 @@ class Result:
         return replace(self, reduced=getattr(self.reduced, "base", self.reduced))
 
     def _mass_differs(self):
-        return not np.allclose(self.floating_frame.Me, self.reduced.M, rtol=0, atol=1e-6)
+        Me = self.floating_frame.Me
+        return np.abs(Me - self.reduced.M).max() > 1e-6 * np.abs(Me).max()
 
     def at_preload(self, preload: Preload) -> Result:
         """The result under a constant load, by its geometric stiffness: see body.preload.reduced_at. The states of the

@@ -50,7 +50,7 @@ def with_parameters(file, reduced: ReducedModel, path) -> ReducedModel:
             for name, unit, limits, reference in zip(names, units, *numbers, strict=True)
         )
         stacks = {key: iter(file[f"parameters/terms/{key}"][...]) for key in dict.fromkeys(of)}
-        terms = tuple(ReducedTerm(key, factor, next(stacks[key])) for key, factor in zip(of, factors, strict=True))
+        terms = tuple([ReducedTerm(key, factor, next(stacks[key])) for key, factor in zip(of, factors, strict=True)])
         constant = {key: file[f"parameters/constant/{key}"][...] for key in (*SHAPES, *OF_OUTPUTS)
                     if key in SHAPES or f"parameters/constant/{key}" in file}  # fmt: skip
     except (KeyError, StopIteration, ValueError) as error:  # an InputError is a ValueError

@@ -93,11 +93,11 @@ def export_result(
                 source = ExportSource(taken, path.stem, nodes, system, modes, surface, writer.stress, settings,
                                       parametric=parametric if preload is None else None)  # fmt: skip
                 report = _write(writer, source, temporary)
-                if parametric is not None and not writer.keeps_parameters:
-                    report.get("remarks", []).append(
-                        f"at {in_words(parametric.reference)}, the reference values; --at takes others"
-                    )
                 found = report.get("remarks", [])
+                if parametric is not None and not (writer.keeps_parameters and preload is None):
+                    found.append(f"at {in_words(parametric.reference)}, the reference values; --at takes others")
+                if writer.needs == "body" and _rotates(taken.reduced.record):
+                    found.append("D and K have terms of rotation, whose forces programs that rotate the body add too")
                 if preload is not None and preload.values and not any("preload" in remark for remark in found):
                     found.append(f"K has the stress of the preload {preload.words}")
                 found.extend(WRITERS.broken)
@@ -145,6 +145,11 @@ def export_reduced(
             )
         except InputError as error:  # names a file that the caller has never seen
             raise InputError(str(error).replace(str(result), reduced.model.name)) from error
+
+
+def _rotates(record):
+    """Test whether the job of a record has terms that are made for a rotation."""
+    return any(item["kind"] != "matrix" for item in (record and record.job or {}).get("term", ()))
 
 
 def _chosen(kind, path, comm):

@@ -280,6 +280,9 @@ def test_a_body_that_spins_against_its_full_model(folder, comm):
             folder / "r.h5", folder / "body.h5", at={"omega": omega}, frequencies=[1000.0, 5000.0], comm=comm
         )
         assert found["eps_max"] < 1e-2
+    for kind, told in (("npz", True), ("statespace-npz", False)):
+        report = package.export_result(folder / "r.h5", kind, folder / f"{kind}.npz", comm=comm)
+        assert any("D and K have terms of rotation" in item for item in report["remarks"]) == told
     record = read_result(folder / "r.h5", comm).reduced.record
     with package.read_model(folder / "body.h5", comm) as model, model.with_inputs([(20, "z")]) as model:
         for factor, differs in ((1500.0, None), (1400.0, "D")):
