@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from adaptive_models import chain, pair, unit
+from helpers import block_with_ends, to_dense
 from parametric_models import AffineCase, fresh_pairs, random_affine
 
 import hpcred
@@ -15,8 +16,11 @@ from hpcred import (
     ModalDamping,
     Modes,
     Parameter,
+    ParametricModel,
     Rayleigh,
+    Term,
 )
+from hpcred.examples.linkage import FRAME, LOAD, SUPPORTS
 from hpcred.parallel.decisions import shared_out
 from hpcred.reduction.parametric.training import distances, fresh_points, place_of, training_points
 
@@ -117,6 +121,39 @@ def test_damping_that_follows_the_matrices(damping, comm):
         omega = 2 * np.pi * at.frequencies
         expected = 0.1 + 1e-4 * omega**2 if damping.kind == "rayleigh" else 0.04 * omega
         assert np.allclose(at.D, np.diag(expected), atol=1e-9 * expected.max())
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("frame", [FRAME, Buckens()], ids=lambda item: item.kind)
+def test_frames(frame, comm):
+    """Terms have all dofs of the model, the basis those of the frame; against full solves in the frame."""
+    free, damping, F = isinstance(frame, Buckens), Rayleigh(2.0, 1e-5), [30.0, 133.0, 290.0]
+    with hpcred.linkage(inputs=(*SUPPORTS, LOAD) if free else (LOAD,)) as link:
+        K, M = to_dense(link.K), to_dense(link.M)
+        soft = np.diag(np.arange(len(K)) < 60) * 1.0
+        terms = [Term("K", K, "e")] if free else [Term("K", soft @ K @ soft, "e"), Term("M", soft @ M @ soft, "e^2")]
+        family = ParametricModel(link, [Parameter("e", (-0.4, 0.5))], terms)
+    search = hpcred.ParameterSearch(points=9)
+    given = {"frame": frame, "damping": damping}
+    with family, hpcred.reduce(family, tolerance=1e-4, band=(0, 300), parameter_search=search, **given) as rom:
+        assert rom.record.accuracy.reached and rom.columns.getSizes()[0][1] == family.size
+        for e in (-0.33, 0.46):
+            with family.at(e=e) as full:
+                H = full.frequency_response(F, **given)
+            off = np.abs(rom.frequency_response(F, e=e) - H).max(axis=(1, 2))
+            assert (off <= 1e-4 * np.abs(H).max(axis=(1, 2))).all()
+
+
+def test_interface_coordinates_stay_where_they_are(comm):
+    """The first coordinates are the motions of the interfaces at all values, of which a superelement is made."""
+    with block_with_ends(comm, clamped=True, cells=(3, 2, 2)) as model:
+        family = ParametricModel(model, [Parameter("e", (0.0, 1.0))], [Term("K", to_dense(model.K), "e")])
+    basis = [hpcred.CraigBampton(count=6)]
+    with family, hpcred.reduce(family, basis, coordinates="interface") as rom:
+        at, count = rom.at(e=0.7), 6 * len(rom.interfaces)
+        assert count and (rom.turn({"e": 0.7}) == np.eye(rom.size)).all()
+        assert np.abs(at.K - 1.7 / 1.5 * rom.K).max() < 1e-10 * np.abs(rom.K).max()
+        assert np.abs(at.M - rom.M).max() < 1e-12 * np.abs(rom.M).max() and at.interfaces == rom.interfaces
 
 
 @pytest.mark.mpi
