@@ -71,9 +71,17 @@ JOBS = [
         ("pressure", END), ("traction", END + "value = [1.0, 0.0, 0.0]\n"), ("gravity", "value = [0.0, 0.0, -9.81]\n"),
         ("line", "on = [13, 14]\nvalue = [1.0, 0.0, 0.0]\n"), ("temperature", "value = 10.0\n"),
         ("moving", "on = [1, 5, 9, 13]\nvalue = [0.0, 1.0, 0.0]\npoints = 3\n"),
-        ("given", 'file = "wind.mtx"\n'), ("deck", 'file = "loads.inp"\nstep = 1\n'))),
+        ("centrifugal", 'axis = "z"\n'), ("given", 'file = "wind.mtx"\n'), ("deck", 'file = "loads.inp"\nstep = 1\n'))),
     'model = "block.h5"\ninputs = [[13, "x"]]\n' + MODES + '[[geometric_stiffness]]\nstate = "wz^2"\nvalue = 1e4\n'
     'file = "loaded.h5"\n',
+    *(JOB + CHORD + MODES + f'[[viscoelastic]]\nfile = "Kv.mtx"\nlaw = {{kind = "{law}}}\n' for law in (
+        'maxwell", factors = [0.5], times = [1e-3], constant = 1.0',
+        'fractional", low = 1.0, high = 2.0, time = 1e-3, exponent = 0.5',
+        'fractional_kelvin_voigt", low = 1.0, rise = 1.0, time = 1e-3, exponent = 0.5')),
+    'model = {K = "K.mtx", M = "M.mtx"}\ninputs = [1]\nband = [0.0, 0.3]\ntolerance = 1e-2\n'
+    '[[parameter]]\nname = "e"\nrange = [0.0, 1.0]\n[[term]]\nof = "K"\nfile = "K.mtx"\nfactor = "e"\n'
+    '[parameter_search]\npoints = 3\n',
+    'model = "block.h5"\ninputs = [[13, "x"]]\noutputs = [{cut = "half"}]\n' + MODES,
 ]  # fmt: skip
 MOTION = 'body = "result.h5"\nend = 0.01\nsteps = 4\n'
 HOLD = '[[constraint]]\nnode = 1\n[[constraint]]\nnode = 7\ndirections = ["x", "z"]\n[[constraint]]\nnode = 14\n' \
@@ -107,9 +115,11 @@ def good_files() -> dict[str, bytes]:
     with tempfile.TemporaryDirectory() as name, inside(name):
         with hpcred.linkage() as model:
             hpcred.write_model("model.h5", model)
+            scipy.io.mmwrite("Kv.mtx", scipy.sparse.eye(model.size, format="coo"))
         steel = hpcred.Material(name="steel", young=2.1e11, poisson=0.3, density=7850.0, expansion=1.2e-5)
         with hpcred.solid((4, 1, 1)) as model:
-            hpcred.write_model("block.h5", model.with_material(steel))
+            half = np.unique(model.dofs.node[model.dofs.position[:, 0] > 0.025])
+            hpcred.write_model("block.h5", model.with_material(steel).with_fields(sets={"half": half}))
             model.K.scale(1.001)
             hpcred.write_model("loaded.h5", model)
             scipy.io.mmwrite("wind.mtx", scipy.sparse.coo_matrix(np.ones((model.size, 1))))
@@ -177,7 +187,8 @@ def _meant(kind, table):
     tables = [item for item in _parts(kind) if is_dataclass(item)]
     named = [item for item in tables if any(field.name == "kind" and field.default == table.get("kind", field.default)
                                             for field in fields(item))]  # fmt: skip
-    return next(iter(named or tables), None)
+    fitting = [item for item in tables if set(table) <= {field.name for field in fields(item)}]
+    return next(iter(named or fitting or tables), None)
 
 
 def _parts(kind):
