@@ -21,6 +21,7 @@ from hpcred import (
     Term,
 )
 from hpcred.examples.linkage import FRAME, LOAD, SUPPORTS
+from hpcred.model.interfaces import Nodes
 from hpcred.parallel.decisions import shared_out
 from hpcred.reduction.parametric.training import distances, fresh_points, place_of, training_points
 
@@ -292,3 +293,22 @@ def test_a_store_tells_blocks_of_other_bands_and_terms_apart(tmp_path, comm):
         with reduced(case, 0.1, comm, store=store, parameter_search=hpcred.ParameterSearch(points=3, most=3)):
             found.append(set(store.keys))
     assert found[0] and not found[0] & found[1] and not found[0] & found[2]
+
+
+@pytest.mark.parametrize(
+    "damping", [Rayleigh(10.0, 1e-6), ModalDamping(ratios=(0.01, 0.05, 0.02, 0.03, 0.01, 0.06))],
+    ids=lambda item: item.kind,
+)
+def test_damping_leaves_rigid_body_motion_in_interface_coordinates_alone(damping):
+    ends = [hpcred.Interface(name=name, nodes=Nodes(box=((low, -1.0, -1.0), (high, 1.0, 1.0))))
+            for name, low, high in (("left", -1.0, 1e-6), ("right", 0.39999, 1.0))]  # fmt: skip
+    with hpcred.solid((4, 2, 2), size=(0.4, 0.04, 0.06), clamped=False) as block, block.with_interfaces(ends) as body:
+        parameters, terms = [Parameter("e", (0.0, 1.0))], [hpcred.Term("K", 0.5 * to_dense(body.K), "e")]
+        with hpcred.ParametricModel(body, parameters, terms) as model:
+            basis = [hpcred.ConstraintModes(), Modes(count=6)]
+            rom = hpcred.reduce(model, basis, Buckens(), damping, coordinates="interface")
+            assert rom.matrices({})["D"] == pytest.approx(rom.D, abs=1e-9 * np.abs(rom.D).max())
+            R = np.linalg.svd(rom.K)[0][:, -6:]  # of all values, as K(e) = (1 + e / 2) K
+            D = rom.matrices({"e": 0.9})["D"]
+            assert np.abs(D @ R).max() < 1e-6 * np.abs(D).max()
+            rom.close()

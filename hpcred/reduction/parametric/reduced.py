@@ -64,6 +64,7 @@ class ParametricReducedModel(ReducedModel):
         damping = None if self.record is None else self.record.damping
         if _follows_frequencies(damping):
             X, eigenvalues = _eigenpairs(found["M"], found["K"])
+            X, eigenvalues = X[:, self.rigid_size :], eigenvalues[self.rigid_size :]  # which damping models leave alone
             frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
             back = found["M"] @ X  # X^-T
             found["D"] = back @ reduced_damping(damping, np.diag(eigenvalues), frequencies) @ back.T
@@ -152,7 +153,8 @@ def _of_matrices(damping):
 
 def _proportional(M, K, damping, reduced):
     if coefficients := _of_matrices(damping):
-        return coefficients[0] * M + coefficients[1] * K
+        # rigid-body motion in interface coordinates is without damping
+        return reduced.D + coefficients[0] * (M - reduced.M) + coefficients[1] * (K - reduced.K)
     return reduced.D if _follows_frequencies(damping) else np.zeros_like(K)
 
 
