@@ -60,6 +60,13 @@ def arrays_of(body: Body) -> dict:
     }
 
 
+def words_on_damping(reduced: ParametricReducedModel | None) -> list[str]:
+    """Return a remark on damping that is no sum of terms."""
+    if reduced is None or not reduced.damping_follows:
+        return []
+    return ["constant_D is the damping at the reference values; that at others follows their eigenfrequencies"]
+
+
 def arrays_of_parameters(reduced: ParametricReducedModel | None) -> dict:
     """The parameters, constant parts and terms by their names in the file; nothing for None."""
     if reduced is None:
@@ -101,7 +108,7 @@ class BodyNpz(Writer):
 
     def write(self, target, source):
         save_npz(target, arrays_of(source.body) | arrays_of_parameters(source.parametric))
-        return remarks(source.body)
+        return [*remarks(source.body), *words_on_damping(source.parametric)]
 
     def describe(self, path):
         """Return the arrays of a .npz by name, or nothing of another archive."""
@@ -127,4 +134,4 @@ class BodyMat(Writer):
 
     def write(self, target, source):
         save_mat(target, arrays_of(source.body) | arrays_of_parameters(source.parametric))
-        return remarks(source.body)
+        return [*remarks(source.body), *words_on_damping(source.parametric)]

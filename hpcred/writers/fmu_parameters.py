@@ -27,11 +27,14 @@ class Family:
     @classmethod
     def of(cls, parametric: ParametricReducedModel | None, reduced: ReducedModel) -> Family:
         """Return the parts of a model that is `reduced` at the reference values, perhaps with further outputs, whose
-        rows do not depend on parameters; `reduced` alone for None, and where its mass does."""
+        rows do not depend on parameters; `reduced` alone for None, and where its mass does or its damping is no sum of
+        terms."""
         if parametric is None:
             return cls(reduced)
-        if any(item.of == "M" for item in parametric.terms):
-            remark = f"the mass depends on parameters: at {in_words(parametric.reference)}; --at takes others"
+        what = "mass" if any(item.of == "M" for item in parametric.terms) else "damping"
+        if what == "mass" or parametric.damping_follows:
+            how = "depends on parameters" if what == "mass" else "follows the eigenfrequencies at each value"
+            remark = f"the {what} {how}: at {in_words(parametric.reference)}; --at takes others"
             return cls(reduced, remarks=(remark,))
         known = {key: parametric.constant[key] for key in "KDB"}
         outputs = np.vstack([parametric.constant["C"], reduced.C[len(parametric.C) :]])

@@ -26,7 +26,7 @@ from ..body.body import check_viscous, instability, maker
 from ..files.outputs import MATLAB, ZIP
 from ..reduction.maxwell_states import maxwell_states
 from ..reduction.reduced_model import ReducedModel, require_finite
-from .arrays import arrays_of_parameters, save_mat, save_npz
+from .arrays import arrays_of_parameters, save_mat, save_npz, words_on_damping
 from .base import Writer
 
 
@@ -95,6 +95,11 @@ def words_on_states(reduced) -> list[str]:
     return [f"the last {count} states are those of Maxwell elements ({names})"]
 
 
+def _words(source) -> list[str]:
+    """Return remarks on a file."""
+    return [*instability(source.reduced), *words_on_states(source.reduced), *words_on_damping(source.parametric)]
+
+
 class StateSpaceMat(Writer):
     """State spaces for MATLAB."""
 
@@ -102,7 +107,7 @@ class StateSpaceMat(Writer):
 
     def write(self, target, source):
         save_mat(target, state_space(source.reduced) | arrays_of_parameters(source.parametric))
-        return [*instability(source.reduced), *words_on_states(source.reduced)]
+        return _words(source)
 
 
 class StateSpaceNpz(Writer):
@@ -112,4 +117,4 @@ class StateSpaceNpz(Writer):
 
     def write(self, target, source):
         save_npz(target, state_space(source.reduced) | arrays_of_parameters(source.parametric))
-        return [*instability(source.reduced), *words_on_states(source.reduced)]
+        return _words(source)

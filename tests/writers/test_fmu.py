@@ -18,7 +18,9 @@ from hpcred import Buckens, Modes, Parameter, ParametricModel, Rayleigh, Term
 from hpcred.model.damping import GivenDamping
 from hpcred.parallel.failures import ComputationError, InputError
 from hpcred.reduction.parametric.reduced import ParametricReducedModel, ReducedTerm, projected_parts
+from hpcred.writers.arrays import words_on_damping
 from hpcred.writers.fmu import write_fmu
+from hpcred.writers.fmu_parameters import Family
 from hpcred.writers.state_space import state_space
 
 STEP, COUNT = 1e-3, 60
@@ -312,6 +314,15 @@ def test_the_step_response_at_values(family, family_fmu, values):
     expected[:, :2] += state_space(at)["D"] @ [10.0, 0.0]
     scale = np.abs(expected).max(axis=0)
     assert (np.abs(numbers(result) - expected).max(axis=0) < 1e-9 * scale).all() and (scale > 0).all()
+
+
+def test_modal_damping_is_no_sum_of_terms(family):
+    """D follows the eigenfrequencies at each value: an FMU is at the reference values, and files of arrays say so."""
+    modal = replace(family, record=replace(family.record, damping=hpcred.ModalDamping(ratio=0.02)))
+    assert modal.damping_follows and not family.damping_follows
+    found = Family.of(modal, modal.base)
+    assert not found.parameters and not found.terms and "the damping follows the eigenfrequencies" in found.remarks[0]
+    assert "constant_D is the damping at the reference" in words_on_damping(modal)[0] and not words_on_damping(family)
 
 
 def test_fmpy_finds_no_fault_and_sees_parameters(family_fmu, tmp_path):

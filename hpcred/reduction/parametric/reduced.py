@@ -52,6 +52,12 @@ class ParametricReducedModel(ReducedModel):
         """Reference values of the parameters by name."""
         return checked_values(self.parameters, {})
 
+    @property
+    def damping_follows(self) -> bool:
+        """Whether D is made from the eigenfrequencies at each value, so that it is no sum of terms."""
+        changes = any(item.of in "MK" for item in self.terms)
+        return changes and _follows_frequencies(None if self.record is None else self.record.damping)
+
     def matrices(self, values: Mapping[str, float]) -> dict[str, np.ndarray]:
         """Return M, D, K, B, C (Cv, Ca) at values of the parameters, in the coordinates of the model at the reference.
 
