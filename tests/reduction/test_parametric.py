@@ -71,6 +71,8 @@ def test_the_tolerance_holds_at_other_values(make, tolerance, comm):
         accuracy = rom.record.accuracy
         assert rom.size < len(case.K) / 2 and f"{accuracy.parameters.ranges_in_words}: " in accuracy.sentence
         assert len(accuracy.parameters.points) <= 5
+        name, value = next(iter(accuracy.parameters.points[-1].values.items()))
+        assert f" Hz and {name} = {value:.6g}" in accuracy.sentence
         assert all(point.measured <= 0.3 * tolerance for point in accuracy.parameters.points[-2:])
         assert len(rom.record.factorisations) == sum(point.factorisations for point in accuracy.parameters.points)
 

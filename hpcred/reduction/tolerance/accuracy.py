@@ -12,7 +12,7 @@ from ...parallel.declared import as_declared, renamed
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, FREQUENCY, require_band, within
 from ..measure import PAPER, AnyMeasure, Measure, Paper, measure_called
-from ..parametric.accuracy import ParameterAccuracy
+from ..parametric.accuracy import ParameterAccuracy, in_words
 from .directions import Direction
 from .error_estimate import UNIFORM
 from .pseudo_modal import Proportional
@@ -179,7 +179,12 @@ class Accuracy:
         proven = self.proofs[-1] if self.proofs else None
         if self.multigrid:  # whose first points in the band are no proofs yet
             proven = max(self.proofs[1:] or self.proofs, key=lambda item: item.measured, default=None)
-        by = f", proven {proven.measured:.1e} at {proven.frequency:g} Hz of the uncompressed model" if proven else ""
+        where = ""
+        if self.parameters is not None and proven is not None and proven == self.proofs[-1]:
+            where = f" and {in_words(self.parameters.points[-1].values)}"
+        by = ""
+        if proven is not None:
+            by = f", proven {proven.measured:.1e} at {proven.frequency:g} Hz{where} of the uncompressed model"
         # responses of round-off are compared with each other; without a measured value nothing bounds an estimate
         more = " or more" if self.stopped == ROUND_OFF or self.unproven else ""
         about = f"{self.largest + self.noise:.1e}{more}"
