@@ -14,10 +14,13 @@ from ..linalg.csr import diagonal_of
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed, settle
 from ..parallel.petsc import PETSc
+from .cut_outputs import cut_output_of
 from .parameters import Parameter, Term, check_terms, checked_values, factors_of, in_words
 from .petsc_matrices import on_one_pattern
 from .second_order_model import SecondOrderModel, listed, require_model
 from .term_matrices import FIELD, term_matrix
+
+OF_MASS = ("gravity", "centrifugal")  # loads that are M times accelerations
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -81,9 +84,16 @@ class ParametricModel:
             mats["D"] = model.K.duplicate(copy=False)
             mats["D"].zeroEntries()
         mats = {key: mat for key, mat in on_one_pattern(mats, square).items() if mat is not getattr(model, key)}
+        if any(item.of == "M" for item in terms):
+            mats["loads"] = tuple(_of_constant_mass(item) for item in model.loads)
         self._take(model.with_fields(**mats), parameters, terms)
 
     def _take(self, model, parameters, terms):
+        if any(item.of == "K" for item in terms) and any(map(cut_output_of, model.own_output_names)):
+            raise InputError(
+                f"{model.name}: found terms of K, and outputs that are section forces, which would be those of the "
+                "constant part of K alone; leave the outputs of cuts out, or give rows and terms of C of their own"
+            )
         vars(self).update(model=model, parameters=parameters, terms=terms)
 
     def __enter__(self) -> ParametricModel:
@@ -211,3 +221,11 @@ class ParametricModel:
         other = object.__new__(type(self))
         other._take(model, self.parameters, tuple(replace(item, matrix=copy(item.matrix)) for item in self.terms))
         return other
+
+
+def _of_constant_mass(load):
+    """Return the LoadColumn of a load, with a remark where it is made from M."""
+    if load.kind not in OF_MASS:
+        return load
+    told = "it is that of the constant part of M, to which terms of M add nothing; give them as terms of B"
+    return replace(load, remark="; ".join(filter(None, (load.remark, told))))

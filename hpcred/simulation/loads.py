@@ -295,8 +295,8 @@ def push_of(item, body) -> Push:
                          f"it has {', '.join(reduced.input_names)}")  # fmt: skip
     if reduced.resultants is None:
         raise InputError(
-            f"load '{item.name}': the result does not have the sums of its inputs, since an earlier version made it; "
-            "reduce the model again"
+            f"load '{item.name}': the result does not have the sums of its inputs, since an earlier version made it or "
+            "terms of B change them; reduce the model again, at these values"
         )
     place = reduced.input_names.index(item.name)
     return Push(item, np.concatenate([resultants_of(body)[place], reduced.B[:, place]]))

@@ -288,3 +288,30 @@ def test_inputs_that_have_terms_stay(given):
             with pytest.raises(InputError, match=f"^model: it has terms of {key}, which belong to the {what} that it"):
                 getattr(parametric, f"with_{what}")([1])
     assert hpcred.Term is Term
+
+
+def test_section_forces_beside_terms_of_k_are_refused():
+    """They would be those of the constant part of K alone."""
+    term = Term("K", np.eye(81), "omega")
+    with hpcred.solid((3, 2, 2), inputs=1) as block:
+        tip = np.unique(block.dofs.node[block.dofs.position[:, 0] > 0.6 * block.dofs.position[:, 0].max()])
+        with block.with_fields(sets={"TIP": tip}) as body:
+            cut = [hpcred.CutOutput(cut="TIP", component="fx")]
+            with body.with_outputs(cut) as measured, pytest.raises(InputError, match="outputs that are section forces"):
+                ParametricModel(measured, [OMEGA], [term])
+            with (
+                ParametricModel(body, [OMEGA], [term]) as model,
+                pytest.raises(InputError, match="outputs that are section forces"),
+            ):
+                model.with_outputs(cut)
+
+
+def test_weight_is_that_of_the_constant_mass():
+    weight = hpcred.Gravity(name="g", value=(0.0, 0.0, -9.81))
+    with hpcred.solid((3, 2, 2), inputs=1) as block, block.with_loads([weight]) as body:
+        terms = [Term("M", np.eye(81), "omega"), Term("K", np.eye(81), "omega")]
+        with ParametricModel(body, [OMEGA], terms) as model, ParametricModel(body, [OMEGA], terms[1:]) as other:
+            assert "that of the constant part of M" in model.model.loads[0].remark
+            assert "constant part" not in other.model.loads[0].remark
+            with model.at() as reference:
+                assert "that of the constant part of M" in reference.loads[0].notes[0]

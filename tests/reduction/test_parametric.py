@@ -111,6 +111,8 @@ def test_the_terms_are_those_of_the_full_model(comm):
         assert np.allclose(rom.frequency_response([0.3, 2.2], **values), at.transfer_function(s), rtol=1e-9)
         assert np.allclose(rom.transfer_function(s), rom.base.transfer_function(s), rtol=1e-9)
         assert case.eps(rom, fresh_pairs(case)).max() <= 1e-6
+        moved = replace(rom, resultants=np.ones((1, 6)))  # of the inputs at the reference, p = 0.5
+        assert moved.at(p=0.83).resultants is None and moved.at(p=0.5).resultants is moved.resultants
         with pytest.raises(InputError, match="found 1.5, expected 0 to 1, its range"):
             rom.at(p=1.5)
 

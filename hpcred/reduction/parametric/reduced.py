@@ -107,6 +107,8 @@ class ParametricReducedModel(ReducedModel):
             outputs = {key: found[key] @ X for key in ("C", "Cv", "Ca") if key in found}
             found = {"M": np.eye(self.size), "K": np.diag(eigenvalues), "D": X.T @ found["D"] @ X,
                      "B": X.T @ found["B"], **outputs}  # fmt: skip
+        if any(item.of == "B" for item in self.terms) and checked_values(self.parameters, values) != self.reference:
+            found["resultants"] = None  # those of the columns at the reference
         return replace(self.base, **found, frequencies=frequencies, columns=None, left_columns=None, model=None)
 
     def transfer_function(self, s: complex | np.ndarray, **values: float) -> np.ndarray:
