@@ -23,7 +23,7 @@ from hpcred import (
 from hpcred.examples.linkage import FRAME, LOAD, SUPPORTS
 from hpcred.model.interfaces import Nodes
 from hpcred.parallel.decisions import shared_out
-from hpcred.reduction.parametric.training import distances, fresh_points, place_of, training_points
+from hpcred.reduction.parametric.training import corner_points, distances, fresh_points, place_of, training_points
 
 
 def bushings(n=60, **more):
@@ -265,6 +265,9 @@ def test_training_points_fill_the_ranges():
     many = [Parameter(name, (0.0, 1.0)) for name in "abc"]
     points = np.array(training_points(many))
     assert len(points) == 100 and {(0.0, 0.0, 0.0), (1.0, 0.0, 1.0)} <= set(map(tuple, points))
+    # 13 points without corners missed the error in one of them by a factor of 2
+    assert {(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)} <= set(training_points(many, 13)) and corner_points(many, 7) == []
+    assert len(corner_points(many, 8)) == 8
     cells = {tuple(cell) for cell in np.floor(points[8:] * 2.999).astype(int)}
     assert len(cells) == 27
     assert not set(fresh_points(many, 0, 8)) & set(fresh_points(many, 8, 8))

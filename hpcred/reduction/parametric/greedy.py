@@ -31,7 +31,7 @@ from .affine import AffineForm, AffineProjections
 from .compression import RangeSnapshots
 from .estimate import Estimate, estimate, residual_block
 from .settings import ParameterSearch
-from .training import distances, fresh_points, training_points
+from .training import corner_points, distances, fresh_points, training_points
 
 WIDTH = 16  # columns of a block for all values
 BLOCKS = 4  # of them with one factor, while each makes the error so much smaller:
@@ -266,8 +266,9 @@ class Greedy:
         return self.points[free[errors.argmax()]]
 
     def checks(self) -> list[tuple[float, ...]]:
-        """Return points at which nothing was estimated; local."""
-        return fresh_points(self.parametric.parameters, FRESH * len(self.visited), CHECKS)
+        """Return corners, and points at which nothing was estimated; local."""
+        parameters = self.parametric.parameters
+        return corner_points(parameters, CHECKS) + fresh_points(parameters, FRESH * len(self.visited), CHECKS)
 
     def _values(self, point):
         return dict(zip(self.parametric.reference, point, strict=True))

@@ -23,10 +23,18 @@ def training_points(parameters, count: int | None = None) -> list[tuple[float, .
         along = np.linspace(0, 1, max(2, round(count ** (1 / number))))
         places = np.array(list(product(along, repeat=number)))
     else:
-        few = 2**number <= count // 2
-        corners = np.array(list(product((0.0, 1.0), repeat=number))) if few else np.zeros((0, number))
-        places = np.vstack([corners, low_discrepancy(number, count - len(corners))])
+        places = _corners(number, count)
+        places = np.vstack([places, low_discrepancy(number, count - len(places))])
     return [point_at(parameters, place) for place in places]
+
+
+def corner_points(parameters, most: int) -> list[tuple[float, ...]]:
+    """Return the corners of the ranges, none where they are more than `most`."""
+    return [point_at(parameters, place) for place in _corners(len(parameters), most)]
+
+
+def _corners(number, most):
+    return np.array(list(product((0.0, 1.0), repeat=number))) if 2**number <= most else np.zeros((0, number))
 
 
 def fresh_points(parameters, first: int, count: int) -> list[tuple[float, ...]]:
