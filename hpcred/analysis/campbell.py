@@ -71,6 +71,8 @@ def campbell(
     known = {item.name: item for item in getattr(model, "parameters", ())}
     if known and over not in known:
         raise InputError(f"over: found the parameter '{over}', expected one of {', '.join(known)}")
+    if over in (at or ()):
+        raise InputError(f"at: found a value of {over}, which the diagram is over; leave it out")
     values = _checked_values(values, over, known)
     if unit is None:
         unit = known[over].unit if over in known else ""

@@ -59,6 +59,8 @@ def campbell_file(
         raise InputError(f"solves: found {solves}, expected at least 1")
     axis = axis_of(found.reduced.record) or "z" if axis is None else axis
     model = parametric_of(found, over, axis)
+    if at and not model.parameters:
+        raise InputError(f"at: found a value of {next(iter(at))}, but {result} has no parameters; leave it out")
     if not len(values):
         range = range or _range_of(model, over)
         values = np.linspace(*declared("range", range, tuple[float, float]), points)

@@ -102,9 +102,12 @@ def _model_of_record(path, record, result, at, comm):
     if parametric is not None:
         model = parametric.at(**(record.job.get("at") or parametric.reference))
     key = difference_of(signature_of(model), record)
+    if [part.law for part in model.viscoelastic] != [part.law for part in record.viscoelastic]:
+        key = "laws"
     if key is not None:
         with model:
-            what = {"B": "inputs differ", "C": "outputs differ"}.get(key, f"matrix {key} differs")
+            what = {"B": "inputs differ", "C": "outputs differ", "laws": "viscoelastic laws differ"}
+            what = what.get(key, f"matrix {key} differs")
             raise InputError(f"{path}: its {what} from what {result} was reduced from; take that model, or "
                              "reduce this one again")  # fmt: skip
     if parametric is None:

@@ -1,6 +1,7 @@
 """Viscoelastic parts in files: jobs, model.h5, result.h5, exports, and the commands that use them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,10 @@ def test_a_job_reduces_and_everything_reads_it(case, capsys):
     assert "at most" in told and "measured with the viscoelastic parts of the model" in told
     assert run(["report", "result.h5", "--full", "model.h5", "-o", "r.html"]) == 0
     assert "Kv.mtx: Fractional(low=0.5" in Path("r.html").read_text(encoding="utf-8")
+    slower = hpcred.Viscoelastic(case.parts[0][0], replace(ZENER, time=2 * ZENER.time))  # the same at rest
+    with hpcred.SecondOrderModel.from_scipy(case.K, case.M) as model, model.with_viscoelastic([slower]) as other:
+        hpcred.write_model("other.h5", other)
+    assert "its viscoelastic laws differ" in refused(capsys, "evaluate", "result.h5", "--full", "other.h5")
     with opened("result.h5", "hpcred-result", 2) as file:
         assert file.attrs["version"] == 3  # which programs of before refuse
 
