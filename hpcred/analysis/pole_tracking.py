@@ -73,7 +73,8 @@ class PoleTracker:
     def next(self, before: Poles, value: float) -> tuple[Poles, np.ndarray, bool]:
         """Return the poles of a value, the place there of each pole before (-1: none), and whether these are sure."""
         after = self.at(value)
-        alike = np.maximum(_assurance(before.states, after.states), _assurance(before.states, after.states.conj()))
+        direct, turned = (_assurance(before.states, states) for states in (after.states, after.states.conj()))
+        alike = np.maximum(direct, turned)
         apart = np.abs(before.poles[:, None] - after.poles)
         apart = np.minimum(apart / np.maximum(np.abs(before.poles)[:, None], 1e-300), 1.0)
         rows, columns = linear_sum_assignment(0.01 * apart - alike)
@@ -82,7 +83,8 @@ class PoleTracker:
         of_before, of_after = _together(before.poles) @ alike, alike @ _together(after.poles)
         sure = np.maximum(of_before, of_after)[rows, columns] >= SURE
         matters = (np.abs(before.poles[rows].imag) <= self.limit) | (np.abs(after.poles[columns].imag) <= self.limit)
-        exchanged = _exchanged(before.poles[rows[matters]], after.poles[columns[matters]])
+        ends = before.poles[rows[matters]], after.poles[columns[matters]]
+        exchanged = _exchanged(*ends, (turned > direct)[rows[matters], columns[matters]])
         return _continued(after, before, places), places, bool((sure | ~matters).all()) and not exchanged
 
     def over(self, values) -> tuple[list[Poles], list[np.ndarray], list[float]]:
@@ -131,12 +133,16 @@ def _assurance(one, other):
     return np.abs(one.conj().T @ other) ** 2
 
 
-def _exchanged(before, after) -> bool:
-    """Test whether frequencies of poles change their order in a step that is too large to tell whether they cross, or
-    veer and exchange their shapes."""
-    gaps = [np.subtract.outer(poles.imag, poles.imag) for poles in (before, after)]
+def _exchanged(before, after, turned) -> bool:
+    """Test whether frequencies of poles change their order, or pass zero and become those of their conjugates
+    (`turned`), in a step that is too large to tell whether they cross, or meet and part again with other shapes or
+    with growth."""
     size = np.maximum.outer(before.imag, before.imag)
-    return bool(((gaps[0] * gaps[1] < 0) & (np.minimum(*np.abs(gaps)) > NARROW * size)).any())
+    gaps = [np.subtract.outer(poles.imag, poles.imag) for poles in (before, after)]
+    gaps = [np.where(np.abs(gap) > SAME * size, gap, 0.0) for gap in gaps]
+    cross = (gaps[0] * gaps[1] < 0) & (np.abs(gaps).sum(axis=0) > NARROW * size)
+    passes = turned & (before.imag * after.imag > 0) & (before.imag + after.imag > NARROW * size.max(initial=0.0))
+    return bool(cross.any() or passes.any())
 
 
 def _together(poles):

@@ -274,3 +274,17 @@ def test_a_mode_that_parts_in_the_last_step_is_there():
     """The unstable one of two real poles begins at the last value."""
     found = hpcred.campbell(Family(lambda p: (np.eye(1), 0.1 * np.eye(1), np.array([[4.0 - p]]))), "p", [0.0, 3.0, 5.0])
     assert found.poles.shape[1] == 2 and np.nanmax(found.poles.real) == pytest.approx(-0.05 + np.sqrt(1.0025))
+
+
+def test_narrow_ranges_of_instability_are_found():
+    """A shaft of two stiffnesses in its turning frame is unstable between its two frequencies; a circulatory coupling
+    of two modes that meet makes flutter where they are nearer than it. Both are much narrower than the steps."""
+    stiffness = np.diag([10.0**2, 10.05**2])
+    shaft = Family(lambda omega: (np.eye(2), -2 * omega * TURN, stiffness - omega**2 * np.eye(2)))
+    for count in (4, 41):
+        found = hpcred.campbell(shaft, values=np.linspace(0, 23.7, count))
+        assert found.stability_limit == pytest.approx(10.0, rel=1e-6)
+    coupling = 1.0
+    meeting = Family(lambda p: (np.eye(2), np.zeros((2, 2)), np.diag([100.0, 64 + p]) + coupling * TURN))
+    found = hpcred.campbell(meeting, "p", np.linspace(0, 73, 8))
+    assert found.stability_limit == pytest.approx(36 - 2 * coupling, rel=1e-6)
