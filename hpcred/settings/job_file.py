@@ -177,6 +177,8 @@ class Job:
         for key, default in (("at", {}), ("parameter_search", ParameterSearch())):
             if getattr(self, key) != default and not self.parameter:
                 raise InputError(f"{key}: found it without [[parameter]], to which it belongs; leave it out")
+        if self.parameter_search != ParameterSearch() and self.tolerance is None:
+            raise InputError("parameter_search: found it without a tolerance, to which it belongs; leave it out")
         require_band("band", self.band)
         self.settings, self.search  # noqa: B018  (refused early)
 
