@@ -358,7 +358,8 @@ def test_geometric_stiffness_beside_terms_of_k_is_refused(reduced_job, capsys, m
     text = JOB[: JOB.index("[[parameter]]")]
     Path("other.toml").write_text(text)
     assert "parameter_search: found it without [[parameter]], to" in refused(capsys, "reduce", "other.toml")
-    Path("other.toml").write_text(JOB.replace("tolerance = 1e-2\nband = [0.0, 60.0]\n", ""))
+    basis = '[[basis]]\nkind = "modes"\ncount = 4\n'
+    Path("other.toml").write_text(JOB.replace("tolerance = 1e-2\nband = [0.0, 60.0]\n", "") + basis)
     assert "parameter_search: found it without a tolerance" in refused(capsys, "reduce", "other.toml")
     Path("other.toml").write_text("at = {k = 1.0}\n" + text.replace("[parameter_search]\npoints = 5\n", ""))
     assert "at: found it without [[parameter]], to which it belongs" in refused(capsys, "reduce", "other.toml")
