@@ -29,19 +29,23 @@ def reduce(
         str | None,
         typer.Option("--store", "--restart", metavar="DIR", help="Keep expansion points there, and go on from those."),
     ] = None,
+    basis: Annotated[
+        str | None,
+        typer.Option(metavar="RESULT.h5", help="Of this job without `at`: take its basis, factor nothing."),
+    ] = None,
     json: JsonFile = None,
 ):
     """Reduce a model as a job file says."""
     folders = {"out_of_core": out_of_core, "store": store}  # of the command line, not of the job file
     given = {"groups": groups, "low_rank": low_rank}
-    check_file_names(**{"--store": store, "--out-of-core": out_of_core})
+    check_file_names(**{"--store": store, "--out-of-core": out_of_core, "--basis": basis})
     given |= {key: os.path.abspath(name) for key, name in folders.items() if name is not None}
     overrides = [*(set_ or []), *(f"{key}={value}" for key, value in given.items() if value is not None)]
-    found = hpcred.reduce_job(job, overrides=overrides, progress=session.progress())
+    found = hpcred.reduce_job(job, overrides=overrides, basis=basis, progress=session.progress())
     record, accuracy = found.record, found.record.accuracy
     stored = any(item.from_store for item in record.components)
     if accuracy is not None:
-        made = counted(accuracy.factorisations, "factorisation")
+        made = counted(0 if record.basis_of else accuracy.factorisations, "factorisation")
         session.verdict(f"{accuracy.sentence}, {made}, {found.size_in_words}", accuracy.reached)
         show_table(DIRECTIONS, rows_of_directions(accuracy.directions, accuracy.band))
     show_table(

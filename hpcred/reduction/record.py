@@ -38,7 +38,8 @@ class Record:
     again. Of the reduction: frame, damping, basis and settings; what each component brought; every factorisation, and
     how many more a store saved; max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings; where the time went, and
     hints at what would take less; of an automatic one its accuracy. `viscoelastic`: the laws of such parts. `job`: the
-    job file with its overrides, file names absolute, and `contents` of the files that it names, by name.
+    job file with its overrides, file names absolute, and `contents` of the files that it names, by name. `basis_of`:
+    the result over ranges of parameters whose basis it is at the values `at` of the job, "" for a basis of its own.
     """
 
     date: str
@@ -79,6 +80,7 @@ class Record:
     contents: dict[str, str] | None = None
     hints: tuple[str, ...] = ()
     viscoelastic: tuple[NamedLaw, ...] = ()
+    basis_of: str = ""
 
     def away_from_reference(self) -> Record:
         """Return the record of the model at other values of its parameters, where of the error over the frequencies no
@@ -98,6 +100,8 @@ class Record:
     @property
     def effort(self) -> str:
         """How often was factored or coarsened, in words."""
+        if self.basis_of:
+            return f"no factorisation, the basis of {self.basis_of}"
         factors = [item for item in self.factorisations if item.direct]
         found = counted(len(factors), "factorisation")
         if self.factorisations_saved:

@@ -195,10 +195,13 @@ class SweepRun:
         """
         if recorded is None or contents is None:
             return False
+        return all(_by_contents(recorded.get(key), contents) == value for key, value in self.known_by(content).items())
+
+    def known_by(self, content) -> dict:
+        """What tells the job from others: its keys, with the contents of files in place of their names."""
         own = json.loads(json.dumps(plain(self.job)))
         now = {str(Path(name).absolute()): content(name) for name in self.job.files}
-        return all(_by_contents(recorded.get(key), contents) == _by_contents(value, now)
-                   for key, value in own.items() if key not in NO_MATTER)  # fmt: skip
+        return {key: _by_contents(value, now) for key, value in own.items() if key not in NO_MATTER}
 
     def job_text(self) -> str:
         """The job as a job file of its own."""

@@ -23,6 +23,7 @@ from ..reduction.reduce import reduce
 from ..settings.job_file import Job, plain, read_job
 from .geometric_stiffness import check_geometric_stiffness, geometric_stiffness_of_job
 from .model_of_job import at_reference, model_of_job
+from .shared_basis import reduced_at
 from .workflow import workflow
 
 SIZE = 40  # coordinates that a reduction to a tolerance is expected to have
@@ -41,8 +42,14 @@ class Reduced:
 
 
 @workflow
-def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Progress | None = None) -> Reduced:
+def reduce_job(
+    job: str | Path | Job, *, overrides=(), basis: str | Path | None = None, comm=None,
+    progress: Progress | None = None,
+) -> Reduced:  # fmt: skip
     """Read, reduce and write as a job says: the name of a job file, with `overrides` "key.path=value", or a Job.
+
+    `basis`: the result of the same job over the ranges of its parameters, whose basis is taken at the values `at` of
+    the job; nothing is factored then.
 
     With a `store` in the job SIGTERM or SIGUSR1 to any rank end the run after the current point, by
     parallel.stopping.Stopped, and the same job goes on from there.
@@ -51,7 +58,7 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
     Takes the PETSc build that fits the job, where PETSc is not loaded yet. Collective. Raises InputError or
     ComputationError.
     """
-    reads = [] if isinstance(job, Job) else [job]
+    reads = [name for name in (job, basis) if name is not None and not isinstance(name, Job)]
     with agreed(comm):
         if not isinstance(job, Job):
             job = read_job(job, overrides)
@@ -75,7 +82,7 @@ def reduce_job(job: str | Path | Job, *, overrides=(), comm=None, progress: Prog
             contents = {str(Path(name).absolute()): content_of(name, comm) for name in job.files}
         check_geometric_stiffness(job, reference)  # before what takes long
         with listening(store is not None):
-            reduced = reduce(
+            reduced = reduced_at(basis, job, model, contents) if basis is not None else reduce(
                 model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings,
                 factoring=job.factoring, store=store, progress=progress,
                 parameter_search=job.parameter_search if job.term and not job.at and job.search is not None else None,

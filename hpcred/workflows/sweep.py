@@ -9,7 +9,8 @@ import shlex
 import shutil
 import sys
 import time
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -28,6 +29,7 @@ from ..parallel.stopping import Stopped
 from ..settings.job_file import plain
 from ..settings.sweep_file import Sweep, SweepRun, read_sweep
 from .children import Child, run_all
+from .shared_basis import job_of_ranges
 
 SELF = MPI.COMM_SELF
 BETWEEN = 0.5  # seconds between two looks at a run of another sweep
@@ -99,7 +101,7 @@ def run_sweep(
     before = states_of(sweep)
     skipped = {run.name for run in chosen if before[run.name].done}
     if dry_run:
-        return _report(sweep, chosen, before, skipped, {})
+        return _report(sweep, chosen, before, skipped, {}, ())
     _launcher(sweep)  # refused early
     left = [run for run in chosen if run.name not in skipped]
     if left:
@@ -110,27 +112,64 @@ def run_sweep(
     for run in left:
         if before[run.name].file is not None:
             progress.say(f"{before[run.name].file}: {before[run.name].word}, made again")
+    shared, content = _shared_bases(sweep), _contents()
+    bases = {basis.name: basis for run in left if (basis := shared.get(run.name))}
+    known = {name: _state(basis, content) for name, basis in bases.items()}
+    wanted = [basis for name, basis in bases.items() if not known[name].done]
+    _, by_others = _reduced(sweep, wanted, {}, at_once, progress)
+    known |= {basis.name: _state(basis, content) for basis in wanted}
+    mine = [known[basis.name] for basis in wanted if basis.name not in by_others]
+    proven = {run.name: known[shared[run.name].name] for run in left if run.name in shared}
+    given = {name: ["--basis", str(state.file.absolute())] for name, state in proven.items()
+             if state.word == "finished"}  # fmt: skip
+    children, by_others = _reduced(sweep, left, given, at_once, progress)
+    skipped |= by_others
+    after = states_of(sweep)
+    ended = {child.name: child for child in children}
+    if not any(map(_met_full_disk, children)):
+        ended |= _full_responses(sweep, chosen, after, at_once, progress)
+    return _report(sweep, chosen, after, skipped, ended, mine)
+
+
+def _reduced(sweep, runs, given, at_once, progress) -> tuple[list[Child], set[str]]:
+    """Run `hpcred reduce` for each of these runs, with what is `given` to it by name; returns the children, and the
+    names of those that another sweep in this folder has done meanwhile. Raises Stopped."""
+    for run in runs:
         with atomic_output(run.beside(".toml"), SELF) as temporary:
             temporary.write_text(f"# hpcred sweep: one job of it\n{run.job_text()}", encoding="utf-8")
-    children = [_child(sweep, run.name, "reduce", str(run.beside(".toml").absolute()), log=run.beside(".log"))
-                for run in left]  # fmt: skip
-    runs, content = {run.name: run for run in left}, _contents()
+    children = [
+        _child(sweep, run.name, "reduce", str(run.beside(".toml").absolute()), *given.get(run.name, ()),
+               log=run.beside(".log")) for run in runs
+    ]  # fmt: skip
+    by_name, content, skipped = {run.name: run for run in runs}, _contents(), set()
 
     def done(child):
-        """Test whether another sweep in this folder has done it meanwhile."""
-        if _state(runs[child.name], content).done:
+        if _state(by_name[child.name], content).done:
             skipped.add(child.name)
         return child.name in skipped
 
-    others = _beside_others(progress, done, lambda child: runs[child.name].output)
+    others = _beside_others(progress, done, lambda child: by_name[child.name].output)
     run_all(children, at_once, sweep.launch.environment, **others, **_told(progress, len(children)))
-    after = states_of(sweep)
-    ended = {child.name: child for child in children}
     if any(child.status == Stopped.exit_status for child in children):
         raise Stopped("a run was stopped as asked; the same command goes on with what is left")
-    if not any(map(_met_full_disk, children)):
-        ended |= _full_responses(sweep, chosen, after, at_once, progress)
-    return _report(sweep, chosen, after, skipped, ended)
+    return children, skipped
+
+
+def _shared_bases(sweep) -> dict[str, SweepRun]:
+    """Return the reduction over the ranges of parameters that a run shares with others, by the name of the run; none
+    for runs that differ from all others in more than the values `at`."""
+    content, users = cache(lambda name: content_of(name, SELF)), {}
+    for run in sweep.runs:
+        if run.job.parameter and run.job.search is not None and any(key.split(".")[0] == "at" for key in run.values):
+            with suppress(InputError):  # a job that needs its values
+                basis = SweepRun("ranges", {}, {}, job_of_ranges(run.job, sweep.folder / "ranges.h5"))
+                words = json.dumps(basis.known_by(content)).encode()
+                name = f"ranges-{hashlib.blake2b(words, digest_size=6).hexdigest()}"
+                users.setdefault(name, (basis, []))[1].append(run.name)
+    return {
+        run: SweepRun(name, {}, {}, replace(basis.job, output=str(sweep.folder / f"{name}.h5")))
+        for name, (basis, runs) in users.items() if len(runs) > 1 for run in runs
+    }  # fmt: skip
 
 
 def refuse_ranks(comm, command):
@@ -238,8 +277,9 @@ def _told(progress, total):
     return {"ended": ended, "waiting": waiting}
 
 
-def _report(sweep, chosen, states, skipped, ended):
-    rows, made, saved = [], 0, 0
+def _report(sweep, chosen, states, skipped, ended, bases):
+    """`bases`: states of reductions over ranges that were made for the runs."""
+    rows, records = [], [state.record for state in bases if state.done]
     for run in chosen:
         state, child = states[run.name], ended.get(run.name)
         record = state.record or {}
@@ -251,8 +291,7 @@ def _report(sweep, chosen, states, skipped, ended):
         if state.word == "not reached":
             sentence = f"tolerance not reached; see {state.file}"
         if state.done and run.name not in skipped:
-            made += len(record.get("factorisations", ()))
-            saved += record.get("factorisations_saved", 0)
+            records.append(record)
         rows.append({
             "run": run.name, "status": "skipped" if status == "finished" and run.name in skipped else status,
             "sentence": sentence, **run.labels, "output": str(state.file or run.output),
@@ -267,8 +306,8 @@ def _report(sweep, chosen, states, skipped, ended):
         "skipped": sum(row["status"] == "skipped" for row in rows),
         "failed": [{"run": row["run"], "sentence": row["sentence"]} for row in rows
                    if row["status"] in ("failed", "not reached")],
-        "factorisations": made,
-        "factorisations_saved": saved,
+        "factorisations": sum(len(record.get("factorisations", ())) for record in records),
+        "factorisations_saved": sum(record.get("factorisations_saved", 0) for record in records),
     }  # fmt: skip
 
 
@@ -280,6 +319,7 @@ def response_of(sweep, run, content) -> Path:
     job, asked = plain(run.job), sweep.evaluate
     full = os.path.abspath(asked.full or run.job.model)
     settings = [job[key] for key in ("inputs", "outputs", "interface", "frame", "damping")]
+    settings += [job[key] for key in ("load", "viscoelastic", "parameter", "term", "at") if job[key]]
     grid = asked.frequencies or [asked.band or run.job.band, asked.points]
     what = [content(full), [content(name) for name in run.job.files[1:]], *settings, grid]
     digest = hashlib.blake2b(json.dumps(what).encode(), digest_size=6).hexdigest()
