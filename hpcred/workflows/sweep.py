@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 from ..files.checksums import content_of
 from ..files.hdf5 import atomic_output, check_writable, reading
-from ..files.locks import UNDER_WAY, holder_of
+from ..files.locks import UNDER_WAY, holder_of, lock, locks_given_back, unlock
 from ..files.outputs import check_kept
 from ..files.result_file import FORMAT, VERSION
 from ..files.room import DISK_FULL
@@ -78,6 +78,7 @@ def _state(run, content):
 
 
 @spelled
+@locks_given_back()
 def run_sweep(
     path, *, parallel: int | None = None, index: int | None = None, of: int | None = None, store=None,
     dry_run: bool = False, comm=None, progress: Progress | None = None,
@@ -226,13 +227,21 @@ def _beside_others(progress, done, output):
             return None
         holder = holder_of(output(child))
         if holder is None:
-            return not done(child)
+            try:
+                lock(child.log)  # several that begin it at once would write it together
+            except InputError:
+                holder = holder_of(child.log) or "another process"
+        if holder is None:
+            if found := done(child):
+                unlock(child.log)
+            return not found
         if child.name not in asked:
             progress.say(f"{child.name}: is being computed by another sweep ({holder}), which is waited for")
         asked[child.name] = time.monotonic()
         return None
 
     def again(child):
+        unlock(child.log)
         refused = child.status not in (0, Stopped.exit_status) and UNDER_WAY in child.last_line
         if refused and done(child):
             child.status = 0

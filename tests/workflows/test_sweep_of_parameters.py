@@ -1,7 +1,8 @@
 """Sweeps over values of parameters: one basis for all of them where it holds, and factors where not."""
 
 import json
-import threading
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +107,7 @@ def test_one_basis_serves_all_values(body, capsys, monkeypatch, launch):
         V = columns(path)
         assert pytest.approx(np.eye(reduced.size), abs=1e-9) == V.T @ M @ V
         assert pytest.approx(reduced.K, abs=1e-9 * reduced.K.max()) == V.T @ K @ V
-        assert reduced.B == pytest.approx(V.T @ B, abs=1e-9 * np.abs(V.T @ B).max())
+        assert pytest.approx(V.T @ B, abs=1e-9 * np.abs(reduced.B).max()) == reduced.B
         small = np.array([reduced.C @ np.linalg.solve((1 + 0.002j) * reduced.K - (2 * np.pi * each) ** 2 * reduced.M,
                                                       reduced.B) for each in f])  # fmt: skip
         assert np.abs(small - H).max(axis=(1, 2)) / np.abs(H).max(axis=(1, 2)) == pytest.approx(0, abs=1e-4)
@@ -124,7 +125,8 @@ def test_one_basis_serves_all_values(body, capsys, monkeypatch, launch):
                   for q, item in ((first, found), (other, own))]  # fmt: skip
         assert np.linalg.norm(stress[0] - stress[1]) < 0.05 * np.linalg.norm(stress[1])
         shape = found.body().nodes[0]
-        assert shape.phi @ first == pytest.approx(own.body().nodes[0].phi @ other, rel=1e-3, abs=1e-14)
+        expected = own.body().nodes[0].phi @ other
+        assert shape.phi @ first == pytest.approx(expected, abs=5e-3 * np.abs(expected).max())
     assert run(["collect", "sweep.toml", "-o", "table.json"]) == 0
     rows = json.loads(Path("table.json").read_text())
     rows = rows["runs"] if isinstance(rows, dict) else rows
@@ -151,25 +153,19 @@ def test_a_sweep_that_goes_on_finds_its_basis(body):
 
 def test_sweeps_at_the_same_time_make_one_basis(body):
     """As the tasks of an array do."""
-    reports = {}
-
-    def task(index):
-        reports[index] = package.run_sweep("sweep.toml", index=index, of=3)
-
-    Path("sweep.toml").write_text(SWEEP.format(launch=ALONE).replace("evaluate", "# "))
-    tasks = [threading.Thread(target=task, args=(index,)) for index in (1, 2, 3)]
-    for each in tasks:
-        each.start()
-    for each in tasks:
-        each.join()
+    Path("sweep.toml").write_text(SWEEP.format(launch=ALONE).replace("evaluate", "# evaluate"))
+    command = [sys.executable, "-m", "hpcred", "sweep", "sweep.toml", "--of", "3"]
+    tasks = [subprocess.Popen([*command, "--index", i, "--json", f"{i}.json"], env=mpi_environment()) for i in "123"]
+    assert [each.wait() for each in tasks] == [0, 0, 0]
+    reports = [json.loads(Path(f"{i}.json").read_text()) for i in "123"]
     (ranges,) = Path("sweep").glob("ranges-*.h5")
     made = len(package.read_result(ranges).reduced.record.factorisations)
-    assert sorted(report["factorisations"] for report in reports.values()) == [0, 0, made]
-    assert [report["finished"] for report in reports.values()] == [1, 1, 1]
+    assert sorted(report["factorisations"] for report in reports) == [0, 0, made]
+    assert [report["finished"] for report in reports] == [1, 1, 1]
 
 
 def test_factors_where_the_basis_does_not_reach_the_tolerance(body):
-    text = JOB.replace("[[parameter]]", "[parameter_search]\nmost = 1\n[[parameter]]", 1)
+    text = JOB.replace("[[parameter]]", "[adaptive]\nsize = 12\n[[parameter]]", 1)
     Path("job.toml").write_text(text)
     report = package.run_sweep("sweep.toml")
     assert report["finished"] == 3 and not report["failed"]
