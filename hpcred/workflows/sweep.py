@@ -102,7 +102,7 @@ def run_sweep(
     before = states_of(sweep)
     skipped = {run.name for run in chosen if before[run.name].done}
     if dry_run:
-        return _report(sweep, chosen, before, skipped, {}, ())
+        return _report(sweep, chosen, before, skipped, {})
     _launcher(sweep)  # refused early
     left = [run for run in chosen if run.name not in skipped]
     if left:
@@ -229,8 +229,9 @@ def _beside_others(progress, done, output):
         if holder is None:
             try:
                 lock(child.log)  # several that begin it at once would write it together
-            except InputError:
-                holder = holder_of(child.log) or "another process"
+            except InputError as error:
+                if UNDER_WAY in str(error):
+                    holder = holder_of(child.log) or "another process"
         if holder is None:
             if found := done(child):
                 unlock(child.log)
@@ -286,7 +287,7 @@ def _told(progress, total):
     return {"ended": ended, "waiting": waiting}
 
 
-def _report(sweep, chosen, states, skipped, ended, bases):
+def _report(sweep, chosen, states, skipped, ended, bases=()):
     """`bases`: states of reductions over ranges that were made for the runs."""
     rows, records = [], [state.record for state in bases if state.done]
     for run in chosen:

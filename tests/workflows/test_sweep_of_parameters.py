@@ -165,7 +165,7 @@ def test_sweeps_at_the_same_time_make_one_basis(body):
 
 
 def test_factors_where_the_basis_does_not_reach_the_tolerance(body):
-    text = JOB.replace("[[parameter]]", "[adaptive]\nsize = 12\n[[parameter]]", 1)
+    text = JOB.replace("[[parameter]]", "[adaptive]\nsize = 9\n[[parameter]]", 1)
     Path("job.toml").write_text(text)
     report = package.run_sweep("sweep.toml")
     assert report["finished"] == 3 and not report["failed"]
