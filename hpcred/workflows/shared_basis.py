@@ -50,9 +50,7 @@ def reduced_at(path, job: Job, model, contents) -> ReducedModel:
     if not record.accuracy.reached:
         raise InputError(f"--basis {path}: it did not reach the tolerance; leave --basis out")
     there = decided(model.comm, lambda: found.at(**job.at))
-    columns = read_basis(path, model)
-    if columns is None:
-        raise InputError(f"--basis {path}: it was written without basis; reduce with write_basis = true")
+    columns = read_basis(path, model)  # which the job has written, as it is that of the ranges
     multiply(columns, there.turn)
     reduced = replace(there.reduced, columns=columns, resultants=resultants(model))
     defect = float(np.abs(project(model.M, columns) - reduced.M).max() / np.abs(reduced.M).max())

@@ -14,6 +14,7 @@ from launch import mpi_environment
 
 import hpcred as package
 from hpcred.cli.main import run
+from hpcred.workflows import shared_basis
 
 JOB = """
 model = "model.h5"
@@ -164,13 +165,15 @@ def test_sweeps_at_the_same_time_make_one_basis(body):
     assert [report["finished"] for report in reports] == [1, 1, 1]
 
 
-def test_factors_where_the_basis_does_not_reach_the_tolerance(body):
+def test_factors_where_the_basis_does_not_reach_the_tolerance(body, capsys):
     text = JOB.replace("[[parameter]]", "[adaptive]\nsize = 9\n[[parameter]]", 1)
     Path("job.toml").write_text(text)
     report = package.run_sweep("sweep.toml")
     assert report["finished"] == 3 and not report["failed"]
     (ranges,) = Path("sweep").glob("ranges-*.h5")
     assert ranges.name.endswith(".not-reached.h5")
+    message = refused(capsys, "reduce", "sweep/k-3.toml", "--basis", str(ranges), "--set", "output='own.h5'")
+    assert f"--basis {ranges}: it did not reach the tolerance; leave --basis out" in message
     for path in Path("sweep").glob("k-*.h5"):
         record = package.read_result(path).reduced.record
         assert record.basis_of == "" and record.factorisations and record.accuracy.reached
@@ -178,7 +181,7 @@ def test_factors_where_the_basis_does_not_reach_the_tolerance(body):
     assert package.run_sweep("sweep.toml")["finished"] == 1  # not looked for again
 
 
-def test_what_is_refused(body, capsys):
+def test_what_is_refused(body, capsys, monkeypatch):
     text = Path("sweep.toml").read_text().replace("10.0]", "11.0]")
     Path("outside.toml").write_text(text)
     message = refused(capsys, "sweep", "outside.toml")
@@ -190,6 +193,10 @@ def test_what_is_refused(body, capsys):
     given = ["reduce", "job.toml", "--basis", "result.h5", "--set", "output='own.h5'"]
     for more in ("tolerance=1e-3", "inputs=[[20,'z']]", "at={}"):
         assert of_job in refused(capsys, *given, "--set", more)
+    with monkeypatch.context() as patched:
+        patched.setattr(shared_basis, "multiply", lambda *_: None)
+        message = refused(capsys, *given, "--set", "at={k=9.0,m=1.0}")
+    assert "--basis result.h5: its basis is not one of model.h5 at k = 9, m = 1: V^T M V differs from the" in message
     assert not Path("own.h5").exists()
     assert run(given) == 0
     assert "no factorisation, the basis of" in capsys.readouterr().out
