@@ -135,9 +135,6 @@ def run_sweep(
 def _reduced(sweep, runs, given, at_once, progress) -> tuple[list[Child], set[str]]:
     """Run `hpcred reduce` for each of these runs, with what is `given` to it by name; returns the children, and the
     names of those that another sweep in this folder has done meanwhile. Raises Stopped."""
-    for run in runs:
-        with atomic_output(run.beside(".toml"), SELF) as temporary:
-            temporary.write_text(f"# hpcred sweep: one job of it\n{run.job_text()}", encoding="utf-8")
     children = [
         _child(sweep, run.name, "reduce", str(run.beside(".toml").absolute()), *given.get(run.name, ()),
                log=run.beside(".log")) for run in runs
@@ -150,6 +147,17 @@ def _reduced(sweep, runs, given, at_once, progress) -> tuple[list[Child], set[st
         return child.name in skipped
 
     others = _beside_others(progress, done, lambda child: by_name[child.name].output)
+    free = others["wanted"]
+
+    def wanted(child):
+        """Write the job of a run that is this sweep's to begin, which no other writes meanwhile."""
+        found, run = free(child), by_name[child.name]
+        if found:
+            with atomic_output(run.beside(".toml"), SELF) as temporary:
+                temporary.write_text(f"# hpcred sweep: one job of it\n{run.job_text()}", encoding="utf-8")
+        return found
+
+    others["wanted"] = wanted
     run_all(children, at_once, sweep.launch.environment, **others, **_told(progress, len(children)))
     if any(child.status == Stopped.exit_status for child in children):
         raise Stopped("a run was stopped as asked; the same command goes on with what is left")
