@@ -255,7 +255,7 @@ def test_what_the_file_has_no_place_for_is_said(tmp_path):
     notes = exported(Exudyn, tmp_path / "body.npz", body_with(None))
     assert not [line for line in notes if "damping" in line]
     assert notes[-2:] == ["no surface is drawn: the result has no faces, no basis, or too many dofs",
-                          "no stresses: the result has no stress modes, or too many dofs"]  # fmt: skip
+                          "no stresses: the result has no stress modes, or those of too many nodes"]  # fmt: skip
     with pytest.raises(InputError, match=r"loss factor 0.02\) has no .* place in a file for Exudyn"):
         exported(Exudyn, tmp_path / "body.npz", body_with(Structural(0.02)))
 
