@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..parallel.failures import ComputationError
-from ..parallel.petsc import PETSc, SLEPc, is_complex, petsc_errors
+from ..parallel.petsc import PETSc, SLEPc, is_complex
 from .blocks import add_product, apply, column_norms, create_block, local_rows, random_block, times, unfold
-from .eigensolver import failed, give_up
+from .eigensolver import solve_by
 
 TOLERANCE = 1e-11
 GUARD = 3  # more poles than are asked for
@@ -44,14 +44,7 @@ def damped_eigenpairs(M, D, K, count: int, shift: complex, solve):
     start.setArray(operator.start())
     eps.setInitialSpace([start])
     eps.setFromOptions()
-    try:
-        with petsc_errors():
-            eps.solve()
-    except PETSc.Error as error:
-        give_up(eps)
-        raise failed("SLEPc", error) from error
-    if operator.error is not None:
-        raise operator.error
+    solve_by(eps, operator)
     poles, block = _upper(eps, K, count, shift, min(wanted, eps.getConverged()))
     eps.destroy()  # which refers to the solver of the caller
     if not len(poles):

@@ -40,9 +40,9 @@ def modes_in_interval(K, M, low, high, package, options):
                 eps.solve()
             break
         except PETSc.Error as error:
-            give_up(eps)
+            _give_up(eps)
             if attempt == 3:
-                raise failed("spectrum slicing", error) from error
+                raise _failed("spectrum slicing", error) from error
     inertias = eps.getKrylovSchurInertias()[1]
     expected = int(max(inertias) - min(inertias)) if len(inertias) else eps.getConverged()
     found = eps.getConverged()
@@ -75,26 +75,31 @@ def lowest_modes(K, M, count, most, solve, monitor=None):
     if monitor is not None:
         eps.setMonitor(lambda _eps, _iteration, converged, *_: monitor(min(converged, count)))
     eps.setFromOptions()
-    try:
-        with petsc_errors():
-            eps.solve()
-    except PETSc.Error as error:
-        give_up(eps)
-        raise failed("SLEPc", error) from error
-    if inverse.error is not None:
-        raise inverse.error
+    solve_by(eps, inverse)
     if eps.getConverged() < count:
         raise ComputationError(f"SLEPc found only {eps.getConverged()} of the {count} modes asked for")
     return _pairs(eps, K, count)
 
 
-def give_up(eps):
+def solve_by(eps, operator):
+    """Run a solver whose `operator` of Python keeps its exception as `error`, which is raised after it."""
+    try:
+        with petsc_errors():
+            eps.solve()
+    except PETSc.Error as error:
+        _give_up(eps)
+        raise _failed("SLEPc", error) from error
+    if operator.error is not None:
+        raise operator.error
+
+
+def _give_up(eps):
     """Free what can be freed of a solver that an error left in pieces."""
     with suppress(PETSc.Error), petsc_errors():
         eps.destroy()
 
 
-def failed(what, error) -> ComputationError:
+def _failed(what, error) -> ComputationError:
     return ComputationError(f"{what} failed: {str(error).splitlines()[-1]}; is M positive semidefinite?")
 
 
