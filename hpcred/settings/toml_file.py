@@ -63,6 +63,14 @@ def parse(kind, table: dict):
         raise InputError(_sentence(kind, table, details)) from error
 
 
+def table_around(key, text: str, examples) -> dict:
+    """Return {key: value} of the text of an option --key, a value in TOML. Raises InputError."""
+    try:
+        return tomllib.loads(f"{key} = {text}")
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"--{key}: found '{text[:80]}', expected a table such as {examples}") from error
+
+
 def _no_json(value):
     return [None]  # for a date: what no key takes
 

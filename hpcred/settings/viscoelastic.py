@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 
 from ..model.viscoelastic import Law
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
-from .toml_file import CONFIG, check_file_names, parse
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from .toml_file import CONFIG, check_file_names, parse, table_around
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,14 +52,5 @@ def viscoelastic_from(tables) -> list[ViscoelasticPart]:
 
 def viscoelastic_of(texts) -> tuple[ViscoelasticPart, ...]:
     """Return the parts of texts such as '{file = "Kv.mtx", law = {kind = "maxwell", ...}}'. Raises InputError."""
-    found = []
-    for text in texts or ():
-        try:
-            table = tomllib.loads(f"viscoelastic = {text}")
-        except tomllib.TOMLDecodeError as error:
-            raise InputError(
-                f"--viscoelastic: found '{text[:80]}', expected a table such as '{{file = \"Kv.mtx\", law = {{kind = "
-                "\"maxwell\", factors = [0.5], times = [1e-3]}}'"
-            ) from error
-        found += viscoelastic_from([table["viscoelastic"]])
-    return tuple(found)
+    example = "'{file = \"Kv.mtx\", law = {kind = \"maxwell\", factors = [0.5], times = [1e-3]}}'"
+    return tuple(parse(_Holder, table_around("viscoelastic", text, example)).viscoelastic for text in texts or ())

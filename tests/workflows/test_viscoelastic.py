@@ -103,6 +103,9 @@ def test_jobs_that_are_refused(case, capsys, tmp_path, change, message):
 def test_tables_of_the_command_line_that_are_refused(case, capsys):
     given = ("convert", "-K", "K.mtx", "-M", "M.mtx", "--viscoelastic", "Kv.mtx", "whole.h5")
     assert "--viscoelastic: found 'Kv.mtx', expected a table such as" in refused(capsys, *given)
+    two = f'{{file = "Kv.mtx", law = {LAW}}}\nx = 1'
+    given = ("convert", "-K", "K.mtx", "-M", "M.mtx", "--viscoelastic", two, "whole.h5")
+    assert "x: unknown key; known are viscoelastic" in refused(capsys, *given)
 
 
 def test_a_variable_of_a_mat_file(case):
