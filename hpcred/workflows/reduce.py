@@ -23,7 +23,7 @@ from ..reduction.reduce import reduce
 from ..settings.job_file import Job, plain, read_job
 from .geometric_stiffness import check_geometric_stiffness, geometric_stiffness_of_job
 from .model_of_job import at_reference, model_of_job
-from .shared_basis import reduced_at
+from .shared_basis import reduced_from_ranges
 from .workflow import workflow
 
 SIZE = 40  # coordinates that a reduction to a tolerance is expected to have
@@ -82,7 +82,7 @@ def reduce_job(
             contents = {str(Path(name).absolute()): content_of(name, comm) for name in job.files}
         check_geometric_stiffness(job, reference)  # before what takes long
         with listening(store is not None):
-            reduced = reduced_at(basis, job, model, contents) if basis is not None else reduce(
+            reduced = reduced_from_ranges(basis, job, model, contents) if basis is not None else reduce(
                 model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings,
                 factoring=job.factoring, store=store, progress=progress,
                 parameter_search=job.parameter_search if job.term and not job.at and job.search is not None else None,
@@ -108,9 +108,7 @@ def reduce_job(
                     ), output, comm,
                 )  # fmt: skip
             record = replace(reduced.record, timing=progress.timing())
-            found = Reduced(
-                output, record, reduced.size, reduced.size_in_words, tuple(reduced.frequencies.tolist())
-            )
+            found = Reduced(output, record, reduced.size, reduced.size_in_words, tuple(reduced.frequencies.tolist()))
     if job.report:
         from .report import report_file  # which most jobs do without
 

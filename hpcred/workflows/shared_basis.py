@@ -33,7 +33,7 @@ def job_of_ranges(job: Job, output) -> Job:
     )  # fmt: skip
 
 
-def reduced_at(path, job: Job, model, contents) -> ReducedModel:
+def reduced_from_ranges(path, job: Job, model, contents) -> ReducedModel:
     """Return the ReducedModel of the `model` of a job at its values `at`, in a basis for all ranges, with its record.
 
     `path`: the result of the same job over the ranges; `contents` of the files of the job. Collective; the caller

@@ -146,18 +146,12 @@ def _reduced(sweep, runs, given, at_once, progress) -> tuple[list[Child], set[st
             skipped.add(child.name)
         return child.name in skipped
 
-    others = _beside_others(progress, done, lambda child: by_name[child.name].output)
-    free = others["wanted"]
+    def write_job(child):
+        run = by_name[child.name]
+        with atomic_output(run.beside(".toml"), SELF) as temporary:
+            temporary.write_text(f"# hpcred sweep: one job of it\n{run.job_text()}", encoding="utf-8")
 
-    def wanted(child):
-        """Write the job of a run that is this sweep's to begin, which no other writes meanwhile."""
-        found, run = free(child), by_name[child.name]
-        if found:
-            with atomic_output(run.beside(".toml"), SELF) as temporary:
-                temporary.write_text(f"# hpcred sweep: one job of it\n{run.job_text()}", encoding="utf-8")
-        return found
-
-    others["wanted"] = wanted
+    others = _beside_others(progress, done, lambda child: by_name[child.name].output, write_job)
     run_all(children, at_once, sweep.launch.environment, **others, **_told(progress, len(children)))
     if any(child.status == Stopped.exit_status for child in children):
         raise Stopped("a run was stopped as asked; the same command goes on with what is left")
@@ -225,9 +219,10 @@ def _child(sweep, name, *arguments, log):
     return Child(name, [*_launcher(sweep), sys.executable, "-m", "hpcred", *arguments], log)
 
 
-def _beside_others(progress, done, output):
+def _beside_others(progress, done, output, begin=lambda child: None):
     """Keep this sweep from computing a run of another sweep at the same time: such runs come last, and are begun if the
-    other sweep has not finished them. `done(child)`, `output(child)`: its result."""
+    other sweep has not finished them. `done(child)`, `output(child)`: its result; `begin(child)`: what is to be done
+    before it, when no other sweep can begin it any more."""
     asked = {}
 
     def wanted(child):
@@ -241,9 +236,11 @@ def _beside_others(progress, done, output):
                 if UNDER_WAY in str(error):
                     holder = holder_of(child.log) or "another process"
         if holder is None:
-            if found := done(child):
+            if done(child):
                 unlock(child.log)
-            return not found
+                return False
+            begin(child)
+            return True
         if child.name not in asked:
             progress.say(f"{child.name}: is being computed by another sweep ({holder}), which is waited for")
         asked[child.name] = time.monotonic()
