@@ -305,7 +305,7 @@ def test_a_job_at_one_value_and_a_sweep_over_it(reduced_job, monkeypatch):
     Path("sweep.toml").write_text('job = "one.toml"\n[[vary]]\nkey = "at.k"\nvalues = [0.5, 2.2]\n')
     report = package.run_sweep("sweep.toml")
     assert [run["status"] for run in report["runs"]] == ["finished", "finished"], report
-    for path, k in zip(sorted(Path(report["folder"]).glob("*.h5")), (0.5, 2.2), strict=True):
+    for path, k in zip(sorted(Path(report["folder"]).glob("k-*.h5")), (0.5, 2.2), strict=True):
         reduced = read_result(path).reduced
         assert not hasattr(reduced, "parameters") and reduced.record.job["at"] == {"k": k}
         assert package.evaluate_result(path, "chain.h5", points=4)["eps_max"] < 1e-2
