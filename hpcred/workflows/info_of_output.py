@@ -50,6 +50,8 @@ def result(path, comm) -> dict:
     report |= {"model": record.model, "dofs": record.size, "frame": record.frame.kind, "damping": record.damping.kind}
     if record.accuracy is not None:
         report["accuracy"] = record.accuracy.sentence
+    if chosen_by := record.versions.get("blas_kernels_chosen_by"):
+        report["blas"] = f"{record.versions['blas']} (kernels chosen by {chosen_by})"
     if record.interface_rows:
         report["interfaces"] = record.interface_rows
     if record.loads:
