@@ -81,8 +81,7 @@ def why_none(blas) -> str:
 
 
 def compared(choices, found) -> dict:
-    """Make the table of measurements, of which the first is of OpenBLAS's own choice; a text: how its process ended early.
-    """
+    """Make the table of measurements, the first with OpenBLAS's own choice; a text is how its process ended early."""
     own, *others = found
     if isinstance(own, str):
         raise InputError(f"the kernels cannot be measured: a process that factors ended with '{own}'")
