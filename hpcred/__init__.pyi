@@ -58,6 +58,7 @@ from .model.frames import Buckens as Buckens
 from .model.frames import Chord as Chord
 from .model.frames import NoFrame as NoFrame
 from .model.frames import Tangent as Tangent
+from .model.from_pymor import from_pymor as from_pymor
 from .model.interfaces import Interface as Interface
 from .model.interfaces import InterfaceNode as InterfaceNode
 from .model.interfaces import Nodes as Nodes

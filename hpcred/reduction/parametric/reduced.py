@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -110,6 +111,12 @@ class ParametricReducedModel(ReducedModel):
         if any(item.of == "B" for item in self.terms) and checked_values(self.parameters, values) != self.reference:
             found["resultants"] = None  # those of the columns at the reference
         return replace(self.base, **found, frequencies=frequencies, columns=None, left_columns=None, model=None)
+
+    def to_pymor(self) -> Any:
+        """Return the model for all values of the parameters: see ReducedModel.to_pymor."""
+        from ..to_pymor import parametric_pymor_model
+
+        return parametric_pymor_model(self)
 
     def transfer_function(self, s: complex | np.ndarray, **values: float) -> np.ndarray:
         """Return H(s) (r, p) at values of the parameters; (..., r, p) for an array (...) of s."""
