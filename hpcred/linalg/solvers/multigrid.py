@@ -39,7 +39,8 @@ class MultigridSolver(IterativeSolves, Solver):
         self.factored, self._levels, self._matrix = None, None, None
         if not model.symmetric:
             raise InputError(
-                f"solver.kind: found 'multigrid', but D of {model.name} is not symmetric; take 'direct'"
+                f"solver.kind: found 'multigrid', but {' and '.join(key for key in 'DK' if not model.is_symmetric(key))} "
+                f"of {model.name} is not symmetric; take 'direct'"
             )
 
     def release(self):
