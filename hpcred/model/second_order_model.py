@@ -601,8 +601,8 @@ class SecondOrderModel:
         return with_viscoelastic(self, parts)
 
     def as_dual(self) -> SecondOrderModel:
-        """Return the model of the transposed transfer function of the measured columns: D^T for D, K^T for K, C^T for B.
-        Collective."""
+        """Return the model of the transposed transfer function of the measured columns: D^T for D, K^T for K, and C^T
+        for B. Collective."""
         changed = {
             "B": None if self.Ct is None else copy(self.Ct), "Ct": None, "loads": (), "derivatives": None,
             "input_names": self.output_names if self.derivatives is None else (),

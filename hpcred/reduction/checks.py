@@ -42,8 +42,8 @@ def check_circulatory(model, damping):
     if model.is_symmetric("K"):
         return
     if model.viscoelastic:
-        raise InputError(f"{model.name}: found viscoelastic parts beside an unsymmetric K, which no reduction has; leave "
-                         "one of them out")  # fmt: skip
+        raise InputError(f"{model.name}: found viscoelastic parts beside an unsymmetric K, which no reduction has; "
+                         "leave one of them out")  # fmt: skip
     require_no_frequencies(model, damping)
 
 

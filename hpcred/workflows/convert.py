@@ -27,8 +27,9 @@ def convert(
 
     `inputs`, `outputs`: dofs as for SecondOrderModel.with_inputs. `variables`: names of matrices by K, M, D, where the
     main file of an export holds several. `viscoelastic`: parts with their matrix files, as in a job. `circulatory`:
-    whether K may be unsymmetric. `units`: those of the files, see model.units.units_of; the model file is in SI. Returns what analysis.check says of the model: plain
-    numbers for a table or JSON, with `sentences` on them and `warnings` of what looks wrong. Raises InputError.
+    whether K may be unsymmetric. `units`: those of the files, see model.units.units_of; the model file is in SI.
+    Returns what analysis.check says of the model: plain numbers for a table or JSON, with `sentences` on them and
+    `warnings` of what looks wrong. Raises InputError.
     """
     system = units_of(units)
     reads = source.files if isinstance(source, Source) else [source]

@@ -125,8 +125,8 @@ class Modes(Component):
 def require_real_modes(model):
     """Refuse modes of an unsymmetric K, which are complex."""
     if not model.is_symmetric("K"):
-        raise InputError(f"modes: K of {model.name} is not symmetric, so that its modes are complex; take 'krylov', or a "
-                         "tolerance")  # fmt: skip
+        raise InputError(f"modes: K of {model.name} is not symmetric, so that its modes are complex; take 'krylov', or "
+                         "a tolerance")  # fmt: skip
 
 
 def _slices(run):

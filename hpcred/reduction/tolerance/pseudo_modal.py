@@ -92,9 +92,9 @@ class PseudoModal:
     """A projected model in its pseudo-modal coordinates, V^T M V = I, V^T K V = diag(eigenvalues).
 
     `eigenvalues` (m,): omega^2, ascending; `L` (m, l): the projected loads, of which `io` makes inputs and outputs;
-    `damping`: proportional; `D` (m, m): a given damping matrix, projected, or None; `N` (m, m): the skew-symmetric part of
-    V^T K V, or None; `vectors` (m, m): from these coordinates to those of the basis; `poles`: of the first-order form, with D; `viscoelastic`: parts (m, m),
-    projected, with which A(s)^-1 is by elimination.
+    `damping`: proportional; `D` (m, m): a given damping matrix, projected, or None; `N` (m, m): the skew-symmetric part
+    of V^T K V, or None; `vectors` (m, m): from these coordinates to those of the basis; `poles`: of the first-order
+    form, with D or N; `viscoelastic`: parts (m, m), projected, with which A(s)^-1 is by elimination.
     """
 
     eigenvalues: np.ndarray
