@@ -48,6 +48,8 @@ def result(path, comm) -> dict:
     if record is None:
         return report | {"warnings": []}
     report |= {"model": record.model, "dofs": record.size, "frame": record.frame.kind, "damping": record.damping.kind}
+    if record.basis_of:
+        report["basis_of"] = record.basis_of
     if record.accuracy is not None:
         report["accuracy"] = record.accuracy.sentence
     if chosen_by := record.versions.get("blas_kernels_chosen_by"):
