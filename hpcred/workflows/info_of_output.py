@@ -94,7 +94,8 @@ def simulation(path, comm) -> dict:
         }
     known = ("constraint_drift_m", "energy_defect")
     report |= {key: record[key] for key in known if key in record}
-    return report | {"body": record["setup"]["body"], "warnings": list(record.get("notes", []))}
+    warnings = [*record.get("warnings", []), *record.get("notes", [])]
+    return report | {"body": record["setup"]["body"], "warnings": warnings}
 
 
 def recovery(path, comm) -> dict:
