@@ -6,9 +6,9 @@
 From Python, `MODELS["concrete"].model()` is a SecondOrderModel and `MODELS["concrete"].matrices()` its SciPy matrices.
 """
 
-from . import nlevp, slicot
+from . import knuckle, nlevp, slicot
 from .published import Arrays, Published
 
-MODELS: dict[str, Published] = {model.name: model for model in (*slicot.MODELS, *nlevp.MODELS)}
+MODELS: dict[str, Published] = {model.name: model for model in (*slicot.MODELS, *nlevp.MODELS, *knuckle.MODELS)}
 
 __all__ = ["MODELS", "Arrays", "Published"]

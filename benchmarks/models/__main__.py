@@ -42,7 +42,9 @@ def main(arguments=None):
     except hpcred.InputError as error:
         print(error, file=sys.stderr)
         return 2
-    if hpcred.parallel.petsc.MPI.COMM_WORLD.rank == 0:
+    from hpcred.parallel.petsc import MPI
+
+    if MPI.COMM_WORLD.rank == 0:
         print(job, end="")
     return 0
 
