@@ -1,5 +1,5 @@
 # make demo | install | test | test-slow | test-wheel | test-ccx | test-dolfinx | test-chromium | test-slurm | test-peers |
-#      test-docs | test-debian12 | test-debian13 | test-kernels | fuzz | mutants | coverage | docs | bench | lint
+#      test-docs | test-debian12 | test-debian13 | test-kernels | fuzz | mutants | coverage | docs | bench | bench-peers | lint
 #
 # On Debian 12 and 13, and systems with the same packages, `install` brings the missing system packages (as root or by
 # sudo) and a virtual environment on top of them. For another PETSc (cluster module, conda) see docs/install.md.
@@ -24,7 +24,7 @@ export OMPI_MCA_btl ?= ^tcp
 export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: install demo test fuzz mutants coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm test-peers docs test-docs \
-        test-packages test-kernels test-debian12 test-debian13 bench lint
+        test-packages test-kernels test-debian12 test-debian13 bench bench-peers lint
 
 # $(call apt,packages) installs those that are missing
 define apt
@@ -174,6 +174,10 @@ test-docs: .venv/.docs-ready
 
 bench: install .venv-peers/.ready
 	benchmarks/run.sh benchmark-results
+
+# against other methods and other programs: every table of one run in one folder
+bench-peers: install .venv-peers/.ready
+	benchmarks/run_peers.sh peer-results
 
 lint: install
 	.venv/bin/ruff check .

@@ -1,4 +1,4 @@
-"""Methods of reduction as the literature has them, in dense matrices for small models: the rivals of benchmarks/rivals.py.
+"""Reduce small models by methods of the literature, in dense matrices: the rivals of benchmarks/rivals.py.
 
 A model is M, D, K (n, n), B (n, p), C, Cv (r, n); modal coordinates (`prepared`) have M = I and a diagonal K. Balanced
 truncation: Reis and Stykel, Math. Comput. Model. Dyn. Syst. 14 (2008) 391; in a band: Gawronski and Juang, Int. J.

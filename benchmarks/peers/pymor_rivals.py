@@ -19,7 +19,7 @@ from pymor.reductors.h2 import IRKAReductor
 from pymor.reductors.sobt import SOBTpReductor, SOBTvReductor
 from pymor.reductors.sor_irka import SORIRKAReductor
 
-SECONDS = {"SOBT": 40, "SOR-IRKA": 40, "IRKA": 40, "AAA": 30}  # of processor time, for all sizes
+SECONDS = {"SOBT": 30, "SOR-IRKA": 30, "IRKA": 30, "AAA": 20}  # of processor time, for all sizes
 set_log_levels({"pymor": "ERROR"})
 
 
@@ -68,7 +68,8 @@ def main(folder):
     if len(M) <= 480:  # dense Lyapunov equations
         for name, make in (("position", SOBTpReductor), ("velocity", SOBTvReductor)):
             runs += searched(reference, f"{version}: SOBT {name}",
-                             lambda size, of=make: second_order(of(fom).reduce(size)), most, SECONDS["SOBT"], before)  # fmt: skip
+                             lambda size, of=make: second_order(of(fom).reduce(size)), most, SECONDS["SOBT"],
+                             before)  # fmt: skip
     runs += searched(reference, f"{version}: SOR-IRKA",
                      lambda size: second_order(SORIRKAReductor(fom).reduce(size, maxit=30)), most,
                      SECONDS["SOR-IRKA"], before)  # fmt: skip
@@ -86,7 +87,7 @@ def main(folder):
         if points not in known:
             reductor = PAAAReductor([2j * np.pi * reference.frequencies[positive]], samples, conjugate=True,
                                     post_process=False)  # fmt: skip
-            known[points] = reductor.reduce(tol=1e-14, max_itpl=points)
+            known[points] = reductor.reduce(tol=1e-14, max_itpl=[points])
         return Rational(known[points])
 
     runs += searched(reference, f"{version}: AAA", aaa, most, SECONDS["AAA"])
