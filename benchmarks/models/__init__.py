@@ -6,9 +6,10 @@
 From Python, `MODELS["concrete"].model()` is a SecondOrderModel and `MODELS["concrete"].matrices()` its SciPy matrices.
 """
 
-from . import knuckle, nlevp, slicot
+from . import knuckle, morwiki, nlevp, slicot
 from .published import Arrays, Published
 
-MODELS: dict[str, Published] = {model.name: model for model in (*slicot.MODELS, *nlevp.MODELS, *knuckle.MODELS)}
+_FAMILIES = (slicot, nlevp, knuckle, morwiki)
+MODELS: dict[str, Published] = {model.name: model for family in _FAMILIES for model in family.MODELS}
 
 __all__ = ["MODELS", "Arrays", "Published"]

@@ -8,6 +8,7 @@ import sys
 import hpcred
 
 from . import MODELS
+from .published import all_ranks
 
 
 def make(name, output, folder=None) -> str:
@@ -42,9 +43,7 @@ def main(arguments=None):
     except hpcred.InputError as error:
         print(error, file=sys.stderr)
         return 2
-    from hpcred.parallel.petsc import MPI
-
-    if MPI.COMM_WORLD.rank == 0:
+    if all_ranks(None).rank == 0:
         print(job, end="")
     return 0
 

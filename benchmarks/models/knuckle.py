@@ -20,7 +20,7 @@ import scipy.sparse
 
 import hpcred
 
-from .published import Arrays, Published
+from .published import Arrays, Published, all_ranks
 
 
 def input_lines(path) -> tuple[list[str], list[int]]:
@@ -118,9 +118,7 @@ class Knuckle(Published):
             return Arrays(M=M, D=None, K=K, B=model.B.getDenseArray().copy())
 
     def model(self, comm=None, folder=None) -> hpcred.SecondOrderModel:
-        from hpcred.parallel.petsc import MPI
-
-        return assembled(self.path(folder), comm or MPI.COMM_WORLD)
+        return assembled(self.path(folder), all_ranks(comm))
 
     def reduce(self, model, **more):
         return super().reduce(model, **{"frame": hpcred.Buckens(), **more})

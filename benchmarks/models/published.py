@@ -27,7 +27,10 @@ def find(name: str, folder: str | os.PathLike | None = None) -> Path | None:
 
 @dataclass(kw_only=True)
 class Arrays:
-    """M, D, K (n, n), sparse, D or None; B (n, p), and C, Cv (r, n), each or None: both None for C = B^T."""
+    """M, D, K (n, n), sparse, D or None; B (n, p), and C, Cv (r, n), each or None: both None for C = B^T.
+
+    `viscoelastic`: matrices K_v with their laws; `circulatory`: whether K is unsymmetric on purpose.
+    """
 
     M: scipy.sparse.csr_matrix
     D: scipy.sparse.csr_matrix | None
@@ -35,6 +38,8 @@ class Arrays:
     B: np.ndarray
     C: np.ndarray | None = None
     Cv: np.ndarray | None = None
+    viscoelastic: tuple[hpcred.Viscoelastic, ...] = ()
+    circulatory: bool = False
 
     def dynamic_stiffness(self, s: complex, loss_factor: float = 0.0):
         """s^2 M + s D + (1 + i eta) K, sparse."""
@@ -92,8 +97,12 @@ class Published:
     def model(self, comm=None, folder: str | os.PathLike | None = None) -> hpcred.SecondOrderModel:
         """The model, distributed over the ranks of `comm`, by default all. Collective."""
         given = self.matrices(folder)
-        more = {"Cv": given.Cv, "name": self.name, "comm": comm}
-        return hpcred.SecondOrderModel(given.M, given.D, given.K, given.B, given.C, **more)
+        more = {"Cv": given.Cv, "name": self.name, "comm": comm, "circulatory": given.circulatory}
+        model = hpcred.SecondOrderModel(given.M, given.D, given.K, given.B, given.C, **more)
+        if not given.viscoelastic:
+            return model
+        with model:
+            return model.with_viscoelastic(given.viscoelastic)
 
     @property
     def damping(self) -> hpcred.GivenDamping | None:
@@ -113,6 +122,13 @@ class Published:
         if self.loss_factor:
             lines += ["[damping]", 'kind = "given"', f"loss_factor = {self.loss_factor}"]
         return "\n".join([*lines, ""])
+
+
+def all_ranks(comm):
+    """The ranks that were named, by default all."""
+    from hpcred.parallel.petsc import MPI
+
+    return comm or MPI.COMM_WORLD
 
 
 def unit_columns(n: int, rows) -> np.ndarray:
