@@ -7,7 +7,7 @@ import numpy as np
 from ..parallel.failures import ComputationError
 from ..parallel.sums import summed
 
-STALLED = 40  # iterations in which no residual came down to half of its best
+STALLED = 40  # iterations in which no error came down to half of its best, by its energy
 NOISE = 1e-6  # of the first residual: below, a product that is not positive may be round-off
 
 
@@ -36,12 +36,13 @@ def conjugate_gradients(comm, multiply, precondition, residual, solution, target
         size = np.sqrt(summed(comm, _dot(residual, residual)))
         first = size if first is None else first
         going = still & (size > targets)
-        better = size < 0.5 * best
-        best, since = np.where(better, size, best), 0 if better[going].any() else since + 1
         if not going.any() or since > STALLED or not np.isfinite(size).all():
             break
         precondition(residual, z)
         product = summed(comm, _dot(residual, z))
+        # about the energy of the error, which falls where the residual of thin bodies rises at first
+        better = product < 0.25 * best
+        best, since = np.where(better, product, best), 0 if better[going].any() else since + 1
         going &= _positive(product, going, size > NOISE * first, "the approximate inverse")
         for j in np.flatnonzero(going):
             p[:, j] *= product[j] / before[j]
@@ -66,9 +67,14 @@ def _positive(products, going, large, what):
     """Where products are positive, refused where they are not though the residual is large."""
     positive = products > 0
     if (going & large & ~positive).any():
-        raise NegativeCurvature(
-            f"{what} is not positive definite: conjugate gradients met a negative curvature; K may be indefinite, or "
-            "singular, so that the body can move freely: take frame kind 'buckens', 'chord' or 'tangent', or "
-            "solver.kind 'direct'; above 0 Hz, the basis may lack a mode below the point"
-        )
+        raise negative_curvature(what)
     return positive
+
+
+def negative_curvature(what) -> NegativeCurvature:
+    """Return what to raise where the matrix, or the approximate inverse, is not positive definite."""
+    return NegativeCurvature(
+        f"{what} is not positive definite: conjugate gradients met a negative curvature; K may be indefinite, or "
+        "singular, so that the body can move freely: take frame kind 'buckens', 'chord' or 'tangent', or "
+        "solver.kind 'direct'; above 0 Hz, the basis may lack a mode below the point"
+    )

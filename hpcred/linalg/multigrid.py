@@ -1,59 +1,78 @@
 """Apply algebraic multigrid of a positive definite matrix to all columns of a block at once.
 
-PETSc's GAMG makes the levels by smoothed aggregation from near null vectors, the rigid-body motions (Vanek, Mandel &
-Brezina, Computing 56, 1996). The cycle over them is done here for all columns of a block at once: a pass over the
-matrix of a level, which is what costs, serves all of them, where that of PETSc goes column by column.
+The levels are those of linalg.coarsening, below the corners of quadratic elements where these are known. The cycle over
+them is done here for all columns of a block at once: a pass over the matrix of a level, which is what costs, serves all
+of them, where that of PETSc goes column by column.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import PETSc
-from ..parallel.sums import summed
-from .blocks import create_dense, independent, local_rows
-from .csr import diagonal_of
-from .options import temporary_options
+from .blocks import create_dense, local_rows
+from .coarsening import DENSE, STUCK, aggregates, node_inverses, smoothed
+from .ritz_values import ritz_values
 
+ENOUGH = 300  # rows of the coarsest level
 COARSEST = 2000  # rows that every rank can have the eigenvectors of
+MOST_LEVELS = 20
 LOW, HIGH = 0.1, 1.1  # what a smoother damps, of the largest eigenvalue estimated
 LANCZOS = 12  # steps of that estimate
-DEPENDENT_NEAR_NULL = 1e-12  # squared norm of a combination of unit near null vectors that is round-off
 SINGULAR = 1e-11  # of the largest eigenvalue of the coarsest matrix: a motion that meets no force
 
 
-class Multigrid:
-    """One symmetric V-cycle with `sweeps` Chebyshev sweeps, over Jacobi, before and after the coarser level.
+class TooDense(ComputationError):
+    """Levels of small aggregates would take more than the matrix."""
 
-    `matrix` is kept; `near_null`: a block (n, k) of motions that meet almost no force; `threshold`: entries of the
-    graph of nodes below this share of the diagonal ones are weak. `prefix`: of the PETSc options of GAMG. Collective.
-    Raises ComputationError.
+
+class Multigrid:
+    """One symmetric V-cycle with `sweeps` Chebyshev sweeps, over blocks of nodes, before and after the coarser level.
+
+    `matrix` is kept, with the size of its blocks; `near_null`: a block (n, k) of motions that meet almost no force;
+    `threshold`: entries of the graph of nodes below this share of the diagonal ones are weak; `aggressive`: large
+    aggregates on the finest level, else small ones, which take more memory and fewer iterations. `corners`: an
+    interpolation from the nodes at the corners of quadratic elements, and their near null vectors; or None. `prefix`:
+    of the PETSc options of GAMG. Collective. Raises ComputationError, TooDense.
     """
 
-    def __init__(self, matrix: PETSc.Mat, near_null, prefix: str, threshold: float, sweeps: int):
+    def __init__(self, matrix: PETSc.Mat, near_null, prefix: str, threshold: float, sweeps: int, aggressive=True,
+                 corners=None):  # fmt: skip
         self.sweeps, self._width, self._levels = sweeps, 0, []
-        pc = PETSc.PC().create(matrix.comm)
-        pc.setOptionsPrefix(prefix)
-        pc.setType("gamg")
-        pc.setOperators(matrix)
         try:
-            _set_near_null(matrix, near_null)
-            with temporary_options(prefix + "pc_gamg_", {"threshold": threshold, "agg_nsmooths": 1}):
-                pc.setFromOptions()
-                pc.setUp()
-            count = pc.getMGLevels()
-            # from fine to coarse, with the interpolation from the next coarser
-            self._levels = [
-                _Level(matrix if k == count - 1 else pc.getMGSmoother(k).getOperators()[0],
-                       pc.getMGInterpolation(k) if k else None)
-                for k in reversed(range(count))
-            ]  # fmt: skip
+            self._make_levels(matrix, _rows_of(near_null), prefix, threshold, aggressive, corners)
         except PETSc.Error as error:
             lines = str(error).splitlines()
             raise ComputationError(f"multigrid: GAMG of PETSc could not make the levels: {lines[-1]}") from error
         self._coarsest = _coarsest(self._levels[-1].matrix)
+
+    def _make_levels(self, matrix, near_null, prefix, threshold, aggressive, corners):
+        """From fine to coarse, each with the interpolation from the next coarser."""
+        small = not aggressive and corners is None
+        while True:
+            level, size = _Level(matrix), matrix.getSize()[0]
+            self._levels.append(level)
+            if size <= ENOUGH or len(self._levels) == MOST_LEVELS:
+                return
+            level.estimate()
+            block = matrix.getBlockSize()
+            if corners is not None:
+                level.interpolation, near_null = corners[0], _rows_of(corners[1])
+                corners = None
+            else:
+                found = aggregates(matrix, near_null, prefix, threshold, aggressive)
+                if _stuck(found, size) and threshold > 0:
+                    threshold = 0.0  # all neighbours are strong
+                    found = aggregates(matrix, near_null, prefix, threshold, aggressive)
+                if _stuck(found, size):
+                    return
+                if small and found[0].getSize()[1] > DENSE * size:
+                    raise TooDense("multigrid: small aggregates would take more than the matrix")
+                aggressive, block = False, near_null.shape[1]
+                level.interpolation, near_null = smoothed(matrix, level.inverses, level.largest, found[0]), found[1]
+            matrix = matrix.ptap(level.interpolation)
+            matrix.setBlockSize(block)
 
     @property
     def levels(self) -> int:
@@ -97,16 +116,33 @@ class Multigrid:
         level.smooth(self.sweeps, residual=False)
 
 
-class _Level:
-    """A matrix, the interpolation from the next coarser level, and room for blocks: x, b, r = b - A x, d, A d."""
+def _rows_of(block):
+    with local_rows(block) as rows:
+        return rows.real.copy()
 
-    def __init__(self, matrix, interpolation):
+
+def _stuck(found, size):
+    return found is None or found[0].getSize()[1] > STUCK * size
+
+
+class _Level:
+    """A matrix, the inverses of its blocks of nodes, the interpolation from the next coarser level, and room for blocks
+    of columns: x, b, r = b - A x, d, A d."""
+
+    def __init__(self, matrix, interpolation=None):
         self.matrix, self.interpolation = matrix, interpolation
         self.comm = matrix.comm.tompi4py()
-        values = diagonal_of(matrix)
-        self.inverse = np.divide(1.0, values, out=np.zeros_like(values), where=values > 0)[:, None]
-        if interpolation is not None:
-            self.top = HIGH * self._largest_eigenvalue()
+
+    def estimate(self):
+        """Make what smooths: the inverses D of the blocks, and the largest eigenvalue of D A from below."""
+        self.inverses = node_inverses(self.matrix)
+        values = ritz_values(self.comm, _product(self.matrix), _product(self.inverses), self._random(), LANCZOS)
+        self.largest = values[-1] if values[-1] > 0 else 1.0
+        self.top = HIGH * self.largest
+
+    def _random(self):
+        first, last = self.matrix.getOwnershipRange()
+        return np.random.default_rng(first).standard_normal((last - first, 1))
 
     def make_room(self, columns):
         self.x = self.b = self.r = self.d = self.product = None  # whose memory is for the next ones
@@ -125,10 +161,11 @@ class _Level:
     def smooth(self, sweeps, residual=True):
         """Chebyshev sweeps on x with its residual r, which follows at last where `residual` (Saad, Iterative methods
         for sparse linear systems, 2003, algorithm 12.1)."""
-        x, r, d = (mat.getDenseArray() for mat in (self.x, self.r, self.d))
+        x, d = self.x.getDenseArray(), self.d.getDenseArray()
         middle, half = self.top * (1 + LOW) / 2, self.top * (1 - LOW) / 2
         ratio = half / middle
-        np.multiply(r, self.inverse / middle, out=d)
+        self.inverses.matMult(self.r, self.d)
+        d /= middle
         for sweep in range(sweeps):
             x += d
             if sweep == sweeps - 1:
@@ -137,46 +174,22 @@ class _Level:
                 return
             self.subtract_product()
             before, ratio = ratio, 1 / (2 * middle / half - ratio)
+            self.inverses.matMult(self.r, self.product)
+            self.product.getDenseArray()[...] *= 2 * ratio / half
             d *= ratio * before
-            d += r * (2 * ratio / half * self.inverse)
-
-    def _largest_eigenvalue(self):
-        """Of the matrix over its diagonal, from below, by Lanczos' method."""
-        scale = np.sqrt(self.inverse[:, 0])
-        x, y = self.matrix.createVecs()
-        q = np.random.default_rng(self.matrix.getOwnershipRange()[0]).standard_normal(len(scale))
-        before, alphas, betas = np.zeros(len(scale)), [], []
-        q /= self._norm(q)
-        for _ in range(LANCZOS):
-            x.setArray(scale * q)
-            self.matrix.mult(x, y)
-            new = scale * y.getArray(readonly=True).real
-            alphas.append(float(summed(self.comm, new @ q)))
-            new -= alphas[-1] * q + (betas[-1] if betas else 0.0) * before
-            beta = self._norm(new)
-            if beta <= 1e-10 * abs(alphas[0]):
-                break
-            betas.append(beta)
-            before, q = q, new / beta
-        beside = betas[: len(alphas) - 1]
-        return float(np.linalg.eigvalsh(np.diag(alphas) + np.diag(beside, 1) + np.diag(beside, -1)).max())
-
-    def _norm(self, vector):
-        return float(summed(self.comm, vector @ vector)) ** 0.5
+            d += self.product.getDenseArray()
 
 
-def _set_near_null(matrix, near_null):
-    """Tell the matrix its near null vectors, which PETSc wants orthonormal."""
-    comm, vectors = matrix.comm.tompi4py(), []
-    with local_rows(near_null) as rows:
-        basis = rows.real
-        for _ in range(2):
-            factor, eigenvalues = decided(comm, independent, summed(comm, basis.T @ basis), DEPENDENT_NEAR_NULL)
-            basis = basis @ (factor / np.sqrt(eigenvalues))
-        for column in basis.T:
-            vectors.append(matrix.createVecRight())
-            vectors[-1].setArray(column)
-    matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm))
+def _product(matrix):
+    """p, q -> q = A p for the rows of this rank (rows, 1)."""
+    x, y = matrix.createVecs()
+
+    def multiply(p, q):
+        x.setArray(p[:, 0])
+        matrix.mult(x, y)
+        q[:, 0] = y.getArray(readonly=True).real
+
+    return multiply
 
 
 def _coarsest(matrix):
@@ -191,7 +204,10 @@ def _coarsest(matrix):
     local = np.zeros((len(indptr) - 1, size))
     local[np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)), indices] = values.real
     whole = np.concatenate(matrix.comm.tompi4py().allgather(local))
-    eigenvalues, vectors = np.linalg.eigh((whole + whole.T) / 2)
+    diagonal = np.diag(whole)
+    scale = np.divide(1.0, np.sqrt(np.abs(diagonal)), out=np.zeros(size), where=diagonal > 0)
+    eigenvalues, vectors = np.linalg.eigh(scale[:, None] * (whole + whole.T) / 2 * scale)
     regular = eigenvalues > SINGULAR * eigenvalues[-1]
-    inverse = (vectors[:, regular] / eigenvalues[regular]) @ vectors[:, regular].T
+    vectors = scale[:, None] * vectors[:, regular]
+    inverse = (vectors / eigenvalues[regular]) @ vectors.T
     return matrix.comm.tompi4py().bcast(inverse), *matrix.getOwnershipRange()

@@ -8,12 +8,14 @@ from ..linalg.blocks import times
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, sort_over_ranks
 from ..parallel.petsc import PETSc
+from .corner_nodes import corner_interpolation
 from .rigid_body_modes import free_motions, rigid_motions
 
 
 class NodeBlocks:
     """`size`: rows of a block, 6 where most nodes can turn, else 3. `motions`: the six rigid-body motions as a block
-    (n', 6). `free`: how many of them meet no force.
+    (n', 6). `free`: how many of them meet no force. `corners`: an interpolation from the
+    corners of quadratic elements (n', n_c), and the motions of these (n_c, 6); or None.
 
     `expansion`: a matrix (n', n) of unit entries that puts the rows of the model, which has n, into whole blocks of
     nodes, each on one rank; None where they are so already. Rows that are missing, of nodes that are held in some
@@ -31,11 +33,16 @@ class NodeBlocks:
         self.size = 6 if 3 * turning >= model.size else 3
         self.motions = rigid_motions(model)
         self.free = free_motions(model, self.motions)
-        self.expansion = self._expansion(model)
+        self.expansion, blocks = self._expansion(model)
         self.contraction = None
         if self.expansion is not None:
             self.motions = times(self.expansion, self.motions)
             self.contraction = self.expansion.transpose(PETSc.Mat())
+        nodes = np.where(blocks % 8 == 0, blocks // 8, -1)
+        self.corners = corner_interpolation(model.comm, model.elements, nodes, self.size)
+        if self.corners is not None:
+            interpolation, injection = self.corners
+            self.corners = interpolation, times(injection.transpose(PETSc.Mat()), self.motions)
 
     def expanded(self, matrix: PETSc.Mat, diagonal: float) -> PETSc.Mat:
         """Return a matrix in whole blocks, with `diagonal` in the rows that are missing; `matrix` itself where it has
@@ -65,7 +72,7 @@ class NodeBlocks:
             whole = bool((table == table[:, :1]).all() and (places == np.arange(self.size)).all())
             whole = whole and len(np.unique(table[:, 0])) == len(table)
         if all(comm.allgather(whole)):
-            return None
+            return None, block[:: self.size]
         # a block is where its first row is
         mine = np.unique(block)
         keys, ranks = sort_over_ranks(comm, mine, [np.full(len(mine), comm.rank)])
@@ -83,7 +90,7 @@ class NodeBlocks:
         columns = (self.size * number + place).astype(PETSc.IntType)
         sizes = ((model.local_rows, model.size), (rows, size))
         csr = (indptr, columns, np.ones(len(block)))
-        return PETSc.Mat().createAIJ(sizes, csr=csr, comm=model.K.comm).transpose(PETSc.Mat())
+        return PETSc.Mat().createAIJ(sizes, csr=csr, comm=model.K.comm).transpose(PETSc.Mat()), order
 
 
 def _diagonal_matrix(like, diagonal):

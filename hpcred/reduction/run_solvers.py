@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..linalg.solvers.base import DoesNotFit, FactorRecord, Solver
 from ..linalg.solvers.complex import ComplexSolver
-from ..linalg.solvers.multigrid import MultigridSolver, not_definite
+from ..linalg.solvers.multigrid import MultigridSolver, TooSlow, not_definite
 from ..linalg.solvers.shifted import ShiftedSolver
 from ..model.node_blocks import NodeBlocks
 from ..parallel.failures import InputError
@@ -55,7 +55,8 @@ class RunSolvers:
         """Return the solver with the factor of K + damping D + mass M, or of M (mass = inf), made unless it is there.
 
         Raises SingularMatrix. Where the factor does not fit, solver.kind is "auto" and the matrix is positive definite,
-        the run goes on by multigrid, if it `may_give_up` factors; else DoesNotFit is raised.
+        the run goes on by multigrid, if it `may_give_up` factors and few iterations are expected; else DoesNotFit or
+        TooSlow is raised.
         """
         if self.real.factored != (mass, damping):
             with self._progress.stage("factor", name):
@@ -64,14 +65,24 @@ class RunSolvers:
                 except DoesNotFit as error:
                     if mass < 0 or not may_give_up or not self.give_up_factors(error):
                         raise
-                    self.real.factor(mass, damping)
+                    try:
+                        self.real.factor(mass, damping)
+                    except TooSlow as slow:
+                        raise TooSlow(f"{str(error).partition(';')[0]}; in its place, {slow}") from error
         return self.real
 
     def give_up_factors(self, error: DoesNotFit) -> bool:
-        """Continue with multigrid if the settings allow it; return whether they do. Collective."""
+        """Continue with multigrid if the settings allow it; return whether they do. Collective.
+
+        Raises DoesNotFit where the model does not allow what they would.
+        """
         model = self.model
-        if self._factoring.solver.kind != "auto" or model.dofs is None or not model.symmetric:
+        if self._factoring.solver.kind != "auto":
             return False
+        if model.dofs is None or not model.symmetric:
+            lacks = "node coordinates (convert it with --nodes)" if model.dofs is None else "symmetric matrices"
+            fits_not = str(error).partition("; real points")[0]
+            raise DoesNotFit(f"{fits_not}; {model.name} lacks {lacks}, which multigrid needs in place of it") from error
         if self._real is not None:
             self._records_before += self._real.records
             self._analyses_before += self._real.analyses

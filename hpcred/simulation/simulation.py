@@ -187,8 +187,6 @@ class Motion:
         Largest defect of the energy balance, relative to the largest energy.
     notes : list of str
         What was changed or approximated.
-    warnings : list of str
-        Settings that look wrong, and motions beyond what the equations describe, such as those that diverge.
     factorisations : int
         Number of factorisations of Newton matrices.
     """
@@ -223,7 +221,6 @@ class Motion:
     rotation_drift: float
     balance: float
     notes: list
-    warnings: list
     factorisations: int
 
 
@@ -295,7 +292,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     progress = progress or Progress(MPI.COMM_SELF, show=False)
     for warning in warnings:  # before a run that may take long for that reason
         progress.tell(warning)
-    notes = remarks(body) + _loads_without_stress(body, setup) + _spins_twice(body, setup)
+    notes = warnings + remarks(body) + _loads_without_stress(body, setup) + _spins_twice(body, setup)
     if setup.start == "static":
         r, p, q = system.equilibrium(r, p)
     else:
@@ -309,7 +306,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     with np.errstate(all="ignore"):  # a step in which numbers overflow is tried again, shorter; the motion is checked
         t, states, rates, factorisations = _integrate(system, setup, y0, yp0, limits, progress)
         motion = Motion(
-            t=t, notes=notes, warnings=warnings, factorisations=factorisations, **_motion(system, t, states),
+            t=t, notes=notes, factorisations=factorisations, **_motion(system, t, states),
             **_nodes(body, undeformed, t, states, system), **_rates_of_nodes(body, system, states, rates),
             **_outputs(body.reduced, system, states, rates), **_reactions(body, system, t, states, rates),
             **_springs(body, setup, system, t, states),
@@ -317,8 +314,8 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     numbers = [*motion.energies.values(), *(value for value in vars(motion).values() if isinstance(value, np.ndarray))]
     if not all(np.isfinite(value).all() for value in numbers):
         overflown = "the motion has numbers that overflow; loads or drives are too large"
-        raise ComputationError("; ".join([*limits.warnings, overflown]))
-    motion.warnings += limits.warnings
+        raise ComputationError("; ".join([*limits.notes, overflown]))
+    motion.notes += limits.notes
     return motion
 
 
@@ -395,7 +392,7 @@ def _integrate(system, setup, y0, yp0, limits, progress):
             "velocities that are too large, loosen the tolerances, or leave out pseudo-modes far above the band "
             "(drop_above)"
         )
-        raise ComputationError("; ".join([*limits.warnings, stopped]))
+        raise ComputationError("; ".join([*limits.notes, stopped]))
     return found.t, found.y, found.yp, int(found.nlu)
 
 

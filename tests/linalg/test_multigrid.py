@@ -313,7 +313,8 @@ def test_the_smoother_is_a_chebyshev_polynomial(comm, sweeps):
     T = 2 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
     scale = np.diag(10.0 ** np.linspace(-2, 2, count))
     with SecondOrderModel.from_scipy(scale @ T @ scale, np.eye(count), comm=comm) as model:
-        level = _Level(model.K, model.K.duplicate())
+        level = _Level(model.K)
+        level.estimate()
         values, shapes = scipy.linalg.eigh(T / 2)
         assert 0.98 * values[-1] < level.top / HIGH <= values[-1] * (1 + 1e-12)
         errors = np.linalg.solve(scale, shapes)

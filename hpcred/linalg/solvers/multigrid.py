@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from math import inf
 
 import numpy as np
 
-from ...parallel.failures import InputError
+from ...parallel.failures import ComputationError, InputError
 from ...parallel.petsc import SAME, PETSc, free_dropped
 from ...parallel.sums import summed
 from ..blocks import create_dense, local_rows
+from ..conjugate_gradients import negative_curvature
 from ..csr import diagonal_of
-from ..multigrid import Multigrid
+from ..multigrid import Multigrid, TooDense
+from ..ritz_values import iterations_to, rate, ritz_values
 from .base import FactorRecord, SingularMatrix, Solver
 from .iterative import IterativeSolves
 from .settings import LinearSolver
 
+STEPS = 40  # of Lanczos' method, at most, by which iterations are foretold
+SLOW = 60  # iterations from which on smaller aggregates are tried
 ACCEPTED = 1e-10  # relative residual of a solution
+
+
+class TooSlow(ComputationError):
+    """Conjugate gradients with multigrid would take too many iterations."""
 
 
 class MultigridSolver(IterativeSolves, Solver):
@@ -38,9 +47,8 @@ class MultigridSolver(IterativeSolves, Solver):
         self.records: list[FactorRecord] = []
         self.factored, self._levels, self._matrix = None, None, None
         if not model.symmetric:
-            key = "D" if model.is_symmetric("K") else "K"
             raise InputError(
-                f"solver.kind: found 'multigrid', but {key} of {model.name} is not symmetric; take 'direct'"
+                f"solver.kind: found 'multigrid', but D of {model.name} is not symmetric; take 'direct'"
             )
 
     def release(self):
@@ -73,10 +81,46 @@ class MultigridSolver(IterativeSolves, Solver):
         matrix.stateIncrease()
         self._matrix = self._blocks.expanded(matrix, model.mean_diagonal_of_k)
         del matrix
-        threshold, sweeps = self.settings.threshold, self.settings.sweeps
-        self._levels = Multigrid(self._matrix, self._blocks.motions, self._prefix, threshold, sweeps)
+        expected = self._make_levels()
         self._began(str(mass), str(damping), "multigrid", start, self._levels.levels, self._levels.entries)
+        self.records[-1].expected_iterations = expected
         self.factored = mass, damping
+
+    def _make_levels(self) -> int:
+        """Make the levels that take the least work, and return how many iterations they will take. Raises TooSlow."""
+        blocks, goal = self._blocks, self.settings.residual
+        values = self._try_levels(aggressive=blocks.corners is None)
+        if blocks.corners is None and iterations_to(goal, values) > SLOW:
+            kept, before, own = self._levels, values, self._matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
+            with suppress(TooDense):
+                values = self._try_levels(aggressive=False)
+            work = [iterations_to(goal, seen) * (own + levels.entries)
+                    for seen, levels in ((before, kept), (values, self._levels))]  # fmt: skip
+            if work[0] <= work[1]:
+                self._levels, values = kept, before
+            del kept
+            free_dropped(self.model.comm)
+        expected = iterations_to(goal, values)
+        if expected > self.settings.iterations:
+            self.release()
+            raise TooSlow(too_slow(expected, rate(values), self.settings.iterations, blocks))
+        return expected
+
+    def _try_levels(self, aggressive):
+        """Make levels, and return eigenvalues of the preconditioned matrix. Raises TooDense, NegativeCurvature."""
+        settings, blocks = self.settings, self._blocks
+        self._levels = Multigrid(self._matrix, blocks.motions, self._prefix, settings.threshold, settings.sweeps,
+                                 aggressive, blocks.corners)  # fmt: skip
+        first, last = self.model.K.getOwnershipRange()
+        load = np.random.default_rng(first).standard_normal((last - first, 1))
+        if self.rigid is not None:
+            with local_rows(self.rigid.R) as R, local_rows(self.rigid.MR) as MR:
+                load -= MR.real @ summed(self.model.comm, R.real.T @ load)
+        multiply, precondition = self._multiplication(1, self._terms), self._preconditioner(1)
+        values = ritz_values(self.model.comm, multiply, precondition, load.astype(PETSc.ScalarType), STEPS)
+        if values[0] <= 0:
+            raise negative_curvature("the matrix, or the approximate inverse,")
+        return values
 
     def _take_mass(self):
         """Have solves with A = M, by conjugate gradients with its diagonal: consistent masses are well conditioned
@@ -134,6 +178,17 @@ class MultigridSolver(IterativeSolves, Solver):
             z -= R @ summed(self.model.comm, MR.T @ z)
 
         return precondition
+
+
+def too_slow(expected, factor, most, blocks) -> str:
+    """Why multigrid is not for a body, and what to do."""
+    known = "quadratic elements by their corners" if blocks.corners else "no quadratic elements known"
+    return (
+        f"multigrid reduces the error by {factor:.3f} an iteration, so that a column would take about {expected} "
+        f"iterations, more than solver.iterations = {most} ({blocks.size} directions a node, {known}): elements are "
+        "too thin or too bad, or the material is nearly incompressible; take solver.kind 'direct', with out_of_core "
+        "where memory is short (factors of thin bodies are small), more solver.sweeps, or more solver.iterations"
+    )
 
 
 def not_definite(where) -> str:

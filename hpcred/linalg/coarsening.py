@@ -1,0 +1,90 @@
+"""Make the coarser level of a multigrid level by smoothed aggregation of nodes.
+
+GAMG of PETSc finds the aggregates, and the interpolation from their near null vectors, the rigid-body motions. It is
+smoothed here by the inverses of the blocks of nodes, in which translations and rotations have each their scale (Vanek,
+Mandel & Brezina, Computing 56, 1996).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..parallel.decisions import decided
+from ..parallel.petsc import PETSc
+from ..parallel.sums import summed
+from .blocks import independent
+from .options import temporary_options
+
+DEPENDENT_NEAR_NULL = 1e-12  # squared norm of a combination of unit near null vectors that is round-off
+DEPENDENT = 1e-10  # eigenvalue of the block of a node with a unit diagonal that is round-off
+OVERSHOOT = 4 / 3  # of the step that smooths, over the largest eigenvalue
+DENSE = 1 / 3  # of the rows of a level on the coarser one: so many would make it dearer than the level
+STUCK = 0.7  # of the rows on the coarser level: aggregates of one node
+
+
+def node_inverses(matrix: PETSc.Mat) -> PETSc.Mat:
+    """Return the inverses of the diagonal blocks of nodes, but for motions that meet nothing in them. Collective."""
+    size, (first, last) = matrix.getBlockSize(), matrix.getOwnershipRange()
+    indptr, indices, values = matrix.getValuesCSR()
+    row, column = np.repeat(np.arange(last - first), np.diff(indptr)), indices - first
+    same = (column >= 0) & (column < last - first) & (row // size == column // size)
+    row, column = row[same], column[same]
+    blocks = np.zeros(((last - first) // size, size, size))
+    blocks[row // size, row % size, column % size] = values[same].real
+    diagonal = np.einsum("bii->bi", blocks)
+    scale = np.divide(1.0, np.sqrt(np.abs(diagonal)), out=np.zeros_like(diagonal), where=diagonal > 0)
+    scale = scale[:, :, None] * scale[:, None]
+    eigenvalues, vectors = np.linalg.eigh((blocks + blocks.transpose(0, 2, 1)) / 2 * scale)
+    inverse = np.divide(1.0, eigenvalues, out=np.zeros_like(eigenvalues), where=eigenvalues > DEPENDENT)
+    inverse = (vectors * inverse[:, None]) @ vectors.transpose(0, 2, 1) * scale
+    indptr = (size * np.arange(last - first + 1)).astype(PETSc.IntType)
+    columns = first + size * np.repeat(np.arange((last - first) // size), size)[:, None] + np.arange(size)
+    csr = (indptr, columns.astype(PETSc.IntType).ravel(), inverse.ravel())
+    return PETSc.Mat().createAIJ(matrix.getSizes(), csr=csr, comm=matrix.comm)
+
+
+def aggregates(matrix, near_null: np.ndarray, prefix: str, threshold: float, aggressive: bool):
+    """Return an interpolation from aggregates of nodes, and the near null vectors of the coarser level. Collective.
+
+    `near_null` (rows, k): rows of this rank. `threshold`: entries of the graph of nodes below this share of the
+    diagonal ones are weak. `aggressive`: aggregates of neighbours of neighbours. None where the nodes do not join.
+    Raises PETSc.Error.
+    """
+    comm, vectors = matrix.comm.tompi4py(), []
+    for _ in range(2):
+        factor, eigenvalues = decided(comm, independent, summed(comm, near_null.T @ near_null), DEPENDENT_NEAR_NULL)
+        near_null = near_null @ (factor / np.sqrt(eigenvalues))
+    for column in near_null.T:
+        vectors.append(matrix.createVecRight())
+        vectors[-1].setArray(column)
+    matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm))
+    pc = PETSc.PC().create(matrix.comm)
+    pc.setOptionsPrefix(prefix)
+    pc.setType("gamg")
+    pc.setOperators(matrix)
+    asked = {"pc_gamg_threshold": threshold, "pc_gamg_aggressive_coarsening": int(aggressive)}
+    forced = {
+        "pc_gamg_agg_nsmooths": 0, "pc_mg_levels": 2, "pc_gamg_coarse_eq_limit": 1, "mg_levels_pc_type": "none",
+        "pc_gamg_use_parallel_coarse_grid_solver": True, "mg_levels_ksp_type": "richardson",
+        "mg_coarse_pc_type": "none", "mg_coarse_ksp_type": "preonly",
+    }  # fmt: skip
+    with temporary_options(prefix, asked, forced):
+        pc.setFromOptions()
+        pc.setUp()
+    if pc.getMGLevels() < 2:
+        return None
+    interpolation = pc.getMGInterpolation(1)
+    coarse = []
+    for vector in vectors:
+        coarse.append(interpolation.createVecRight())
+        interpolation.multTranspose(vector, coarse[-1])
+    near_null = np.stack([vector.getArray(readonly=True).real for vector in coarse], axis=1)
+    return interpolation, near_null
+
+
+def smoothed(matrix, inverses, largest: float, interpolation):
+    """Return the interpolation P - w D^-1 A P; `largest`: eigenvalue of D^-1 A. Collective."""
+    result = inverses.matMult(matrix.matMult(interpolation))
+    result.scale(-OVERSHOOT / largest)
+    result.axpy(1.0, interpolation, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    return result
