@@ -1,5 +1,5 @@
-# make demo | install | test | test-slow | test-wheel | test-ccx | test-dolfinx | test-chromium | test-slurm | test-docs |
-#      test-debian12 | test-debian13 | test-kernels | fuzz | mutants | coverage | docs | bench | lint
+# make demo | install | test | test-slow | test-wheel | test-ccx | test-dolfinx | test-chromium | test-slurm | test-peers |
+#      test-docs | test-debian12 | test-debian13 | test-kernels | fuzz | mutants | coverage | docs | bench | bench-peers | lint
 #
 # On Debian 12 and 13, and systems with the same packages, `install` brings the missing system packages (as root or by
 # sudo) and a virtual environment on top of them. For another PETSc (cluster module, conda) see docs/install.md.
@@ -23,8 +23,8 @@ export OMPI_MCA_pml ?= ob1
 export OMPI_MCA_btl ?= ^tcp
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: install demo test fuzz mutants coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm docs test-docs \
-        test-packages test-kernels test-debian12 test-debian13 bench lint
+.PHONY: install demo test fuzz mutants coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm test-peers docs test-docs \
+        test-packages test-kernels test-debian12 test-debian13 bench bench-peers lint
 
 # $(call apt,packages) installs those that are missing
 define apt
@@ -139,6 +139,18 @@ test-slurm: install
 	$(call apt,slurmctld slurmd slurm-client munge)
 	$(PYTHON) -m pytest -m slurm -v
 
+# beside the packages of .venv, on the same numpy
+build/peers/.ready: .venv/.ready
+	/usr/bin/python3 -m venv --clear --system-site-packages build/peers
+	$(PYTHON) -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' \
+	    > $$(echo build/peers/lib/python3*/site-packages)/hpcred.pth
+	build/peers/bin/python -m pip install -q -c .venv/constraints.txt pymor==2026.1.1 meshio==5.3.5
+	@touch $@
+
+# files and models in the programs of others, none of which may be missing
+test-peers: test-packages build/peers/.ready
+	HPCRED_TEST_PEERS=1 build/peers/bin/python -m pytest -m peers
+
 .venv/.docs-ready: .venv/.ready
 	.venv/bin/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"], sep="\n")' \
 	    > .venv/docs-requirements.txt
@@ -162,6 +174,10 @@ test-docs: .venv/.docs-ready
 
 bench: install .venv-peers/.ready
 	benchmarks/run.sh benchmark-results
+
+# against other methods and other programs: every table of one run in one folder
+bench-peers: install .venv-peers/.ready
+	benchmarks/run_peers.sh peer-results
 
 lint: install
 	.venv/bin/ruff check .

@@ -1,10 +1,11 @@
 """Reductions over parameters to a tolerance: random affine models, and what is said of them against dense solves.
 
 usage: python benchmarks/parametric.py hunt [--models 100] [--first 0] [--most 120] [--pairs 60] [--points N]
+       [--circulatory]
 
 Each model has 15 to `most` dofs, 1 to 3 parameters, terms of M, D (gyroscopic ones too), K, B, and a tolerance of 1e-2
-to 1e-6. The true error is that at `pairs` of a frequency and values, corners and resonances among them. A miss is a
-model that was said to have reached its tolerance, and has not.
+to 1e-6; with --circulatory terms that make K unsymmetric as well. The true error is that at `pairs` of a frequency and
+values, corners and resonances among them. A miss is a model that was said to have reached its tolerance, and has not.
 """
 
 import argparse
@@ -18,11 +19,11 @@ sys.path.insert(0, str(HERE.parent / "tests"))
 
 def reduced(seed, options):
     """One row of the table, of the model of a seed."""
-    from parametric_models import fresh_pairs, random_affine
+    from parametric_models import fresh_pairs, random_affine, random_circulatory
 
     import hpcred
 
-    case, tolerance = random_affine(seed, options.most)
+    case, tolerance = (random_circulatory if options.circulatory else random_affine)(seed, options.most)
     search = hpcred.ParameterSearch(points=options.points)
     found = {"seed": seed, "dofs": len(case.K), "damping": case.damping.kind, "tolerance": tolerance,
              "terms": " ".join(f"{of}:{factor.replace(' ', '')}" for of, _, factor in case.terms)}  # fmt: skip
@@ -49,6 +50,7 @@ def main():
     for name, value in (("models", 100), ("first", 0), ("most", 120), ("pairs", 60)):
         parser.add_argument(f"--{name}", type=int, default=value)
     parser.add_argument("--points", type=int)
+    parser.add_argument("--circulatory", action="store_true")
     options = parser.parse_args()
     rows = []
     for seed in range(options.first, options.first + options.models):

@@ -58,6 +58,7 @@ from .model.frames import Buckens as Buckens
 from .model.frames import Chord as Chord
 from .model.frames import NoFrame as NoFrame
 from .model.frames import Tangent as Tangent
+from .model.from_pymor import from_pymor as from_pymor
 from .model.interfaces import Interface as Interface
 from .model.interfaces import InterfaceNode as InterfaceNode
 from .model.interfaces import Nodes as Nodes
@@ -163,6 +164,8 @@ from .workflows.export import export_result as export_result
 from .workflows.info import describe_file as describe_file
 from .workflows.info import inspect_file as inspect_file
 from .workflows.info_of_output import verify_file as verify_file
+from .workflows.kernels import bench_kernels as bench_kernels
+from .workflows.kernels import forget_kernels as forget_kernels
 from .workflows.modes import mass_in_words as mass_in_words
 from .workflows.modes import modes_of_file as modes_of_file
 from .workflows.modes import tables_of_modes as tables_of_modes

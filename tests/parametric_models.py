@@ -29,12 +29,13 @@ class AffineCase:
     D: np.ndarray | None = None
     Ct: np.ndarray | None = None
     damping: object = field(default_factory=NoDamping)
+    circulatory: bool = False
 
     def model(self, comm=None):
         outputs = {} if self.Ct is None else {"outputs": self.Ct, "output_names": self.names("y", self.Ct)}
         model = SecondOrderModel.from_scipy(
             self.K, self.M, self.D, comm or MPI.COMM_WORLD, inputs=self.B, input_names=self.names("u", self.B),
-            name=self.name, **outputs
+            name=self.name, circulatory=self.circulatory, **outputs
         )
         with model:
             return ParametricModel(model, self.parameters, [Term(*item) for item in self.terms])
@@ -81,7 +82,7 @@ class AffineCase:
         p = at.B.shape[1]
         inputs = np.eye(L.shape[1])[:, :p]
         io = InputsOutputs(inputs, inputs if self.Ct is None else np.eye(L.shape[1])[:, p:])
-        model = diagonalised(at.K, L, at.D if given else None, damping, io)
+        model = diagonalised(at.K, L, at.D if given else None, damping, io, symmetric=not self.circulatory)
         return measure_over(MEASURES["directions"], self.band, model)
 
 
@@ -140,6 +141,28 @@ def random_affine(seed, most=60):
     frequencies = np.sqrt(np.maximum(np.linalg.eigvalsh(root @ full["K"] @ root.T), 0)) / (2 * np.pi)
     case.band = 0.0, float(frequencies[int(rng.integers(1, max(3, n // 3)))] * rng.uniform(0.8, 1.2))
     return case, float(10.0 ** -rng.integers(2, 7))
+
+
+def random_circulatory(seed, most=60):
+    """A random affine model with circulatory terms as well, some of them unsymmetric, and its tolerance."""
+    case, tolerance = random_affine(seed, most)
+    rng, n = np.random.default_rng(9000 + seed), len(case.K)
+    case.name, case.circulatory = f"circulatory {seed}", True
+
+    def circulatory(strength):
+        N = np.zeros((n, n))
+        for _ in range(int(rng.integers(1, 8))):
+            j, k = rng.choice(n, 2, replace=False)
+            N[j, k] += rng.uniform(-1, 1)
+        return strength * (N - N.T if rng.random() < 0.7 else N)
+
+    if rng.random() < 0.4:
+        case.K = case.K + circulatory(1e4 * 10 ** rng.uniform(-4, -1))
+    for item in case.parameters[: int(rng.integers(1, 3))]:
+        factor = str(rng.choice([item.name, f"{item.name}^2", f"2 - 0.5*{item.name}"]))
+        largest = max(abs(Term("K", None, factor).expression.at({item.name: end})) for end in item.range)
+        case.terms.append(("K", circulatory(1e4 * 10 ** rng.uniform(-4, -0.5)) / largest, factor))
+    return case, tolerance
 
 
 def fresh_pairs(case, count=40, seed=5):

@@ -63,6 +63,28 @@ def test_an_unsymmetric_matrix_is_refused(tmp_path, monkeypatch, capsys, key):
     assert re.search(says, refused(capsys, "reduce", "job.toml"))
 
 
+def test_an_unsymmetric_stiffness_that_is_meant(tmp_path, monkeypatch, capsys):
+    """By the job or the model file; the state space has the poles of the dense matrices."""
+    monkeypatch.chdir(tmp_path)
+    K = np.diag([2.0, 2, 2, 1]) - np.eye(4, k=1) - np.eye(4, k=-1) + 0.3 * (np.eye(4, k=2) - np.eye(4, k=-2))
+    write_matrices(lambda **_: {"K": K})
+    text = "output = '{0}.h5'\nmodel = '{0}_model.h5'\n{1}damping = {{kind = 'rayleigh', alpha = 1.0, beta = 0.1}}\n"
+    basis = "[[basis]]\nkind = 'krylov'\nfrequency = 0.1\norder = 3\n"
+    for name, asked, said in (("by_job", [], "circulatory = true\n"), ("by_model", ["--circulatory"], "")):
+        given = ["-K", "K.mtx", "-M", "M.mtx", f"{name}_model.h5", "--inputs", "1"]
+        assert run(["convert", *given, *asked]) == 0
+        assert ("K is not symmetric, and cannot be reduced, unless" in capsys.readouterr().out) == (not asked)
+        Path("job.toml").write_text(text.format(name, said) + basis)
+        assert run(["reduce", "job.toml"]) == 0
+        assert run(["export", f"{name}.h5", "-o", "rom.npz", "--format", "statespace-npz"]) == 0
+        assert run(["evaluate", f"{name}.h5", "--full", f"{name}_model.h5", "--frequencies", "0.05,0.1,0.2"]) == 0
+        with np.load("rom.npz") as found:
+            poles = np.linalg.eigvals(found["A"])
+        D = np.eye(4) + 0.1 * K
+        expected = np.linalg.eigvals(np.block([[np.zeros((4, 4)), np.eye(4)], [-K, -D]]))
+        assert np.sort_complex(poles) == pytest.approx(np.sort_complex(expected), abs=1e-9)
+
+
 @pytest.mark.parametrize(
     "text, says",
     [

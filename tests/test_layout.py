@@ -1,6 +1,7 @@
 """The rules of the house: floors, public names, docstrings, and PETSc loaded only when it is used."""
 
 import ast
+import re
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -15,6 +16,7 @@ import hpcred
 HOUSE = Path(hpcred.__file__).parent
 FLOORS = ["cli", "workflows", "report", "writers", "readers", "settings", "files"]
 FLOORS += ["examples", "simulation", "body", "analysis", "reduction", "model", "linalg", "parallel"]
+PEERS = {"control", "exudyn", "fmpy", "meshio", "pymor", "pyNastran", "pyuff", "pyyeti"}
 DOORS = ("", "__main__")  # hpcred/__init__.py, which names everything, and `python -m hpcred`
 MODULES = {
     ".".join(path.relative_to(HOUSE).with_suffix("").parts).removesuffix("__init__").rstrip("."): path
@@ -67,6 +69,16 @@ def test_imports_are_seen(tmp_path):
     module = tmp_path / "module.py"
     module.write_text("def f():\n    from ..report import tables\n    from . import solvers\n    import hpcred.cli\n")
     assert set(imports("linalg.module", module)) == {"report.tables", "linalg.solvers", "cli"}
+
+
+@pytest.mark.parametrize("package", sorted(PEERS))
+def test_make_test_peers_runs_the_tests_with_a_package(package):
+    """A test file that imports it has tests marked peers with its name."""
+    folder = Path(__file__).parent
+    files = {path: path.read_text() for path in folder.rglob("test_*.py")}
+    using = {path for path, text in files.items() if re.search(rf"^ *(import|from) {package}\b", text, re.M)}
+    marked = {path for path, text in files.items() if f'mark.peers("{package}")' in text}
+    assert marked and using <= marked
 
 
 @pytest.mark.parametrize("name", hpcred.__all__)

@@ -19,7 +19,7 @@ from ..model.rigid_body_modes import (
     rigid_body_residuals,
     warnings_of_nodes,
 )
-from ..model.second_order_model import SYMMETRIC_TO, massless, require_model
+from ..model.second_order_model import massless, require_model
 from ..model.units import SI, UNITS, Units, units_of
 from ..parallel.lookup import sort_over_ranks
 from ..parallel.petsc import MPI
@@ -58,8 +58,11 @@ def check(model) -> dict:
     }
     sentences.append(_on_symmetry(model))
     for key in ("K", "M"):
-        if model.symmetry_defects[key] > SYMMETRIC_TO:
-            warnings.append(f"{model.name}: {key} is not symmetric, and cannot be reduced; a damaged file looks so too")
+        if not model.is_symmetric(key) and not (model.circulatory and key == "K"):
+            more = ", unless it has circulatory forces (circulatory = true)" if key == "K" else ""
+            warnings.append(
+                f"{model.name}: {key} is not symmetric, and cannot be reduced{more}; a damaged file looks so too"
+            )
     warnings += _on_signs(model)
     if model.dofs is not None:
         residuals, free = rigid_body_residuals(model)

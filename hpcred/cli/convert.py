@@ -39,6 +39,7 @@ def convert(
     variables: Annotated[str | None, typer.Option(metavar="K=...,M=...", help="Names of matrices in a file.")] = None,
     units: Annotated[str, typer.Option(help="Units of the files: SI; mm,t,s; mm-kg-ms; inch-lbf-s; ...")] = "SI",
     viscoelastic: Viscoelastic = None,
+    circulatory: Annotated[bool, typer.Option("--circulatory", help="K may be unsymmetric.")] = False,
     list_formats: Annotated[bool, typer.Option("--list-formats", help="Say what can be read, and stop.")] = False,
     json: JsonFile = None,
 ):
@@ -73,7 +74,8 @@ def convert(
     )  # fmt: skip
     report = hpcred.convert(
         source, output, inputs=values.targets(inputs, "--inputs"), outputs=values.targets(outputs, "--outputs"),
-        variables=names, units=units, viscoelastic=viscoelastic_of(viscoelastic), progress=session.progress(),
+        variables=names, units=units, viscoelastic=viscoelastic_of(viscoelastic), circulatory=circulatory,
+        progress=session.progress(),
     )  # fmt: skip
     told = ("output", "sentences", "warnings", "loads")
     show_table(None, [{"": key.replace("_", " "), output: in_words(value)} for key, value in report.items()

@@ -73,9 +73,8 @@ def evaluate(
                          "--estimate, --check or --figure; call evaluate once for each result")  # fmt: skip
     if len(results) > 1 and preload:
         raise InputError("--preload: of one result at a time; call evaluate once for each")
-    if at and (estimate or len(results) > 1):
-        raise InputError("--at: of one result at a time, and without --estimate, which is over all values; call "
-                         "evaluate twice")  # fmt: skip
+    if at and estimate:
+        raise InputError("--at: cannot be combined with --estimate, which is over all values; call evaluate twice")
     given = {"--preload": preload, "--band": band, "--frequencies": frequencies, "-o": output, "--full": full,
              "--check": check, "--figure": figure, "--pairs": pairs}
     allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
@@ -103,7 +102,7 @@ def evaluate(
         report = _show_check(result, full, check, seed=seed, at=point, **solving)
     elif len(results) > 1:
         report = _show_comparison(results, full, band=limits, points=points, output=output, measure=measure,
-                                  **chosen, **solving)  # fmt: skip
+                                  at=point, **chosen, **solving)  # fmt: skip
     else:
         pairs = pairs.split(",") if pairs else ()
         report = _show_responses(result, full, band=limits, points=points, output=output, figure=figure, pairs=pairs,

@@ -9,7 +9,7 @@ import typer
 import hpcred
 
 from . import session, values
-from .options import Band, FullFile, Groups, JsonFile, LowRank, OutOfCore, Package, Pairs
+from .options import AtValues, Band, FullFile, Groups, JsonFile, LowRank, OutOfCore, Package, Pairs
 
 
 def report(
@@ -26,6 +26,7 @@ def report(
     png: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
     svg: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
     csv: Annotated[str | None, typer.Option(metavar="DIR", help="The numbers as tables, too.")] = None,
+    at: AtValues = None,
     groups: Groups = None,
     out_of_core: OutOfCore = None,
     low_rank: LowRank = None,
@@ -36,7 +37,7 @@ def report(
     told = hpcred.report_file(
         results, full, output=output, band=values.band(band), solves=solves, pairs=pairs.split(",") if pairs else (),
         modes=modes, motion=motion, png=png, svg=svg, csv=csv, groups=groups,
-        factoring=values.factoring(out_of_core, low_rank, package),
+        at=values.parameters(at, "--at"), factoring=values.factoring(out_of_core, low_rank, package),
         progress=session.progress(),
     )  # fmt: skip
     session.list_all("note", told["notes"])

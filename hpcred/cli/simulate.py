@@ -29,4 +29,5 @@ def simulate(
     print(f"constraint drift {report['constraint_drift_m']:.1e} m and {report['constraint_drift_rad']:.1e} rad, "
           f"energy defect {report['energy_defect']:.1e}")  # fmt: skip
     session.list_all("note", report["notes"])
+    session.warn(report["warnings"])
     session.write_json(json, report)

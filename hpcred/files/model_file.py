@@ -14,7 +14,8 @@ its material in materials, -1 for none; element_program: whose element types the
 held/node, direction, position: as dofs/, of the dofs without row, held at zero by the program that wrote the matrices
 sets/<name>: node numbers; signs in the name that HDF5 does not take are written as in web addresses (%2F)
 remarks: sentences of the readers of the files
-All in SI; the attribute converted_from, where there is one, names the units that the numbers came in.
+All in SI; the attribute converted_from, where there is one, names the units that the numbers came in; circulatory: 1
+where K may be unsymmetric.
 """
 
 from pathlib import Path
@@ -78,6 +79,8 @@ def write_model(path, model: SecondOrderModel):
         if model.converted_from:
             file.attribute("converted_from", model.converted_from)
         write_csr(file, model.comm, indptr, indices, parts)
+        if model.circulatory:
+            file.attribute("circulatory", 1)
         if model.viscoelastic:
             file.small("viscoelastic", LAWS.dump_json(laws_of(model.viscoelastic)).decode())
         for group, (mat, names) in dense.items():
@@ -183,13 +186,14 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         sets = {name: part[slice(*row_range(comm, len(part)))] for name, part in sets_of(file).items()}
         remarks = texts(file["remarks"]) if "remarks" in file else ()
         converted_from = file.attribute("converted_from", str, "")
+        circulatory = bool(file.attribute("circulatory", default=0))
         properties = read_properties(file, comm)
         loads = _loads(file["loads"]) if "loads" in file else ()
     model = SecondOrderModel.from_csr(
         comm, size, indptr - indptr[0], indices, values, dense["inputs"], None if rates else dense["outputs"],
         dofs=dofs, input_names=names["inputs"], output_names=() if rates else names["outputs"], name=Path(path).name,
         elements=elements, held=held,
-        sets=sets, remarks=remarks, converted_from=converted_from, properties=properties,
+        sets=sets, remarks=remarks, converted_from=converted_from, properties=properties, circulatory=circulatory,
     )  # fmt: skip
     if rates:
         with model:

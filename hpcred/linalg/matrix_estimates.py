@@ -12,8 +12,9 @@ STEPS = 30
 ENOUGH = 1e-12  # norm of a Lanczos vector that is round-off: the space is complete
 
 
-def symmetry_defect(mat: PETSc.Mat) -> float:
-    """||A - A^T||_F / ||A||_F: for random x with unit variance, E ||(A - A^T) x||^2 is the square. Collective."""
+def symmetry_defect(mat: PETSc.Mat, skew=False) -> float:
+    """||A - A^T||_F / ||A||_F: for random x with unit variance, E ||(A - A^T) x||^2 is the square. That of A + A^T for
+    `skew`. Collective."""
     random = PETSc.Random().create(mat.comm)
     random.setFromOptions()
     random.setInterval((-(3**0.5), 3**0.5))
@@ -24,18 +25,19 @@ def symmetry_defect(mat: PETSc.Mat) -> float:
         x.setRandom(random)
         mat.mult(x, y)
         mat.multTranspose(x, z)
-        y.axpy(-1.0, z)
+        y.axpy(1.0 if skew else -1.0, z)
         defect = max(defect, y.norm())
     norm = mat.norm(PETSc.NormType.FROBENIUS)
     return float(defect / norm) if norm else 0.0
 
 
-def extreme_quotients(matrix: PETSc.Mat) -> tuple[float, float]:
+def extreme_quotients(matrix: PETSc.Mat, symmetric=True) -> tuple[float, float]:
     """The smallest and the largest x^T A x / x^T |D| x that a Lanczos process finds, D the diagonal of A. Collective.
 
     Both are quotients of vectors, so that a negative one is proof; what is hidden in a dense spectrum is not found.
     Entries of D that are zero count as the smallest other one. The scaling makes all units of rows alike, and round-off
-    of entries that belong to a positive semidefinite matrix stays relative to 1.
+    of entries that belong to a positive semidefinite matrix stays relative to 1. An A that is not `symmetric` has the
+    quotients of its symmetric part.
     """
     comm = matrix.comm.tompi4py()
     scale, first = matrix.getDiagonal(), random_block(matrix, 1)
@@ -45,7 +47,7 @@ def extreme_quotients(matrix: PETSc.Mat) -> tuple[float, float]:
         least = 1.0
     scale.setArray(1 / np.sqrt(np.where(sizes > 0, sizes, least)))
     before, now, after = matrix.createVecRight(), matrix.createVecRight(), matrix.createVecLeft()
-    product = now.duplicate()
+    product, transposed = now.duplicate(), now.duplicate()
     with local_rows(first) as rows:
         now.setArray(rows[:, 0])
     now.normalize()
@@ -54,6 +56,9 @@ def extreme_quotients(matrix: PETSc.Mat) -> tuple[float, float]:
     for _ in range(min(STEPS, matrix.getSize()[0])):
         product.pointwiseMult(now, scale)
         matrix.mult(product, after)
+        if not symmetric:
+            matrix.multTranspose(product, transposed)
+            after.axpby(0.5, 0.5, transposed)
         after.pointwiseMult(after, scale)
         diagonal.append(after.dot(now).real)
         after.axpy(-diagonal[-1], now)

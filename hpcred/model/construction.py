@@ -38,6 +38,7 @@ class Labels(TypedDict, total=False):
     remarks: Iterable[str]
     converted_from: str
     properties: ElementProperties | None
+    circulatory: bool
 
 
 def from_given(M, D, K, B, C, comm, **labels) -> dict:

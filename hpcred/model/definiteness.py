@@ -6,7 +6,6 @@ import numpy as np
 
 from ..parallel.failures import InputError
 from .digits import digits_of
-from .second_order_model import SYMMETRIC_TO
 
 ROUND_OFF = 1e-7  # of x^T |D| x, D the diagonal: less than this below zero the digits of files may be
 ZERO = 1e-10  # of trace(K) / trace(M): eigenvalues that may be round-off
@@ -48,8 +47,8 @@ def zero_of(model) -> float:
 
 
 def _signs(model, key):
-    """Return lowest and highest quotient, those of round-off as zero; nothing is said of unsymmetric matrices."""
-    if model.symmetry_defects[key] > SYMMETRIC_TO:
+    """Return lowest and highest quotient, those of round-off as zero; nothing is said of an unsymmetric M."""
+    if key == "M" and not model.is_symmetric(key):
         return 0.0, 1.0
     low, high = model.extreme_quotients(key)
     size = ROUND_OFF * max(-low, high)

@@ -190,6 +190,11 @@ def _rows_of_tangent(model, frame):
 
 def _free_body(model, frame):
     """Return the rigid-body modes of a body in the Buckens frame, with the supports that the user chose."""
+    if not model.is_symmetric("K"):
+        raise InputError(
+            f"frame: the Buckens frame does not go with the unsymmetric K of {model.name}, whose circulatory forces "
+            "may push the body as a whole; hold it (frame kind 'tangent' or 'chord', or none)"
+        )
     rigid = RigidBodyModes(model)
     if rigid.count == 0:
         raise InputError(

@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..linalg.csr import diagonal_of
+from ..linalg.matrix_estimates import symmetry_defect
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed, settle
 from ..parallel.petsc import PETSc
 from .cut_outputs import cut_output_of
 from .parameters import Parameter, Term, check_terms, checked_values, factors_of, in_words
 from .petsc_matrices import on_one_pattern
-from .second_order_model import SecondOrderModel, listed, require_model
+from .second_order_model import SYMMETRIC_TO, SecondOrderModel, listed, require_model
 from .term_matrices import FIELD, term_matrix
 
 OF_MASS = ("gravity", "centrifugal")  # loads that are M times accelerations
@@ -44,7 +45,7 @@ class ParametricModel:
     Notes
     -----
     Collective. A(p) is the model's matrix where no term is added to it. A model without damping matrix has D = 0 as the
-    constant part of its terms of D.
+    constant part of its terms of D. A skew-symmetric term of K makes the model `circulatory`.
 
     Attributes
     ----------
@@ -84,6 +85,8 @@ class ParametricModel:
             mats["D"] = model.K.duplicate(copy=False)
             mats["D"].zeroEntries()
         mats = {key: mat for key, mat in on_one_pattern(mats, square).items() if mat is not getattr(model, key)}
+        if any(item.of == "K" and symmetry_defect(item.matrix, skew=True) <= SYMMETRIC_TO for item in terms):
+            mats["circulatory"] = True
         if any(item.of == "M" for item in terms):
             mats["loads"] = tuple(_of_constant_mass(item) for item in model.loads)
         self._take(model.with_fields(**mats), parameters, terms)

@@ -76,6 +76,9 @@ class SecondOrderModel:
         Name in messages.
     comm : MPI.Comm, optional
         Ranks that share SciPy matrices; by default all.
+    circulatory : bool, default False
+        Whether K may be unsymmetric, as with damping that turns with a shaft, oil films or friction. Without it a
+        reduction refuses such a K, since damaged files look like that too.
 
     Raises
     ------
@@ -129,6 +132,8 @@ class SecondOrderModel:
         Numbers, types and materials of the elements, if known, for stresses and loads.
     viscoelastic : tuple of Viscoelastic
         Parts that add (g(s) - g(0)) K_v to K, the static stiffness; their matrices are on the pattern of K.
+    circulatory : bool
+        Whether K may be unsymmetric.
     """
 
     M: PETSc.Mat
@@ -151,6 +156,7 @@ class SecondOrderModel:
     properties: ElementProperties | None = None
     derivatives: Derivatives | None = None
     viscoelastic: tuple[Viscoelastic, ...] = ()
+    circulatory: bool = False
 
     def __init__(
         self,
@@ -167,11 +173,12 @@ class SecondOrderModel:
         comm: MPI.Comm | None = None,
         Cv: Matrix | None = None,
         Ca: Matrix | None = None,
+        circulatory: bool = False,
     ) -> None:
         rates = Cv is not None or Ca is not None
         self._take(construction.from_given(
             M, D, K, B, None if rates else C, comm, dofs=dofs, input_names=input_names,
-            output_names=() if rates else output_names, name=name,
+            output_names=() if rates else output_names, name=name, circulatory=circulatory,
         ))  # fmt: skip
         if rates:
             local = [construction.local_columns(self, key, item, isinstance(K, PETSc.Mat))
@@ -308,10 +315,14 @@ class SecondOrderModel:
                 self._defects[key] = symmetry_defect(mat)
         return {key: self._defects[key] for key in self.matrices}
 
+    def is_symmetric(self, key: str) -> bool:
+        """Test whether M, K or D is symmetric, or not there. Collective."""
+        return self.symmetry_defects.get(key, 0.0) <= SYMMETRIC_TO
+
     def extreme_quotients(self, key: str) -> tuple[float, float]:
         """Return the smallest and the largest x^T A x / x^T |D| x that is found for K or M. Collective."""
         if key not in self._signs:
-            self._signs[key] = extreme_quotients(self.matrices[key])
+            self._signs[key] = extreme_quotients(self.matrices[key], self.is_symmetric(key))
         return self._signs[key]
 
     @property
@@ -590,15 +601,15 @@ class SecondOrderModel:
         return with_viscoelastic(self, parts)
 
     def as_dual(self) -> SecondOrderModel:
-        """Return the model of the transposed transfer function of the measured columns: D^T for D, C^T for B.
-        Collective."""
+        """Return the model of the transposed transfer function of the measured columns: D^T for D, K^T for K, and C^T
+        for B. Collective."""
         changed = {
             "B": None if self.Ct is None else copy(self.Ct), "Ct": None, "loads": (), "derivatives": None,
             "input_names": self.output_names if self.derivatives is None else (),
         }  # fmt: skip
-        if self.D is not None and not self.symmetric:
-            changed["D"] = PETSc.Mat()
-            self.D.transpose(changed["D"])
+        for key in ("D", "K"):
+            if not self.is_symmetric(key):
+                changed[key] = getattr(self, key).transpose(PETSc.Mat())
         return self.with_fields(**changed)
 
     def in_coordinates(self, matrices, T, dofs) -> SecondOrderModel:
@@ -611,6 +622,7 @@ class SecondOrderModel:
             matrices["M"], matrices["K"], matrices.get("D"), B=B, Ct=Ct, dofs=dofs, input_names=self.input_names,
             own_output_names=self.own_output_names, name=self.name, Gt=Gt, interfaces=self.interfaces,
             derivatives=self.derivatives, viscoelastic=parts_from(self.viscoelastic, matrices),
+            circulatory=self.circulatory,
         )  # fmt: skip
 
     def frequency_response(self, frequencies: ArrayLike, *, frame=None, damping=None, **more) -> np.ndarray:
@@ -696,8 +708,8 @@ class SecondOrderModel:
         held : Dofs, optional
             Dofs that are held at zero and have no row.
         **labels
-            dofs, input_names, output_names, name, elements, sets, remarks, converted_from and properties, as the
-            attributes of the model.
+            dofs, input_names, output_names, name, elements, sets, remarks, converted_from, properties and circulatory,
+            as the attributes of the model.
 
         Returns
         -------

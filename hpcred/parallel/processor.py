@@ -5,11 +5,13 @@ import os
 import re
 from pathlib import Path
 
+from . import kernels
+
 UNKNOWN = "Prescott"  # of 2004: what OpenBLAS may take on an x86-64 that it does not know
 PAGES = Path("/sys/kernel/mm/transparent_hugepage/enabled")
 HUGE_PAGES = "glibc.malloc.hugetlb=1"  # asks for them, since glibc 2.35
+SINCE_2013 = ("Haswell", "SkylakeX", "Cooperlake", "SapphireRapids")
 OTHERS = ("MKL_Get_Version", "bli_info_get_version_str", "ATL_buildinfo", "flexiblas_get_version", "armplversion")
-KERNELS = (("avx512_bf16", "Cooperlake"), ("avx512bw", "SkylakeX"), ("avx2", "Haswell"))  # flag, who had it first
 
 
 class _Place(ctypes.Structure):
@@ -38,26 +40,37 @@ def hints(comm) -> tuple[str, ...]:
     if config is None:
         slow = reference_blas(made, any(hasattr(library, name) for name in OTHERS))
     else:
-        chosen = "DYNAMIC_ARCH" in config  # when it is loaded; else when it was built
-        has = [kernels for _, kernels in KERNELS if chosen and hasattr(library, f"gotoblas_{kernels.upper()}")]
-        slow = unknown_processor(made, has)
+        slow = unknown_processor(made, choices() or ()) or kernels.too_late(made)
     found = [slow, shared_cores(*threads_of(made), cores)]
     return tuple(dict.fromkeys(line for lines in comm.allgather(found) for line in lines if line))
 
 
+def choices() -> list[str] | None:
+    """The kernels that OpenBLAS has for this processor, from new to old; None: another BLAS, or no choice."""
+    library = _library()
+    if "DYNAMIC_ARCH" not in (_config(library) or ""):  # it chooses when it is loaded, others when they are built
+        return None
+    return kernels.possible(kernels.flags(), lambda name: hasattr(library, f"gotoblas_{name.upper()}"))
+
+
+def chosen_by() -> str:
+    """Who chose the kernels of OpenBLAS: itself, the user or `hpcred bench --save`; "" of another BLAS."""
+    library = _library()
+    return "" if _config(library) is None else kernels.origin(_text(library.openblas_get_corename))
+
+
 def unknown_processor(made, has, flags=None) -> str | None:
     """The hint for a BLAS (see blas) whose kernels are old ones; `has`: its better ones; `flags` of the processor."""
-    if not made.endswith(f", {UNKNOWN}") or os.environ.get("OPENBLAS_CORETYPE"):
+    if not made.endswith(f", {UNKNOWN}") or os.environ.get(kernels.CORETYPE):
         return None
-    flags = _flags() if flags is None else flags
-    able = [kernels for flag, kernels in KERNELS if flag in flags]
+    able = kernels.possible(kernels.flags() if flags is None else flags, SINCE_2013.__contains__)
     if not able:
         return None
-    better = next((kernels for kernels in able if kernels in has), None)
+    better = next((name for name in able if name in has), None)
     return (
         f"{made.partition(',')[0]} takes the kernels of an old processor ({UNKNOWN}), with which factorisations of "
         "large models take about 1.5 times as long: "
-        + (f"set OPENBLAS_CORETYPE={better} in the environment" if better else
+        + (f"run `hpcred bench --save`, or set OPENBLAS_CORETYPE={better} in the environment" if better else
            "it has none for this one; take a newer OpenBLAS, or one built with DYNAMIC_ARCH")
     )  # fmt: skip
 
@@ -137,13 +150,3 @@ def _path_of(library, name):
     if not here.dladdr(ctypes.cast(getattr(library, name), ctypes.c_void_p), ctypes.byref(place)):
         return ""
     return os.fsdecode(place.file)
-
-
-def _flags():
-    """What the processor is able to, as Linux says it."""
-    try:
-        text = Path("/proc/cpuinfo").read_text(errors="replace")
-    except OSError:
-        return set()
-    found = re.search(r"^flags\s*:(.*)", text, re.MULTILINE)
-    return set(found[1].split()) if found else set()

@@ -21,7 +21,7 @@ from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.petsc import free_dropped
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
-from .checks import check_model, check_viscoelastic, warnings_of
+from .checks import check_circulatory, check_model, check_viscoelastic, warnings_of
 from .components.component import Component, PointComponent
 from .components.groups import blocks_in_groups, number_of_groups
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
@@ -121,6 +121,7 @@ class BasisReductor(Reductor):
         """Refuse what cannot be reduced in this way; returns warnings of the model. Collective."""
         check_model(model)
         check_viscoelastic(model, self.damping)
+        check_circulatory(model, self.damping)
         self._check_room(model)
         if self.settings.coordinates == "interface":
             check_interface_coordinates(model, self.frame)
@@ -198,12 +199,15 @@ class BasisReductor(Reductor):
         if not warnings_of_definiteness(model) and (unstable := growing(model, eigenvalues)):
             run.notes.remarks.append(unstable)
         small = {"M": mass, "K": np.diag(eigenvalues)}
+        if not full.is_symmetric("K"):
+            stiffness = project(full.K, columns)
+            small["K"] += (stiffness - stiffness.T) / 2
         if "D" in full.matrices:
             small["D"] = project(full.matrices["D"], columns)
         else:
             small["D"] = reduced_damping(framed.damping, small["K"], frequencies)
         for key, value in small.items():
-            if key != "D" or full.symmetric:
+            if full.is_symmetric(key):
                 small[key] = (value + value.T) / 2
         parts = transformed(full.viscoelastic, lambda mat: _symmetric(project(mat, columns)))
         inputs = project_columns(columns, full.B)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..linalg.csr import diagonal_of
-from ..model.damping import caughey_terms
+from ..model.damping import ModalDamping, caughey_terms
 from ..model.definiteness import check_definite, warnings_of_definiteness
 from ..model.frames import Buckens
 from ..model.interfaces import warnings_of_interfaces
@@ -19,20 +19,41 @@ BEYOND = 10.0  # times the highest frequency of a single node: a mesh has modes 
 
 
 def check_model(model):
-    """Refuse a model that cannot be reduced: an unsymmetric M or K, one of the other sign, no inputs."""
-    check_symmetric(model)
+    """Refuse a model that cannot be reduced: an unsymmetric M, or K unless it is declared so, one of the other sign, no
+    inputs."""
+    check_symmetric(model, model.circulatory)
     check_definite(model)
     require_inputs(model)
 
 
-def check_symmetric(model):
-    """Refuse an unsymmetric M or K."""
+def check_symmetric(model, circulatory=False):
+    """Refuse an unsymmetric M, and an unsymmetric K unless it may be `circulatory`."""
     for key in ("M", "K"):
-        if model.symmetry_defects[key] > SYMMETRIC_TO:
+        if not model.is_symmetric(key) and not (circulatory and key == "K"):
             raise InputError(
                 f"{model.name}: matrix {key} is not symmetric: ||A - A^T|| / ||A|| = "
                 f"{model.symmetry_defects[key]:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
+                + ("; of K that has circulatory forces say circulatory = true" if key == "K" else "")
             )
+
+
+def check_circulatory(model, damping):
+    """Refuse what does not go with an unsymmetric K: viscoelastic parts, and damping by eigenfrequencies."""
+    if model.is_symmetric("K"):
+        return
+    if model.viscoelastic:
+        raise InputError(f"{model.name}: found viscoelastic parts beside an unsymmetric K, which no reduction has; "
+                         "leave one of them out")  # fmt: skip
+    require_no_frequencies(model, damping)
+
+
+def require_no_frequencies(model, damping):
+    """Refuse damping by eigenfrequencies, which an unsymmetric K does not have."""
+    if isinstance(damping, ModalDamping) or caughey_terms(damping) is not None:
+        raise InputError(
+            f"damping: found '{damping.kind}', which is made from eigenfrequencies, and the unsymmetric K of "
+            f"{model.name} has none; take 'rayleigh' or 'given'"
+        )
 
 
 def check_viscoelastic(model, damping):

@@ -50,6 +50,9 @@ def check_interface_coordinates(model, frame):
     if not model.interfaces:
         raise InputError(f"{where} needs at least one [[interface]]")
     check_directions(model)
+    if not model.is_symmetric("K"):
+        raise InputError(f"{where} does not go with the unsymmetric K of {model.name}, which no superelement has; "
+                         "leave it out")  # fmt: skip
     if isinstance(frame, Tangent | Chord):
         raise InputError(
             f"{where} does not go with frame kind '{frame.kind}', which holds nodes of the body; take 'none' for a "

@@ -186,27 +186,20 @@ class ReducedModel:
         return StateSpace(*(found[key] for key in "ABCD"))
 
     def to_pymor(self) -> Any:
-        """Return the model as pymor.models.iosys.SecondOrderModel.
+        """Return the model as pymor.models.iosys.SecondOrderModel, on this rank alone; from_pymor is the way back.
+
+        Of a parametric model the matrices that depend on parameters are pyMOR's linear combinations, with the same
+        names of parameters; `rom.at(...).to_pymor()` is that of one set of values.
 
         Raises
         ------
         InputError
-            If pyMOR is not installed, or for structural damping.
+            If pyMOR is not installed or would take ranks away, or for structural damping; of parametric models also
+            for accelerations and damping that follows the eigenfrequencies.
         """
-        try:
-            from pymor.models.iosys import SecondOrderModel as PymorModel
-        except ImportError as error:
-            raise InputError(f"to_pymor: pyMOR is missing ({error}); install it by `pip install pymor`") from error
-        import hpcred
+        from .to_pymor import pymor_model
 
-        found = hpcred.state_space(self)  # which refuses structural damping
-        keys = ("mass", "damping", "stiffness", "input_matrix", "output_matrix")
-        *matrices, Cp = (found[key] for key in keys)
-        if self.displaces.all():
-            return PymorModel.from_matrices(*matrices, Cp)
-        Cv, by_mass = found.get("velocity_matrix", 0.0), np.linalg.solve(self.M.T, self.output_parts[2].T).T
-        D, K = (mat[: self.size] for mat in matrices[1:3])  # states of viscoelastic parts come after the coordinates
-        return PymorModel.from_matrices(*matrices, Cp - by_mass @ K, Cv - by_mass @ D, found["D"])
+        return pymor_model(self)
 
     def plot(self, pairs: str | Sequence[str] | None = None, *, band: Sequence[float] | None = None) -> Figure:
         """Draw the frequency response, and its estimated error where that is known: see plot_response.

@@ -78,6 +78,9 @@ class Job:
     or all directions of all interfaces. `interface`: see model.interfaces.Interface; its name stands for a node in
     inputs, outputs and frames. `load`: further inputs, behind `inputs`.
     `viscoelastic`: parts with a stiffness that depends on frequency.
+    `circulatory`: whether K, and its terms, may be unsymmetric, as with damping that turns with a shaft, oil films or
+    friction; without it they are refused, since damaged files look like that too. A skew-symmetric term needs no such
+    word.
     `parameter` and `term`: what the matrices depend on, and the matrices that are added to those of the model, each
     times its factor (docs/parameters.md); `parameter_search`: at how many values the error is looked at;
     `at`: values of the parameters by name, at which the model is reduced as one without parameters.
@@ -116,6 +119,7 @@ class Job:
     frame: Frame = NoFrame()
     damping: Damping | None = None
     viscoelastic: tuple[ViscoelasticPart, ...] = ()
+    circulatory: bool = False
     deflation_tolerance: float = Reduction.deflation_tolerance
     drop_above: float | None = None
     write_basis: bool = True

@@ -187,6 +187,8 @@ class Motion:
         Largest defect of the energy balance, relative to the largest energy.
     notes : list of str
         What was changed or approximated.
+    warnings : list of str
+        Settings that look wrong, and motions beyond what the equations describe, such as those that diverge.
     factorisations : int
         Number of factorisations of Newton matrices.
     """
@@ -221,6 +223,7 @@ class Motion:
     rotation_drift: float
     balance: float
     notes: list
+    warnings: list
     factorisations: int
 
 
@@ -292,7 +295,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     progress = progress or Progress(MPI.COMM_SELF, show=False)
     for warning in warnings:  # before a run that may take long for that reason
         progress.tell(warning)
-    notes = warnings + remarks(body) + _loads_without_stress(body, setup) + _spins_twice(body, setup)
+    notes = remarks(body) + _loads_without_stress(body, setup) + _spins_twice(body, setup)
     if setup.start == "static":
         r, p, q = system.equilibrium(r, p)
     else:
@@ -306,7 +309,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     with np.errstate(all="ignore"):  # a step in which numbers overflow is tried again, shorter; the motion is checked
         t, states, rates, factorisations = _integrate(system, setup, y0, yp0, limits, progress)
         motion = Motion(
-            t=t, notes=notes, factorisations=factorisations, **_motion(system, t, states),
+            t=t, notes=notes, warnings=warnings, factorisations=factorisations, **_motion(system, t, states),
             **_nodes(body, undeformed, t, states, system), **_rates_of_nodes(body, system, states, rates),
             **_outputs(body.reduced, system, states, rates), **_reactions(body, system, t, states, rates),
             **_springs(body, setup, system, t, states),
@@ -314,8 +317,8 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     numbers = [*motion.energies.values(), *(value for value in vars(motion).values() if isinstance(value, np.ndarray))]
     if not all(np.isfinite(value).all() for value in numbers):
         overflown = "the motion has numbers that overflow; loads or drives are too large"
-        raise ComputationError("; ".join([*limits.notes, overflown]))
-    motion.notes += limits.notes
+        raise ComputationError("; ".join([*limits.warnings, overflown]))
+    motion.warnings += limits.warnings
     return motion
 
 
@@ -392,7 +395,7 @@ def _integrate(system, setup, y0, yp0, limits, progress):
             "velocities that are too large, loosen the tolerances, or leave out pseudo-modes far above the band "
             "(drop_above)"
         )
-        raise ComputationError("; ".join([*limits.notes, stopped]))
+        raise ComputationError("; ".join([*limits.warnings, stopped]))
     return found.t, found.y, found.yp, int(found.nlu)
 
 

@@ -100,6 +100,6 @@ class Limits:
         return 1.0
 
     @property
-    def notes(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """What was told, with the largest value of all."""
         return [f"{text} (largest: {self._largest[key]:.3g} {UNITS[key]})" for (key, *_), text in self._found.items()]

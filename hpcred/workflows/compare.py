@@ -28,8 +28,8 @@ SAME_MODE = 1e-6  # relative difference of the frequencies of repeated modes
 @workflow
 def compare_results(
     results, full, *, frequencies=(), band=None, points: int = 61, modes: int = 10, output=None, figure=None,
-    measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None, comm=None,
-    progress: Progress | None = None,
+    measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None,
+    at: dict[str, float] | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Compare results of one model (names of files) against the model file `full`, which is solved once. Collective.
 
@@ -42,12 +42,14 @@ def compare_results(
 
         MAC = (phi^T M psi)^2 / (phi^T M phi psi^T M psi),
 
-    which is given too where the file has its basis; for repeated modes it is the sum over them. `output`: a .csv of eps
+    which is given too where the file has its basis; for repeated modes it is the sum over them; none where K is not
+    symmetric. `at`: values of the parameters of all results, by default those of reference. `output`: a .csv of eps
     over the frequencies; `figure`: its picture. Raises InputError.
     """
     results = [str(path) for path in results]
     labels = short_names(results)
-    whole = [result_at(path, None, comm).reduced for path in results]
+    found = [result_at(path, at, comm) for path in results]
+    whole = [item.reduced for item in found]
     reduced = [elastic_part(item) for item in whole]
     _check_alike(results, reduced)
     first = reduced[0].record
@@ -59,13 +61,17 @@ def compare_results(
     reduced, dampings, _ = zip(*(as_compared(item, (grid[0], grid[-1])) for item in reduced), strict=True)
     if dampings.count(dampings[0]) < len(dampings):
         raise InputError("compare: found results with different modal damping; compare those of one damping")
-    with full_of_record(full, first, results[0], damping=dampings[0], factoring=factoring, comm=comm) as full_model:
+    with full_of_record(
+        full, first, results[0], damping=dampings[0], factoring=factoring, at=found[0].values, comm=comm
+    ) as full_model:
         known, drive = full_model.response(grid, groups, progress)
-        shapes = _modes(full_model, modes, results, labels, whole, reduced, progress)
+        shapes = []
+        if full_model.model.is_symmetric("K"):
+            shapes = _modes(full_model, modes, results, labels, found, reduced, progress)
     rows, curves = [], []
     for label, given, item in zip(labels, whole, reduced, strict=True):
-        found = frequency_response(item, grid)
-        errors = errors_of(item, grid, known, found, drive, measure, anew=True)
+        response = frequency_response(item, grid)
+        errors = errors_of(item, grid, known, response, drive, measure, anew=True)
         eps, worst = errors.eps, errors.directions[0]
         curves.append((label, eps))
         rows.append({
@@ -74,7 +80,8 @@ def compare_results(
             "largest eps": float(eps.max()), "Q": error_integral(grid, eps),
             "worst direction": worst.output, "its error": worst.largest,
         })  # fmt: skip
-    report = {"full": str(full), "frequencies_hz": grid.tolist(), "rows": rows, "modes": shapes,
+    report = {"full": str(full), **({"at": found[0].values} if at else {}),
+              "frequencies_hz": grid.tolist(), "rows": rows, "modes": shapes,
               "eps": {label: eps.tolist() for label, eps in curves}}  # fmt: skip
     if output is not None:
         with atomic_output(output, comm) as temporary, agreed(comm):
@@ -111,18 +118,20 @@ def _check_alike(results, reduced):
             raise InputError(f"{path}: was reduced from another model than {results[0]} (its {key} differs)")
 
 
-def _modes(full_model, count, results, labels, whole, reduced, progress):
+def _modes(full_model, count, results, labels, found, reduced, progress):
     """Return rows of the lowest modes of the FullModel and what each result has for them. Collective."""
     model = full_model.model
     count = min(count, model.size - full_model.record.rigid_body_modes)
     with full_model.lowest_modes(count, progress) as reference:
         rows = [{"mode": i + 1, "f (Hz)": float(f)} for i, f in enumerate(reference.frequencies)]
         momentum = times(model.M, reference.columns)
-        for path, label, given, item in zip(results, labels, whole, reduced, strict=True):
+        for path, label, result, item in zip(results, labels, found, reduced, strict=True):
             basis = None if item.record.projection == "two_sided" else read_basis(path, model)
             share = None
             if basis is not None:
+                given = result.reduced
                 X = scipy.linalg.eigh(given.K, given.M)[1][:, given.rigid_size :]
+                X = X if result.turn is None else result.turn @ X
                 share = (inner(momentum, basis) @ X) ** 2
             for cluster in _clusters(reference.frequencies):
                 best, value = _nearest(reference.frequencies[cluster], item.frequencies,

@@ -14,21 +14,22 @@ from ..parallel.progress import Progress
 from ..readers.model_source import load_export, load_source
 from ..readers.registry import READERS, readers_of
 from ..settings.source import Source
-from .model_of_job import with_viscoelastic
+from .model_of_job import declared_circulatory, with_viscoelastic
 from .workflow import workflow
 
 
 @workflow
 def convert(
     source: Source | str | Path, output, *, inputs=None, outputs=None, variables=None, units: str = "SI",
-    viscoelastic=(), comm=None, progress: Progress | None = None,
+    viscoelastic=(), circulatory: bool = False, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Write a model file from matrix files (a Source), or from the main file of a finite-element export. Collective.
 
     `inputs`, `outputs`: dofs as for SecondOrderModel.with_inputs. `variables`: names of matrices by K, M, D, where the
-    main file of an export holds several. `viscoelastic`: parts with their matrix files, as in a job. `units`: those of
-    the files, see model.units.units_of; the model file is in SI. Returns what analysis.check says of the model: plain
-    numbers for a table or JSON, with `sentences` on them and `warnings` of what looks wrong. Raises InputError.
+    main file of an export holds several. `viscoelastic`: parts with their matrix files, as in a job. `circulatory`:
+    whether K may be unsymmetric. `units`: those of the files, see model.units.units_of; the model file is in SI.
+    Returns what analysis.check says of the model: plain numbers for a table or JSON, with `sentences` on them and
+    `warnings` of what looks wrong. Raises InputError.
     """
     system = units_of(units)
     reads = source.files if isinstance(source, Source) else [source]
@@ -40,7 +41,7 @@ def convert(
             model = load_source(source, comm, name)
         else:
             model = load_export(source, comm, name, variables)
-    model = with_viscoelastic(model, viscoelastic)
+    model = with_viscoelastic(declared_circulatory(model, circulatory), viscoelastic)
     if system != SI:
         with model:
             converted = in_si(model, system)

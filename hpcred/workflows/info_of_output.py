@@ -48,8 +48,12 @@ def result(path, comm) -> dict:
     if record is None:
         return report | {"warnings": []}
     report |= {"model": record.model, "dofs": record.size, "frame": record.frame.kind, "damping": record.damping.kind}
+    if record.basis_of:
+        report["basis_of"] = record.basis_of
     if record.accuracy is not None:
         report["accuracy"] = record.accuracy.sentence
+    if chosen_by := record.versions.get("blas_kernels_chosen_by"):
+        report["blas"] = f"{record.versions['blas']} (kernels chosen by {chosen_by})"
     if record.interface_rows:
         report["interfaces"] = record.interface_rows
     if record.loads:
@@ -90,7 +94,8 @@ def simulation(path, comm) -> dict:
         }
     known = ("constraint_drift_m", "energy_defect")
     report |= {key: record[key] for key in known if key in record}
-    return report | {"body": record["setup"]["body"], "warnings": list(record.get("notes", []))}
+    warnings = [*record.get("warnings", []), *record.get("notes", [])]
+    return report | {"body": record["setup"]["body"], "warnings": warnings}
 
 
 def recovery(path, comm) -> dict:

@@ -74,7 +74,16 @@ def with_interfaces_of_job(job: Job, comm):
         from ..readers.model_source import load_source  # which loads the readers of all formats
 
         model = load_source(job.model, comm, Path(job.model.K).name)
+    model = declared_circulatory(model, job.circulatory)
     return with_interfaces(with_viscoelastic(model, job.viscoelastic), job.interface)
+
+
+def declared_circulatory(model, circulatory):
+    """Return the model, as one whose K may be unsymmetric if it is `circulatory`; `model` is closed. Collective."""
+    if not circulatory:
+        return model
+    with model:
+        return model.with_fields(circulatory=True)
 
 
 def with_viscoelastic(model, parts):

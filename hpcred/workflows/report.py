@@ -24,8 +24,8 @@ MOST_PAIRS = 36  # responses on a page, the largest
 @workflow
 def report_file(
     results, full=None, *, output="report.html", band=None, solves: int = 21, pairs=(), modes: int = 10,
-    motion=None, png=None, svg=None, csv=None, groups: int | None = None, factoring: Factoring | None = None, comm=None,
-    progress: Progress | None = None,
+    motion=None, png=None, svg=None, csv=None, groups: int | None = None, factoring: Factoring | None = None,
+    at: dict[str, float] | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Write a report on results, names of files, as one HTML file that needs no network. Collective.
 
@@ -33,8 +33,8 @@ def report_file(
     frequencies and beside pseudo-frequencies, and its modes. `band` (Hz): default that of the job. `pairs`: names
     "output/input" of responses, by default the largest. `modes`: number of shapes that can be looked at. `motion`: of a
     single result with stress modes, as for recover, drawn where its stress is largest. `png`, `svg`, `csv`: folders for
-    figures and tables of the same. Returns the file, its size in MB, the names of figures and
-    tables, and notes. Raises InputError.
+    figures and tables of the same. `at`: values of the parameters of all results, by default those of reference.
+    Returns the file, its size in MB, the names of figures and tables, and notes. Raises InputError.
     """
     if (ending := Path(output).suffix.lower()) not in (".html", ".htm") and Path(output).name:
         raise InputError(f"output {output}: found a name that ends in {ending or 'nothing'}, expected .html; figures "
@@ -46,8 +46,9 @@ def report_file(
     if png is not None or svg is not None:
         check_drawing(comm)
     sheets = sheets_of(
-        results, full, band=band, solves=solves, groups=groups, factoring=factoring, comm=comm, progress=progress
-    )
+        results, full, band=band, solves=solves, groups=groups, factoring=factoring, at=at, comm=comm,
+        progress=progress,
+    )  # fmt: skip
     chosen = [choose_pairs(sheet, pairs) for sheet in sheets]
     if motion is not None:
         if len(sheets) > 1:

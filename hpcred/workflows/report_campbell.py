@@ -12,16 +12,17 @@ from ..report.page import drawn_for_page
 from .campbell import axis_of, in_a_sentence, rows_of_critical, rows_of_modes
 
 
-def diagrams_of(result: Result, notes: list[str]) -> list[Campbell]:
-    """Return the diagrams of a result over each of its parameters, the others at their reference values; `notes` gets a
-    sentence where there is none. Collective.
+def diagrams_of(result: Result, notes: list[str], at: dict[str, float]) -> list[Campbell]:
+    """Return the diagrams of a result over each of its parameters, the others at values `at`, by default those of
+    reference; `notes` gets a sentence where there is none. Collective.
 
     The direction of whirl is told where the job says the axis of a rotation.
     """
     axis = axis_of(result.reduced.record)
     nodes = () if axis is None else result.nodes
     try:
-        return [campbell(result.reduced, item.name, nodes=nodes, axis=axis or "z")
+        return [campbell(result.reduced, item.name, nodes=nodes, axis=axis or "z",
+                         at={name: value for name, value in at.items() if name != item.name})
                 for item in getattr(result.reduced, "parameters", ())]  # fmt: skip
     except InputError as error:
         notes.append(f"{result.path}: no poles over parameters: {error}")

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..model.dofs import named_quantity, target_of
 from ..model.units import unit_of_response
+from ..reduction.parametric.accuracy import in_words as values_in_words
 from ..reduction.record import version_of
 from ..reduction.tolerance.directions import rows_of_directions
 from ..report.figures import UNKNOWN
@@ -38,7 +39,7 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
         "shaped": any(result["shape"] for result in results),
         "stressed": any(result["pictures"] for result in results),
         "parametric": any(result["diagrams"] for result in results),
-        "with_modes": any(sheet.full is not None for sheet in sheets),
+        "with_modes": any(sheet.full is not None and len(sheet.full.modes) for sheet in sheets),
     }  # fmt: skip
     several = sum(sheet.full is not None and not sheet.full_as_before for sheet in sheets) > 1
     data = {
@@ -148,7 +149,7 @@ def frequency_rows(sheet) -> list[dict]:
     """Return rows of pseudo-frequencies; with the full model's modes each beside the nearest one, and their relative
     distance."""
     pseudo = sheet.reduced.frequencies
-    if sheet.full is None:
+    if sheet.full is None or not len(sheet.full.modes):
         return [{"number": k + 1, "pseudo-frequency (Hz)": f} for k, f in enumerate(pseudo.tolist())]
     near = np.abs(pseudo[None] - sheet.full.modes[:, None]).argmin(axis=1)
     return [
@@ -183,6 +184,7 @@ def _facts(sheet):
         "units": "kg, m, s, if the model has them",
         "frame": kind_in_words(record.frame),
         "damping": kind_in_words(record.damping),
+        **({"at": values_in_words(sheet.result.values)} if sheet.result.values else {}),
         **({"viscoelastic": "; ".join(part.in_words for part in reduced.viscoelastic)} if reduced.viscoelastic else {}),
         "rigid-body modes": str(record.rigid_body_modes),
         "inputs": in_words(list(record.inputs)),

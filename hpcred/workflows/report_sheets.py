@@ -88,22 +88,23 @@ class Sheet:
 
 
 def sheets_of(
-    results, full=None, *, band=None, solves: int = 21, groups=None, factoring=None, comm=None, progress=None
+    results, full=None, *, band=None, solves: int = 21, groups=None, factoring=None, at=None, comm=None, progress=None
 ) -> list[Sheet]:  # fmt: skip
-    """Return a Sheet for every result, with the full model's response where `full` names its file. Collective."""
+    """Return a Sheet for every result, at values of its parameters, with the full model's response where `full` names
+    its file. Collective."""
     progress = progress or Progress(comm, show=False)
     if not results:
         raise InputError("report: no result; give the name of at least one result.h5")
     if solves < 2:
         raise InputError(f"solves: found {solves}, expected at least 2 frequencies")
     whole = [read_result(path, comm) for path in results]
-    read = [result.at_reference() for result in whole]
+    read = [result.at(**at) if at else result.at_reference() for result in whole]
     for result in read:
         if result.reduced.record is None:
             raise InputError(f"{result.path}: has no record of its reduction, which a report is about")
     sheets = [_sheet(name, result, read, band) for name, result in zip(short_names(results), read, strict=True)]
     for sheet, result in zip(sheets, whole, strict=True):
-        sheet.diagrams = diagrams_of(result, sheet.notes)
+        sheet.diagrams = diagrams_of(result, sheet.notes, at or {})
     if full is not None:
         start_for([sheet.damping for sheet in sheets], factoring or factoring_of(sheets[0].record))
         for k, sheet in enumerate(sheets):
@@ -144,7 +145,7 @@ def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
         sheet.full, sheet.full_as_before = same.full, True
     else:
         with full_of_record(path, sheet.record, sheet.result.path, damping=sheet.damping, factoring=factoring,
-                            comm=comm) as full_model:  # fmt: skip
+                            at=sheet.result.values, comm=comm) as full_model:  # fmt: skip
             sheet.full = _solved(full_model, sheet, count, groups, progress)
             units = check(full_model.model)["units"] if full_model.model.dofs is not None else None
         sheet.notes += [f"{path} looks like {units}: from its mass, size, and speed of waves"] if units else []
@@ -165,6 +166,9 @@ def _solved(full_model, sheet, count, groups, progress):
     # a few more than the reduced model has in the band, which some modes may be missing in
     wanted = min(2 * int((sheet.reduced.frequencies <= high).sum()) + 4, MOST_MODES)
     wanted = min(wanted, sheet.record.free_size - sheet.record.rigid_body_modes)
+    if not full_model.model.is_symmetric("K"):
+        sheet.notes.append(f"{sheet.name}: K is not symmetric, so that the model has no real modes to compare with")
+        return FullSolution(frequencies, response, drive, np.zeros(0))
     with full_model.lowest_modes(wanted, progress) as modal:
         modes = modal.frequencies
     if modes[-1] < high:
@@ -177,6 +181,7 @@ def _same_question(one, other):
     keys = ("frame", "interfaces", "inputs", "outputs")
     same = all(getattr(one.record, key) == getattr(other.record, key) for key in keys)
     same &= (one.damping, one.band) == (other.damping, other.band)
+    same &= one.result.values == other.result.values
     return same and difference_of(other.record.signature, one.record) is None
 
 

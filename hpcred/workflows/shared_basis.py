@@ -58,7 +58,7 @@ def reduced_from_ranges(path, job: Job, model, contents) -> ReducedModel:
         columns.destroy()
         raise InputError(f"--basis {path}: its basis is not one of {model.name}: V^T M V differs from the reduced mass "
                          f"by {defect:.1e}; leave --basis out")  # fmt: skip
-    told = growing(model, eigh(reduced.K, reduced.M, eigvals_only=True))
+    told = growing(model, eigh((reduced.K + reduced.K.T) / 2, reduced.M, eigvals_only=True))
     reduced.record = model.comm.bcast(replace(
         reduced.record, date=datetime.now(timezone.utc).isoformat(timespec="seconds"), versions=versions(),
         scalar="complex" if is_complex() else "real", ranks=model.comm.size, model=model.name,

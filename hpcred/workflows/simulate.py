@@ -30,7 +30,7 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     """Simulate a reduced body in time as a file says. Collective. Raises InputError, ComputationError.
 
     `overrides`: texts "key.path=value" that replace keys of the file. Rank 0 computes. Returns a summary: the files
-    written, the largest errors and displacements, and notes on what was changed or approximated.
+    written, the largest errors and displacements, notes on what was changed or approximated, and warnings.
     """
     with agreed(comm):
         setup = read_simulation(path, overrides)
@@ -54,7 +54,7 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
                     pass  # refused early where the file has no basis
             motion = simulate(body, setup, progress)
             if result.stress_nodes:
-                motion.notes += warnings_of_spin(body, motion.angular_velocity, motion.energies["elastic"].max())
+                motion.warnings += warnings_of_spin(body, motion.angular_velocity, motion.energies["elastic"].max())
             if result.turn is not None:  # coordinates of the basis in the file, for whoever reads the motion
                 motion.elastic, motion.elastic_velocity = (
                     part @ result.turn.T for part in (motion.elastic, motion.elastic_velocity)
@@ -66,7 +66,8 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
         files.append((output.with_suffix(".png"), motion_figure))
     else:
         notes.append("no picture was drawn, which needs matplotlib: pip install 'hpcred[plots]'")
-    report = {"output": [str(output), *(str(name) for name, _ in files)], **_figures(motion), "notes": notes}
+    report = {"output": [str(output), *(str(name) for name, _ in files)], **_figures(motion), "notes": notes,
+              "warnings": list(motion.warnings)}
     with progress.stage("write", str(output)):
         record = {"versions": versions(), "setup": asdict(setup), "basis": basis, **report,
                   "timing": asdict(progress.timing())}  # fmt: skip

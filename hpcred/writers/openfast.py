@@ -3,7 +3,8 @@
 The superelement is that of one interface node: rows of M, K and D are x, y, z, rx, ry, rz of it, then modal coordinates
 (OpenFAST calls them Guyan and Craig-Bampton modes). Beside it stands the input file of the module, and loads over time,
 f(t) = B u(t), from a table of the inputs u. There are two layouts: that of OpenFAST 2.4 to 4, where loads are part of
-the superelement, and that of pull request 3210, with files of their own for loads and for connection points.
+the superelement, and that of OpenFAST 5, with files of their own for loads and for connection points, and with the
+weight of floating bodies in the superelement.
 """
 
 from __future__ import annotations
@@ -23,13 +24,14 @@ from .base import Writer
 BEGIN = "! ExtPtfm"  # of each file, by which it may be replaced
 LINE = 4096  # characters that OpenFAST reads of a line of loads
 WIDTH = 17  # of a number there
+GRAVITY = 9.80665  # m/s^2 against z, the default of OpenFAST
 EVEN = 1e-6  # of a step, by which instants may be off an even grid: OpenFAST counts them
 CHANNELS = ("IntrfFx", "IntrfFy", "IntrfFz", "IntrfMx", "IntrfMy", "IntrfMz")
 
 
 @dataclass(frozen=True, kw_only=True)
 class OpenfastOptions:
-    """`layout`: "flex" for OpenFAST 2.4 to 4, "keywords" for that of its pull request 3210 (2026). `loads`: a .csv with
+    """`layout`: "flex" for OpenFAST 2.4 to 4, "keywords" for OpenFAST 5. `loads`: a .csv with
     a column t or time (s) and one for each input that acts, by its name; none: no loads.
     """
 
@@ -70,6 +72,9 @@ class ExtPtfm(Writer):
                     "Damping": np.zeros_like(element.K) if element.D is None else element.D}  # fmt: skip
         for name, matrix in matrices.items():
             text += ["", f"!{name} Matrix", *[f"!Dimension: {element.size}"] * flex, *_lines(matrix, 16)]
+        if not flex:
+            weight, change = _weight(element)
+            text += ["", "!Weight constant", *_lines([weight], 16), "", "!Weight stiffness", *_lines(change, 16)]
         history = _history(times, forces)
         points = _points(source, element)
         if flex:
@@ -108,6 +113,15 @@ class ExtPtfm(Writer):
 def _lines(matrix, digits):
     """Return a line of numbers for each row."""
     return [" ".join(f"{value: .{digits}e}" for value in row) for row in np.asarray(matrix).tolist()]
+
+
+def _weight(element):
+    """Return W0 (m,) and K_W (m, m): the weight is W0 - K_W x in axes that turn with the interface; zero if held."""
+    weight, change = np.zeros(element.size), np.zeros((element.size, element.size))
+    if element.is_free:  # its first coordinates are motions of the rigid body, and the modal ones see its accelerations
+        weight[:] = -GRAVITY * element.M[:, 2]
+        change[:, 3], change[:, 4] = GRAVITY * element.M[:, 1], -GRAVITY * element.M[:, 0]
+    return weight, change
 
 
 def _points(source, element):
@@ -214,5 +228,7 @@ def _remarks(flex, floats, points):
         yield "the body is free, and this layout is of structures that are fixed; openfast.layout=keywords has others"
     if flex and points:
         yield f"no places but the interface; openfast.layout=keywords has nodes {', '.join(p.label for p in points)}"
-    if not flex:
-        yield "weight is not in the file, which RBMod = 2 needs"
+    if not flex and floats:
+        yield f"weight is along -z, of {GRAVITY:g} m/s^2"
+    else:
+        yield "weight is not in the file: gravity as an input of the reduction can be among openfast.loads"

@@ -150,10 +150,11 @@ def linkage_result(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.peers("exudyn")
 @pytest.mark.slow
 def test_exudyn_itself(linkage_result):
     """Displacements of mesh nodes are those that Exudyn says at the last instant."""
-    exudyn = pytest.importorskip("exudyn")
+    import exudyn
     from exudyn.FEM import ObjectFFRFreducedOrderInterface
 
     hpcred.export_result("result.h5", "exudyn", "body.npz", nodes=[1, 7, 14, 20])
@@ -180,11 +181,12 @@ def test_exudyn_itself(linkage_result):
     assert np.abs(u).max() > 1e-6 and v == pytest.approx(theirs, rel=1e-6, abs=1e-8 * np.abs(theirs).max())
 
 
+@pytest.mark.peers("fmpy")
 @pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 @pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
 def test_fmpy_itself(linkage_result, kind):
     """What the FMU says of its outputs is what is recovered of the nodes."""
-    fmpy = pytest.importorskip("fmpy")
+    import fmpy
     from fmpy.util import write_csv
 
     hpcred.export_result("result.h5", "fmu", "result.fmu")

@@ -56,7 +56,8 @@ def dense(path, comm, matrix):
 
 def second(path, name):
     """A matrix as pyYeti reads it."""
-    op2 = pytest.importorskip("pyyeti.nastran.op2")
+    from pyyeti.nastran import op2
+
     file = op2.OP2(str(path))
     file.directory(verbose=False)
     file.set_position(name)
@@ -64,6 +65,7 @@ def second(path, name):
     return file.rdop2matrix(trailer)
 
 
+@pytest.mark.peers("pyyeti")
 def test_a_matrix_of_nx_nastran(comm):
     path = DATA / "nastran" / "nx" / "nas2cam_notall6_nx2021.op2"
     (found,) = nastran_op4.contents(path, comm)
@@ -71,6 +73,7 @@ def test_a_matrix_of_nx_nastran(comm):
     assert np.array_equal(dense(path, comm, found), second(path, "MAPS"))
 
 
+@pytest.mark.peers("pyyeti")
 @pytest.mark.parametrize("order, size, kind", [("<", 4, "f8"), ("<", 4, "f4"), (">", 4, "f8"), ("<", 8, "f8")])
 def test_all_forms(comm, folder, monkeypatch, order, size, kind):
     monkeypatch.setattr(nastran_op2, "SHARE", 100)

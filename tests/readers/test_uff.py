@@ -62,9 +62,11 @@ def test_shapes_of_a_result(comm, folder):
         assert np.array_equal(cells, shapes.nodes[shapes.cells["hexahedron"]])
 
 
+@pytest.mark.peers("pyuff")
 @pytest.mark.mpi(ranks=(1,), build="real")
 def test_shapes_in_pyuff(comm, folder):
-    pyuff = pytest.importorskip("pyuff")
+    import pyuff
+
     with hpcred.solid((2, 2, 2), inputs=2, comm=comm) as model, hpcred.reduce(model, [Modes(count=3)]) as rom:
         hpcred.write_result(folder / "r.h5", rom, model)
     export_result(folder / "r.h5", "uff", comm=comm)

@@ -33,6 +33,12 @@ def matrices(seed=0, m=12, l=3, damped=False, symmetric=True):
     return K, rng.standard_normal((m, l)), D
 
 
+def skew(m):
+    """The skew-symmetric part of circulatory forces."""
+    X = np.random.default_rng(8).standard_normal((m, m))
+    return X - X.T
+
+
 def dense(K, D, damping, f):
     s = 2j * np.pi * f
     A = (1 + 1j * damping.eta + s * damping.beta) * K + (s * s + s * damping.alpha) * np.eye(len(K))
@@ -53,10 +59,12 @@ def io_of(kind):
 
 
 @pytest.mark.parametrize("damping", DAMPINGS.values(), ids=DAMPINGS)
+@pytest.mark.parametrize("circulatory", [0.0, 40.0])
 @pytest.mark.parametrize("damped, symmetric", [(False, True), (True, True), (True, False)])
-def test_states_and_responses_are_those_of_the_dense_matrices(damping, damped, symmetric):
+def test_states_and_responses_are_those_of_the_dense_matrices(damping, damped, symmetric, circulatory):
     K, L, D = matrices(damped=damped, symmetric=symmetric)
-    model = diagonalised(K, L, D, damping)
+    K = K + circulatory * skew(len(K))
+    model = diagonalised(K, L, D, damping, symmetric=not circulatory)
     assert np.allclose(model.vectors.T @ model.vectors, np.eye(12), atol=1e-13)
     for transposed in (False, True):
         states = model.vectors @ model.solve(F, model.L, transposed)
@@ -71,27 +79,33 @@ def test_states_and_responses_are_those_of_the_dense_matrices(damping, damped, s
 
 @pytest.mark.parametrize("damping", DAMPINGS.values(), ids=DAMPINGS)
 @pytest.mark.parametrize("kind", ["same", "other outputs"])
+@pytest.mark.parametrize("circulatory", [0.0, 40.0])
 @pytest.mark.parametrize("damped, symmetric", [(False, True), (True, True), (True, False)])
-def test_difference_of_nested_models_is_exact(damping, kind, damped, symmetric):
+def test_difference_of_nested_models_is_exact(damping, kind, damped, symmetric, circulatory):
     K, L, D = matrices(1, damped=damped, symmetric=symmetric)
-    outer = diagonalised(K, L, D, damping, io_of(kind))
+    K = K + circulatory * skew(len(K))
+    given = {"damping": damping, "io": io_of(kind), "symmetric": not circulatory}
+    outer = diagonalised(K, L, D, **given)
     k = 7
-    inner = diagonalised(K[:k, :k], L[:k], None if D is None else D[:k, :k], damping, io_of(kind))
+    inner = diagonalised(K[:k, :k], L[:k], None if D is None else D[:k, :k], **given)
     E = difference(inner, outer, nested(inner, outer), F)
     part = dense_response(K[:k, :k], L[:k], None if D is None else D[:k, :k], damping, io_of(kind))
     H = dense_response(K, L, D, damping, io_of(kind))
     assert relative(E - (H - part), H, None).max() < 1e-11
 
 
-def test_a_subspace_has_the_response_of_its_dense_projection():
+@pytest.mark.parametrize("circulatory", [0.0, 40.0])
+def test_a_subspace_has_the_response_of_its_dense_projection(circulatory):
     damping = DAMPINGS["all"]
     K, L, D = matrices(2, damped=True, symmetric=False)
-    outer = diagonalised(K, L, D, damping)
+    K = K + circulatory * skew(len(K))
+    outer = diagonalised(K, L, D, damping, symmetric=not circulatory)
     U = np.linalg.qr(np.random.default_rng(3).standard_normal((12, 5)))[0]
     inner, embedding = outer.restricted(U)
     V = outer.vectors @ embedding
     assert np.allclose(V.T @ V, np.eye(5), atol=1e-13)
-    assert np.allclose(V.T @ K @ V, np.diag(inner.eigenvalues), atol=1e-9)
+    N = 0.0 if inner.N is None else inner.N
+    assert np.allclose(V.T @ K @ V, np.diag(inner.eigenvalues) + N, atol=1e-9) and bool(circulatory) == np.any(N)
     expected = dense_response(V.T @ K @ V, V.T @ L, V.T @ D @ V, damping, io_of("same"))
     assert relative(inner.response(F) - expected, expected, None).max() < 1e-11
     outer, inner = (replace(model, io=io_of("other outputs")) for model in (outer, inner))

@@ -1,6 +1,5 @@
 """What a scientist writes first: a model of matrices, its reduction, responses, files and other libraries."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -121,25 +120,6 @@ def test_a_state_space_of_scipy():
         s = 2j * np.pi * f
         H = ss.C @ np.linalg.solve(s * np.eye(len(ss.A)) - ss.A, ss.B) + ss.D
         assert np.abs(H - rom.frequency_response(F)[k]).max() < 1e-9 * np.abs(H).max()
-
-
-def test_a_model_of_pymor(monkeypatch):
-    rom = hpcred.reduce(hpcred.SecondOrderModel(M, D, K, B), tolerance=1e-4, band=(0, 300))
-    pytest.importorskip("pymor")
-    found = rom.to_pymor()
-    H = np.array([found.transfer_function.eval_tf(2j * np.pi * f) for f in F])
-    assert np.abs(H - rom.frequency_response(F)).max() < 1e-9 * np.abs(H).max()
-    rom = hpcred.reduce(hpcred.SecondOrderModel(M, D, K, B, Cv=B.T, Ca=2 * B.T), hpcred.Modes(count=3))
-    H = np.array([rom.to_pymor().transfer_function.eval_tf(2j * np.pi * f) for f in F])
-    assert np.abs(H - rom.frequency_response(F)).max() < 1e-9 * np.abs(H).max()
-
-
-def test_pymor_may_be_missing(monkeypatch):
-    rom = hpcred.reduce(hpcred.SecondOrderModel(M, D, K, B), hpcred.Modes(count=3))
-    monkeypatch.setitem(sys.modules, "pymor", None)
-    monkeypatch.setitem(sys.modules, "pymor.models.iosys", None)
-    with pytest.raises(InputError, match="pyMOR is missing .*; install it by `pip install pymor`"):
-        rom.to_pymor()
 
 
 @pytest.mark.mpi(ranks=(1, 2), build="real")

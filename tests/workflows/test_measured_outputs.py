@@ -172,9 +172,11 @@ def test_models_in_other_units():
     assert close(found, dense(M, D, K, B, C, Cv, Ca, FREQUENCIES), 1e-9)
 
 
+@pytest.mark.peers("fmpy")
 @pytest.mark.parametrize("kind", ["velocity", "acceleration"])
 def test_state_spaces_and_fmus_have_them(tmp_path, kind):
-    fmpy = pytest.importorskip("fmpy")
+    import fmpy
+
     with hpcred.solid((6, 2, 3), None, 3, comm=MPI.COMM_SELF) as model:
         outputs = [(60, "z"), MotionOutput(node=60, direction="z", quantity=kind)]
         model = model.with_outputs(outputs)

@@ -251,6 +251,30 @@ def test_a_job_of_parameters_from_end_to_end(reduced_job, capsys, monkeypatch):
     assert info["parameters"][0]["parameter"] == "k" and info["terms"] == [{"of": "K", "factor": "k"}]
 
 
+def test_comparisons_and_reports_at_values(reduced_job, tmp_path, monkeypatch):
+    folder = reduced_job[0]
+    monkeypatch.chdir(folder)
+    Path("coarse.toml").write_text(JOB.replace("1e-2", "1e-1").replace("r.h5", "coarse.h5"))
+    Path("at.toml").write_text(JOB.replace('"r.h5"', '"at.h5"') + "[at]\nk = 2.2\n")
+    assert run(["reduce", "coarse.toml"]) == 0
+    chosen = ["--full", "chain.h5", "--at", "k=2.2", "--frequencies", "10,30,55"]
+    assert run(["evaluate", "r.h5", "coarse.h5", *chosen, "--json", str(tmp_path / "both.json")]) == 0
+    both = json.loads((tmp_path / "both.json").read_text())
+    assert both["at"] == {"k": 2.2}
+    assert max(both["eps"]["r"]) < 1e-2 and max(both["eps"]["coarse"]) < 1e-1
+    for mode in both["modes"][:2]:  # those of the model there, in the shapes at the values
+        assert abs(mode["r error"]) < 1e-3 and mode["r MAC"] == pytest.approx(1.0, abs=1e-3)
+    page = tmp_path / "page.html"
+    assert run(["report", "r.h5", "--full", "chain.h5", "--at", "k=2.2", "--solves", "5", "-o", str(page),
+                "--csv", str(tmp_path)]) == 0  # fmt: skip
+    rows = np.loadtxt(tmp_path / "frequencies_r.csv", delimiter=",", skiprows=1)
+    assert (np.abs(rows[:2, 3]) < 1e-3).all() and "k = 2.2" in page.read_text()
+    error = np.loadtxt(tmp_path / "error_measured_r.csv", delimiter=",", skiprows=1)
+    assert error[:, 1].max() < 1e-2
+    assert run(["reduce", "at.toml", "--basis", "r.h5"]) == 0
+    assert package.describe_file("at.h5")["basis_of"] == str(folder / "r.h5")
+
+
 SPINNING = """
 model = "body.h5"
 output = "r.h5"
@@ -305,7 +329,7 @@ def test_a_job_at_one_value_and_a_sweep_over_it(reduced_job, monkeypatch):
     Path("sweep.toml").write_text('job = "one.toml"\n[[vary]]\nkey = "at.k"\nvalues = [0.5, 2.2]\n')
     report = package.run_sweep("sweep.toml")
     assert [run["status"] for run in report["runs"]] == ["finished", "finished"], report
-    for path, k in zip(sorted(Path(report["folder"]).glob("*.h5")), (0.5, 2.2), strict=True):
+    for path, k in zip(sorted(Path(report["folder"]).glob("k-*.h5")), (0.5, 2.2), strict=True):
         reduced = read_result(path).reduced
         assert not hasattr(reduced, "parameters") and reduced.record.job["at"] == {"k": k}
         assert package.evaluate_result(path, "chain.h5", points=4)["eps_max"] < 1e-2

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from helpers import MODES_JOB, SIMULATION, names
 
+import hpcred
+from hpcred.cli.main import run
 from hpcred.parallel.failures import InputError
 from hpcred.workflows.simulate import simulate_file
 
@@ -28,14 +30,27 @@ def made(reduced_linkage, folder, comm):
 @pytest.mark.mpi
 @pytest.mark.parametrize("gravity, doubted", [("[0.0, 0.0, -9810.0]", True), ("[-9.81, 0.0, 0.0]", False)])
 def test_gravity_in_mm_is_warned_of(made, gravity, doubted):
-    notes = simulate_file(made(), overrides=["end=1e-4", f"gravity={gravity}"])["notes"]
-    assert ("gravity: found 9810 m/s^2; in SI it is 9.81" in notes) == doubted
+    warnings = simulate_file(made(), overrides=["end=1e-4", f"gravity={gravity}"])["warnings"]
+    assert ("gravity: found 9810 m/s^2; in SI it is 9.81" in warnings) == doubted
+
+
+def test_a_motion_that_diverges_is_told_also_quietly(made, capsys):
+    """On stderr, in the file, and by info."""
+    path = made()
+    capsys.readouterr()
+    assert run(["simulate", str(path), "--quiet", "--set", "force.0.amplitude=[0.0, 0.0, -3e5]"]) == 0
+    told = capsys.readouterr()
+    assert told.out == "" and "warning: the simulation diverges: at t = " in told.err
+    with h5py.File(path.with_name("simulation.h5")) as file:
+        warnings = json.loads(file["provenance"][()])["warnings"]
+    assert any(text.startswith("the simulation diverges") for text in warnings)
+    assert warnings[-1] in hpcred.describe_file(path.with_name("simulation.h5"))["warnings"]
 
 
 @pytest.mark.mpi
 def test_places_in_mm_are_warned_of(made):
     path, spring = made(), "spring=[{kind='line', node=20, at=[%s, 0.0, 3.0], stiffness=1.0}]"
-    doubted, meant = (simulate_file(path, overrides=["end=1e-4", spring % x])["notes"] for x in (500.0, -20.0))
+    doubted, meant = (simulate_file(path, overrides=["end=1e-4", spring % x])["warnings"] for x in (500.0, -20.0))
     assert any(re.match(r"spring.at: found \[500.0, 0.0, 3.0\] m, [45]\d\d m from where node 20 starts", note)
                for note in doubted)  # fmt: skip
     assert not any("spring.at" in note for note in meant)

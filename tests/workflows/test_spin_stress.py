@@ -94,8 +94,8 @@ def test_a_simulation_that_spins_is_told(tmp_path, monkeypatch, load, speed, tol
     hpcred.reduce_job("job.toml")
     text = SIMULATION % (speed, 0.01 * speed)
     (tmp_path / "sim.toml").write_text(text)
-    notes = hpcred.simulate_file("sim.toml")["notes"]
-    assert any(note.startswith("stress: the body turns by up to") for note in notes) == told
+    warnings = hpcred.simulate_file("sim.toml")["warnings"]
+    assert any(text.startswith("stress: the body turns by up to") for text in warnings) == told
     if load:
         (tmp_path / "sim.toml").write_text(text + '[[load]]\nname = "spin"\nkind = "constant"\nvalue = 4.0\n')
         notes = hpcred.simulate_file("sim.toml")["notes"]

@@ -28,10 +28,11 @@ def body_with(damping):
         return body_of(model, rom, [1, 7, 14, 20])
 
 
+@pytest.mark.peers("exudyn")
 @pytest.mark.slow
 def test_exudyn_moves_the_body_as_we_do(tmp_path):
     """The linkage spinning freely with damped vibrations: Exudyn's reduced-order object against our simulation."""
-    exudyn = pytest.importorskip("exudyn")
+    import exudyn
     from exudyn.FEM import ObjectFFRFreducedOrderInterface
 
     body = body_with(ModalDamping(ratio=0.02))
@@ -87,11 +88,12 @@ def pendulum(kind):
         return body_of(model, rom, [28, *interface_nodes(model)]), "hinge", 0.6, 0.03, 1e-6
 
 
+@pytest.mark.peers("exudyn")
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["linkage", "interface of a solid"])
 def test_exudyn_swings_a_pendulum_as_we_do(tmp_path, kind):
     """Falling from rest on a revolute joint; rotations of markers by the exponential map, as ours."""
-    exudyn = pytest.importorskip("exudyn")
+    import exudyn
     from exudyn import itemInterface as items
     from exudyn.FEM import ObjectFFRFreducedOrderInterface
 
@@ -132,7 +134,7 @@ def test_exudyn_swings_a_pendulum_as_we_do(tmp_path, kind):
 
 def bent(path, held, loaded, moment):
     """Rotation and displacement (3,) of a node by Exudyn under a moment (3,), with another node held."""
-    exudyn = pytest.importorskip("exudyn")
+    import exudyn
     from exudyn import itemInterface as items
     from exudyn.FEM import ObjectFFRFreducedOrderInterface
 
@@ -209,15 +211,19 @@ def test_interfaces_of_a_solid_take_moments(tmp_path):
     assert abs(turned).min() > 1e-7
 
 
-def test_the_surface_that_is_drawn(tmp_path):
-    """Of a block of bricks: closed, of the right size, and it moves as its nodes do."""
+def of_bricks(folder):
+    """The export of a block of bricks, and the lengths of the block."""
     with (
         hpcred.solid((4, 2, 2), inputs=3) as model,  # of which the layer of cells at the clamped end is left out
         hpcred.reduce(model, [Krylov(frequency=0.0)]) as rom,
     ):
-        hpcred.write_result(tmp_path / "result.h5", rom, model)
-        lengths = np.ptp(model.dofs.position, axis=0)
-    report = export_result(tmp_path / "result.h5", "exudyn")
+        hpcred.write_result(folder / "result.h5", rom, model)
+        return export_result(folder / "result.h5", "exudyn"), np.ptp(model.dofs.position, axis=0)
+
+
+def test_the_surface_that_is_drawn(tmp_path):
+    """Of a block of bricks: closed, of the right size, and it moves as its nodes do."""
+    report, lengths = of_bricks(tmp_path)
     assert not any("no surface" in note for note in report["remarks"])
     file = np.load(report["output"])
     points, triangles = file["xRef"].reshape(-1, 3), file["trigList"]
@@ -231,12 +237,17 @@ def test_the_surface_that_is_drawn(tmp_path):
     shapes = dict(zip(map(tuple, points.round(9)), file["modeBasis"].reshape(len(points), 3, -1), strict=True))
     corner = hpcred.read_result(tmp_path / "result.h5").body([36]).nodes[0]
     assert np.array_equal(shapes[tuple(corner.position.round(9))], corner.phi) and corner.phi.any()
-    pytest.importorskip("exudyn")
+
+
+@pytest.mark.peers("exudyn")
+def test_exudyn_reads_the_surface(tmp_path):
     from exudyn.FEM import ObjectFFRFreducedOrderInterface
 
+    path = of_bricks(tmp_path)[0]["output"]
     interface = ObjectFFRFreducedOrderInterface()
-    interface.LoadFromFile(str(report["output"]))
-    assert interface.nNodes == len(points) and interface.trigList == triangles.tolist()
+    interface.LoadFromFile(str(path))
+    file = np.load(path)
+    assert interface.nNodes == len(file["xRef"]) // 3 and interface.trigList == file["trigList"].tolist()
 
 
 @pytest.mark.parametrize("kind, cells, count", [
@@ -260,10 +271,11 @@ def test_what_the_file_has_no_place_for_is_said(tmp_path):
         exported(Exudyn, tmp_path / "body.npz", body_with(Structural(0.02)))
 
 
+@pytest.mark.peers("exudyn")
 @pytest.mark.slow
 def test_exudyn_moves_the_body_under_a_load_as_we_do(tmp_path):
     """A traction on a face of a spinning block by the user function of docs/export-exudyn.md, against simulate."""
-    exudyn = pytest.importorskip("exudyn")
+    import exudyn
     from exudyn.FEM import ObjectFFRFreducedOrderInterface
     from exudyn.rigidBodyUtilities import EulerParameters2GLocal, EulerParameters2RotationMatrix
 

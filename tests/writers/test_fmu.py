@@ -23,6 +23,8 @@ from hpcred.writers.fmu import write_fmu
 from hpcred.writers.fmu_parameters import Family
 from hpcred.writers.state_space import state_space
 
+pytestmark = pytest.mark.peers("fmpy")
+
 STEP, COUNT = 1e-3, 60
 
 

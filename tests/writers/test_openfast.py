@@ -30,7 +30,8 @@ def sections(path, flex):
         word = line.upper()
         if word.startswith("!DIMENSION:") and size is None:
             size = int(line[11:])
-        for key in ("MASS", "STIFFNESS", "DAMPING", "LOADING", "FORCING", "CONNECTIONS", "DISPLACEMENT"):
+        for key in ("MASS", "STIFFNESS", "DAMPING", "LOADING", "FORCING", "CONNECTIONS", "DISPLACEMENT",
+                    "WEIGHT CONSTANT", "WEIGHT STIFFNESS"):
             if word.startswith(f"!{key}"):
                 start = k + 1 + flex  # where the older layout has a line that is skipped
                 stop = next((j for j in range(start, len(lines)) if not lines[j].strip()), len(lines))
@@ -57,6 +58,10 @@ def test_matrices_and_loads_are_read_back(tmp_path, layout):
         assert round(found["Tota"] / found["Time"]) + 1 == 5
     else:
         found = sections(tmp_path / "jacket_ExtPtfm_forces.dat", False)[0]
+        weight = sections(path, False)[0]
+        assert weight["WEIGHT CONSTANT"].shape == (1, size) and weight["WEIGHT STIFFNESS"].shape == (size, size)
+        assert not weight["WEIGHT CONSTANT"].any() and not weight["WEIGHT STIFFNESS"].any()  # of a body that is held
+    assert any("weight is not in the file" in text for text in report["remarks"])
     history = found["LOADING" if flex else "FORCING"]
     assert np.allclose(history[:, 0], t)
     assert np.allclose(history[:, 1:], u[:, [1]] @ model.B[:, [0]].T + u[:, [0]] @ model.B[:, [2]].T, atol=1e-8)
@@ -72,6 +77,45 @@ def test_a_floating_body_has_no_stiffness_at_its_interface(tmp_path):
     found, _ = sections(exported(tmp_path, one_free(), layout="keywords")[1], False)
     assert not found["STIFFNESS"][:6].any() and found["STIFFNESS"][6:, 6:].any()
     assert "1                        RBMod" in (tmp_path / "jacket_ExtPtfm_input.dat").read_text()
+
+
+def test_the_weight_of_a_floating_body_turns_with_it(tmp_path):
+    """W0 - K_W x is g times the mass in axes that small angles have turned, as OpenFAST evaluates it; its own checks of
+    the first six rows."""
+    model = one_free()
+    report, path = exported(tmp_path, model, layout="keywords")
+    assert "weight is along -z, of 9.80665 m/s^2" in report["remarks"]
+    found = sections(path, False)[0]
+    W0, K_W = found["WEIGHT CONSTANT"][0], found["WEIGHT STIFFNESS"]
+    angles = 1e-6 * np.array([2.0, -3.0, 4.0])
+    down = np.array([0.0, 0.0, -9.80665])
+    seen = down - np.cross(angles, down)  # the direction that is fixed, from axes that turn by the angles
+    x = np.concatenate([[0.0, 0.0, 0.0], angles, np.zeros(model.size - 6)])
+    wanted = model.M[:, :3] @ seen
+    assert np.abs(W0 - K_W @ x - wanted).max() < 1e-10 * np.abs(wanted).max()
+
+
+def test_openfast_finds_the_centre_of_mass_in_the_weight(tmp_path):
+    """The entries that ExtPtfm compares for a rigid body, whose first six rows of M are those of its mass."""
+    mass, centre = 700.0, np.array([0.3, -0.2, -4.0])
+    model = one_free()
+    M = model.M.copy()
+    M[:6, :6] = [[mass, 0, 0, 0, mass * centre[2], -mass * centre[1]],
+                 [0, mass, 0, -mass * centre[2], 0, mass * centre[0]],
+                 [0, 0, mass, mass * centre[1], -mass * centre[0], 0],
+                 [0, -mass * centre[2], mass * centre[1], 5e4, 0, 0],
+                 [mass * centre[2], 0, -mass * centre[0], 0, 5e4, 0],
+                 [-mass * centre[1], mass * centre[0], 0, 0, 0, 5e4]]  # fmt: skip
+    M[6:, :6] = M[:6, 6:] = 0.0
+    found = sections(exported(tmp_path, replace(model, M=M), layout="keywords")[1], False)[0]
+    W0, K_W = found["WEIGHT CONSTANT"][0], found["WEIGHT STIFFNESS"]
+    weight = W0[2]
+    assert weight == pytest.approx(-9.80665 * mass)
+    assert W0[:6] == pytest.approx([0, 0, weight, weight * centre[1], -weight * centre[0], 0])
+    wanted = np.zeros((6, 6))
+    wanted[0, 4], wanted[1, 3], wanted[3, 3], wanted[4, 4] = weight, -weight, weight * centre[2], weight * centre[2]
+    wanted[5, 3], wanted[5, 4] = -weight * centre[0], -weight * centre[1]
+    assert K_W[:6, :6] == pytest.approx(wanted)
 
 
 def one_free():

@@ -40,6 +40,7 @@ def other_coordinates():
     return replace(rom, M=T.T @ rom.M @ T, D=T.T @ rom.D @ T, K=T.T @ rom.K @ T, B=T.T @ rom.B, C=rom.C @ T)
 
 
+@pytest.mark.peers("control")
 @pytest.mark.parametrize("make", [one_sided, two_sided, other_coordinates])
 @pytest.mark.parametrize("writer, read", [(StateSpaceNpz, np.load), (StateSpaceMat, scipy.io.loadmat)])
 def test_python_control_has_the_transfer_function(tmp_path, make, writer, read):

@@ -97,9 +97,10 @@ def test_reduced_models_in_python_take_stresses_and_geometric_stiffness(comm, fo
     comm.Barrier()
 
 
+@pytest.mark.peers("exudyn")
 def test_exudyn_shows_the_stresses_of_its_mesh_nodes(made):
     """At the nodes of the surface and at an interface node of the mesh; those that are not of the mesh have none."""
-    exudyn = pytest.importorskip("exudyn")
+    import exudyn
     from exudyn.FEM import ObjectFFRFreducedOrderInterface
 
     report = exported_to(made, "rod_exudyn.npz", "exudyn")
@@ -123,6 +124,7 @@ def test_exudyn_shows_the_stresses_of_its_mesh_nodes(made):
         assert (node is None) == (not wanted.any())
 
 
+@pytest.mark.peers("fmpy")
 def test_stresses_of_chosen_nodes_are_outputs_of_an_fmu(made):
     """A step of a force, at the end of which they are those of the coordinates; with their unit, and by FMPy."""
     report = exported_of_fmu(made, "rod.fmu", stress="12:xx, 17")

@@ -107,10 +107,10 @@ def test_structural_damping_for_nastran(tmp_path, comm):
     assert any("PARAM,W4" in remark for remark in remarks)
 
 
+@pytest.mark.peers("pyyeti")
 @pytest.mark.parametrize("kind", KINDS[:2], ids=str)
 def test_nastran_files_in_pyyeti(tmp_path, kind):
     """docs/export-nastran.md has what pyYeti and pyNastran found."""
-    pytest.importorskip("pyyeti")
     from pyyeti.nastran import bulk, op4
 
     model = interface_model(**kind)
@@ -123,9 +123,9 @@ def test_nastran_files_in_pyyeti(tmp_path, kind):
     check(model, *(found[key].to_numpy() if key in found else None for key in ("kaax", "maax", "baax")), 1e-10)
 
 
+@pytest.mark.peers("pyNastran")
 @pytest.mark.parametrize("kind", KINDS[:2], ids=str)
 def test_nastran_files_in_pynastran(tmp_path, kind):
-    pytest.importorskip("pyNastran")
     from pyNastran.bdf.bdf import BDF
     from pyNastran.op4.op4 import read_op4
 

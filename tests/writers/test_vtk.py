@@ -10,6 +10,7 @@ import vtu_reading
 from conftest import DATA
 from helpers import MODES_JOB, SIMULATION, exported
 
+import hpcred
 from hpcred import InputError
 from hpcred.cli.main import run
 from hpcred.model.elements import NODES
@@ -44,6 +45,22 @@ def test_shapes_of_the_linkage(tmp_path, monkeypatch, hpcred):
     for row, name in zip(V, names, strict=True):
         for d in range(3):
             assert mesh.point_data[name][node[direction == d] - 1, d] == pytest.approx(row[direction == d])
+
+
+@pytest.mark.peers("meshio")
+def test_meshio_reads_the_shapes(tmp_path, monkeypatch):
+    import meshio
+
+    monkeypatch.chdir(tmp_path)
+    with hpcred.solid((3, 2, 2), inputs=2) as model, hpcred.reduce(model, [hpcred.Modes(count=2)]) as rom:
+        hpcred.write_result("result.h5", rom, model)
+    export_result("result.h5", "vtk")
+    mine, found = vtu_reading.read("result.vtu"), meshio.read("result.vtu")
+    assert np.array_equal(found.points, mine.points)
+    assert [(block.type, block.data.tolist()) for block in found.cells] == [("hexahedron", mine.cells[0][1].tolist())]
+    assert found.point_data.keys() == mine.point_data.keys() and len(mine.point_data) == 3
+    for name, values in mine.point_data.items():  # of meshio one number a node has no second axis
+        assert np.array_equal(found.point_data[name].reshape(values.shape), values)
 
 
 def test_a_motion_for_paraview(linkage_folder):

@@ -47,8 +47,9 @@ class MultigridSolver(IterativeSolves, Solver):
         self.records: list[FactorRecord] = []
         self.factored, self._levels, self._matrix = None, None, None
         if not model.symmetric:
+            key = "D" if model.is_symmetric("K") else "K"
             raise InputError(
-                f"solver.kind: found 'multigrid', but D of {model.name} is not symmetric; take 'direct'"
+                f"solver.kind: found 'multigrid', but {key} of {model.name} is not symmetric; take 'direct'"
             )
 
     def release(self):

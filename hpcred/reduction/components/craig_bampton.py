@@ -27,7 +27,7 @@ from ...parallel.ranges import COUNT, require_band, within
 from ..run import Run
 from ..store import Entry
 from .component import Component
-from .modes import all_between, kept_modes, lowest_modes_by
+from .modes import all_between, kept_modes, lowest_modes_by, require_real_modes
 
 DEPENDENT_DIRECTION = 1e-12  # eigenvalue of the scaled G K^+ G^T below which one of the interfaces depends on others
 
@@ -78,6 +78,7 @@ class FixedInterfaceModes(Component):
         self._add_modes(basis, run, InterfaceSolver(run))
 
     def _add_modes(self, basis, run, solver):
+        require_real_modes(run.model)
         free = run.model.size - solver.size
         if (self.count or 0) > free:
             raise InputError(f"{self.kind}: {self.count} modes asked for, the held body has {free}")

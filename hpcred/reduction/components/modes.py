@@ -80,6 +80,7 @@ class Modes(Component):
         """Add the modes to the basis. Collective."""
         rigid = run.framed.rigid_size
         self.check(run.model.size, rigid)
+        require_real_modes(run.model)
         more = {}
         with run.progress.stage("modes", self._name()):
             if self.band is not None:
@@ -119,6 +120,13 @@ class Modes(Component):
         # no inertia in complex builds, of some packages, or by multigrid
         most = run.model.size - run.framed.rigid_size
         return all_between(run, low, high, most, lambda count: _lowest(run, count))
+
+
+def require_real_modes(model):
+    """Refuse modes of an unsymmetric K, which are complex."""
+    if not model.is_symmetric("K"):
+        raise InputError(f"modes: K of {model.name} is not symmetric, so that its modes are complex; take 'krylov', or "
+                         "a tolerance")  # fmt: skip
 
 
 def _slices(run):

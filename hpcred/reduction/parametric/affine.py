@@ -85,11 +85,13 @@ class PointModels(NamedTuple):
     turn: np.ndarray
     damping: Proportional
     io: InputsOutputs
+    symmetric: bool
 
     def model(self, count: int | None = None) -> PseudoModal:
         """Return the model of the first `count` columns, by default of all."""
         k = slice(count)
-        return diagonalised(self.K[k, k], self.L[k], None if self.D is None else self.D[k, k], self.damping, self.io)
+        D = None if self.D is None else self.D[k, k]
+        return diagonalised(self.K[k, k], self.L[k], D, self.damping, self.io, symmetric=self.symmetric)
 
 
 class AffineProjections:
@@ -129,11 +131,12 @@ class AffineProjections:
     def at(self, theta: np.ndarray) -> PointModels:
         """Return the projections for factors (1, theta_1, ...); local."""
         K, D, M = (self._sum(of, theta) for of in "KDM")
+        known = self.damping, self.form.io(theta), all(part.symmetric for part in self.form.parts["K"])
         if M is None:
-            return PointModels(K, self.L, D, np.eye(len(K)), self.damping, self.form.io(theta))
+            return PointModels(K, self.L, D, np.eye(len(K)), *known)
         turn = np.linalg.inv(np.linalg.cholesky((M + M.T) / 2)).T
         K, D = (None if part is None else turn.T @ part @ turn for part in (K, D))
-        return PointModels(K, turn.T @ self.L, D, turn, self.damping, self.form.io(theta))
+        return PointModels(K, turn.T @ self.L, D, turn, *known)
 
     def _sum(self, of, theta):
         parts = self.form.parts[of]

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...linalg.matrix_estimates import symmetry_defect
 from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, caughey_terms
 from ...model.expressions import Expression
 from ...model.parameters import Parameter, checked_values
+from ...model.second_order_model import SYMMETRIC_TO
 from ..projection import project, project_columns
 from ..reduced_damping import reduced_damping
 from ..reduced_model import ReducedModel
+
+ROUND_OFF = 1e-14  # of the largest entry of K: what a skew-symmetric part may have
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +110,18 @@ class ParametricReducedModel(ReducedModel):
         frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
         if not self.interfaces:
             outputs = {key: found[key] @ X for key in ("C", "Cv", "Ca") if key in found}
-            found = {"M": np.eye(self.size), "K": np.diag(eigenvalues), "D": X.T @ found["D"] @ X,
+            found = {"M": np.eye(self.size), "K": np.diag(eigenvalues) + X.T @ skew_part(found["K"]) @ X,
+                     "D": X.T @ found["D"] @ X,
                      "B": X.T @ found["B"], **outputs}  # fmt: skip
         if any(item.of == "B" for item in self.terms) and checked_values(self.parameters, values) != self.reference:
             found["resultants"] = None  # those of the columns at the reference
         return replace(self.base, **found, frequencies=frequencies, columns=None, left_columns=None, model=None)
+
+    def to_pymor(self) -> Any:
+        """Return the model for all values of the parameters: see ReducedModel.to_pymor."""
+        from ..to_pymor import parametric_pymor_model
+
+        return parametric_pymor_model(self)
 
     def transfer_function(self, s: complex | np.ndarray, **values: float) -> np.ndarray:
         """Return H(s) (r, p) at values of the parameters; (..., r, p) for an array (...) of s."""
@@ -130,7 +142,7 @@ def projected_parts(parametric, reduced: ReducedModel, damping) -> dict:
     if isinstance(damping, GivenDamping):
         square["D"] = model.D
     for key, mat in square.items():
-        small[key] = project(mat, columns)
+        small[key] = _projected(mat, columns)
     small["B"] = project_columns(columns, model.B)
     small["C"] = (small["B"] if model.Ct is None else project_columns(columns, model.Ct)).T.copy()
     if model.derivatives is not None:
@@ -138,7 +150,7 @@ def projected_parts(parametric, reduced: ReducedModel, damping) -> dict:
     terms = []
     for item in parametric.terms:
         if item.of in "MDK":
-            terms.append((item.of, item.factor, project(item.matrix, columns)))
+            terms.append((item.of, item.factor, _projected(item.matrix, columns)))
         else:
             part = project_columns(columns, item.matrix)
             terms.append((item.of, item.factor, part if item.of == "B" else part.T.copy()))
@@ -150,6 +162,18 @@ def projected_parts(parametric, reduced: ReducedModel, damping) -> dict:
         terms += [("D", factor, of[key] * part) for key, factor, part in terms if of.get(key)]
     small, terms = comm.bcast((small, terms))
     return {"constant": small, "terms": tuple(ReducedTerm(*item) for item in terms)}
+
+
+def _projected(mat, columns):
+    """Return V^T A V (m, m), exactly symmetric where A is."""
+    small = project(mat, columns)
+    return (small + small.T) / 2 if symmetry_defect(mat) <= SYMMETRIC_TO else small
+
+
+def skew_part(K: np.ndarray) -> np.ndarray:
+    """Return (K - K^T) / 2 (m, m), zero where it is round-off."""
+    skew = (K - K.T) / 2
+    return skew if np.abs(skew).max(initial=0.0) > ROUND_OFF * np.abs(K).max(initial=0.0) else np.zeros_like(K)
 
 
 def _of_matrices(damping):

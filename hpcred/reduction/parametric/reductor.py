@@ -23,6 +23,7 @@ from ...parallel.failures import InputError, Owned
 from ...parallel.petsc import free_dropped
 from ...parallel.progress import counted
 from ..basis_reductor import BasisReductor, extend_by_all
+from ..checks import require_no_frequencies
 from ..notes import Notes
 from ..run import Run, identity_of_model
 from ..tolerance.outcome import accuracy_of
@@ -127,7 +128,7 @@ class ParametricReductor(ToleranceReductor):
 
 def reduced_with_terms(reductor, model) -> ParametricReducedModel:
     """Return the model that a reductor makes at the reference, with the terms on its basis. Collective."""
-    check_parametric(model, reductor.frame, reductor.damping)
+    check_parametric(model, reductor.frame, reductor.damping, reductor.settings.coordinates)
     with model.at() as reference:
         reduced = replace(reductor, parametric=model)._reduce(reference)
         parts = projected_parts(model, reduced, reductor.damping)
@@ -176,16 +177,26 @@ def digests_of_terms(parametric) -> list:
     return found
 
 
-def check_parametric(model, frame, damping):
+def check_parametric(model, frame, damping, coordinates):
     """Refuse a parametric model that cannot be reduced: unsymmetric terms, terms that the frame or the damping leaves
     out. Collective."""
     declared("model", model, ParametricModel)
     for item in model.terms:
-        if item.of in ("M", "K") and (defect := symmetry_defect(item.matrix)) > SYMMETRIC_TO:
+        unsymmetric = item.of in ("M", "K") and (defect := symmetry_defect(item.matrix)) > SYMMETRIC_TO
+        if unsymmetric and not (item.of == "K" and model.model.circulatory):
+            more = " or a skew-symmetric matrix; of K that has circulatory forces say circulatory = true"
             raise InputError(
                 f"{model.name}: the term of {item.of} with the factor '{item.factor}' is not symmetric: "
-                f"||A - A^T|| / ||A|| = {defect:.1e}, expected round-off (below {SYMMETRIC_TO:g}); circulatory forces "
-                "are not reduced over parameters"
+                f"||A - A^T|| / ||A|| = {defect:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
+                + (more if item.of == "K" else "")
+            )
+        if unsymmetric:
+            require_no_frequencies(model, damping)
+        if unsymmetric and (isinstance(frame, Buckens) or coordinates == "interface"):
+            found = "the Buckens frame" if isinstance(frame, Buckens) else "interface coordinates"
+            raise InputError(
+                f"{model.name}: found {found} and an unsymmetric term of K with the factor '{item.factor}', whose "
+                "circulatory forces they have no place for; hold the body, in pseudo-modal coordinates"
             )
         if item.of == "M" and isinstance(frame, Buckens):
             raise InputError(

@@ -44,8 +44,9 @@ class Expansion:
         self.judge = Judge(self.projections, settings)
         self.solver = PointSolver(self.projections, settings, self.points)
         inputs = self.projections.loads.getActiveColumns()[1]
-        self.by_mass = not self.projections.is_damped and inputs <= BLOCK
-        self._width = min(4 * inputs if self.projections.is_damped else inputs, BLOCK)
+        coupled = self.projections.is_damped or not self.projections.symmetric
+        self.by_mass = not coupled and inputs <= BLOCK
+        self._width = min(4 * inputs if coupled else inputs, BLOCK)
         self._accounted = len(run.factorisations)  # those that belong to a point, or to what was before the search
 
     @property

@@ -28,10 +28,10 @@ def extended(small, mat, new, columns, symmetric=True) -> np.ndarray:
 class Projections:
     """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
 
-    `K` (m, m) = V^T K V, `L` (m, l) = V^T L for the block `loads` L of the run, `D` (m, m) = V^T D V, or None unless
-    `damped`, and `viscoelastic` parts V^T K_v V: small arrays, the same on all ranks. Models of columns of the basis
-    are parts of them. `io`: inputs and outputs in terms of L; `damping`: the proportional damping of the models. Raises
-    InputError (see io).
+    `K` (m, m) = V^T K V, which may be `symmetric`, `L` (m, l) = V^T L for the block `loads` L of the run, `D` (m, m) =
+    V^T D V, or None unless `damped`, and `viscoelastic` parts V^T K_v V: small arrays, the same on all ranks. Models of
+    columns of the basis are parts of them. `io`: inputs and outputs in terms of L; `damping`: the proportional damping
+    of the models. Raises InputError (see io).
     """
 
     def __init__(self, run: Run, basis: Basis, damping: Proportional, damped: bool):
@@ -42,6 +42,7 @@ class Projections:
         self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
         self.D = np.zeros((0, 0)) if damped else None
         self.viscoelastic = self._no_parts()
+        self.symmetric = run.model.is_symmetric("K")
         self._project(0)
 
     def extend(self, block, mass_images=None) -> int:
@@ -101,17 +102,17 @@ class Projections:
         with self.run.progress.stage("project"):
             new = copy_of(self.basis.columns_between(start, stop), model.K)
             self.L = np.vstack([self.L, inner(new, self.loads)])
-            self.K = extended(self.K, model.K, new, self.basis.columns)
+            self.K = extended(self.K, model.K, new, self.basis.columns, self.symmetric)
             self.viscoelastic = tuple(
                 replace(part, matrix=extended(part.matrix, full.matrix, new, self.basis.columns))
                 for part, full in zip(self.viscoelastic, model.viscoelastic, strict=True)
             )
             if self.D is not None:
-                self.D = extended(self.D, model.D, new, self.basis.columns, model.symmetric)
+                self.D = extended(self.D, model.D, new, self.basis.columns, model.is_symmetric("D"))
 
     def model(self, columns=None) -> PseudoModal:
         """Return the model of `columns` (places) of the basis, by default of all; local."""
         k = np.arange(self.basis.size) if columns is None else columns
         D = None if self.D is None else self.D[np.ix_(k, k)]
         parts = transformed(self.viscoelastic, lambda matrix: matrix[np.ix_(k, k)])
-        return diagonalised(self.K[np.ix_(k, k)], self.L[k], D, self.damping, self.io, parts)
+        return diagonalised(self.K[np.ix_(k, k)], self.L[k], D, self.damping, self.io, parts, self.symmetric)

@@ -8,6 +8,8 @@ Everything is dense NumPy, deterministic and local. For V^T M V = I and the colu
     of viscoelastic parts also + sum (g(s) - g(0)) K_v
     H - H_V = R^T A^-1 R,   R = L - A V y_V,   y_V = A_V^-1 V^T L          (exact for symmetric A, W = V)
 
+For an unsymmetric A the R on the left is that of A^T. Pseudo-modal coordinates are those of the symmetric part of K.
+
 In a richer basis Q the difference H_Q - H_V is r^T A_Q^-1 r with r = L_Q - A_Q U y_V, V = Q U, without cancellation.
 """
 
@@ -90,9 +92,9 @@ class PseudoModal:
     """A projected model in its pseudo-modal coordinates, V^T M V = I, V^T K V = diag(eigenvalues).
 
     `eigenvalues` (m,): omega^2, ascending; `L` (m, l): the projected loads, of which `io` makes inputs and outputs;
-    `damping`: proportional; `D` (m, m): a given damping matrix, projected, or None; `vectors` (m, m): from these
-    coordinates to those of the basis; `poles`: of the first-order form, with D; `viscoelastic`: parts (m, m),
-    projected, with which A(s)^-1 is by elimination.
+    `damping`: proportional; `D` (m, m): a given damping matrix, projected, or None; `N` (m, m): the skew-symmetric part
+    of V^T K V, or None; `vectors` (m, m): from these coordinates to those of the basis; `poles`: of the first-order
+    form, with D or N; `viscoelastic`: parts (m, m), projected, with which A(s)^-1 is by elimination.
     """
 
     eigenvalues: np.ndarray
@@ -103,6 +105,7 @@ class PseudoModal:
     D: np.ndarray | None = None
     poles: Poles | None = None
     viscoelastic: tuple[Viscoelastic, ...] = ()
+    N: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
@@ -125,14 +128,14 @@ class PseudoModal:
     @property
     def is_reciprocal(self) -> bool:
         """Whether C = B^T and A(s) is symmetric."""
-        return self.io.are_same and (
+        return self.io.are_same and self.N is None and (
             self.D is None or np.abs(self.D - self.D.T).max(initial=0.0) <= 1e-10 * np.abs(self.D).max(initial=0.0)
         )
 
     @property
     def is_diagonal(self) -> bool:
         """Whether A(s) is diagonal."""
-        return self.D is None and not self.viscoelastic
+        return self.D is None and self.N is None and not self.viscoelastic
 
     def without_D(self) -> PseudoModal:
         """Return the same without any damping."""
@@ -142,9 +145,10 @@ class PseudoModal:
         """Return the model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated.
         """
         K = U.T @ (self.eigenvalues[:, None] * U)
+        K = K if self.N is None else (K + K.T) / 2 + U.T @ self.N @ U
         D = None if self.D is None else U.T @ self.D @ U
         parts = transformed(self.viscoelastic, lambda matrix: U.T @ matrix @ U)
-        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, parts)
+        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, parts, self.N is None)
         return inner, U @ inner.vectors
 
     def solve(self, frequencies, right: np.ndarray, transposed=False, accuracy=1e-14) -> np.ndarray:
@@ -176,11 +180,13 @@ class PseudoModal:
 
     def _matrices(self, frequencies, transposed=False):
         """A(s) (S, m, m), or A(s)^T."""
-        s, m = self.damping.coefficients(frequencies)[2], len(self)
+        (a, _, s), m = self.damping.coefficients(frequencies), len(self)
         if self.D is not None:
             matrices = s[:, None, None] * (self.D.T if transposed else self.D)
         else:
             matrices = np.zeros((len(s), m, m), dtype=complex)
+        if self.N is not None:
+            matrices += a[:, None, None] * (self.N.T if transposed else self.N)
         if self.viscoelastic:
             matrices += added_stiffness(self.viscoelastic, s)
         matrices[:, np.arange(m), np.arange(m)] += self._diagonal(frequencies)
@@ -219,11 +225,12 @@ class PseudoModal:
     def multiply(self, frequencies: np.ndarray, states: np.ndarray, transposed=False) -> np.ndarray:
         """A(s) states (S, m, l), or A(s)^T states."""
         result = self._diagonal(frequencies)[:, :, None] * states
+        a, _, s = self.damping.coefficients(frequencies)
+        if self.N is not None:
+            result += a[:, None, None] * times(self.N.T if transposed else self.N, states)
         if self.D is not None:
-            s = self.damping.coefficients(frequencies)[2]
             result += s[:, None, None] * times(self.D.T if transposed else self.D, states)
         if self.viscoelastic:
-            s = self.damping.coefficients(frequencies)[2]
             for part, factor in zip(self.viscoelastic, excesses(self.viscoelastic, s), strict=True):
                 result += factor[:, None, None] * times(part.matrix, states)
         return result
@@ -263,19 +270,22 @@ class PseudoModal:
 
 def diagonalised(
     K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, damping: Proportional = UNDAMPED,
-    io: InputsOutputs | None = None, viscoelastic: tuple[Viscoelastic, ...] = (),
+    io: InputsOutputs | None = None, viscoelastic: tuple[Viscoelastic, ...] = (), symmetric=True,
 ) -> PseudoModal:  # fmt: skip
     """Return the model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) and viscoelastic parts (m, m) in pseudo-modal
-    coordinates (53, 54); by default the columns L are its inputs and outputs."""
+    coordinates (53, 54); by default the columns L are its inputs and outputs. `symmetric`: whether K is, but for
+    round-off."""
     io = io or InputsOutputs(*[np.eye(L.shape[1])] * 2)
     eigenvalues, vectors = np.linalg.eigh((K + K.T) / 2)
+    N = None if symmetric else vectors.T @ ((K - K.T) / 2) @ vectors
     if viscoelastic:
         D = None if D is None else vectors.T @ D @ vectors
         parts = transformed(viscoelastic, lambda matrix: vectors.T @ matrix @ vectors)
-        return PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, D, viscoelastic=parts)
-    if D is None:
+        return PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, D, viscoelastic=parts, N=N)
+    if D is None and N is None:
         return PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping)
-    model = PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, vectors.T @ D @ vectors)
+    D = None if D is None else vectors.T @ D @ vectors
+    model = PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, D, N=N)
     try:
         return replace(model, poles=poles_of(model))
     except np.linalg.LinAlgError:
@@ -283,10 +293,12 @@ def diagonalised(
 
 
 def poles_of(model: PseudoModal) -> Poles:
-    """Return the poles of a model with a D, and the eigenvectors of its first-order form with the state (y, s y)."""
+    """Return the poles of a model with a D or N, and the eigenvectors of its first-order form with the state (y, s y).
+    """
     m, damping = len(model), model.damping
-    D = model.D + np.diag(damping.alpha + damping.beta * model.eigenvalues)
-    below = np.diag(-(1 + 1j * damping.eta) * model.eigenvalues) if damping.eta else np.diag(-model.eigenvalues)
+    K = np.diag(model.eigenvalues) if model.N is None else np.diag(model.eigenvalues) + model.N
+    D = damping.alpha * np.eye(m) + damping.beta * K + (0.0 if model.D is None else model.D)
+    below = -(1 + 1j * damping.eta) * K if damping.eta else -K
     matrix = np.block([[np.zeros((m, m)), np.eye(m)], [below, -D]])
     values, vectors = np.linalg.eig(matrix)
     return Poles(values, vectors[:m], np.linalg.inv(vectors)[:, m:])

@@ -167,9 +167,9 @@ def transposed_times(factors, products):
 
 def _space(projections, damped=True) -> ResidualSpace:
     run, model = projections.run, projections.run.model
-    matrices = [(model.M, True), (model.K, True)]
+    matrices = [(model.M, True), (model.K, projections.symmetric)]
     if projections.D is not None and damped:
-        matrices.append((model.D, model.symmetric))
+        matrices.append((model.D, model.is_symmetric("D")))
     matrices += [(part.matrix, True) for part in model.viscoelastic if damped]
     return ResidualSpace(model, run.rigid, projections.loads, projections.basis.columns, matrices, row_scale(model))
 

@@ -35,7 +35,8 @@ def projected_again(projections: Projections) -> Iterator[PseudoModal]:
         again, scale = Projections(projections.run, basis, damping, damped), np.outer(lengths, lengths)
         D = None if again.D is None else again.D / scale
         parts = transformed(again.viscoelastic, lambda matrix: matrix / scale)  # noqa: B023  (used here)
-        yield diagonalised(again.K / scale, again.L / lengths[:, None], D, damping, again.io, parts)
+        L = again.L / lengths[:, None]
+        yield diagonalised(again.K / scale, L, D, damping, again.io, parts, again.symmetric)
 
 
 def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Projections) -> Accuracy:

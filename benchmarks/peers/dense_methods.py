@@ -1,0 +1,216 @@
+"""Reduce small models by methods of the literature, in dense matrices: the rivals of benchmarks/rivals.py.
+
+A model is M, D, K (n, n), B (n, p), C, Cv (r, n); modal coordinates (`prepared`) have M = I and a diagonal K. Balanced
+truncation: Reis and Stykel, Math. Comput. Model. Dyn. Syst. 14 (2008) 391; in a band: Gawronski and Juang, Int. J.
+Systems Sci. 21 (1990) 349. Craig and Bampton, AIAA J. 6 (1968) 1313. Modal truncation augmentation: Dickens, Nakagawa
+and Wittbrodt, Comput. Struct. 62 (1997) 985.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse.linalg
+
+DEPENDENT = 1e-10  # singular value, of the largest, below which columns depend on each other
+
+
+@dataclass
+class Model:
+    """M x'' + D x' + K x = B u, y = C x + Cv x' + residual u, by dense or sparse matrices."""
+
+    M: np.ndarray
+    D: np.ndarray
+    K: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    Cv: np.ndarray
+    residual: np.ndarray | float = 0.0
+
+    def projected(self, V, W=None):
+        """The model on columns V (n, m), with the equations of W."""
+        W = V if W is None else W
+        M, D, K = (W.T @ (matrix @ V) for matrix in (self.M, self.D, self.K))
+        return Model(M, D, K, W.T @ self.B, self.C @ V, self.Cv @ V)
+
+    def response(self, frequencies):
+        """H (S, r, p) at frequencies in Hz."""
+        s = 2j * np.pi * frequencies
+        return np.array([(self.C + x * self.Cv) @ np.linalg.solve(x * x * self.M + x * self.D + self.K, self.B)
+                         for x in s]) + self.residual  # fmt: skip
+
+    def unstable(self):
+        """How many poles have a positive real part."""
+        A = first_order(self)[0]
+        return int((np.linalg.eigvals(A).real > 1e-9 * np.abs(A).max() ** 0.5).sum())
+
+
+@dataclass
+class States:
+    """x' = A x + B u, y = C x: a model of first order, which counts as half as many coordinates."""
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+
+    def response(self, frequencies):
+        one = np.eye(len(self.A))
+        return np.array([self.C @ np.linalg.solve(2j * np.pi * f * one - self.A, self.B) for f in frequencies])
+
+    def unstable(self):
+        return int((np.linalg.eigvals(self.A).real > 0).sum())
+
+
+def prepared(model, count):
+    """The model on its lowest `count` modes and all static deflections, in modal coordinates; M may be singular."""
+    K = model.K.toarray()
+    n = len(K)
+    inverse, modes = scipy.linalg.eigh(model.M.toarray(), K, subset_by_index=(max(n - count, 0), n - 1))
+    modes = modes[:, inverse > 1e-14 * inverse[-1]]
+    loads = np.hstack([model.B, model.C.T, model.Cv.T])
+    return modal(model, np.hstack([modes, scipy.linalg.cho_solve(scipy.linalg.cho_factor(K), loads)]))
+
+
+def modal(model, V):
+    """The model on the span of V in its modal coordinates, by which M = I and K is diagonal."""
+    norms = np.sqrt(np.einsum("ij,ij->j", V, model.K @ V))
+    V = (V / np.where(norms > 0, norms, 1))[:, norms > 0]
+    gram = V.T @ (model.K @ V)
+    values, U = np.linalg.eigh((gram + gram.T) / 2)
+    good = values > DEPENDENT * values[-1]
+    V = V @ (U[:, good] / np.sqrt(values[good]))  # K-orthonormal
+    mass = V.T @ (model.M @ V)
+    inverse, U = np.linalg.eigh((mass + mass.T) / 2)
+    good = inverse > 1e-14 * inverse[-1]
+    V = (V @ (U[:, good] / np.sqrt(inverse[good])))[:, ::-1]
+    small = model.projected(V)
+    small.M, small.K = np.eye(V.shape[1]), np.diag(1 / inverse[good][::-1])
+    return small
+
+
+def first_order(model):
+    """A, B, C of x' = A x + B u with x = (q, q')."""
+    n = len(model.M)
+    solved = scipy.linalg.solve(model.M, np.hstack([-model.K, -model.D, model.B]))
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [solved[:, : 2 * n]]])
+    return A, np.vstack([np.zeros_like(model.B), solved[:, 2 * n :]]), np.hstack([model.C, model.Cv])
+
+
+def gramians(A, B, C, band=None):
+    """Square roots R, L (n, k) of the Gramians R R^T and L L^T of states; in a band (Hz) up to that frequency only.
+
+    By eigenvectors of A, which make the Lyapunov equations divisions.
+    """
+    poles, X = np.linalg.eig(A)
+    left = np.linalg.inv(X)
+    within = np.ones(len(poles)) / 2
+    if band is not None:
+        top = 2j * np.pi * band[1]
+        within = (np.log(top - poles) - np.log(-top - poles)) / (2j * np.pi)
+    return _root(poles, left @ B, X, within), _root(poles.conj(), (C @ X).conj().T, left.conj().T, within.conj())
+
+
+def _root(poles, b, X, within):
+    """The square root of X P X^*, with P of poles and inputs b that are diagonal."""
+    P = -(b @ b.conj().T) / (poles[:, None] + poles.conj()) * (within[:, None] + within.conj())
+    gramian = (X @ P @ X.conj().T).real
+    values, U = np.linalg.eigh((gramian + gramian.T) / 2)
+    good = values > 1e-16 * values[-1]
+    return (U[:, good] * np.sqrt(values[good]))[:, ::-1]
+
+
+def balanced(A, B, C, roots):
+    """States(size) by balanced truncation with the square roots of Gramians, and the Hankel singular values."""
+    R, L = roots
+    U, values, Vt = np.linalg.svd(L.T @ R)
+
+    def reduced(size):
+        if size > (values > 1e-13 * values[0]).sum():
+            return None
+        T, W = R @ Vt[:size].T / np.sqrt(values[:size]), L @ U[:, :size] / np.sqrt(values[:size])
+        return States(W.T @ A @ T, W.T @ B, C @ T)
+
+    return reduced, values
+
+
+def balanced_second_order(model, roots, kind):
+    """Model(size) by second-order balanced truncation: "position", "velocity" or "position-velocity", two-sided, or
+    "free velocity", one-sided. The model has M = I."""
+    n = len(model.M)
+    (Rp, Rv), (Lp, Lv) = ((root[:n], root[n:]) for root in roots)
+    right, left = {"velocity": (Rv, Lv), "position-velocity": (Rp, Lv)}.get(kind, (Rp, Lp))
+    U, values, Vt = np.linalg.svd(left.T @ right)
+    if kind == "position":
+        U = np.linalg.svd(Lv.T @ Rv)[0]
+
+    def reduced(size):
+        if size > min(len(values), U.shape[1]):
+            return None
+        V = np.linalg.qr(right @ Vt[:size].T)[0]
+        if kind == "free velocity":
+            return model.projected(V)
+        return model.projected(V, np.linalg.qr(Lv @ U[:, :size])[0])
+
+    return reduced, values
+
+
+def craig_bampton(model, most):
+    """Model(size) on constraint modes of the dofs with inputs or outputs, and fixed-interface modes; None where nearly
+    all dofs have some. `model` has the sparse matrices of the finite elements."""
+    held = np.flatnonzero(np.abs(np.hstack([model.B, model.C.T, model.Cv.T])).max(axis=1))
+    if len(held) > most:
+        return None, len(held)
+    inside = np.setdiff1d(np.arange(model.M.shape[0]), held)
+    K, M = (matrix.tocsc()[inside][:, inside] for matrix in (model.K, model.M))
+    factor = scipy.sparse.linalg.splu(K)
+    count = min(most, len(inside) - 1)
+    solver = scipy.sparse.linalg.LinearOperator(K.shape, factor.solve, dtype=float)
+    # the inverse problem, which takes a singular M
+    inverse, modes = scipy.sparse.linalg.eigsh(
+        M, min(count, len(inside) // 2), K, which="LA", Minv=solver, v0=np.ones(len(inside))
+    )
+    order = np.argsort(-inverse)
+    V = np.zeros((model.M.shape[0], len(held) + len(order)))
+    V[held, range(len(held))] = 1.0
+    V[np.ix_(inside, range(len(held)))] = -factor.solve(model.K.tocsc()[inside][:, held].toarray())
+    V[np.ix_(inside, range(len(held), V.shape[1]))] = modes[:, order]
+    whole = model.projected(V)
+
+    def reduced(size):
+        return whole.projected(np.eye(V.shape[1])[:, :size])
+
+    return reduced, len(held)
+
+
+def modes_with_residual(model):
+    """Model(size) on modes, and the static deflection of all others as a direct path from u to y (mode acceleration).
+
+    `model` is in modal coordinates.
+    """
+    inverse = 1 / np.diag(model.K)
+
+    def reduced(size):
+        small = model.projected(np.eye(len(inverse))[:, :size])
+        small.residual = (model.C[:, size:] * inverse[size:]) @ model.B[size:]
+        return small
+
+    return reduced
+
+
+def truncation_augmentation(model):
+    """Model(size) on modes and the static deflections of what loads they leave: modal truncation augmentation (MTA).
+
+    Its space is that of modes and static corrections. `model` is in modal coordinates.
+    """
+    inverse = 1 / np.diag(model.K)
+    loads = model.B if np.array_equal(model.C.T, model.B) else np.hstack([model.B, model.C.T])
+
+    def reduced(size):
+        count = size - loads.shape[1]
+        if count < 0:
+            return None
+        rest = loads.copy()
+        rest[:count] = 0.0
+        return modal(model, np.hstack([np.eye(len(inverse))[:, :count], inverse[:, None] * rest]))
+
+    return reduced

@@ -1,0 +1,127 @@
+"""The published models of benchmarks/models: right against SciPy's sparse LU, or refused in a sentence."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.sparse
+from launch import mpi_environment
+
+import hpcred
+from benchmarks.models import MODELS
+from benchmarks.models import __main__ as program
+from benchmarks.models.published import find
+
+HERE = [name for name, published in MODELS.items() if find(published.file)]
+
+
+def published(name):
+    """A model whose file is here; the test is skipped where it is not."""
+    return MODELS[name] if name in HERE else pytest.skip(f"{MODELS[name].file} is not here")
+
+
+@pytest.mark.mpi(ranks=(1, 3), build="real")
+@pytest.mark.parametrize("name", ["foundation", "concrete", "shaft", "sandwich"])
+def test_reduced_to_a_tolerance(comm, name):
+    made = published(name)
+    given = made.matrices()
+    assert given.M.shape == (made.n, made.n)
+    with made.model(comm) as model, made.reduce(model) as rom:
+        eta = rom.record.accuracy.loss_factor
+        assert rom.record.accuracy.reached and rom.size < made.n / 30
+        fresh = np.random.default_rng(4).uniform(*made.band, 3)
+        s = 2j * np.pi * fresh
+        reduced = [rom.C @ np.linalg.solve(x * x * rom.M + x * rom.D + (1 + 1j * eta) * rom.K, rom.B) for x in s]
+    full = np.array([given.response(f, eta) for f in fresh])
+    # all entries at a frequency beside the largest one: a weaker measure than that of the search
+    assert (np.abs(full - reduced).max(axis=(1, 2)) < made.tolerance * np.abs(full).max(axis=(1, 2))).all()
+
+
+def test_made_into_a_file_with_its_job(tmp_path, capsys, monkeypatch):
+    made = published("shaft")
+    monkeypatch.chdir(tmp_path)
+    assert program.main(["make", "shaft", "--data", str(made.path().parent), "shaft.h5"]) == 0
+    (tmp_path / "job.toml").write_text(capsys.readouterr().out)
+    job = hpcred.read_job("job.toml")
+    assert job.band == made.band
+    with hpcred.read_model("shaft.h5") as model:
+        assert model.size == 400
+
+
+def test_a_file_that_is_not_there(tmp_path, capsys):
+    assert program.main(["make", "iss12a", "--data", str(tmp_path), "x.h5"]) == 2
+    assert capsys.readouterr().err == (
+        f"iss12a: found no iss12a.mat in {tmp_path}; download it from slicot.org, Benchmarks for Model Reduction and "
+        "name its folder\n"
+    )
+    assert program.main(["list"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == len(MODELS) + 1
+
+
+def test_a_brake_that_squeals_is_declared(tmp_path):
+    made = published("disk-brake")
+    given = made.matrices()
+    with (
+        hpcred.SecondOrderModel(given.M, given.D, given.K, given.B) as undeclared,
+        pytest.raises(hpcred.InputError, match="of K that has circulatory forces say circulatory = true"),
+    ):
+        made.reduce(undeclared)
+    with made.model() as model, made.reduce(model) as rom:
+        assert rom.record.accuracy.reached and rom.size < made.n
+        s = 2j * np.pi * 0.17
+        reduced = rom.C @ np.linalg.solve(s * s * rom.M + s * rom.D + rom.K, rom.B)
+    full = given.response(0.17)
+    assert np.linalg.norm(reduced - full) < 5 * made.tolerance * np.linalg.norm(full)
+
+
+def test_negative_masses_are_refused():
+    with pytest.raises(hpcred.InputError, match="the mass matrix has 100 negative diagonal entries"):
+        published("speaker-box").model()
+
+
+@pytest.fixture
+def wiki(tmp_path):
+    """Files as those of the MOR Wiki, of small blocks: two bones, and a gyroscope with blank lines."""
+    for name, cells in (("BS01", (6, 3, 3)), ("BS10", (8, 4, 4)), ("gyro", (4, 2, 2))):
+        with hpcred.solid(cells=cells) as block:
+            M, K = (scipy.sparse.csr_matrix(mat.getValuesCSR()[::-1]) for mat in (block.M, block.K))
+        B = scipy.sparse.coo_matrix(([2.0], ([M.shape[0] - 1], [0])), (M.shape[0], 1))
+        C = scipy.sparse.coo_matrix((np.ones(3), (range(3), range(3))), (3, M.shape[0]))
+        for key, matrix in {"M": M, "K": K, "B": B, "C": C}.items():
+            with open(tmp_path / f"{name}.{key}", "wb") as file:
+                scipy.io.mmwrite(file, matrix, symmetry="symmetric" if key in "MK" else "general", precision=16)
+    for key in "MKBC":  # one below the comments and one at the end, as there
+        head, comment, rest = (tmp_path / f"gyro.{key}").read_text().split("\n", 2)
+        (tmp_path / f"gyro.{key}").write_text(f"{head}\n{comment}\n\n{rest}\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize("name, damping", [("BS01", None), ("gyro", hpcred.Rayleigh(alpha=0.0, beta=1e-6))])
+def test_matrix_market_files(wiki, name, damping):
+    made = MODELS[name]
+    given = made.matrices(wiki)
+    assert made.damping == damping
+    with made.model(folder=wiki) as model:
+        assert (len(model.input_names), len(model.output_names)) == (1, 3)
+        H = hpcred.frequency_response(model, [40.0, 70.0], damping=damping)
+    full = np.array([given.response(f) for f in (40.0, 70.0)])
+    assert np.abs(H - full).max() < 1e-9 * np.abs(full).max()
+    (wiki / f"{name}.C").unlink()
+    with pytest.raises(hpcred.InputError, match=rf"found no {name}.C beside .*, expected {name}.M, .K, .B and .C"):
+        made.model(folder=wiki)
+
+
+@pytest.mark.slow
+def test_bones_on_one_curve(wiki):
+    script = Path(__file__).parents[1] / "benchmarks/bones.py"
+    subprocess.run(
+        [sys.executable, script, "--data", wiki, "--ranks", "1"], cwd=wiki, check=True, env=mpi_environment()
+    )
+    small, large = json.loads((wiki / "bones.json").read_text())["rows"]
+    assert (small["model"], large["model"]) == ("BS01", "BS10") and small["dofs"] < large["dofs"]
+    assert all(row["reached"] and 0 < row["coordinates"] < 30 and row["error"] <= 1e-4 for row in (small, large))
+    assert (wiki / "bones.png").stat().st_size > 10_000
