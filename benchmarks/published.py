@@ -83,9 +83,8 @@ def main(arguments=None):
     parser.add_argument("names", nargs="*", metavar="NAME", help="by default all whose files are here")
     parser.add_argument("--data", metavar="FOLDER", help="folder of the files; by default the shared data")
     given = parser.parse_args(arguments)
-    here = [name for name, made in MODELS.items() if find(made.file, given.data)]
-    if shutil.which("ccx") is None:
-        here.remove("knuckle")
+    without = set() if shutil.which("ccx") else {"knuckle"}
+    here = [name for name, made in MODELS.items() if name not in without and find(made.file, given.data)]
     rows = []
     for name in given.names or here:
         try:

@@ -25,3 +25,4 @@ compare op4
 compare ansys_full
 compare accuracy
 compare reading
+compare published
