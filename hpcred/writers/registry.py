@@ -27,4 +27,5 @@ WRITERS = Registry("writers.base:Writer", "hpcred.writers", {
     "abaqus": "writers.abaqus:UserElement",
     "simscape": "writers.simscape:FlexibleSolid",
     "openfast": "writers.openfast:ExtPtfm",
+    "mbsim": "writers.mbsim:MbsimFile",
 })  # fmt: skip

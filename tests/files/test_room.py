@@ -157,8 +157,8 @@ TEXTS = {
 MORE = {
     **{f"a.{end}": f"export result.h5 --format {end} --modes 1 -o {{}}" for end in ("svg", "pdf", "gif", "webp")},
     **{f"{name}.{end}": f"export result.h5 --format {name} -o {{}}" for name, end in (
-        ("matlab", "mat"), ("exudyn", "npz"), ("mbdyn", "fem"), ("statespace-mat", "mat"), ("fmu", "fmu"),
-        ("uff", "uff"))},
+        ("matlab", "mat"), ("exudyn", "npz"), ("mbdyn", "fem"), ("mbsim", "hdf5"), ("statespace-mat", "mat"),
+        ("fmu", "fmu"), ("uff", "uff"))},
     "a.h5": "evaluate result.h5 --points 5 -o {}", "b.h5": "example linkage -o {}", "r.html": "report result.h5 -o {}",
     "m.png": "modes model.h5 --count 8 --figure {}", "e.png": "evaluate result.h5 --points 5 --figure {}",
     "c.csv": "evaluate result.h5 other.h5 --full model.h5 --points 3 -o {}",

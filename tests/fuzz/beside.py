@@ -16,7 +16,7 @@ from .tables import BLOCK, CHORD, good_files
 FORMATS = {  # of each export the file that it is told by, of a body in interface coordinates
     "sid": "a.SID_FEM", "npz": "a.npz", "matlab": "a.mat", "exudyn": "a.npy", "mbdyn": "a.fem", "fmu": "a.fmu",
     "statespace-mat": "a.mat", "statespace-npz": "a.npz", "vtk": "a.vtu", "uff": "a.unv", "nastran": "a.bdf",
-    "nastran-op4": "a.bdf", "ansys": "a.inp", "abaqus": "a.inp",
+    "nastran-op4": "a.bdf", "ansys": "a.inp", "abaqus": "a.inp", "mbsim": "a.hdf5",
 }  # fmt: skip
 HEAD = 'output = "new.h5"\n'
 JOINTED = HEAD + 'coordinates = "interface"\n' + BLOCK + '[[basis]]\nkind = "constraint_modes"\n' \

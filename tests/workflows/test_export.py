@@ -51,7 +51,7 @@ def test_structural_damping_is_carried_or_refused(reduced_linkage, comm):
     head, tail = MODES_JOB.split('kind = "rayleigh"\nalpha = 2.0\nbeta = 1e-5\n')
     result = reduced_linkage(head + STRUCTURAL + tail)
     before = names(result.parent, comm)
-    for kind in ("sid", "exudyn", "mbdyn", "statespace-mat", "fmu"):
+    for kind in ("sid", "exudyn", "mbdyn", "mbsim", "statespace-mat", "fmu"):
         with pytest.raises(InputError, match=r"result.h5: damping: .*loss factor 0.02.*'modal' and ratio = 0.01"):
             export_result(result, kind)
     assert names(result.parent, comm) == before

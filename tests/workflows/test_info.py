@@ -75,6 +75,7 @@ WORDS = {
     "arm_ansys.inp": ["MATRIX50", "interface nodes left 85, right 86"], "arm_ansys_K.mtx": ["Market", "15 x 15"],
     "body.SID_FEM": ["SID file", "mass 0.2826", "interface nodes 85, 86"], "body.mat": ["phi 2 x 3 x 9"],
     "body.fem": ["MBDyn", "coordinates 9", "interface nodes left, right", "mass 0.2826"],
+    "body_mbsim.hdf5": ["MBSim", "stiffness matrix 9 x 9"],
     "body.fmu": ["FMI 2.0", "model body", "inputs force_left_x, force", "states 18", "platforms linux64"],
     "body.uff": ["universal file", "nodes 84", "elements hexahedron 36", "shapes pseudo-mode 1: 25680.7 Hz, p"],
     "body.vtu": ["points 84", "cells hexahedron 36", "pseudo_mode_1_25680.7_Hz"],

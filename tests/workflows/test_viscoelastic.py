@@ -243,7 +243,7 @@ def test_bodies_and_units(solid, tmp_path):
         H, other = rom.transfer_function(s), ms.transfer_function(1e-3 * s)
         assert close(other / other[0, 0], H / H[0, 0]) < 1e-10
         hpcred.write_result(tmp_path / "r.h5", rom, model)
-        for name in ("sid", "mbdyn", "exudyn"):
+        for name in ("sid", "mbdyn", "mbsim", "exudyn"):
             with pytest.raises(InputError, match="has no place for a stiffness that .* \\(core\\)"):
                 hpcred.export_result(tmp_path / "r.h5", name)
     (tmp_path / "s.toml").write_text(f'body = "{tmp_path / "r.h5"}"\nend = 0.01\nsteps = 3\n')
