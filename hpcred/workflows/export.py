@@ -1,7 +1,7 @@
 """Write a result file in the format of another program.
 
-Bodies: SID, MATLAB, NumPy, Exudyn, MBDyn, MBSim. Inputs and outputs: state space, FMU. Shapes: ParaView, UFF, a picture.
-Superelements: Nastran, ANSYS, Abaqus, Simscape, OpenFAST. Other packages add formats (see writers.base).
+Bodies: SID, MATLAB, NumPy, Exudyn, MBDyn, MBSim. Inputs and outputs: state space, FMU. Shapes: ParaView, UFF, a
+picture. Superelements: Nastran, ANSYS, Abaqus, Simscape, OpenFAST. Other packages add formats (see writers.base).
 """
 
 from __future__ import annotations
