@@ -69,6 +69,7 @@ class FlexibleBody:
         self, floating_frame: FloatingFrame, K, D, gravity=(0.0, 0.0, 0.0), loads=(), springs=(), holds=(), pushes=()
     ):
         self.floating_frame, self.K, self.D, self.pushes = floating_frame, np.asarray(K), np.asarray(D), pushes
+        self._circulatory = (self.K - self.K.T) / 2  # which stores no energy
         self.gravity, self.loads, self.springs, self.holds = np.asarray(gravity, dtype=float), loads, springs, holds
         self.size, self.mass = len(floating_frame.Ct), floating_frame.mass
         self.multipliers = sum(len(hold) for hold in holds)
@@ -171,7 +172,7 @@ class FlexibleBody:
                 qp - z[6:],
                 _beyond_round_off(M @ zp - force, size),
                 _beyond_round_off(G @ z - rates, np.abs(G) @ np.abs(z) + np.abs(rates)),
-                powers - np.array([power, rates @ multipliers, damping @ z[6:] + loss]),
+                powers - np.array([power, rates @ multipliers, (damping + self._circulatory @ q) @ z[6:] + loss]),
             ]
         )
 
@@ -276,7 +277,7 @@ class FlexibleBody:
         solution = np.linalg.solve(system, np.concatenate([force, -self._drift_rates(r, p, q, projected)]))
         zp, multipliers = solution[: 6 + self.size], solution[6 + self.size :]
         y = np.concatenate([r, p, q, projected, np.zeros(c + 3)])
-        powers = [power, rates @ multipliers, damping @ u + loss]
+        powers = [power, rates @ multipliers, (damping + self._circulatory @ q) @ u + loss]
         state = [A @ v, quaternion_rate(p, w), u, zp, multipliers, powers]
         return y, np.concatenate(state), float(np.abs(projected - z).max(initial=0.0))
 

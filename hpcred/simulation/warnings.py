@@ -62,7 +62,8 @@ def first_frequency(system, r, p, q) -> float:
         return np.inf
     G, _ = system.constraints(0.0, system.node_motions(r, rotation(p), q))
     Z = null_space(G) if len(G) else np.eye(G.shape[1])
-    values = eigvalsh(Z[6:].T @ system.K @ Z[6:], Z.T @ system.floating_frame.mass_matrix(q) @ Z)
+    K = (system.K + system.K.T) / 2
+    values = eigvalsh(Z[6:].T @ K @ Z[6:], Z.T @ system.floating_frame.mass_matrix(q) @ Z)
     free = 6 - np.linalg.matrix_rank(G[:, :6]) if len(G) else 6  # rigid motions, at frequency zero
     return float(np.sqrt(max(values[free], 0.0))) if len(values) > free else np.inf
 

@@ -101,6 +101,22 @@ def test_vibrations_without_end_are_refused_after_some_steps(linkage_body, monke
     assert simulate(linkage_body, Simulation(end=0.5, elastic=elastic, steps=5)).balance < 1e-2
 
 
+def test_circulatory_forces_do_work(linkage_body):
+    """x'' + d x' + (K + N) x = 0 of the first two coordinates, K_s of which alone stores energy."""
+    reduced = linkage_body.reduced
+    N, D = np.zeros_like(reduced.K), 20.0 * np.eye(len(reduced.K))
+    N[0, 1], N[1, 0] = 0.5 * reduced.K[0, 0], -0.5 * reduced.K[0, 0]
+    body = replace(linkage_body, reduced=replace(reduced, K=reduced.K + N, D=D, columns=None, model=None))
+    found = simulate(body, Simulation(end=0.02, elastic=(1e-5, *np.zeros(len(D) - 1)), steps=20))
+    zero, one = np.zeros_like(D), np.eye(len(D))
+    A = np.block([[zero, one], [-reduced.K - N, -D]])
+    values, vectors = np.linalg.eig(A)
+    start = np.linalg.solve(vectors, np.eye(len(A))[:, 0] * 1e-5)
+    exact = (vectors @ (np.exp(values[:, None] * found.t) * start[:, None])).real[: len(D)].T
+    assert found.elastic == pytest.approx(exact, abs=1e-3 * np.abs(exact).max())
+    assert found.balance < 1e-3 and np.abs(exact[:, 1]).max() > 0.1 * np.abs(exact[:, 0]).max()
+
+
 def test_progress_and_warnings_are_told(linkage_body):
     """At twentieths of the time, each once, and before the integration."""
     said, told = [], []
