@@ -1,6 +1,7 @@
 """Reductions of models with parameters to a tolerance, against dense solves at other frequencies and values."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,7 +24,15 @@ from hpcred import (
 from hpcred.examples.linkage import FRAME, LOAD, SUPPORTS
 from hpcred.model.interfaces import Nodes
 from hpcred.parallel.decisions import shared_out
-from hpcred.reduction.parametric.training import corner_points, distances, fresh_points, place_of, training_points
+from hpcred.reduction.parametric import compression
+from hpcred.reduction.parametric.training import (
+    corner_points,
+    distances,
+    fresh_points,
+    place_of,
+    points_around,
+    training_points,
+)
 
 
 def bushings(n=60, **more):
@@ -254,6 +263,30 @@ def test_what_is_refused(comm):
     for key, value in (("points", 1), ("most", 2)):
         with pytest.raises(InputError, match=f"parameter_search.{key}: found {value}, expected at least"):
             hpcred.ParameterSearch(**{key: value})
+
+
+def test_points_around_one():
+    plane = [Parameter("a", (0.0, 2.0)), Parameter("b", (1.0, 100.0))]  # b by its logarithm
+    assert points_around(plane, (1.0, 10.0), 0.25) == [(1.5, 10.0), (1.0, 31.6228), (0.5, 10.0), (1.0, 3.16228)]
+    assert points_around(plane, (2.0, 1.0), 0.5) == [(2.0, 10.0), (1.0, 1.0)]
+
+
+def test_larger_errors_are_sought_around_the_worst_point(monkeypatch):
+    """A peak between the points, which steps climb."""
+    parameters = [Parameter("a", (0.0, 10.0)), Parameter("b", (0.0, 1.0))]
+    form = SimpleNamespace(parametric=SimpleNamespace(parameters=parameters))
+    inside = SimpleNamespace(args=[SimpleNamespace(form=form)])
+
+    def height(point):
+        return 1 / (1 + 20 * (point[0] / 10 - 0.43) ** 2 + 20 * (point[1] - 0.62) ** 2)
+
+    monkeypatch.setattr(compression, "_errors", lambda _, points, band: (
+        np.array([height(point) for point in points]), np.ones(len(points))))  # fmt: skip
+    points = training_points(parameters, 9)
+    errors = np.array([height(point) for point in points])
+    more, found, where = compression._look_around(inside, points, errors, (0.0, 1.0))
+    assert errors.max() < 0.73 and found.max() > 0.94 and found == pytest.approx([height(point) for point in more])
+    assert len(more) == len(found) == len(where) <= 16
 
 
 def test_training_points_fill_the_ranges():

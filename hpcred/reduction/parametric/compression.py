@@ -17,12 +17,14 @@ from ..tolerance.compression import Snapshots, fewest, inner_of, joined
 from ..tolerance.error_estimate import FINE, UNIFORM, Comparison, grid, largest, measure_over, resolved
 from .affine import AffineProjections
 from .estimate import COARSE, coarsely
+from .training import distances, points_around
 
 TRIALS = 10  # compressions, each with the points where the one before missed the goal
 WORST = 6  # points that join at a time
 ROUNDS = 3  # of weights for each size that is tried
 ALONG = UNIFORM // 2  # frequencies of the band, beside those around poles
 CLOSE = 0.5  # of the largest error at few frequencies, above which more are looked at
+STEPS = 4  # of a search around the worst point
 KEPT = 2**24  # numbers of matrices of points that a rank keeps
 
 
@@ -105,10 +107,11 @@ def turned(projections, point, settings, count=None) -> tuple[Comparison, np.nda
 
 class RangeCompressed(NamedTuple):
     """What a reduction over parameters ends with: the `factor` (m, k) from the basis to its columns, its errors at
-    points and the frequencies of these; `pair`, `frequencies` and `curve`: as Compressed has them, at the reference;
+    `points` and the frequencies of these; `pair`, `frequencies` and `curve`: as Compressed has them, at the reference;
     the noise at all points; `limited`: why the goal is missed, or ""."""
 
     factor: np.ndarray
+    points: list[tuple[float, ...]]
     errors: np.ndarray
     worst: np.ndarray
     pair: Comparison
@@ -119,7 +122,8 @@ class RangeCompressed(NamedTuple):
 
 
 def compress(projections, settings, reference, some, points, goal, fixed, beside) -> RangeCompressed:
-    """Return the smallest model whose error stays below a goal at all `points`. Collective.
+    """Return the smallest model whose error stays below a goal at all `points`, and at others around the worst of them.
+    Collective.
 
     `some`: of the points, to begin with; `fixed` (m, c): columns of the basis that stay in the span; `beside`:
     coordinates that join the model later.
@@ -138,11 +142,15 @@ def compress(projections, settings, reference, some, points, goal, fixed, beside
         if limited or not (over := _over(errors, goal, points, some)):
             noise = _look_closely(inside, points, settings.band, errors, worst)
             over = _over(errors, goal, points, some)
+        if not over:
+            more = _look_around(inside, points, errors, settings.band)
+            points, errors, worst = [*points, *more[0]], np.append(errors, more[1]), np.append(worst, more[2])
+            over = _over(errors, goal, points, some)
         if not over or limited:
             break
         some = [*some, *(points[k] for k in over[:WORST])]
     found, S, curve = decided(comm, _at_reference, projections, reference, settings, U)
-    return RangeCompressed(U, errors, worst, found, S, curve, noise, limited)
+    return RangeCompressed(U, points, errors, worst, found, S, curve, noise, limited)
 
 
 def _over(errors, goal, points, some):
@@ -182,6 +190,25 @@ def _look_closely(inside, points, band, errors, worst) -> float:
     found = shared_out(inside.args[0].form.parametric.comm, finely, [points[k] for k in high])
     errors[high], worst[high], noise = (np.array(part) for part in zip(*found, strict=True))
     return float(noise.max())
+
+
+def _look_around(inside, points, errors, band) -> tuple[list, np.ndarray, np.ndarray]:
+    """Search for larger errors around the worst of the points, by steps along the axes; returns the points looked at,
+    their errors and at which frequencies these are."""
+    parameters = inside.args[0].form.parametric.parameters
+    centre, highest = points[int(errors.argmax())], errors.max()
+    others = [point for point in points if point != centre]
+    step, found = float(distances(parameters, [centre], others)[0]) / 2 if others else 0.25, ([], [], [])
+    for _ in range(STEPS):
+        ring = points_around(parameters, centre, step)
+        here = _errors(inside, ring, band)
+        for known, new in zip(found, (ring, *here), strict=True):
+            known.extend(new)
+        if here[0].max() > highest:
+            centre, highest = ring[int(here[0].argmax())], here[0].max()
+        else:
+            step /= 2
+    return found[0], np.array(found[1]), np.array(found[2])
 
 
 def _at_reference(projections, reference, settings, U):

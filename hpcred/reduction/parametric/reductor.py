@@ -115,8 +115,8 @@ class ParametricReductor(ToleranceReductor):
         names = list(self.parametric.reference)
         of_parameters = ParameterAccuracy(
             ranges={item.name: item.range for item in self.parametric.parameters},
-            reference=self.parametric.reference, points=tuple(greedy.known), checked=len(points),
-            worst=dict(zip(names, points[worst], strict=True)),
+            reference=self.parametric.reference, points=tuple(greedy.known), checked=len(found.points),
+            worst=dict(zip(names, found.points[worst], strict=True)),
         )  # fmt: skip
         searches = greedy.searches
         missing = max(search.missing_modes for search in searches)

@@ -53,6 +53,13 @@ def low_discrepancy(number: int, count: int) -> np.ndarray:
     return (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
 
 
+def points_around(parameters, point, step: float) -> list[tuple[float, ...]]:
+    """Return the points a `step` away in the unit cube along each axis, as far as they are in the ranges."""
+    place, steps = place_of(parameters, point), step * np.eye(len(parameters))
+    found = [point_at(parameters, np.clip(place + one, 0.0, 1.0)) for one in (*steps, *-steps)]
+    return [other for other in dict.fromkeys(found) if other != point]
+
+
 def point_at(parameters, place) -> tuple[float, ...]:
     """Return the point at a place, with values of six digits at most that are exact at the ends."""
     point = []
