@@ -179,8 +179,8 @@ def require_no_laws(reduced, where: str):
     if reduced.viscoelastic:
         raise InputError(
             f"viscoelastic: {where} has no place for a stiffness that depends on frequency "
-            f"({', '.join(part.name for part in reduced.viscoelastic)}); laws of kind 'maxwell' go into state spaces, "
-            "and arrays (npz, mat) hold all"
+            f"({', '.join(part.name for part in reduced.viscoelastic)}); laws of kind 'maxwell' go into state spaces "
+            "and FMUs, and arrays (npz, mat) hold all"
         )
 
 

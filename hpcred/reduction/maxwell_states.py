@@ -49,6 +49,15 @@ class MaxwellStates:
             np.block([[K + pull @ self.L.T, -pull], [-pull.T, np.diag(self.factors)]]),
         )  # fmt: skip
 
+    def from_rest(self, M, D, K) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return M, D, K (m + w, m + w) of the coordinates (x, w) with a mass for each: time w'' = L^T x' - w', which
+        is the same for a start at rest."""
+        pull, w = self.factors * self.L, self.size
+        D = _beside(D, np.diag(1 / self.times))
+        D[-w:, :-w] = -self.L.T / self.times[:, None]
+        K = np.block([[K + pull @ self.L.T, -pull], [np.zeros((w, len(K) + w))]])
+        return _beside(M, np.eye(w)), D, K
+
 
 def maxwell_states(parts, where="a state space") -> MaxwellStates:
     """Return the states of viscoelastic parts with matrices (m, m). Raises InputError, which names `where` they were to

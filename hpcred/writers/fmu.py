@@ -24,11 +24,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ..body.body import check_viscous, instability, maker, require_no_laws
+from ..body.body import check_viscous, instability, maker
 from ..files.outputs import ZIP
 from ..model.cut_outputs import cut_output_of
 from ..model.dofs import DIRECTIONS, QUANTITIES, SCALAR, named_quantity, target_of
 from ..parallel.failures import ComputationError, InputError, printable
+from ..reduction.maxwell_states import maxwell_states
 from ..reduction.reduced_model import ReducedModel, require_finite
 from .base import Writer
 from .fmu_parameters import Family
@@ -72,14 +73,17 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None, parametric=N
     `name`: of the body, in any letters, by default that of the model which was reduced. `parametric`: the
     ParametricReducedModel whose parameters the FMU has, and of which `reduced` is the model at the reference values,
     perhaps with further outputs; by default none.
-    Raises InputError for structural damping, a model without inputs or outputs, or a machine without C compiler, and
-    ComputationError when the compiler fails.
+    Raises InputError for structural damping, fractional laws of viscoelastic parts, a model without inputs or outputs,
+    or a machine without C compiler, and ComputationError when the compiler fails.
     """
     require_finite(reduced)
     check_viscous(reduced, "an FMU")
-    require_no_laws(reduced, "an FMU")
     if not reduced.input_names or not reduced.output_names:
         raise InputError("an FMU needs inputs and outputs; reduce with `inputs` in the job, or convert with --inputs")
+    remarks = instability(reduced)
+    if reduced.viscoelastic:
+        reduced, more = _with_maxwell_states(reduced)
+        remarks += more
     compiler, (folder, suffix) = _compiler(), _platform()
     family = Family.of(parametric, reduced)
     data = _data(reduced, family)
@@ -107,7 +111,19 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None, parametric=N
             item.external_attr = 0o755 << 16 if key.startswith("binaries") else 0o644 << 16
             archive.writestr(item, content)
     return [f"the binary is for {folder}; other platforms compile sources/body.c", *family.remarks,
-            *instability(reduced)]  # fmt: skip
+            *remarks]  # fmt: skip
+
+
+def _with_maxwell_states(reduced) -> tuple[ReducedModel, list[str]]:
+    """Return a model without viscoelastic parts, whose last coordinates are the states of their Maxwell elements, and
+    remarks on them. Raises InputError for fractional laws."""
+    states = maxwell_states(reduced.viscoelastic, "an FMU")
+    M, D, K = states.from_rest(reduced.M, reduced.D, reduced.K)
+    rows = {key: part if part is None else np.pad(part, [(0, 0), (0, states.size)])
+            for key in ("C", "Cv", "Ca") for part in [getattr(reduced, key)]}  # fmt: skip
+    B = np.pad(reduced.B, [(0, states.size), (0, 0)])
+    remark = f"the last {states.size} coordinates are the dashpots of Maxwell elements; the body has to start at rest"
+    return replace(reduced, M=M, D=D, K=K, B=B, **rows, viscoelastic=(), columns=None, model=None), [remark]
 
 
 def _compiler() -> list[str]:

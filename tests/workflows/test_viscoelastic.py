@@ -13,6 +13,7 @@ from viscoelastic_models import MAXWELL, ZENER, sandwich
 
 import hpcred
 from hpcred import InputError, Krylov, Viscoelastic
+from hpcred.body.body import require_no_laws
 from hpcred.body.units import in_units
 from hpcred.cli.main import run
 from hpcred.files.hdf5 import opened
@@ -205,8 +206,10 @@ def test_jobs_with_a_material(comm, tmp_path, monkeypatch, capsys):
 def test_exports_without_a_place_for_it_refuse(maxwell, comm, tmp_path):
     path = tmp_path / "r.h5"
     hpcred.write_result(path, maxwell)
-    with pytest.raises(InputError, match="an FMU has no place for a stiffness that .* \\(Kv1, Kv2\\)"):
-        hpcred.export_result(path, "fmu")
+    with pytest.raises(InputError, match="a SID file has no place for a stiffness that .* \\(Kv1, Kv2\\)"):
+        require_no_laws(maxwell, "a SID file")
+    told = hpcred.export_result(path, "fmu")
+    assert any("the dashpots of Maxwell elements" in remark for remark in told["remarks"])
     told = hpcred.export_result(path, "statespace-npz")
     assert any("Maxwell elements (Kv1, Kv2)" in remark for remark in told["remarks"])
     case = sandwich()

@@ -123,6 +123,48 @@ def test_the_step_response_in_model_exchange(body, fmu):
     assert (np.abs(numbers(result) - expected).max(axis=0) < 1e-5 * np.abs(expected).max(axis=0)).all()
 
 
+def test_maxwell_elements_are_coordinates(tmp_path):
+    """The states of the state space, by masses of their own; velocities and accelerations are outputs too."""
+    n = 8
+    K = (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)) * 1e5
+    soft = np.zeros((n, n))
+    soft[2:5, 2:5] = K[2:5, 2:5]
+    law = hpcred.Maxwell(factors=[0.5, 0.8], times=[2e-2, 1e-3], constant=0.2)
+    C = np.zeros((3, n))
+    C[[0, 1, 2], [6, 1, 4]] = 1.0
+    rates = {"C": C * [[1], [0], [0]], "Cv": C * [[0], [1], [0]], "Ca": C * [[0], [0], [1]]}
+    with (
+        hpcred.SecondOrderModel(np.eye(n), 0.5 * np.eye(n), K, np.eye(n)[:, :2], **rates) as plain,
+        plain.with_viscoelastic([hpcred.Viscoelastic(soft, law, "rubber")]) as model,
+        hpcred.reduce(model, [Modes(count=6)]) as rom,
+    ):
+        reduced = rom
+    remarks = write_fmu(tmp_path / "body.fmu", reduced)
+    assert any("are the dashpots of Maxwell elements" in text for text in remarks)
+    assert validate_fmu(str(tmp_path / "body.fmu")) == []
+    names = [v.name for v in fmpy.read_model_description(tmp_path / "body.fmu").modelVariables
+             if v.causality == "output"]  # fmt: skip
+    result = fmpy.simulate_fmu(
+        tmp_path / "body.fmu", fmi_type="CoSimulation", stop_time=COUNT * STEP, output_interval=STEP, output=names,
+        start_values={fmpy.read_model_description(tmp_path / "body.fmu").modelVariables[0].name: 10.0},
+    )  # fmt: skip
+    s = state_space(reduced)
+    A, B, u = s["A"], s["B"], np.array([10.0, 0.0])
+    flow = scipy.linalg.expm(STEP * np.block([[A, (B @ u)[:, None]], [np.zeros((1, len(A) + 1))]]))
+    x, expected = np.append(np.zeros(len(A)), 1.0), []
+    for _ in range(COUNT + 1):
+        expected.append(np.concatenate([s["C"] @ x[:-1] + s["D"] @ u, s["C_velocity"] @ x[:-1]]))
+        x = flow @ x
+    expected, found = np.array(expected)[1:], numbers(result)[1:]
+    assert found.shape[1] == 4 and np.abs(found - expected).max() < 1e-9 * np.abs(expected).max()
+    without = replace(reduced, viscoelastic=())
+    assert np.abs(without.poles().real).max() < 0.5 < np.abs(reduced.poles().real).max()
+    springpot = hpcred.FractionalKelvinVoigt(low=1.0, rise=0.2, time=1e-3, exponent=0.4)
+    fractional = replace(reduced, viscoelastic=(replace(reduced.viscoelastic[0], law=springpot),))
+    with pytest.raises(hpcred.InputError, match="fractional, which no finite number of states has in an FMU"):
+        write_fmu(tmp_path / "other.fmu", fractional)
+
+
 def test_linear_inputs_steps_of_many_sizes_and_saved_states(body, fmu):
     """Inputs with derivatives are followed exactly over steps of any size; a state that was saved comes back."""
     rng = np.random.default_rng(2)
