@@ -2,7 +2,7 @@
 
 usage: python benchmarks/shapes.py [size] [name ...]   (size: 16; of the shapes whose names contain one of these)
 
-Processor seconds of one rank, 16 columns with random loads at a time. The shift in the band is in the widest gap of
+Processor seconds of one rank, 8 columns with random loads at a time. The shift in the band is in the widest gap of
 eigenvalues after the second to fifth mode, beside the modes below.
 """
 
@@ -23,7 +23,7 @@ from hpcred.linalg.solvers.shifted import ShiftedSolver
 from hpcred.model.node_blocks import NodeBlocks
 from hpcred.parallel.petsc import MPI
 
-COLUMNS = 16
+COLUMNS = 8
 
 
 def seconds(function, *arguments):

@@ -44,8 +44,9 @@ def corner_interpolation(comm, elements, nodes: np.ndarray, size: int):
     count = comm.allreduce(int(kept.sum()))
     start, stop = row_range(comm, count)
     sizes = [(size * len(nodes), size * comm.allreduce(len(nodes))), (size * (stop - start), size * count)]
-    return tuple(_in_blocks(comm, columns, values, size, sizes) for values in (
-        np.where(kept[:, None], (1.0, 0.0), (0.5, 0.5)), np.where(kept[:, None], (1.0, 0.0), (0.0, 0.0))))  # fmt: skip
+    one = (columns[:, 0] == columns[:, 1])[:, None]  # a corner, or the edge of a collapsed element
+    shares = np.where(one, (1.0, 0.0), (0.5, 0.5)), np.where(kept[:, None], (1.0, 0.0), (0.0, 0.0))
+    return tuple(_in_blocks(comm, columns, values, size, sizes) for values in shares)
 
 
 def _in_blocks(comm, columns, values, size, sizes):
