@@ -13,4 +13,5 @@ done
 "$python" "$here/size.py" linkage
 "$python" "$here/recovery.py" 100000
 "$python" "$here/growth.py" multigrid
+"$python" "$here/shapes.py"
 "$python" "$here/tables.py" .

@@ -6,6 +6,7 @@ from math import inf, log
 
 import numpy as np
 
+from ..parallel.decisions import decided
 from ..parallel.sums import summed
 
 SETTLED, LATELY, LEAST = 0.05, 4, 8  # the least eigenvalue changed by less in the last steps, after so many at least
@@ -43,7 +44,7 @@ def ritz_values(comm, multiply, precondition, residual, steps: int) -> np.ndarra
         if last:
             beside.append(ratio**0.5 / last)
         before, last = product, step
-        values = np.linalg.eigvalsh(np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1))
+        values = decided(comm, np.linalg.eigvalsh, np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1))
         least.append(values[0])
         if len(least) >= LEAST and least[-LATELY] - least[-1] < SETTLED * least[-1]:
             break
