@@ -103,7 +103,7 @@ def inspect(
             report["held_dofs"] = count
         warnings = with_warnings(warnings, model, body, first)
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
-    if model.symmetric and factoring.package.counts() and (limits or rigid_count is None):
+    if model.symmetric and factoring.counts() and (limits or rigid_count is None):
         with closing(ShiftedSolver(model, prefix="inertia_", inertia=True, factoring=factoring)) as solver:
             if not signs and (negative := _count_below(solver, -zero_of(model))):
                 warnings.append(growing_in_words(model, negative))
@@ -127,7 +127,7 @@ def inspect(
 def _definiteness(mass, factoring):
     """ "positive definite", "singular" or "indefinite", by the inertia of M; what the digits of files and round-off can
     have made negative, as where dofs have no mass or were condensed, counts as zero."""
-    if not factoring.package.counts():
+    if not factoring.counts():
         return f"not known ({'complex PETSc' if is_complex() else factoring.solver.package})"
     found = _inertia_of(mass, factoring)
     if found != "indefinite":

@@ -6,26 +6,29 @@ import numpy as np
 
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import PETSc
-from .blocks import add_product, apply, column_norms, create_block, local_rows
+from ..parallel.sums import summed
+from .blocks import add_product, apply, column_norms, create_block, local_rows, times
 
 REFINE_ABOVE = 1e-10  # relative residual above which a step is made
 STEPS = 2  # at most, with a full factor
-LOW_RANK_STEPS = 12  # at most, when the factor is approximate
+APPROXIMATE_STEPS = 20  # at most, when the factor is approximate
+KEPT = 4  # of the last corrections, beside which the next one is chosen then
 
 
 class IllConditioned(ComputationError):
     """Solutions with a factor stay inaccurate."""
 
 
-def refine(matrix, back_substitute, load, solution, scale=None, steps=0, low_rank=None) -> float:
+def refine(matrix, back_substitute, load, solution, scale=None, steps=0, approximate=None) -> float:
     """Improve solution = matrix^-1 load while its residual is large; returns the relative residual. Collective.
 
     `back_substitute(load, solution)` solves approximately; residuals are relative to `scale` (columns,), by default
-    the norms of the load; `steps` are made in any case. `low_rank`: the accuracy of an approximate factor.
-    Raises ComputationError when the residual stays large.
+    the norms of the load; `steps` are made in any case. `approximate`: the sentence for a factor which is, with {} for
+    what was found. Raises ComputationError when the residual stays large.
     """
     scale = column_norms(load) if scale is None else scale
-    most, before = STEPS if low_rank is None else LOW_RANK_STEPS, inf
+    most, enough = (STEPS, 0.5) if approximate is None else (APPROXIMATE_STEPS, 0.9)
+    before, kept = inf, []
     columns = np.diff(load.getActiveColumns())[0]
     residual = create_block(matrix, columns)
     for step in range(most + 1):
@@ -34,24 +37,26 @@ def refine(matrix, back_substitute, load, solution, scale=None, steps=0, low_ran
             np.subtract(b, rows, out=rows)
         r, x = column_norms(residual, solution)
         relative = _relative(r, x, scale)
-        small_or_stuck = relative <= REFINE_ABOVE or relative > before / 2
+        small_or_stuck = relative <= REFINE_ABOVE or relative > enough * before
         if step == most or not relative < inf or (step >= steps and small_or_stuck):
             break
         correction = create_block(matrix, columns)
         back_substitute(residual, correction)
-        add_product(solution, correction, np.eye(columns))
+        if approximate is None:
+            add_product(solution, correction, np.eye(columns))
+        else:
+            kept = _least_residual(matrix, correction, residual, solution, kept)
         del correction  # its memory is for the next one
         before = relative
-    if relative <= REFINE_ABOVE or (low_rank is None and relative < 1e-6):
+    if relative <= REFINE_ABOVE or (approximate is None and relative < 1e-6):
         return relative
     backward = inf
     if relative < inf:  # ||r|| / (||A|| ||x|| + ||b||)
         norm = matrix.norm(PETSc.NormType.INFINITY)
         backward = float((r / np.maximum(norm * x + scale, 1e-300))[scale > 0].max())
-    if low_rank is not None and backward >= 1e-14:
+    if approximate is not None and backward >= 1e-14:
         raise ComputationError(
-            f"low_rank: the residual stays at {relative:.1e} after {most} steps of refinement; take less than "
-            f"{low_rank:g}, or leave it out"
+            approximate.format(f"the residual stays at {relative:.1e} after {step} steps of refinement")
         )
     if backward >= 1e-12:
         raise IllConditioned(
@@ -59,6 +64,29 @@ def refine(matrix, back_substitute, load, solution, scale=None, steps=0, low_ran
             "the matrix is too ill-conditioned to be solved"
         )
     return relative
+
+
+def _least_residual(matrix, correction, residual, solution, kept):
+    """Add to each column of the solution what of a correction, beside the last ones, leaves the smallest residual.
+
+    Corrections of a factor that is far off, alone, would not converge (generalised conjugate residuals: Eisenstat,
+    Elman & Schultz, SIAM J. Numer. Anal. 20(2), 1983). `kept`: pairs of corrections and their orthonormal images,
+    returned with this one. Collective.
+    """
+    comm = matrix.comm.tompi4py()
+    image = times(matrix, correction)
+    with local_rows(correction) as d, local_rows(image) as q, local_rows(residual) as r:
+        for earlier, its_image in kept:
+            share = summed(comm, (its_image.conj() * q).sum(axis=0))
+            d -= share * earlier
+            q -= share * its_image
+        size = np.sqrt(summed(comm, (abs(q) ** 2).sum(axis=0)))
+        length = np.where(size > 0, size, 1.0)
+        d /= length
+        q /= length
+        with local_rows(solution) as x:
+            x += summed(comm, (q.conj() * r).sum(axis=0)) * d
+        return [*kept, (d.copy(), q.copy())][-KEPT:]
 
 
 def _relative(r, x, scale):

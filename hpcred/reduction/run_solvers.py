@@ -99,7 +99,7 @@ class RunSolvers:
     @property
     def counts(self) -> bool:
         """Whether factors at real points tell how many modes lie below: an LU of an unsymmetric model does not."""
-        return self.model.symmetric and not self.multigrid and self._factoring.package.counts()
+        return self.model.symmetric and not self.multigrid and self._factoring.counts()
 
     def _take_multigrid(self):
         blocks = NodeBlocks(self.model)

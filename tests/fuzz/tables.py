@@ -57,7 +57,8 @@ JOBS = [
     'inputs = [1]\nmodel = {K = "K.mtx", M = "M.mtx", D = "K.mtx"}\nframe = {kind = "none"}\n'
     'damping = {kind = "given"}\n' + MODES,
     JOB + CHORD + 'tolerance = 1e-2\n[adaptive]\nfactorisations = 6\n',
-    JOB + CHORD + '[solver]\nkind = "auto"\nthreshold = 0.01\n[[basis]]\nkind = "krylov"\nfrequency = 0.0\n',
+    JOB + CHORD + '[solver]\nkind = "auto"\nprecision = "double"\nthreshold = 0.01\n'
+          '[[basis]]\nkind = "krylov"\nfrequency = 0.0\n',
     JOB + CHORD + '[[basis]]\nkind = "second_order_krylov"\nfrequency = 100.0\n',
     *(BLOCK + f'[[basis]]\nkind = "{kind}"\n{count}' for kind, count in (
         ("craig_bampton", "count = 3\n"), ("guyan", ""), ("constraint_modes", ""),

@@ -62,6 +62,7 @@ class FactorRecord:
     solve_seconds: float = 0.0
     residual: float = 0.0
     nearby_residual: float = 0.0
+    precision: str = "double"
     levels: int = 0
     iterations: int = 0
     expected_iterations: int = 0
@@ -154,6 +155,10 @@ class Factorisation(ABC):
         for key in ("out_of_core", "low_rank", "memory_mb"):
             if getattr(factoring, key) is not None:
                 raise InputError(f"{key}: solver.package '{cls.name}' does not have it; leave it out, or take 'mumps'")
+        if factoring.single:
+            raise InputError(
+                f"solver.precision: solver.package '{cls.name}' has no 'single'; leave it out, or take 'mumps'"
+            )
 
     @classmethod
     def check_build(cls, comm):
@@ -194,7 +199,7 @@ class Factorisation(ABC):
     @property
     def inertia(self) -> int | None:
         """Number of negative eigenvalues by Sylvester's law, or None; on several ranks if it was to be asked for."""
-        return self.records[-1].negative_pivots if self.counts() and self.kind == "LDL^T" else None
+        return self.records[-1].negative_pivots if self.factoring.counts() and self.kind == "LDL^T" else None
 
     def factor(self, **labels):
         """Factor the values that the matrix has now; `labels` (mass, damping, inertia_relief) go to the record.
@@ -207,8 +212,9 @@ class Factorisation(ABC):
         found = {"analysis_seconds": 0.0, **self._factor()}
         seconds = round(time.perf_counter() - start - found["analysis_seconds"], 4)
         self.records.append(
-            FactorRecord(**labels, kind=self.kind, package=self.name, factor_seconds=seconds, **found)
-        )
+            FactorRecord(**labels, kind=self.kind, package=self.name, factor_seconds=seconds,
+                         precision=self.factoring.solver.precision, **found)
+        )  # fmt: skip
 
     def back_substitute(self, load: SLEPc.BV, solution: SLEPc.BV):
         """solution = A^-1 load, all active columns at once, unchecked."""

@@ -14,7 +14,8 @@ import numpy as np
 from ...parallel import startup
 from ...parallel.failures import ComputationError, InputError
 from ...parallel.memory import MB
-from ...parallel.petsc import PETSc
+from ...parallel.petsc import PETSc, is_complex
+from ..blocks import column_norms, local_rows
 from ..options import temporary_options
 from .base import DoesNotFit, SingularMatrix
 from .petsc import PetscFactorisation
@@ -24,6 +25,7 @@ MORE_ROOM = (-8, -9, -14, -15, -17, -20)  # INFOG(1): a workspace was too small
 NO_FILE = -90  # out of core
 LONGEST_FOLDER = 255  # bytes of a name that MUMPS takes; it cuts longer ones, and writes elsewhere or fails
 OUT_OF_MEMORY = (-7, -13, -19)
+SINGLE_SINCE = (3, 25)  # PETSc's -pc_precision
 SOLVE_WIDTH = 96  # columns that MUMPS solves for at a time; wider ones take memory (`hpcred bench` compares widths)
 WIDTH_OPTION = "mat_mumps_icntl_27"  # of that
 ANALYSIS = {"icntl_23": 1}  # a limit of 1 MB, at which all but tiny matrices are only analysed
@@ -43,6 +45,8 @@ class Mumps(PetscFactorisation):
         super().__init__(matrix, symmetric, prefix, factoring)
         self._ksp.setErrorIfNotConverged(False)  # for codes of MUMPS say more
         self._chosen = False
+        if self.factoring.single:
+            _check_single()
         self._settings = {
             "icntl_7": nested_dissection(), "icntl_14": 40, "icntl_27": SOLVE_WIDTH, **controls(self.factoring),
             **({"icntl_13": 1} if inertia else {}), **({"icntl_24": 1} if null_pivots else {}), **(settings or {}),
@@ -61,6 +65,8 @@ class Mumps(PetscFactorisation):
 
     @classmethod
     def slicing(cls, factoring):
+        if factoring.single:  # whose solutions have to be refined
+            return None
         settings = {"icntl_13": 1, "icntl_24": 1, "cntl_3": 1e-12, "icntl_7": nested_dissection(), "icntl_14": 60}
         # low rank is for solutions that are refined
         settings |= controls(Factoring(out_of_core=factoring.out_of_core))
@@ -114,8 +120,25 @@ class Mumps(PetscFactorisation):
 
     def _set_up(self, forced=None, **more):
         """What MUMPS makes by the settings and `more`, which users' options override, and by what is `forced`."""
-        with temporary_options(self.prefix + "mat_mumps_", self._settings | more, forced):
+        precision = {"pc_precision": "single"} if self.factoring.single else {}
+        with (
+            temporary_options(self.prefix + "mat_mumps_", self._settings | more, forced),
+            temporary_options(self.prefix, {}, precision),
+        ):
             return super()._set_up()
+
+    def back_substitute(self, load, solution):
+        """See Factorisation; in single precision with columns of about length 1, whose numbers are not too small."""
+        if not self.factoring.single:
+            return super().back_substitute(load, solution)
+        scale = np.exp2(np.frexp(column_norms(load))[1])  # exact, so that the load is what it was
+        with local_rows(load) as rows:
+            rows /= scale
+        super().back_substitute(load, solution)
+        for block in (load, solution):
+            with local_rows(block) as rows:
+                rows *= scale
+        return None
 
     def _made(self):
         self._choose_ordering()
@@ -207,6 +230,20 @@ def _check_low_rank():
         plain = "set HPCRED_SCOTCH=0 in the environment, or " if startup.with_scotch else ""
         raise InputError(
             f"low_rank: MUMPS {version} with Scotch crashes there; {plain}take MUMPS 5.6 or later, or one with METIS"
+        )
+
+
+def _check_single():
+    """Raise InputError where PETSc cannot have MUMPS factor in single precision."""
+    found = PETSc.Sys.getVersion()
+    if found < SINGLE_SINCE:
+        raise InputError(
+            f"solver.precision: 'single' needs PETSc {'.'.join(map(str, SINGLE_SINCE))} or later, found "
+            f"{'.'.join(map(str, found))}; leave it out, or take another PETSc"
+        )
+    if _function("cmumps_c" if is_complex() else "smumps_c") is None:
+        raise InputError(
+            "solver.precision: this PETSc has a MUMPS without single precision; leave it out, or take another PETSc"
         )
 
 

@@ -26,7 +26,9 @@ class LinearSolver:
 
     `kind`: "direct", by factors; "multigrid", by conjugate gradients with algebraic multigrid, which takes a tenth of
     the memory and real points only (0 Hz, decays); "auto": by factors, and by multigrid from the first real point on
-    whose factor does not fit. `package`: what makes factors, "mumps", "superlu_dist" or "petsc" (one rank). Of
+    whose factor does not fit. `package`: what makes factors, "mumps", "superlu_dist" or "petsc" (one rank).
+    `precision` of the factors: "double", or "single", which takes half the memory (MUMPS, PETSc 3.25 or later);
+    solutions are refined to the residual of full factors, and the run fails if that is not reached. Of
     multigrid: `residual`, the relative one that solutions are refined to, as far as
     round-off lets them; at most so many `iterations`; `threshold`, the share of the diagonal below which entries do
     not count in coarsening; `sweeps` of the smoother.
@@ -34,6 +36,7 @@ class LinearSolver:
 
     kind: Literal["auto", "direct", "multigrid"] = "auto"
     package: str = "mumps"
+    precision: Literal["double", "single"] = "double"
     residual: float = 1e-12
     iterations: int = 500
     threshold: float = 0.02
@@ -46,6 +49,8 @@ class LinearSolver:
         if self.package not in PACKAGES:
             *names, last = map(repr, PACKAGES)
             raise InputError(f"solver.package: found '{self.package[:40]}', expected {', '.join(names)} or {last}")
+        if self.precision not in ("double", "single"):
+            raise InputError(f"solver.precision: found '{self.precision[:40]}', expected 'double' or 'single'")
         within("solver.residual", self.residual, (1e-16, 1e-10, ""))
         within("solver.iterations", self.iterations, (1, 1e6, ""))
         within("solver.threshold", self.threshold, (-1.0, 0.5, ""))
@@ -86,6 +91,21 @@ class Factoring:
             module, _, name = found.partition(":")
             found = getattr(import_module(module), name)
         return found
+
+    @property
+    def single(self) -> bool:
+        """Whether factors are in single precision."""
+        return self.solver.precision == "single"
+
+    def counts(self) -> bool:
+        """Whether factors count negative eigenvalues of symmetric matrices: round-off of single precision may not."""
+        return self.package.counts() and not self.single
+
+    def approximate(self) -> str | None:
+        """The key that makes factors approximate, and what to do where solutions stay so; None for full factors."""
+        if self.low_rank is not None:
+            return f"low_rank: {{}}; take less than {self.low_rank:g}, or leave it out"
+        return "solver.precision: {}; 'single' is not enough for this matrix, take 'double'" if self.single else None
 
     def limit_mb(self, comm) -> int:
         """MB that a rank may take for factors. Collective."""
