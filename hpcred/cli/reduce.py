@@ -67,7 +67,7 @@ def reduce(
     print(
         f"pseudo-frequencies {found.frequencies[0]:.6g} to {found.frequencies[-1]:.6g} Hz; "
         f"max |V^T M V - I| = {record.orthonormality_defect:.1e}; "
-        + (f"largest residual {residual:.1e}; " if record.factorisations else "")
+        + (f"largest residual {residual:.1e}; " if residual else "")
         + record.effort
     )
     told = accuracy.sentence if accuracy is not None else None  # which the verdict has said

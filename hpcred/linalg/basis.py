@@ -282,7 +282,7 @@ class Basis:
         end = self._end + count
         for own, given in zip(self._blocks(), (block, mass_images), strict=False):
             if end > own.getSizes()[1]:
-                own.resize(max(end, 2 * own.getSizes()[1]), copy=True)
+                own.resize(max(end, own.getSizes()[1] * 4 // 3), copy=True)
             with dense(given) as source, dense(View(own, end - count, end)) as target:
                 source.copy(target)
         self.size += count // self.width

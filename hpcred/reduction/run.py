@@ -63,8 +63,10 @@ class Run:
 
     @cached_property
     def keeps_mass_images(self) -> bool:
-        """Whether M V is kept beside V, of basis and point: where it takes little of the memory."""
-        return 2 * self._columns_mb() <= FOR_MASS_IMAGES * self.factoring.limit_mb(self.model.comm)
+        """Whether M V is kept beside V, of basis and point: where it takes little of the memory, and multigrid
+        does not take most of the time."""
+        multigrid = self.factoring.solver.kind == "multigrid"
+        return not multigrid and 2 * self._columns_mb() <= FOR_MASS_IMAGES * self.factoring.limit_mb(self.model.comm)
 
     def _columns_mb(self):
         rows = np.diff(self.model.M.getOwnershipRanges()).max()

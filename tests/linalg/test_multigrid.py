@@ -142,6 +142,36 @@ def test_what_is_not_positive_definite_is_refused(comm):
 
 
 @pytest.mark.mpi(ranks=(1, 3))
+def test_rough_solutions_leave_what_they_may_of_the_residual(comm):
+    """At 0 Hz of the loads, and above modes that a basis has of what is left beside that."""
+    with hpcred.solid(CELLS, inputs=3, comm=comm) as model:
+        K, M, _ = dense_model(model)
+        values, shapes = scipy.linalg.eigh(K, M)
+        loads, solver, rough = loads_of(model), solver_of(apply_frame(model, None)), 1e-3
+        solver.factor(0.0)
+        right, left = block_from(model.K, loads), create_block(model.K, 3)
+        V, mass = shapes[:, :8], -(values[5] + values[6]) / 2
+        basis, beside = block_from(model.K, V), loads - M @ V @ (V.T @ loads)
+        for solve, A, first in (
+            (lambda *rough: solver.solve(right, left, 0, *rough), K, loads),
+            (lambda *rough: solver.solve_below(mass, right, left, basis, V.T @ K @ V, *rough), K + mass * M, beside),
+        ):
+            shares, iterations = [], []
+            for asked in ((), (rough,)):
+                solver.records[-1].iterations = 0
+                solve(*asked)
+                found = np.linalg.norm(loads - A @ gather(left), axis=0) / np.linalg.norm(first, axis=0)
+                shares.append(found)
+                iterations.append(solver.records[-1].iterations)
+            assert shares[0].max() < 1e-11 and 1e-6 < shares[1].max() < 1.001 * rough
+            assert 2 * iterations[1] < iterations[0]
+        assert solver.records[-1].residual < 1e-10  # of solutions that are to be exact
+        for block in (right, left, basis):
+            block.destroy()
+        solver.close()
+
+
+@pytest.mark.mpi(ranks=(1, 3))
 @pytest.mark.parametrize("frame", [None, Buckens()], ids=["clamped", "free"])
 def test_moments_match_as_with_factors(comm, frame):
     basis = [Krylov(frequency=0.0, order=2), Krylov(decay=60000.0, order=1)]

@@ -46,18 +46,19 @@ class IterativeSolves:
 
     # the solves
 
-    def solve_below(self, mass, right, solution, basis, stiffness):
+    def solve_below(self, mass, right, solution, basis, stiffness, rough=0.0):
         """solution = (K + mass M)^-1 right for a mass < 0, with what there is for another mass, where a basis V (a
         block, V^T M V = I) has all modes below: what is left of the matrix beside V is positive definite.
 
-        `stiffness`: V^T K V (m, m). Deflated conjugate gradients (Nicolaides, SIAM J. Numer. Anal. 24(2), 1987). Raises
-        NegativeCurvature where V lacks a mode that the loads move, or NotSolved.
+        `stiffness`: V^T K V (m, m); `rough`: the residual beside V may end with so much of what it begins with.
+        Deflated conjugate gradients (Nicolaides, SIAM J. Numer. Anal. 24(2), 1987). Raises NegativeCurvature where V
+        lacks a mode that the loads move, or NotSolved.
         """
         small = stiffness + mass * np.eye(len(stiffness))
         terms = [(1.0, self.model.K), (mass, self.model.M)]
-        self._solve(right, solution, terms, (basis, decided(self.model.comm, _inverse, small)))
+        self._solve(right, solution, terms, (basis, decided(self.model.comm, _inverse, small)), rough)
 
-    def _solve(self, right, solution, terms, deflation=None):
+    def _solve(self, right, solution, terms, deflation=None, rough=0.0):
         start = time.perf_counter()
         iterations, residual = 0, 0.0
         load = copy_of(right, self.model.K)
@@ -70,30 +71,31 @@ class IterativeSolves:
                 deflation = views.enter_context(local_rows(deflation[0])), deflation[1]
             for low in range(0, b.shape[1], WIDTH):
                 part = slice(low, low + WIDTH)
-                found = self._solve_columns(b[:, part], x[:, part], scale[part], terms, deflation)
+                found = self._solve_columns(b[:, part], x[:, part], scale[part], terms, deflation, rough)
                 iterations, residual = max(iterations, found[0]), max(residual, found[1])
         if self.rigid is not None:
             self.rigid.project(solution)
-        self._note(len(scale), time.perf_counter() - start, iterations, residual)
+        self._note(len(scale), time.perf_counter() - start, iterations, 0.0 if rough else residual)
 
-    def _solve_columns(self, b, x, scale, terms, deflation):
+    def _solve_columns(self, b, x, scale, terms, deflation, rough):
         """x = A^-1 b for the rows of this rank; returns the iterations, and the relative residual."""
         comm = self.model.comm
         x[...] = 0.0
-        r, before, loaded = b.copy(order="F"), inf, scale > 0
+        r, before, first, loaded = b.copy(order="F"), inf, 0.0, scale > 0
         iterations = np.zeros(b.shape[1], dtype=int)
         multiply = self._multiplication(b.shape[1], terms)
         precondition = self._preconditioner(b.shape[1])
         if deflation is not None:
             V, inverse = deflation
             momentum = self._multiplication(b.shape[1], [(1.0, self.model.M)])
-            precondition = self._beside(V, inverse, multiply, momentum, precondition)
+            precondition = self._beside(V, inverse, multiply, None if rough else momentum, precondition)
         for turn in range(RESTARTS + 2):
             if deflation is not None:
                 x += V @ (inverse @ summed(comm, V.T @ r))
                 _residual(multiply, b, x, r)
             size, far = self._norms(r), self._norms(x)
-            floor = np.maximum(self._goal * scale, ROUND_OFF * self._norm * far)
+            first = first if turn else rough * size
+            floor = np.maximum(np.maximum(self._goal * scale, first), ROUND_OFF * self._norm * far)
             relative = float((size[loaded] / scale[loaded]).max(initial=0.0))
             backward = float((size / np.maximum(self._norm * far + scale, 1e-300)).max(initial=0.0))
             if (size <= floor).all() or not relative < before / 2 or turn > RESTARTS:
@@ -101,7 +103,7 @@ class IterativeSolves:
             before = relative
             iterations += conjugate_gradients(comm, multiply, precondition, r, x, floor, self._most)
             _residual(multiply, b, x, r)
-        if not (relative <= self._accepted or backward <= BACKWARD):
+        if not ((size <= floor).all() or relative <= self._accepted or backward <= BACKWARD):
             raise NotSolved(
                 f"the relative residual stays at {relative:.1e} (backward error {backward:.1e}) after "
                 f"{iterations.max()} iterations of conjugate gradients{self.advice}"
@@ -109,14 +111,16 @@ class IterativeSolves:
         return int(iterations.max(initial=0)), relative
 
     def _beside(self, V, inverse, multiply, momentum, precondition):
-        """The preconditioner whose results are A-orthogonal to V, for residuals orthogonal to V."""
+        """The preconditioner whose results are A-orthogonal to V, for residuals orthogonal to V, which `momentum` (or
+        None) keeps them."""
         comm = self.model.comm
 
         def deflated(r, z):
-            # what round-off brings back of V, whose modes are soft, would soon be all that is seen
             product = np.empty_like(r)
-            momentum(V @ summed(comm, V.T @ r), product)
-            r -= product
+            if momentum is not None:
+                # what round-off brings back of V, whose modes are soft, would soon be all that is seen
+                momentum(V @ summed(comm, V.T @ r), product)
+                r -= product
             precondition(r, z)
             multiply(z, product)
             z -= V @ (inverse @ summed(comm, V.T @ product))

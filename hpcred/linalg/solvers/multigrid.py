@@ -76,10 +76,12 @@ class MultigridSolver(IterativeSolves, Solver):
         if len(self._terms) == 1 and self.rigid is None and self._blocks.free:
             raise SingularMatrix()
         start = time.perf_counter()
-        matrix = model.K.duplicate(copy=True)
-        for factor, mat in self._terms[1:]:
-            matrix.axpy(factor, mat, structure=SAME)
-        matrix.stateIncrease()
+        matrix = model.K  # itself where nothing is added, for a copy would be a large part of the memory
+        if self._terms[1:]:
+            matrix = model.K.duplicate(copy=True)
+            for factor, mat in self._terms[1:]:
+                matrix.axpy(factor, mat, structure=SAME)
+            matrix.stateIncrease()
         self._matrix = self._blocks.expanded(matrix, model.mean_diagonal_of_k)
         del matrix
         expected = self._make_levels()
@@ -144,9 +146,10 @@ class MultigridSolver(IterativeSolves, Solver):
             memory_mb_used_total=stored, levels=levels,
         ))  # fmt: skip
 
-    def solve(self, right, solution, steps=0):
-        """See Solver; to the residual that is asked for, or to round-off. Raises NotSolved."""
-        self._solve(right, solution, self._terms)
+    def solve(self, right, solution, steps=0, rough=0.0):
+        """See Solver; to the residual that is asked for, or to round-off, or to `rough` times the norms of the loads.
+        Raises NotSolved."""
+        self._solve(right, solution, self._terms, rough=rough)
 
     def _note(self, columns, seconds, iterations, residual):
         record = self.records[-1]

@@ -78,7 +78,7 @@ class Expansion:
         f, count = solver.open(f, nearby)
         self._look_at_count(f, count)
         blocks, sequence = Blocks(f, proving), None
-        if self.by_mass and (solver.nearby is None or not (f or self.points)):
+        if self.by_mass and solver.nearby is None:
             sequence = solver.sequence(f)
         judged = self._extend(blocks, sequence)
         if sequence is not None:

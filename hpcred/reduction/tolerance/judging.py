@@ -21,7 +21,7 @@ from .search_checks import check_response
 MARGIN = 0.1  # of the tolerance that the basis is made for; the rest is for the compression
 COLUMNS = 128  # columns of a point at most, and
 AHEAD = 32  # as many more when the estimate promises to arrive with them
-HAS_MODES = 0.1  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
+HAS_MODES = 1e-2  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
 
 
 class Candidate(NamedTuple):

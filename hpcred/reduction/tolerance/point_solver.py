@@ -24,6 +24,8 @@ from .projections import Projections
 from .residual_blocks import residual_block
 
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
+# of its first residual may be left by multigrid, of loads, and of what a basis leaves of them
+ROUGH_LOADS, ROUGH = 1e-4, 3e-3
 
 
 class NoRegularPoint(ComputationError):
@@ -139,10 +141,13 @@ class PointSolver:
         """Test whether a search goes on where a solve nearby failed: by a factor of its own, or with blocks at 0 Hz."""
         return not self.multigrid or isinstance(error, NegativeCurvature)
 
-    def extend_by(self, rule: dict, make_load) -> int:
+    def extend_by(self, rule: dict, make_load, rough=0.0) -> int:
         """Add A^-1 times a load, at the point; returns how many columns are new. `rule`: what tells the load in the key
-        of the store from others at the point; `make_load` gives it as a block. Raises NotSolved."""
+        of the store from others at the point; `make_load` gives it as a block; `rough`: what multigrid may leave of
+        it: the response of a basis is off by the square of that. Raises NotSolved."""
         run = self.run
+        if rough and self.multigrid:
+            rule = self._history() | rule | {"rough": rough}
         key = {"kind": "solution", "square": self._mass, **rule, **run.identity_of("M", "K", "inputs", "outputs")}
         if self.is_nearby:  # whose residuals are not those of a factor
             key["nearby"] = True
@@ -157,17 +162,17 @@ class PointSolver:
             solver, load = self._factor(), make_load()
             block = create_block(run.model.K, load.getActiveColumns()[1])
             with run.progress.stage("solve"):
-                self._solve(solver, load, block, failed)
+                self._solve(solver, load, block, failed, [rough] if rough and self.multigrid else [])
             run.keep(key, Entry({}, (block.getActiveColumns()[1],), block))
         return self.projections.extend(block)
 
-    def _solve(self, solver, load, block, failed):
+    def _solve(self, solver, load, block, failed, rough):
         """block = A^-1 load; a solve nearby that fails is kept in the store under `failed`."""
         if not self.is_nearby:
-            solver.solve(load, block)
+            solver.solve(load, block, 0, *rough)
             return
         try:
-            solver.solve_below(self._mass, load, block, self.projections.basis.columns, self.projections.K)
+            solver.solve_below(self._mass, load, block, self.projections.basis.columns, self.projections.K, *rough)
         except NotSolved as error:
             self.failed_nearby = True
             if self.goes_on_without(error):
@@ -176,20 +181,20 @@ class PointSolver:
 
     def extend_by_loads(self) -> int:
         """extend_by() the inputs and outputs."""
-        return self.extend_by({}, lambda: copy_of(self.projections.loads, self.run.model.K))
+        return self.extend_by({}, lambda: copy_of(self.projections.loads, self.run.model.K), ROUGH_LOADS)
 
-    def extend_by_basis(self, make_load, **rule) -> int:
+    def extend_by_basis(self, make_load, rough=0.0, **rule) -> int:
         """extend_by() a load that is made from the basis."""
-        return self.extend_by(self._history() | rule, make_load)
+        return self.extend_by(self._history() | rule, make_load, rough)
 
     def extend_by_residuals(self, f, width) -> int:
         """extend_by() `width` directions of what the basis leaves of the loads over the band and at f (Hz)."""
 
         def make_load():
             with self.run.progress.stage("residuals"):
-                return residual_block(self.projections, self._settings, f, width)
+                return residual_block(self.projections, self._settings, f, width, power=not self.multigrid)
 
-        return self.extend_by_basis(make_load)
+        return self.extend_by_basis(make_load, ROUGH)
 
     def extend_by_random(self) -> int:
         """extend_by() M times two random columns, others each time."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...linalg.basis import Basis
-from ...linalg.blocks import copy_of, inner
+from ...linalg.blocks import inner
 from ...model.viscoelastic import transformed
 from ..projection import project
 from ..run import Run
@@ -100,7 +100,7 @@ class Projections:
         if stop == start:
             return
         with self.run.progress.stage("project"):
-            new = copy_of(self.basis.columns_between(start, stop), model.K)
+            new = self.basis.columns_between(start, stop)
             self.L = np.vstack([self.L, inner(new, self.loads)])
             self.K = extended(self.K, model.K, new, self.basis.columns, self.symmetric)
             self.viscoelastic = tuple(

@@ -17,7 +17,8 @@ from .outcome import compressed_basis
 from .round_off import with_round_off
 from .search import Search, deflation_of_search
 
-ROOM = 96  # columns that a search is expected to need
+ROOM = 96  # columns that a search is expected to need,
+ROOM_WITHOUT_FACTORS = 192  # and by multigrid, which has more blocks of a few columns
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +46,8 @@ class ToleranceReductor(BasisReductor):
         return deflation_of_search(framed.model)
 
     def _expected_columns(self, framed):
-        return self._component_columns(framed) + min(ROOM, self.goal.columns)
+        room = ROOM_WITHOUT_FACTORS if self.factoring.solver.kind == "multigrid" else ROOM
+        return self._component_columns(framed) + min(room, self.goal.columns)
 
     def _points(self, model):
         return model.comm.size

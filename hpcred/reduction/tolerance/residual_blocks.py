@@ -82,33 +82,36 @@ class ResidualSpace(NamedTuple):
             self.restore.transposeMatMult(source).copy(target)
         return result
 
-    def leading(self, samples, width):
-        """Return the `width` leading directions of residuals, as a block (n, width): randomised, with one power step.
+    def leading(self, samples, width, power=True):
+        """Return the `width` leading directions of residuals, as a block (n, width): randomised, with one `power` step;
+        without it those of the random combinations alone, for a quarter of the products.
 
         `samples` of the residuals: take(2 width) gives factors of as many random combinations, power(products) those of
         R R^T Y and directions(products, width) the turn of Y to the leading ones, all the same on all ranks.
         """
         comm = self.model.comm
         block = self.combined(samples.take(2 * width))
-        _orthonormalise(block, comm)
-        block = self.combined(samples.power(self.products_with(block)))
-        _orthonormalise(block, comm)
-        turn = samples.directions(self.products_with(block), width)
-        multiply(block, turn)
-        block.setActiveColumns(0, turn.shape[1])
+        _orthonormalise(block, comm, 2 * width if power else width)
+        if power:
+            block = self.combined(samples.power(self.products_with(block)))
+            _orthonormalise(block, comm, 2 * width)
+            turn = samples.directions(self.products_with(block), width)
+            multiply(block, turn)
+            block.setActiveColumns(0, turn.shape[1])
         with local_rows(block) as rows:
             rows /= self.scale[:, None]
         return block
 
 
-def residual_block(projections, settings, f, width):
+def residual_block(projections, settings, f, width, power=True):
     """Return the `width` leading directions of the residuals over the band and at f (Hz), each over the scale of its
     input or output (see the module measure), as a block (n, width). Collective.
 
-    `projections`: of the basis that leaves the residuals; `settings` of the search, with its band and measure.
+    `projections`: of the basis that leaves the residuals; `settings` of the search, with its band and measure; `power`:
+    see ResidualSpace.leading.
     """
     S = np.unique([*np.linspace(*settings.band, RESIDUALS), f])
-    return _space(projections).leading(_Samples(projections, settings, S), width)
+    return _space(projections).leading(_Samples(projections, settings, S), width, power)
 
 
 def largest_residual(projections, frequencies, damped=True) -> float:
@@ -204,10 +207,10 @@ def row_scale(model):
     return 1 / np.sqrt(np.where(values > 1e-12 * typical, values, typical))
 
 
-def _orthonormalise(block, comm):
-    """block <- its orthonormal directions, the weakest of them to round-off left out."""
+def _orthonormalise(block, comm, most):
+    """block <- its strongest orthonormal directions, at most so many, the weakest to round-off left out."""
     for _ in range(2):
         values, vectors = decided(comm, np.linalg.eigh, inner(block, block))
-        kept = values > WEAKEST * values.max()
+        kept = np.flatnonzero(values > WEAKEST * values.max())[-most:]
         multiply(block, vectors[:, kept] / np.sqrt(values[kept]))
-        block.setActiveColumns(0, int(kept.sum()))
+        block.setActiveColumns(0, kept.size)
