@@ -145,6 +145,8 @@ build/peers/.ready: .venv/.ready
 	$(PYTHON) -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' \
 	    > $$(echo build/peers/lib/python3*/site-packages)/hpcred.pth
 	build/peers/bin/python -m pip install -q -c .venv/constraints.txt pymor==2026.1.1 meshio==5.3.5
+	build/peers/bin/python -m pip install -q OMSimulator || \
+	    echo "make: OMSimulator is left out: its package downloads the program from openmodelica.org" >&2
 	@touch $@
 
 # files and models in the programs of others, none of which may be missing
