@@ -108,6 +108,11 @@ def multigrid(rows):
            f"{number(exponents['exponent of seconds'])}; {number(exponents['exponent of memory'])}"]  # fmt: skip
 
 
+def to_a_tolerance(row):
+    yield [f"cube of {row['dofs']:,} dofs by multigrid to {row['asked']:g}: processor seconds; memory",
+           f"{number(row['processor seconds'])}; {row['GB of all ranks']:.1f} GB"]  # fmt: skip
+
+
 def each(cells):
     return lambda rows: [found for row in rows for found in cells(row)]
 
@@ -119,7 +124,7 @@ COMPARED = {
     "ansys_full": readers("reader", "ANSYS' .full on one rank", "hpcred, 1", "ansys"),
     "sweep": each(sweep),
 }  # fmt: skip
-MORE = {"solids": parts_of_solids, "growth": growth, "growth-multigrid": multigrid}
+MORE = {"solids": parts_of_solids, "growth": growth, "growth-multigrid": multigrid, "million": each(to_a_tolerance)}
 
 
 def table(folder, head, makers, machines):

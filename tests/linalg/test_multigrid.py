@@ -33,6 +33,7 @@ from hpcred.linalg.solvers.shifted import ShiftedSolver
 from hpcred.model.frames import apply_frame
 from hpcred.model.node_blocks import NodeBlocks
 from hpcred.parallel.petsc import MPI
+from hpcred.reduction.tolerance.point_solver import ROUGH_LOADS
 
 MULTIGRID = Factoring(solver=LinearSolver(kind="multigrid"))
 CELLS = (9, 5, 5)  # 972 dofs, on several levels
@@ -275,6 +276,9 @@ def test_below_modes_that_a_basis_has_solves_are_as_with_a_factor(comm, direct):
         assert 0 < solver.records[-1].iterations < (8 if direct else 60)
         with pytest.raises(NotSolved, match="factor of another point|negative curvature"):
             solver.solve_below(mass, right, left, lacking, np.diag(values[1:8]))
+        if not direct:  # which a search does not solve roughly
+            with pytest.raises(NotSolved, match="negative curvature"):
+                solver.solve_below(mass, right, left, lacking, np.diag(values[1:8]), ROUGH_LOADS)
         for block in (right, left, basis, lacking):
             block.destroy()
         solver.close()
