@@ -47,8 +47,8 @@ def from_pymor(
     Raises
     ------
     InputError
-        For other models, discrete time, outputs D u, values that do not fit the
-        parameters, matrices that SecondOrderModel refuses, and if pyMOR holds the other ranks.
+        For other models, discrete time, outputs D u, values that do not fit the parameters, matrices that
+        SecondOrderModel refuses, and if pyMOR holds the other ranks.
     """
     if not all(hasattr(model, key) for key in ("M", "E", "K", "B", "Cp", "Cv", "to_matrices")):
         raise InputError(f"from_pymor: found {type(model).__name__}, expected a SecondOrderModel of pyMOR")

@@ -9,6 +9,7 @@ import numpy as np
 from ..model.from_pymor import refuse_event_loop
 from ..parallel.failures import InputError
 
+NAMES = re.compile(r"(?<![\w.])[A-Za-z]\w*")  # not the exponent of a number
 RESERVED = {"s", "t", "input"}  # names of pyMOR's own parameters
 
 
@@ -59,7 +60,7 @@ def parametric_pymor_model(reduced):
         terms = [item for item in reduced.terms if item.of == key]
         factors = []
         for item in terms:
-            text = re.sub(r"[A-Za-z]\w*", lambda word: word[0] + "[0]" * (word[0] in names), item.factor)
+            text = NAMES.sub(lambda word: word[0] + "[0]" * (word[0] in names), item.factor)
             used = dict.fromkeys(item.expression.names, 1)
             factors.append(functional(text.strip().replace("^", "**"), used, name=item.factor) if used
                            else item.expression.at({}))  # fmt: skip

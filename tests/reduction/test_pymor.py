@@ -120,6 +120,13 @@ def test_parameters_stay_parameters():
 
 
 @pytest.mark.peers("pymor")
+def test_an_exponent_of_a_number_is_no_parameter():
+    rom = hpcred.reduce(chain_of([("K", K, "1e-1*e1 + 1.e1*e1^2/100")], ["e1"]), hpcred.Modes(count=3))
+    model = rom.to_pymor()
+    assert close(by_pymor(model, model.parameters.parse({"e1": 1.7})), rom.frequency_response(F, e1=1.7))
+
+
+@pytest.mark.peers("pymor")
 @pytest.mark.parametrize("given, said", [
     ({"damping": hpcred.ModalDamping(0.02)}, "found damping that follows the eigenfrequencies, which is no sum of"),
     ({"damping": hpcred.Structural(0.02)}, "found structural damping, expected viscous or none; take rom.at"),
