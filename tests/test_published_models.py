@@ -12,9 +12,9 @@ import scipy.sparse
 from launch import mpi_environment
 
 import hpcred
-from benchmarks.models import MODELS
+from benchmarks.models import MODELS, slicot
 from benchmarks.models import __main__ as program
-from benchmarks.models.published import find
+from benchmarks.models.published import find, unit_columns
 
 HERE = [name for name, published in MODELS.items() if find(published.file)]
 
@@ -39,6 +39,22 @@ def test_reduced_to_a_tolerance(comm, name):
     full = np.array([given.response(f, eta) for f in fresh])
     # all entries at a frequency beside the largest one: a weaker measure than that of the search
     assert (np.abs(full - reduced).max(axis=(1, 2)) < made.tolerance * np.abs(full).max(axis=(1, 2))).all()
+
+
+@pytest.mark.parametrize("name, rows", [("concrete", [3]), ("concrete", [0, 1, 2, 3]), ("shaft", [39])])
+def test_forces_on_dofs_without_mass_are_right_or_said_to_be_wrong(name, rows):
+    made = published(name)
+    given = made.matrices()
+    assert not given.M.diagonal()[rows[-1]]
+    given.B = unit_columns(made.n, rows)
+    with hpcred.SecondOrderModel(given.M, given.D, given.K, given.B) as model, made.reduce(model) as rom:
+        accuracy = rom.record.accuracy
+        s = 2j * np.pi * 0.8 * made.band[1]
+        K = (1 + 1j * accuracy.loss_factor) * rom.K
+        reduced = rom.C @ np.linalg.solve(s * s * rom.M + s * rom.D + K, rom.B)
+    full = given.response(0.8 * made.band[1], accuracy.loss_factor)
+    assert np.abs(full - reduced).max() < max(made.tolerance, accuracy.largest) * np.abs(full).max()
+    assert accuracy.reached or accuracy.sentence.startswith("NOT REACHED")
 
 
 def test_made_into_a_file_with_its_job(tmp_path, capsys, monkeypatch):
@@ -125,3 +141,49 @@ def test_bones_on_one_curve(wiki):
     assert (small["model"], large["model"]) == ("BS01", "BS10") and small["dofs"] < large["dofs"]
     assert all(row["reached"] and 0 < row["coordinates"] < 30 and row["error"] <= 1e-4 for row in (small, large))
     assert (wiki / "bones.png").stat().st_size > 10_000
+
+
+@pytest.fixture
+def building(tmp_path):
+    """A file as that of SLICOT's building, of a chain: M = 1, Hankel values of its own."""
+    n = MODELS["building"].n
+    K = 400.0 * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    D = 0.1 * np.eye(n) + 1e-3 * K
+    B, C = np.eye(n)[:, [n - 1]], np.eye(n)[[n - 1]]
+    zero, one = np.zeros((n, n)), np.eye(n)
+    file = {"A": np.block([[zero, one], [-K, -D]]), "B": np.vstack([0 * B, B]), "C": np.hstack([0 * C, C])}
+    file["hsv"] = np.sort(slicot.hankel_values(one, D, K, B, Cv=C))[:, None]
+    scipy.io.savemat(tmp_path / "build.mat", {key: scipy.sparse.csc_matrix(value) for key, value in file.items()})
+    return tmp_path, file
+
+
+def test_first_order_models_of_slicot(building):
+    folder, file = building
+    made = MODELS["building"]
+    with made.model(folder=folder) as model, made.reduce(model, tolerance=1e-6) as rom:
+        found = slicot.hankel_values(rom.M, rom.D, rom.K, rom.B, rom.C, rom.Cv)
+        H = hpcred.frequency_response(model, [1.0])[0]
+    s = 2j * np.pi
+    assert np.allclose(H, file["C"] @ np.linalg.solve(s * np.eye(48) - file["A"], file["B"]), rtol=1e-10)
+    known = slicot.published_hankel_values(made.path(folder))
+    assert known[0] > known[-1] and np.abs(found - known[: len(found)]).max() < 1e-4 * known[0]
+
+
+def test_hankel_values_of_one_oscillator():
+    """x'' + d x' + k x = u, y = x': balanced already, with both values 1 / (2 d)."""
+    found = slicot.hankel_values(*np.array([1.0, 0.5, 9.0, 1.0]).reshape(4, 1, 1), Cv=np.ones((1, 1)))
+    assert np.allclose(found, [1.0, 1.0], rtol=1e-12)
+
+
+def test_other_first_order_models_are_refused(building):
+    folder, file = building
+    made = MODELS["building"]
+    for key, change in (("A", {"A": file["A"] + np.eye(48)}), ("B", {"B": file["B"][::-1]})):
+        scipy.io.savemat(folder / "build.mat", file | change)
+        with pytest.raises(hpcred.InputError, match=r"A and B are not \[0 I; -K -D\] and \[0; B\]"):
+            made.matrices(folder)
+        file.pop(key)
+        scipy.io.savemat(folder / "build.mat", file)
+        with pytest.raises(hpcred.InputError, match=f"found no variable {key}, only "):
+            made.matrices(folder)
+        file[key] = np.zeros((48, 1))

@@ -23,7 +23,7 @@ def second_order(path) -> Arrays:
     """M = I, D, K, B and C, Cv from the A = [0 I; -K -D], B = [0; B] and C = [C Cv] of a file."""
     A, B, C = (scipy.sparse.csr_matrix(found).toarray() for found in variables(path, "A", "B", "C"))
     n = len(A) // 2
-    if len(A) % 2 or A[:n, :n].any() or (A[:n, n:] != np.eye(n)).any() or B[:n].any():
+    if A.shape != (2 * n, 2 * n) or A[:n, :n].any() or (A[:n, n:] != np.eye(n)).any() or B[:n].any():
         raise hpcred.InputError(f"{path}: A and B are not [0 I; -K -D] and [0; B], those of positions and velocities")
     sparse = scipy.sparse.csr_matrix
     positions, velocities = (rows if rows.any() else None for rows in (C[:, :n], C[:, n:]))
@@ -32,7 +32,8 @@ def second_order(path) -> Arrays:
 
 def published_hankel_values(path) -> np.ndarray:
     """Hankel singular values as the file has them, (2 n,), the largest first."""
-    return np.sort(variables(path, "hsv")[0].ravel())[::-1]
+    (found,) = variables(path, "hsv")
+    return np.sort(scipy.sparse.csr_matrix(found).toarray().ravel())[::-1]
 
 
 def hankel_values(M, D, K, B, C=None, Cv=None) -> np.ndarray:
