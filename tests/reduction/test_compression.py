@@ -61,6 +61,20 @@ def test_goal_is_reached(kind, goal, measured):
     assert few.shape[1] == 4
 
 
+@pytest.mark.parametrize("goal", [1e-1, 1e-3])
+def test_states_of_inputs_and_of_outputs_take_different_parts(monkeypatch, goal):
+    """The error is a product of what is left of the two, so that equal parts need more columns."""
+    K = chain(60, rng=np.random.default_rng(0), spread=0.2)[0]
+    outputs_apart = InputsOutputs(np.eye(4)[:, :2], np.eye(4)[:, 2:])
+    model = diagonalised(K, unit(60, 3, 40, 55, 20), None, Proportional(eta=2e-2), outputs_apart)
+    S, pair = grid([model], BAND, 50), whole(model, "directions")
+    U = compressed(pair, S, goal)
+    wrong = model.response(S) - model.restricted(U)[0].response(S)
+    assert pair.measure.eps(wrong, *model.responses(S)).max() <= goal + 1e-9
+    monkeypatch.setattr(compression, "BALANCES", (1.0,))
+    assert U.shape[1] < compressed(pair, S, goal).shape[1]
+
+
 def test_no_goal_keeps_everything_and_a_zero_response_harms_nothing():
     damping = Proportional(eta=2e-3)
     model = model_of("plain", damping)

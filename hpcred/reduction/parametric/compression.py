@@ -13,7 +13,7 @@ import numpy as np
 from ...parallel.decisions import decided, shared_out
 from ...parallel.failures import agreed
 from ...parallel.petsc import MPI
-from ..tolerance.compression import Snapshots, fewest, inner_of, joined
+from ..tolerance.compression import BALANCES, Snapshots, fewest, inner_of, joined
 from ..tolerance.error_estimate import FINE, UNIFORM, Comparison, grid, largest, measure_over, resolved
 from .affine import AffineProjections
 from .estimate import COARSE, coarsely
@@ -35,6 +35,8 @@ class RangeSnapshots:
     columns of the basis (m), by default all; `coarse`: at few frequencies. Collective.
     """
 
+    balances = BALANCES[:1]  # more of them take as many times as long
+
     def __init__(self, projections: AffineProjections, points, settings, fixed, count=None, coarse=False):
         self.fixed, self.size = fixed, len(fixed)
         self._comm = projections.form.parametric.comm
@@ -42,10 +44,10 @@ class RangeSnapshots:
             mine = points[self._comm.rank :: self._comm.size]
             self._cases = [_case(projections, point, settings, count, coarse) for point in mine]
 
-    def reset(self):
-        """Weight all frequencies and points alike."""
+    def reset(self, balance=1.0):
+        """Weight all frequencies and points alike (see Snapshots.reset)."""
         for case in self._cases:
-            case.snapshots.reset()
+            case.snapshots.reset(balance)
 
     def leading(self) -> np.ndarray:
         """Return all directions (m, m), the leading ones first."""

@@ -15,6 +15,7 @@ from .pseudo_modal import PseudoModal, columns, times
 
 TRIALS = 8  # compressions, each with the frequencies where the one before was too bad, until nothing is compressed
 LARGE = 1e6  # error that counts as any other above it
+BALANCES = (1.0, 0.1, 10.0, 0.01, 100.0)  # of the states of inputs beside those of outputs, where these are others
 TIE = 0.01  # by how much the first input or output counts less than the last, so that equal directions have an order
 
 
@@ -56,15 +57,21 @@ class Snapshots:
         self._states = states - times(fixed, times(fixed.T, states))
         self._known = pair.outer.responses(frequencies)
         self._ties = 1 + TIE * np.linspace(0.0, 1.0, states.shape[2])
+        self.balances = BALANCES if states.shape[2] > self._inputs else BALANCES[:1]
         self.reset()
 
     @property
     def size(self) -> int:
         return len(self.pair.outer)
 
-    def reset(self):
-        """Weight all frequencies alike."""
+    @property
+    def _inputs(self) -> int:
+        return self.pair.outer.io.inputs.shape[1]
+
+    def reset(self, balance=1.0):
+        """Weight all frequencies alike, and the states of inputs by `balance` of those of outputs."""
         self._weights = np.tile(self._ties, (len(self._frequencies), 1, 1))
+        self._weights[:, :, : self._inputs] *= balance
 
     def gram(self) -> np.ndarray:
         """Return the Gram matrix of the rows (m, m) of the weighted states."""
@@ -91,8 +98,7 @@ class Snapshots:
 
     def _parts(self):
         of_inputs, of_outputs = self._each.max(axis=1), self._each.max(axis=2)
-        inputs = self.pair.outer.io.inputs.shape[1]
-        return of_inputs if self._states.shape[2] == inputs else np.hstack([of_inputs, of_outputs])
+        return of_inputs if self._states.shape[2] == self._inputs else np.hstack([of_inputs, of_outputs])
 
 
 def fewest(snapshots, goal: float, rounds=8, most=None) -> np.ndarray:
@@ -100,8 +106,9 @@ def fewest(snapshots, goal: float, rounds=8, most=None) -> np.ndarray:
     fixed, which are in the span of U.
 
     Leading left singular vectors of the snapshots. First k is found by bisection; then one column less is tried again
-    and again, with the snapshots weighted anew (at most `rounds` times) where the error is large. With `most` so many
-    columns, whatever error they have.
+    and again, with the snapshots weighted anew (at most `rounds` times) where the error is large. The error is a
+    product of what the columns leave of the states of inputs and of outputs: where these differ, either may take the
+    larger part (BALANCES). With `most` so many columns, whatever error they have.
     """
     fixed, even = snapshots.fixed, snapshots.leading()
     if most is not None:
@@ -111,18 +118,22 @@ def fewest(snapshots, goal: float, rounds=8, most=None) -> np.ndarray:
         middle = (low + high) // 2
         low, high = (low, middle) if snapshots.error(even[:, :middle]) <= goal else (middle, high)
     best = even[:, :high]
-    while best.shape[1] > 1:
-        U = even[:, : best.shape[1] - 1]
-        snapshots.reset()
-        for _ in range(rounds):
-            if snapshots.error(U) <= goal:
-                break
-            snapshots.weight(snapshots.largest_part())
-            U = snapshots.leading()[:, : U.shape[1]]
-        else:
-            break
-        best = U
+    while best.shape[1] > 1 and (fewer := _weighted(snapshots, best.shape[1] - 1, goal, rounds)) is not None:
+        best = fewer
     return joined(fixed, best)
+
+
+def _weighted(snapshots, count, goal, rounds):
+    """Return so many columns whose error is within the goal, by snapshots weighted where it is large; None without
+    success."""
+    for balance in snapshots.balances:
+        snapshots.reset(balance)
+        for _ in range(rounds):
+            U = snapshots.leading()[:, :count]
+            if snapshots.error(U) <= goal:
+                return U
+            snapshots.weight(snapshots.largest_part())
+    return None
 
 
 def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8, most=None) -> np.ndarray:
