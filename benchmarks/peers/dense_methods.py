@@ -7,6 +7,7 @@ and Wittbrodt, Comput. Struct. 62 (1997) 985.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -35,14 +36,15 @@ class Model:
 
     def response(self, frequencies):
         """H (S, r, p) at frequencies in Hz."""
-        s = 2j * np.pi * frequencies
-        return np.array([(self.C + x * self.Cv) @ np.linalg.solve(x * x * self.M + x * self.D + self.K, self.B)
-                         for x in s]) + self.residual  # fmt: skip
+        return self.states.response(frequencies) + self.residual
 
     def unstable(self):
         """How many poles have a positive real part."""
-        A = first_order(self)[0]
-        return int((np.linalg.eigvals(A).real > 1e-9 * np.abs(A).max() ** 0.5).sum())
+        return self.states.unstable()
+
+    @cached_property
+    def states(self):
+        return States(*first_order(self))
 
 
 @dataclass
@@ -53,22 +55,45 @@ class States:
     B: np.ndarray
     C: np.ndarray
 
+    @cached_property
+    def modes(self):
+        """Poles (n,), their outputs (r, n) and inputs (n, p)."""
+        poles, X = np.linalg.eig(self.A)
+        return poles, self.C @ X, np.linalg.solve(X, self.B)
+
     def response(self, frequencies):
-        one = np.eye(len(self.A))
-        return np.array([self.C @ np.linalg.solve(2j * np.pi * f * one - self.A, self.B) for f in frequencies])
+        poles, outputs, inputs = self.modes
+        return np.matmul(outputs, (1 / (2j * np.pi * frequencies[:, None] - poles))[:, :, None] * inputs)
 
     def unstable(self):
-        return int((np.linalg.eigvals(self.A).real > 0).sum())
+        poles = self.modes[0]
+        return int((poles.real > 1e-9 * np.abs(poles)).sum())
 
 
-def prepared(model, count):
-    """The model on its lowest `count` modes and all static deflections, in modal coordinates; M may be singular."""
-    K = model.K.toarray()
-    n = len(K)
-    inverse, modes = scipy.linalg.eigh(model.M.toarray(), K, subset_by_index=(max(n - count, 0), n - 1))
-    modes = modes[:, inverse > 1e-14 * inverse[-1]]
+def prepared(model, count, frequencies=()):
+    """The model on its lowest `count` modes, all static deflections, and all responses at some frequencies (Hz), in
+    modal coordinates; M may be singular."""
+    V, factor = lowest_modes(model.M, model.K, count)
     loads = np.hstack([model.B, model.C.T, model.Cv.T])
-    return modal(model, np.hstack([modes, scipy.linalg.cho_solve(scipy.linalg.cho_factor(K), loads)]))
+    loads = loads[:, loads.any(axis=0)]
+    columns = [V, factor.solve(loads)]
+    for s in 2j * np.pi * np.asarray(frequencies):
+        found = scipy.sparse.linalg.splu((s * s * model.M + s * model.D + model.K).tocsc()).solve(loads.astype(complex))
+        columns += [found.real, found.imag]
+    return modal(model, np.hstack(columns))
+
+
+def lowest_modes(M, K, count):
+    """The lowest modes (n, count at most) of sparse matrices, of which M may be singular, and the factor of K."""
+    factor = scipy.sparse.linalg.splu(K.tocsc())
+    n = K.shape[0]
+    if 2 * count >= n:
+        inverse, V = scipy.linalg.eigh(M.toarray(), K.toarray(), subset_by_index=(max(n - count, 0), n - 1))
+    else:  # the inverse problem
+        solver = scipy.sparse.linalg.LinearOperator(K.shape, factor.solve, dtype=float)
+        inverse, V = scipy.sparse.linalg.eigsh(M, count, K, which="LA", Minv=solver, v0=np.ones(n))
+    order = np.argsort(-inverse)
+    return V[:, order[inverse[order] > 1e-14 * inverse.max()]], factor
 
 
 def modal(model, V):
@@ -162,18 +187,11 @@ def craig_bampton(model, most):
         return None, len(held)
     inside = np.setdiff1d(np.arange(model.M.shape[0]), held)
     K, M = (matrix.tocsc()[inside][:, inside] for matrix in (model.K, model.M))
-    factor = scipy.sparse.linalg.splu(K)
-    count = min(most, len(inside) - 1)
-    solver = scipy.sparse.linalg.LinearOperator(K.shape, factor.solve, dtype=float)
-    # the inverse problem, which takes a singular M
-    inverse, modes = scipy.sparse.linalg.eigsh(
-        M, min(count, len(inside) // 2), K, which="LA", Minv=solver, v0=np.ones(len(inside))
-    )
-    order = np.argsort(-inverse)
-    V = np.zeros((model.M.shape[0], len(held) + len(order)))
+    modes, factor = lowest_modes(M, K, most)
+    V = np.zeros((model.M.shape[0], len(held) + modes.shape[1]))
     V[held, range(len(held))] = 1.0
     V[np.ix_(inside, range(len(held)))] = -factor.solve(model.K.tocsc()[inside][:, held].toarray())
-    V[np.ix_(inside, range(len(held), V.shape[1]))] = modes[:, order]
+    V[np.ix_(inside, range(len(held), V.shape[1]))] = modes
     whole = model.projected(V)
 
     def reduced(size):
