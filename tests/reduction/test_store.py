@@ -190,6 +190,17 @@ def test_a_search_that_failed_beside_its_basis_is_repeated_without_a_factor(comm
     ]
 
 
+def test_rough_solutions_of_multigrid_do_not_serve_searches_with_factors(folder):
+    given, by_multigrid = {"tolerance": 1e-6, "band": (0.0, 30000.0)}, Factoring(solver=LinearSolver(kind="multigrid"))
+    with package.solid((4, 2, 3), inputs=1) as model:
+        rough, _ = reduced(model, PointStore(folder), factoring=by_multigrid, **given)
+        found, record = reduced(model, PointStore(folder), **given)
+        alone, expected = reduced(model, None, **given)
+        again, repeated = reduced(model, PointStore(folder), factoring=by_multigrid, **given)
+    assert same(alone, found) and len(record.factorisations) == len(expected.factorisations) > 0
+    assert same(rough, again) and not repeated.factorisations
+
+
 SEQUENCES = {
     "real": (Krylov(frequency=80.0, order=1), Krylov(frequency=80.0, order=4)),
     "complex": (Krylov(frequency=80.0, decay=5.0), Krylov(frequency=80.0, decay=5.0, order=3)),
