@@ -29,9 +29,9 @@ class LinearSolver:
     whose factor does not fit. `package`: what makes factors, "mumps", "superlu_dist" or "petsc" (one rank).
     `precision` of the factors: "double", or "single", which takes half the memory (MUMPS, PETSc 3.25 or later);
     solutions are refined to the residual of full factors, and the run fails if that is not reached. Of
-    multigrid: `residual`, the relative one that solutions are refined to, as far as
-    round-off lets them; at most so many `iterations`; `threshold`, the share of the diagonal below which entries do
-    not count in coarsening; `sweeps` of the smoother.
+    multigrid: `residual`, the relative one that solutions are refined to, as far as round-off lets them; at most so
+    many `iterations`, also of those that a trial expects; `threshold`, the share of the diagonal below which entries
+    do not count in coarsening; `sweeps` of the smoother.
     """
 
     kind: Literal["auto", "direct", "multigrid"] = "auto"
