@@ -38,12 +38,14 @@ def main(arguments=None):
     if given.command == "list":
         print(listed())
         return 0
+    first = all_ranks(None).rank == 0
     try:
         job = make(given.name, given.output, given.data)
     except hpcred.InputError as error:
-        print(error, file=sys.stderr)
+        if first:
+            print(error, file=sys.stderr)
         return 2
-    if all_ranks(None).rank == 0:
+    if first:
         print(job, end="")
     return 0
 
