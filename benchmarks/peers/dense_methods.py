@@ -150,8 +150,7 @@ def balanced(A, B, C, roots):
     U, values, Vt = np.linalg.svd(L.T @ R)
 
     def reduced(size):
-        if size > (values > 1e-13 * values[0]).sum():
-            return None
+        size = min(size, int((values > 1e-13 * values[0]).sum()))  # the rest is round-off
         T, W = R @ Vt[:size].T / np.sqrt(values[:size]), L @ U[:, :size] / np.sqrt(values[:size])
         return States(W.T @ A @ T, W.T @ B, C @ T)
 
@@ -169,8 +168,7 @@ def balanced_second_order(model, roots, kind):
         U = np.linalg.svd(Lv.T @ Rv)[0]
 
     def reduced(size):
-        if size > min(len(values), U.shape[1]):
-            return None
+        size = min(size, len(values), U.shape[1])
         V = np.linalg.qr(right @ Vt[:size].T)[0]
         if kind == "free velocity":
             return model.projected(V)

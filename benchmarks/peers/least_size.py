@@ -57,7 +57,7 @@ def searched(reference, method, make, most, seconds, before=0.0):
         for size in reference.sizes:
             error(size)
         for eps in EPS:
-            low, high = 0, reference.sizes[-1]
+            low, high = 0, min((size for size in runs if runs[size]["eps"] <= eps), default=max(reference.sizes))
             while error(high) > eps and high < most:
                 low, high = high, min(high + max(high // 2, 4), most)
             low = max([size for size in runs if size < high and runs[size]["eps"] > eps], default=low)
