@@ -24,6 +24,7 @@ def from_pymor(
     output_names: Iterable[str] = (),
     name: str = "",
     comm: MPI.Comm | None = None,
+    circulatory: bool = False,
 ) -> SecondOrderModel:
     """Return the model of pymor.models.iosys.SecondOrderModel, M q'' + E q' + K q = B u, y = Cp q + Cv q'.
 
@@ -35,7 +36,7 @@ def from_pymor(
         The same on all ranks, of operators that pyMOR can turn into matrices.
     mu : dict or pymor.parameters.base.Mu, optional
         Values of its parameters, such as {"omega": 300.0}.
-    dofs, input_names, output_names, comm : optional
+    dofs, input_names, output_names, comm, circulatory : optional
         See SecondOrderModel.
     name : str, optional
         By default that of the model in pyMOR.
@@ -66,7 +67,7 @@ def from_pymor(
         raise InputError(f"{name}: found outputs D u, which follow the inputs at once, expected D = 0")
     damping = E if abs(E).max() > 0 else None
     return SecondOrderModel(M, damping, K, B, Cp, dofs=dofs, input_names=input_names, output_names=output_names,
-                            name=name, comm=comm, Cv=Cv)  # fmt: skip
+                            name=name, comm=comm, Cv=Cv, circulatory=circulatory)  # fmt: skip
 
 
 def refuse_event_loop(what: str):

@@ -148,14 +148,15 @@ def version_of(package: str) -> str:
 
 
 def signature_of(model) -> dict[str, tuple[float, ...]]:
-    """Return z^T A z of M, K and D, w^T D z, since a gyroscopic D has no other, and z^T B, z^T C^T, for fixed random z
-    and w (n,): the same model has the same. Collective."""
+    """Return z^T A z of M, K and D, w^T A z of D and of an unsymmetric K, since skew-symmetric parts have no other, and
+    z^T B, z^T C^T, for fixed random z and w (n,): the same model has the same. Collective."""
     found = {}
     z, w = (random_block(model.K, 1, seed=seed) for seed in (1, 2))
     product = create_block(model.K, 1)
     for key, mat in model.matrices.items():
         apply(mat, z, product)
-        found[key] = np.append(inner(z, product), inner(w, product) if key == "D" else [])
+        skew = key == "D" or not model.is_symmetric(key)
+        found[key] = np.append(inner(z, product), inner(w, product) if skew else [])
     for key, mat in (("B", model.B), ("C", model.Ct)):
         if mat is not None:
             found[key] = inner(z, from_dense(mat))

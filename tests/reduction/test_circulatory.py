@@ -71,6 +71,22 @@ def test_a_model_with_an_unsymmetric_stiffness_is_reduced_to_the_tolerance(comm)
         assert any(abs(complex(*pole) - worst) < 1e-5 * abs(worst) for pole in rom.record.unstable_poles)
 
 
+@pytest.mark.mpi
+def test_a_model_with_other_circulatory_forces_is_another_one(comm, folder):
+    K, N, M, D, B, C = friction()
+    with friction_model(comm) as model, hpcred.reduce(model, [Krylov(1.3, 1)], allow_unstable=True) as rom:
+        rom.save(folder / "r.h5")
+        for name, factor in (("same.h5", 1), ("turned.h5", -1), ("without.h5", 0)):
+            with SecondOrderModel.from_scipy(
+                K + factor * N, M, D, comm, inputs=B, outputs=C, circulatory=True
+            ) as other:
+                hpcred.write_model(folder / name, other)
+    hpcred.evaluate_result(folder / "r.h5", folder / "same.h5", points=2, comm=comm)
+    for name in ("turned.h5", "without.h5"):
+        with pytest.raises(InputError, match=rf"{name}: its matrix K differs from what .*r.h5 was reduced from"):
+            hpcred.evaluate_result(folder / "r.h5", folder / name, points=2, comm=comm)
+
+
 def test_moments_are_those_of_the_unsymmetric_pencil(comm):
     K, N, M, _, B, C = friction()
     with SecondOrderModel.from_scipy(K + N, M, None, comm, inputs=B, circulatory=True) as given:

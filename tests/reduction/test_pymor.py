@@ -86,6 +86,19 @@ def test_a_reduced_model_becomes_one_of_pymor(rates):
 
 
 @pytest.mark.peers("pymor")
+def test_circulatory_forces_are_declared(pymor_model):
+    given = pymor_model()
+    given = given.with_(K=given.K.with_(matrix=K + 2e4 * (D - D.T)))
+    tolerance = {"tolerance": 1e-4, "band": (0, 300)}
+    with pytest.raises(InputError, match="chain: matrix K is not symmetric.*say circulatory = true"):
+        hpcred.reduce(hpcred.from_pymor(given), **tolerance)
+    rom = hpcred.reduce(hpcred.from_pymor(given, circulatory=True), **tolerance)
+    assert close(rom.frequency_response(F), by_pymor(given), 1e-3)
+    again = hpcred.from_pymor(rom.to_pymor(), circulatory=True)
+    assert again.circulatory and close(again.frequency_response(F), rom.frequency_response(F))
+
+
+@pytest.mark.peers("pymor")
 def test_reductors_of_pymor_work_on_ours():
     from pymor.reductors.sobt import SOBTfvReductor, SOBTpReductor
 
