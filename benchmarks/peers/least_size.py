@@ -52,7 +52,7 @@ def searched(reference, method, make, most, seconds, before=0.0):
         raise TimeoutError
 
     signal.signal(signal.SIGPROF, stop)
-    signal.setitimer(signal.ITIMER_PROF, seconds)
+    signal.setitimer(signal.ITIMER_PROF, seconds, 0.5)  # again, where a destructor swallows the first one
     try:
         for size in reference.sizes:
             error(size)
