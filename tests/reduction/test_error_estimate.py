@@ -7,6 +7,7 @@ from adaptive_models import chain, membrane, unit
 from hpcred.reduction.measure import MEASURES
 from hpcred.reduction.tolerance.error_estimate import (
     FINE,
+    PLACES,
     Comparison,
     beside,
     grid,
@@ -193,3 +194,15 @@ def test_the_grid_has_the_resonances_that_a_given_damping_makes():
     assert width < 1e-4 * f
     S = grid([model], (1.0, 100.0))
     assert (np.abs(S - f) <= 3.1 * width).sum() >= 3
+
+
+def test_a_grid_ends_on_a_curve_of_round_off():
+    """Every second point of such a curve is a maximum, and each round would have three times as many points."""
+    rng = np.random.default_rng(3)
+
+    class Noise:
+        def curve_and_dips(self, frequencies):
+            return rng.uniform(1.0, 2.0, len(frequencies)), np.zeros(len(frequencies))
+
+    S, curve = largest(Noise(), np.linspace(0.0, 1.0, 2000))
+    assert 2000 < len(S) == len(curve) <= 2000 + 4 * 6 * PLACES

@@ -22,6 +22,7 @@ ROUNDOFF = 1e-14  # of the measure: what two computers need not agree on
 STEP, FINE = 1.0, 0.4  # between frequencies of a grid, in distances from the nearest pole
 SAME_POLE = 0.3  # of its distance from the axis, within which a pole needs no frequencies of its own
 SHARPEST = 1e-9  # of its frequency: the least distance of a pole from the axis that a grid resolves
+PLACES = 1000  # of a curve that are refined at once; one of round-off has maxima everywhere, and grids must end
 
 
 @dataclass(frozen=True)
@@ -172,6 +173,7 @@ def largest(pair: Comparison, frequencies, rounds=4):
     for _ in range(rounds):
         high = curve.max() / 3
         places = np.flatnonzero((maxima(curve) & (curve > high)) | (dips > high))
+        places = places[np.argsort(-np.maximum(curve, dips)[places], kind="stable")[:PLACES]]
         more = np.setdiff1d(beside(frequencies, places), frequencies)
         if not more.size:
             break
