@@ -6,6 +6,7 @@ import platform
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -145,6 +146,13 @@ def version_of(package: str) -> str:
         return version(package)
     except PackageNotFoundError:
         return str(getattr(__import__(package), "__version__", "unknown"))
+
+
+def terms_of(record) -> list[dict]:
+    """Return the terms of the job of a record, with the names of their files in any folder."""
+    terms = (record.job or {}).get("term", ())
+    return [{key: Path(value).name if key == "file" and value else value for key, value in item.items()}
+            for item in terms]  # fmt: skip
 
 
 def signature_of(model) -> dict[str, tuple[float, ...]]:

@@ -17,9 +17,10 @@ from ..linalg.solvers.settings import Factoring
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
+from ..reduction.record import difference_of, terms_of
 from ..report.figures import error_figure
 from .evaluate import band_of, frequencies_over, short_names
-from .full_model import difference_of, full_of_record
+from .full_model import full_of_record
 from .workflow import workflow
 
 SAME_MODE = 1e-6  # relative difference of the frequencies of repeated modes
@@ -114,6 +115,8 @@ def _check_alike(results, reduced):
                     "model with the same loads and frame"
                 )
         key = difference_of(record.signature, first)
+        if key is None and terms_of(record) != terms_of(first):
+            key = "term"
         if key is not None:
             raise InputError(f"{path}: was reduced from another model than {results[0]} (its {key} differs)")
 

@@ -24,6 +24,7 @@ from ..model.stress_outputs import stress_output_of
 from ..parallel import startup
 from ..parallel.failures import InputError
 from ..reduction.components.modes import Modes
+from ..reduction.parametric.accuracy import in_words
 from ..reduction.record import Record, difference_of, signature_of
 from ..reduction.reduce import reduce
 from ..settings.term_table import TermTable
@@ -112,6 +113,12 @@ def _model_of_record(path, record, result, at, comm):
             what = what.get(key, f"matrix {key} differs")
             raise InputError(f"{path}: its {what} from what {result} was reduced from; take that model, or "
                              "reduce this one again")  # fmt: skip
+    if parametric is None and at:
+        with model:
+            raise InputError(
+                f"{result}: found values of parameters ({in_words(at)}), but no [[term]] in its job, without which "
+                f"{path} is known at the reference values alone; leave the values out, or reduce by a job"
+            )
     if parametric is None:
         return model
     with model, parametric:

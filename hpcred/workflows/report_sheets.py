@@ -17,10 +17,11 @@ from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 from ..reduction.components.component import table_of
 from ..reduction.interface_coordinates import elastic_part
+from ..reduction.record import difference_of, terms_of
 from ..reduction.reduced_model import ReducedModel, as_measured
 from ..report.tables import in_words
 from .evaluate import band_of, short_names
-from .full_model import difference_of, factoring_of, full_of_record, start_for
+from .full_model import factoring_of, full_of_record, start_for
 from .report_campbell import diagrams_of
 from .stress_state import StressOfMotion
 
@@ -181,7 +182,7 @@ def _same_question(one, other):
     keys = ("frame", "interfaces", "inputs", "outputs")
     same = all(getattr(one.record, key) == getattr(other.record, key) for key in keys)
     same &= (one.damping, one.band) == (other.damping, other.band)
-    same &= one.result.values == other.result.values
+    same &= one.result.values == other.result.values and terms_of(one.record) == terms_of(other.record)
     return same and difference_of(other.record.signature, one.record) is None
 
 

@@ -275,6 +275,31 @@ def test_comparisons_and_reports_at_values(reduced_job, tmp_path, monkeypatch):
     assert package.describe_file("at.h5")["basis_of"] == str(folder / "r.h5")
 
 
+def test_results_of_other_terms_are_not_compared(reduced_job, monkeypatch):
+    """Their matrices at the reference may be the same."""
+    monkeypatch.chdir(reduced_job[0])
+    Path("other.toml").write_text(JOB.replace('factor = "k"', 'factor = "1.75^2/k"').replace("r.h5", "other.h5"))
+    assert run(["reduce", "other.toml"]) == 0
+    with pytest.raises(package.InputError, match=r"other.h5: was reduced from another model than r.h5 \(its term"):
+        package.compare_results(["r.h5", "other.h5"], "chain.h5", at={"k": 2.2}, frequencies=[10.0])
+    package.report_file(["r.h5", "other.h5"], "chain.h5", at={"k": 2.2}, solves=2, csv="tables")
+    errors = [np.loadtxt(f"tables/error_measured_{name}.csv", delimiter=",", skiprows=1) for name in ("r", "other")]
+    assert max(error[:, 1].max() for error in errors) < 1e-2
+
+
+def test_a_full_model_at_values_needs_the_terms_of_a_job(reduced_job, monkeypatch):
+    monkeypatch.chdir(reduced_job[0])
+    with package.read_model("chain.h5") as chain:
+        spring = scipy.io.mmread("spring.mtx")
+        term = Term("K", spring, "k - 1.75")
+        model = ParametricModel(chain.with_inputs([6, 41]), [Parameter("k", (0.5, 3.0))], [term])
+        package.reduce(model, [Modes(count=4)]).save("python.h5")
+    package.evaluate_result("python.h5", "chain.h5", points=2)
+    said = r"python.h5: found values of parameters \(k = 2.2\), but no \[\[term\]\] in its job"
+    with pytest.raises(package.InputError, match=said):
+        package.evaluate_result("python.h5", "chain.h5", points=2, at={"k": 2.2})
+
+
 SPINNING = """
 model = "body.h5"
 output = "r.h5"
@@ -364,7 +389,7 @@ def test_another_term_is_another_model(reduced_job, monkeypatch):
 
 def test_answers_to_estimates_are_over_all_values(reduced_job, capsys, monkeypatch):
     monkeypatch.chdir(reduced_job[0])
-    assert "--at: of one result at a time, and without --estimate" in refused(
+    assert "--at: cannot be combined with --estimate, which is over all values" in refused(
         capsys, "evaluate", "r.h5", "--estimate", "--at", "k=1"
     )
     there = read_result("r.h5").at(k=1.0).reduced.record.accuracy
