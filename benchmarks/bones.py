@@ -77,6 +77,8 @@ def main(arguments=None):
         "names", nargs="*", metavar="NAME", help=f"of {', '.join(BONES)}; by default all that are there"
     )
     given, options = parser.parse_known_args(arguments)
+    if unknown := [name for name in given.names if name not in BONES]:
+        parser.error(f"found the name {', '.join(unknown)}, expected some of {', '.join(BONES)}")
     there = [name for name in BONES if (Path(given.data) / MODELS[name].file).is_file()]
     names = sorted(given.names or there, key=lambda name: list(BONES).index(name))
     if not names:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse
+import tomllib
 from launch import mpi_environment
 
 import hpcred
@@ -187,3 +188,39 @@ def test_other_first_order_models_are_refused(building):
         with pytest.raises(hpcred.InputError, match=f"found no variable {key}, only "):
             made.matrices(folder)
         file[key] = np.zeros((48, 1))
+
+
+def test_what_a_second_order_model_has_no_place_for_is_refused(building):
+    folder, file = building
+    for change, sentence in (
+        ({"D": np.ones((1, 1))}, "found D or E, expected x' = A x"),
+        ({"E": np.eye(48)}, "found D or E, expected x' = A x"),
+        ({"C": np.zeros((1, 48))}, "C has 48 columns with 0 numbers, expected 48 columns, not all of them zero"),
+        ({"C": np.ones((1, 96))}, "C has 96 columns with 96 numbers, expected 48 columns"),
+        ({"A": "text"}, "variable A has the type <U4, expected numbers"),
+    ):
+        scipy.io.savemat(folder / "build.mat", file | change)
+        with pytest.raises(hpcred.InputError, match=sentence):
+            MODELS["building"].matrices(folder)
+    scipy.io.savemat(folder / "build.mat", file | {"D": np.zeros((1, 1))})
+    assert MODELS["building"].matrices(folder).Cv.any()
+
+
+@pytest.mark.parametrize("content", [lambda whole: b"", lambda whole: b"some text " * 20, lambda whole: whole[:900]])
+def test_damaged_files_of_matlab(building, content):
+    folder, _ = building
+    path = folder / "build.mat"
+    path.write_bytes(content(path.read_bytes()))
+    with pytest.raises(hpcred.InputError, match="build.mat: .*; expected a whole MATLAB .mat file of version 4 to 7"):
+        MODELS["building"].model(folder=folder)
+
+
+def test_a_job_with_quotes_in_its_name():
+    made = MODELS["building"].job('a "b" \\ é.h5')
+    assert tomllib.loads(made)["model"] == 'a "b" \\ é.h5'
+
+
+def test_bones_by_other_names():
+    script = Path(__file__).parents[1] / "benchmarks/bones.py"
+    ran = subprocess.run([sys.executable, script, "--data", ".", "BS1"], capture_output=True, text=True)
+    assert ran.returncode == 2 and "found the name BS1, expected some of BS01, BS10" in ran.stderr

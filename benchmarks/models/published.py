@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -117,11 +118,16 @@ class Published:
 
     def job(self, model: str, output: str = "result.h5") -> str:
         """The job file of that reduction."""
-        lines = [f'model = "{model}"', f'output = "{output}"', f"band = [{self.band[0]}, {self.band[1]}]",
+        lines = [f"model = {_text(model)}", f"output = {_text(output)}", f"band = [{self.band[0]}, {self.band[1]}]",
                  f"tolerance = {self.tolerance}"]  # fmt: skip
         if self.loss_factor:
             lines += ["[damping]", 'kind = "given"', f"loss_factor = {self.loss_factor}"]
         return "\n".join([*lines, ""])
+
+
+def _text(value: str) -> str:
+    """A string of TOML; JSON writes quotes and backslashes alike."""
+    return json.dumps(value, ensure_ascii=False)
 
 
 def all_ranks(comm):
@@ -139,9 +145,17 @@ def unit_columns(n: int, rows) -> np.ndarray:
 
 
 def variables(path: Path, *names: str) -> list:
-    """Variables of a .mat file, those that are sparse as CSR; InputError where one is missing."""
-    found = scipy.io.loadmat(path)
+    """Variables of a .mat file, those that are sparse as CSR; InputError where one is missing or the file damaged."""
+    try:
+        found = scipy.io.loadmat(path)
+    except Exception as error:  # each damage has an exception of its own
+        raise hpcred.InputError(
+            f"{path}: {error}; expected a whole MATLAB .mat file of version 4 to 7, as published"
+        ) from error
     if missing := [name for name in names if name not in found]:
         has = ", ".join(sorted(key for key in found if not key.startswith("__")))
         raise hpcred.InputError(f"{path}: found no variable {', '.join(missing)}, only {has}")
+    for name in names:
+        if found[name].dtype.kind not in "biufc":
+            raise hpcred.InputError(f"{path}: variable {name} has the type {found[name].dtype}, expected numbers")
     return [found[name].tocsr() if scipy.sparse.issparse(found[name]) else np.asarray(found[name]) for name in names]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+import scipy.io
 import scipy.linalg
 import scipy.sparse
 
@@ -25,6 +26,12 @@ def second_order(path) -> Arrays:
     n = len(A) // 2
     if A.shape != (2 * n, 2 * n) or A[:n, :n].any() or (A[:n, n:] != np.eye(n)).any() or B[:n].any():
         raise hpcred.InputError(f"{path}: A and B are not [0 I; -K -D] and [0; B], those of positions and velocities")
+    if C.shape[1] != 2 * n or not C.any():
+        found = f"{C.shape[1]} columns with {np.count_nonzero(C)} numbers"
+        raise hpcred.InputError(f"{path}: C has {found}, expected {2 * n} columns, not all of them zero")
+    more = scipy.io.loadmat(path, variable_names=["D", "E"])
+    if "E" in more or ("D" in more and scipy.sparse.csr_matrix(more["D"]).nnz):
+        raise hpcred.InputError(f"{path}: found D or E, expected x' = A x + B u, y = C x, without them")
     sparse = scipy.sparse.csr_matrix
     positions, velocities = (rows if rows.any() else None for rows in (C[:, :n], C[:, n:]))
     return Arrays(M=sparse(np.eye(n)), D=sparse(-A[n:, n:]), K=sparse(-A[n:, :n]), B=B[n:], C=positions, Cv=velocities)
