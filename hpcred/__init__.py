@@ -10,7 +10,7 @@ from contextlib import suppress
 
 import lazy_loader
 
-with suppress(ModuleNotFoundError):  # of mpi4py, which the first use says
+with suppress(ModuleNotFoundError):  # mpi4py is missing; the first use reports it
     from .parallel import kernels as _kernels
 
     _kernels.take_saved()

@@ -71,6 +71,7 @@ def aggregates(matrix, near_null: np.ndarray, prefix: str, threshold: float, agg
     with temporary_options(prefix, asked, forced):
         pc.setFromOptions()
         pc.setUp()
+    matrix.setNearNullSpace(PETSc.NullSpace())  # which the matrix, that of a model, would keep
     if pc.getMGLevels() < 2:
         return None
     interpolation = pc.getMGInterpolation(1)

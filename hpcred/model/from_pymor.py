@@ -1,4 +1,4 @@
-"""Take a model of pyMOR over.
+"""Convert a model of pyMOR.
 
 Where pyMOR is imported under mpiexec, it keeps all ranks but the first for itself, unless its default says not to.
 """
@@ -49,7 +49,7 @@ def from_pymor(
     ------
     InputError
         For other models, discrete time, outputs D u, values that do not fit the parameters, matrices that
-        SecondOrderModel refuses, and if pyMOR holds the other ranks.
+        SecondOrderModel refuses, and if pyMOR keeps the other ranks in its event loop.
     """
     if not all(hasattr(model, key) for key in ("M", "E", "K", "B", "Cp", "Cv", "to_matrices")):
         raise InputError(f"from_pymor: found {type(model).__name__}, expected a SecondOrderModel of pyMOR")

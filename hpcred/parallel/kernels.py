@@ -13,7 +13,7 @@ from pathlib import Path
 CORETYPE = "OPENBLAS_CORETYPE"
 TAKEN = "HPCRED_KERNELS"  # what CORETYPE was set to here: jobs on other machines inherit it, and choose for themselves
 
-# kernels, and what a processor has that is able to them; from old to new
+# kernels, and the flags of a processor that supports them; from old to new
 NEEDS = {
     "Prescott": "pni", "Nehalem": "sse4_2", "Sandybridge": "avx", "Zen": "avx2", "Haswell": "avx2",
     "SkylakeX": "avx512bw", "Cooperlake": "avx512_bf16", "SapphireRapids": "amx_bf16",
@@ -29,7 +29,7 @@ def possible(flags, has) -> list[str]:
 
 
 def flags() -> set[str]:
-    """What the processor is able to, as Linux says it; empty elsewhere."""
+    """The flags of the processor, as /proc/cpuinfo lists them; empty elsewhere."""
     return set(re.sub(r"^(?!flags|Features).*|^\w+\s*:", "", _first_processor(), flags=re.MULTILINE).split())
 
 

@@ -79,8 +79,8 @@ class Job:
     inputs, outputs and frames. `load`: further inputs, behind `inputs`.
     `viscoelastic`: parts with a stiffness that depends on frequency.
     `circulatory`: whether K, and its terms, may be unsymmetric, as with damping that turns with a shaft, oil films or
-    friction; without it they are refused, since damaged files look like that too. A skew-symmetric term needs no such
-    word.
+    friction; without it they are refused, since damaged files look like that too. A skew-symmetric term needs no
+    declaration.
     `parameter` and `term`: what the matrices depend on, and the matrices that are added to those of the model, each
     times its factor (docs/parameters.md); `parameter_search`: at how many values the error is looked at;
     `at`: values of the parameters by name, at which the model is reduced as one without parameters.

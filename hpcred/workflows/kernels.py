@@ -1,7 +1,7 @@
 """Measure the kernels that OpenBLAS has for this processor, and keep the quickest for later runs.
 
-Each is measured by a process of its own, since OpenBLAS chooses once, and since kernels end a process that is not able
-to them.
+Each is measured by a process of its own, since OpenBLAS chooses once, and since a process ends if its processor
+lacks the instructions.
 """
 
 from __future__ import annotations

@@ -25,7 +25,8 @@ SAME = 1e-10  # of the largest entry, by which a symmetric matrix may differ fro
 def _symmetric(name, matrix):
     """Return the symmetric matrix, since MBSim keeps one half. Raises InputError for others."""
     if np.abs(matrix - matrix.T).max() > SAME * np.abs(matrix).max():
-        raise InputError(f"found an unsymmetric {name}, expected a symmetric one, of which MBSim keeps one half")
+        raise InputError(f"found an unsymmetric {name}, expected a symmetric one, of which MBSim keeps one half; take "
+                         "the arrays by format 'npz'")  # fmt: skip
     return (matrix + matrix.T) / 2
 
 
@@ -39,8 +40,8 @@ def datasets_of(body) -> dict:
         "position integral": frame.mc,
         "position position integral": _symmetric("inertia", np.trace(frame.J) / 2 * np.eye(3) - frame.J),
         "shape function integral": frame.Ct.T,
-        "stiffness matrix": _symmetric("stiffness", reduced.K),
-        "damping matrix": _symmetric("damping", reduced.D),
+        "stiffness matrix": _symmetric("stiffness matrix", reduced.K),
+        "damping matrix": _symmetric("damping matrix", reduced.D),
         "position shape function integral": frame.N.transpose(1, 2, 0).reshape(9, size),
         "shape function shape function integral": np.concatenate([frame.S[pair] for pair in PAIRS]),
     }

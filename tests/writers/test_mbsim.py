@@ -127,5 +127,5 @@ def test_bodies_that_are_refused(tmp_path):
         rom = hpcred.reduce(model, [Modes(count=3)], Buckens())
         rom.D = np.array(np.triu(np.ones((3, 3))))
         hpcred.write_result(tmp_path / "d.h5", rom, model)
-    with pytest.raises(InputError, match="found an unsymmetric damping, expected a symmetric one"):
+    with pytest.raises(InputError, match="found an unsymmetric damping matrix, expected a symmetric one"):
         hpcred.export_result(tmp_path / "d.h5", "mbsim")

@@ -38,7 +38,7 @@ class FactorRecord:
     Seconds, MB, counts of the `package`, 0 or None where it does not tell; `residual`: the largest relative residual of
     the solves, `nearby_residual` of those at other points, by conjugate gradients with this factor. Of kind "multigrid"
     (or "diagonal", for M) there is no factor: `levels` of the hierarchy, `factor_entries` in all of them, and
-    `iterations` of conjugate gradients, the most that a column took; `expected_iterations`, foretold by a trial.
+    `iterations` of conjugate gradients, the most that a column took; `expected_iterations`, predicted by a trial.
     """
 
     mass: str

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from contextlib import suppress
 from math import inf
 
 import numpy as np
@@ -12,7 +11,7 @@ from ...parallel.failures import ComputationError, InputError
 from ...parallel.petsc import SAME, PETSc, free_dropped
 from ...parallel.sums import summed
 from ..blocks import create_dense, local_rows
-from ..conjugate_gradients import negative_curvature
+from ..conjugate_gradients import NegativeCurvature, negative_curvature
 from ..csr import diagonal_of
 from ..multigrid import Multigrid, TooDense
 from ..ritz_values import iterations_to, rate, ritz_values
@@ -20,7 +19,7 @@ from .base import FactorRecord, SingularMatrix, Solver
 from .iterative import IterativeSolves
 from .settings import LinearSolver
 
-STEPS = 40  # of Lanczos' method, at most, by which iterations are foretold
+STEPS = 40  # of Lanczos' method, at most, by which iterations are predicted
 SLOW = 60  # iterations from which on smaller aggregates are tried
 ACCEPTED = 1e-10  # relative residual of a solution
 
@@ -95,8 +94,10 @@ class MultigridSolver(IterativeSolves, Solver):
         values = self._try_levels(aggressive=blocks.corners is None)
         if blocks.corners is None and iterations_to(goal, values) > SLOW:
             kept, before, own = self._levels, values, self._matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
-            with suppress(TooDense):
+            try:
                 values = self._try_levels(aggressive=False)
+            except (TooDense, NegativeCurvature):
+                self._levels = kept
             work = [iterations_to(goal, seen) * (own + levels.entries)
                     for seen, levels in ((before, kept), (values, self._levels))]  # fmt: skip
             if work[0] <= work[1]:
