@@ -28,12 +28,15 @@ def check_model(model):
 
 def check_symmetric(model, circulatory=False):
     """Refuse an unsymmetric M, and an unsymmetric K unless it may be `circulatory`."""
+    hint = "; of K that has circulatory forces say circulatory = true"
+    if model.circulatory:
+        hint = "; its circulatory forces make modes complex, which hpcred.damped_modes finds"
     for key in ("M", "K"):
         if not model.is_symmetric(key) and not (circulatory and key == "K"):
             raise InputError(
                 f"{model.name}: matrix {key} is not symmetric: ||A - A^T|| / ||A|| = "
                 f"{model.symmetry_defects[key]:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
-                + ("; of K that has circulatory forces say circulatory = true" if key == "K" else "")
+                + (hint if key == "K" else "")
             )
 
 
