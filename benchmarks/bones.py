@@ -3,9 +3,9 @@
     python benchmarks/bones.py --data FOLDER                        # BS01.M, BS01.K, BS01.B, BS01.C, BS10.M, ...
     python benchmarks/bones.py --data FOLDER --ranks 16 B120 --set solver.kind=multigrid
 
-Writes bones.json and bones.png into the current folder: coordinates and processor seconds over dofs. Seconds are user
-and system time of all ranks, of reading the four files into model.h5 and of its reduction. Further arguments are those
-of `hpcred reduce`.
+Writes bones.json and bones.png into the current folder, after each bone: coordinates and processor seconds over dofs.
+Seconds are user and system time of all ranks, of reading the four files into model.h5 and of its reduction. Further
+arguments are those of `hpcred reduce`.
 """
 
 import argparse
@@ -17,6 +17,8 @@ import numpy as np
 from common import finish, hpcred, workspace
 from models import MODELS
 from models.morwiki import BONES
+
+from hpcred import InputError
 
 
 def processor_seconds():
@@ -85,9 +87,16 @@ def main(arguments=None):
         parser.error(
             f"{given.data}: found no bone, expected {MODELS['BS01'].file} and others of {MODELS['BS01'].where}"
         )
-    rows = sorted((measured(name, given.data, given.ranks, options) for name in names), key=lambda row: row["dofs"])
-    finish("bones", rows)
-    draw(rows)
+    try:
+        for name in names:
+            MODELS[name].paths(given.data)
+    except InputError as error:
+        parser.error(str(error))
+    rows = []
+    for name in names:
+        rows = sorted([*rows, measured(name, given.data, given.ranks, options)], key=lambda row: row["dofs"])
+        finish("bones", rows)  # after each, for a larger one may fail
+        draw(rows)
 
 
 if __name__ == "__main__":

@@ -220,7 +220,11 @@ def test_a_job_with_quotes_in_its_name():
     assert tomllib.loads(made)["model"] == 'a "b" \\ é.h5'
 
 
-def test_bones_by_other_names():
+@pytest.mark.parametrize(
+    "name, sentence",
+    [("BS1", "found the name BS1, expected some of BS01, BS10"), ("BS10", "BS10: found no BS10.M in .; download it")],
+)
+def test_bones_that_are_not_there(tmp_path, name, sentence):
     script = Path(__file__).parents[1] / "benchmarks/bones.py"
-    ran = subprocess.run([sys.executable, script, "--data", ".", "BS1"], capture_output=True, text=True)
-    assert ran.returncode == 2 and "found the name BS1, expected some of BS01, BS10" in ran.stderr
+    ran = subprocess.run([sys.executable, script, "--data", ".", name], cwd=tmp_path, capture_output=True, text=True)
+    assert ran.returncode == 2 and sentence in ran.stderr

@@ -48,6 +48,13 @@ def test_a_model_of_pymor_becomes_ours(pymor_model, outputs):
     assert close(hpcred.reduce(found, tolerance=1e-4, band=(0, 300)).frequency_response(F), by_pymor(model), 1e-3)
 
 
+@pytest.mark.peers("pymor")
+def test_velocities_of_fewer_outputs_than_inputs(pymor_model):
+    """Here pyMOR's own transfer function has the conjugate of Cp + s Cv; that of its first-order form is right."""
+    model = pymor_model(C=B.T[:1], Cv=1e-3 * B.T[:1])
+    assert close(hpcred.from_pymor(model).frequency_response(F), by_pymor(model.to_lti()))
+
+
 SCRIPT = """
 import numpy as np, hpcred
 {}
