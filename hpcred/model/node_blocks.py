@@ -14,8 +14,8 @@ from .rigid_body_modes import free_motions, rigid_motions
 
 class NodeBlocks:
     """`size`: rows of a block, 6 where most nodes can turn, else 3. `motions`: the six rigid-body motions as a block
-    (n', 6). `free`: how many of them meet no force. `corners`: an interpolation from the
-    corners of quadratic elements (n', n_c), and the motions of these (n_c, 6); or None.
+    (n', 6). `free`: how many of them meet no force. `corners`: an interpolation from the corners of
+    quadratic elements (n', n_c), and the motions of these (n_c, 6); or None.
 
     `expansion`: a matrix (n', n) of unit entries that puts the rows of the model, which has n, into whole blocks of
     nodes, each on one rank; None where they are so already. Rows that are missing, of nodes that are held in some

@@ -24,7 +24,7 @@ PROCESSORS = Path("/proc/cpuinfo")
 
 
 def possible(flags, has) -> list[str]:
-    """Kernels that a processor with these flags is able to and that `has(name)`, from new to old."""
+    """Return the kernels that a processor with these flags supports, and for which `has(name)`, from new to old."""
     return [name for name, flag in reversed(NEEDS.items()) if flag in flags and has(name)]
 
 
