@@ -148,7 +148,7 @@ def version_of(package: str) -> str:
         return str(getattr(__import__(package), "__version__", "unknown"))
 
 
-def terms_of(record) -> list[dict]:
+def _terms_of(record) -> list[dict]:
     """Return the terms of the job of a record, with the names of their files in any folder."""
     terms = (record.job or {}).get("term", ())
     return [{key: Path(value).name if key == "file" and value else value for key, value in item.items()}
@@ -185,6 +185,12 @@ def difference_of(signature, record) -> str | None:
         if values.shape != np.shape(expected) or np.abs(values - expected).max(initial=0.0) > SAME * scale:
             return key
     return None
+
+
+def difference_between(one, other) -> str | None:
+    """Return in what the full models of two records differ: a key of the signature, or "term"; None where they do not.
+    """
+    return difference_of(one.signature, other) or (None if _terms_of(one) == _terms_of(other) else "term")
 
 
 def make_record(model, framed, runs, progress, **known) -> Record:

@@ -17,7 +17,7 @@ from ..linalg.solvers.settings import Factoring
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.record import difference_of, terms_of
+from ..reduction.record import difference_between
 from ..report.figures import error_figure
 from .evaluate import band_of, frequencies_over, short_names
 from .full_model import full_of_record
@@ -114,10 +114,7 @@ def _check_alike(results, reduced):
                     f"{path}: found the {key} {other}, but {mine} in {results[0]}; compare results of one "
                     "model with the same loads and frame"
                 )
-        key = difference_of(record.signature, first)
-        if key is None and terms_of(record) != terms_of(first):
-            key = "term"
-        if key is not None:
+        if (key := difference_between(record, first)) is not None:
             raise InputError(f"{path}: was reduced from another model than {results[0]} (its {key} differs)")
 
 

@@ -17,7 +17,7 @@ from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 from ..reduction.components.component import table_of
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.record import difference_of, terms_of
+from ..reduction.record import difference_between
 from ..reduction.reduced_model import ReducedModel, as_measured
 from ..report.tables import in_words
 from .evaluate import band_of, short_names
@@ -181,9 +181,8 @@ def _same_question(one, other):
     """Test whether the full model has one response for two sheets."""
     keys = ("frame", "interfaces", "inputs", "outputs")
     same = all(getattr(one.record, key) == getattr(other.record, key) for key in keys)
-    same &= (one.damping, one.band) == (other.damping, other.band)
-    same &= one.result.values == other.result.values and terms_of(one.record) == terms_of(other.record)
-    return same and difference_of(other.record.signature, one.record) is None
+    same &= (one.damping, one.band, one.result.values) == (other.damping, other.band, other.result.values)
+    return same and difference_between(other.record, one.record) is None
 
 
 def kind_in_words(value) -> str:

@@ -142,7 +142,7 @@ def projected_parts(parametric, reduced: ReducedModel, damping) -> dict:
     if isinstance(damping, GivenDamping):
         square["D"] = model.D
     for key, mat in square.items():
-        small[key] = _projected(mat, columns)
+        small[key] = _projected(mat, columns, model.is_symmetric(key))
     small["B"] = project_columns(columns, model.B)
     small["C"] = (small["B"] if model.Ct is None else project_columns(columns, model.Ct)).T.copy()
     if model.derivatives is not None:
@@ -150,7 +150,8 @@ def projected_parts(parametric, reduced: ReducedModel, damping) -> dict:
     terms = []
     for item in parametric.terms:
         if item.of in "MDK":
-            terms.append((item.of, item.factor, _projected(item.matrix, columns)))
+            symmetric = symmetry_defect(item.matrix) <= SYMMETRIC_TO
+            terms.append((item.of, item.factor, _projected(item.matrix, columns, symmetric)))
         else:
             part = project_columns(columns, item.matrix)
             terms.append((item.of, item.factor, part if item.of == "B" else part.T.copy()))
@@ -164,10 +165,10 @@ def projected_parts(parametric, reduced: ReducedModel, damping) -> dict:
     return {"constant": small, "terms": tuple(ReducedTerm(*item) for item in terms)}
 
 
-def _projected(mat, columns):
-    """Return V^T A V (m, m), exactly symmetric where A is."""
+def _projected(mat, columns, symmetric):
+    """Return V^T A V (m, m), exactly symmetric where A is `symmetric` but for round-off."""
     small = project(mat, columns)
-    return (small + small.T) / 2 if symmetry_defect(mat) <= SYMMETRIC_TO else small
+    return (small + small.T) / 2 if symmetric else small
 
 
 def skew_part(K: np.ndarray) -> np.ndarray:

@@ -146,7 +146,8 @@ class PointSolver:
         of the store from others at the point; `make_load` gives it as a block; `rough`: what multigrid may leave of
         it: the response of a basis is off by the square of that. Raises NotSolved."""
         run = self.run
-        if rough and self.multigrid:
+        roughly = [rough] if rough and self.multigrid else []  # which only multigrid takes
+        if roughly:
             rule = self._history() | rule | {"rough": rough}
         key = {"kind": "solution", "square": self._mass, **rule, **run.identity_of("M", "K", "inputs", "outputs")}
         if self.is_nearby:  # whose residuals are not those of a factor
@@ -162,17 +163,17 @@ class PointSolver:
             solver, load = self._factor(), make_load()
             block = create_block(run.model.K, load.getActiveColumns()[1])
             with run.progress.stage("solve"):
-                self._solve(solver, load, block, failed, [rough] if rough and self.multigrid else [])
+                self._solve(solver, load, block, failed, roughly)
             run.keep(key, Entry({}, (block.getActiveColumns()[1],), block))
         return self.projections.extend(block)
 
-    def _solve(self, solver, load, block, failed, rough):
+    def _solve(self, solver, load, block, failed, roughly):
         """block = A^-1 load; a solve nearby that fails is kept in the store under `failed`."""
         if not self.is_nearby:
-            solver.solve(load, block, 0, *rough)
+            solver.solve(load, block, 0, *roughly)
             return
         try:
-            solver.solve_below(self._mass, load, block, self.projections.basis.columns, self.projections.K, *rough)
+            solver.solve_below(self._mass, load, block, self.projections.basis.columns, self.projections.K, *roughly)
         except NotSolved as error:
             self.failed_nearby = True
             if self.goes_on_without(error):
