@@ -1,9 +1,12 @@
 """Tests marked mpi, once for each number of ranks and each PETSc build: items of their own, with a line each.
 
-In: items marked `mpi`, or `mpi(ranks=(1, 3))` where not all numbers of ranks make sense, `mpi(build="real")` where the
+In: items marked `mpi`, or `mpi(ranks=(1, 2))` where not all numbers of ranks make sense, `mpi(build="real")` where the
 build of PETSc makes no difference, as to readers of text. Out: the same items with the
 suffixes [1-rank] (run here), [2-ranks], [3-ranks] and, where there are two builds, [1-rank-complex], [2-ranks-complex].
-Those on two ranks of the real build are marked slow where there are such on three.
+
+Quick are [1-rank] and one more, as the name of the test decides: of eight tests about four run on two ranks, three on
+two ranks of the complex build, and one on three ranks. The others are marked slow, and tests that cost much say
+`mpi(costly=True)`: of them [1-rank] alone is quick.
 
 The items of one suffix run together in one `mpiexec ... pytest`, the inner session, which starts with the first of
 them. Its ranks append what happens, a line of JSON each time, to a file; the session outside reads its reports there
@@ -27,6 +30,7 @@ import time
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from zlib import crc32
 
 import pytest
 from launch import TWO_BUILDS, mpi_environment
@@ -36,9 +40,10 @@ from hpcred.parallel import startup
 TIMEOUT = float(os.environ.get("HPCRED_TEST_TIMEOUT", "300"))
 INNER = os.environ.get("HPCRED_TEST_SESSION")  # in an inner session: its folder
 
-HERE, TWO = "1-rank", "2-ranks"
-LAUNCHED = {HERE: (1, ""), "1-rank-complex": (1, "complex"), TWO: (2, ""), "3-ranks": (3, ""),
+HERE = "1-rank"
+LAUNCHED = {HERE: (1, ""), "1-rank-complex": (1, "complex"), "2-ranks": (2, ""), "3-ranks": (3, ""),
             "2-ranks-complex": (2, "complex")}  # fmt: skip  # suffix: ranks, build
+MORE = ["2-ranks"] * 4 + ["2-ranks-complex"] * 3 + ["3-ranks"]
 if not (TWO_BUILDS or INNER):
     LAUNCHED = {suffix: job for suffix, job in LAUNCHED.items() if not job[1]}
 
@@ -65,16 +70,27 @@ def pytest_configure():
 def pytest_generate_tests(metafunc):
     if (mark := metafunc.definition.get_closest_marker("mpi")) is None:
         return
-    if world().size > 1 and not INNER:
-        suffixes = [f"{world().size}-ranks"]
-    else:
-        ranks = mark.kwargs.get("ranks", (1, 2, 3))
-        builds = ("",) if mark.kwargs.get("build") == "real" else ("", "complex")
-        suffixes = [name for name, (count, build) in LAUNCHED.items() if count in ranks and build in builds]
-        if 3 in ranks:
-            suffixes = [pytest.param(name, marks=pytest.mark.slow) if name == TWO else name for name in suffixes]
+    suffixes = [f"{world().size}-ranks"] if world().size > 1 and not INNER else launched(mark)
     metafunc.fixturenames.append("job")
     metafunc.parametrize("job", suffixes)
+
+
+def launched(mark):
+    """The suffixes that a mark asks for."""
+    ranks = mark.kwargs.get("ranks", (1, 2, 3))
+    builds = ("",) if mark.kwargs.get("build") == "real" else ("", "complex")
+    return [name for name, (count, build) in LAUNCHED.items() if count in ranks and build in builds]
+
+
+def pytest_itemcollected(item):
+    """Mark slow what the quick tests do without."""
+    if (mark := item.get_closest_marker("mpi")) is None or world().size > 1:
+        return
+    job, suffixes = item.callspec.params["job"], launched(mark)
+    turn = MORE[crc32(item.nodeid.replace(job, "").encode()) % len(MORE)]
+    more = next((name for name in (turn, *MORE, "1-rank-complex") if name in suffixes), HERE)
+    if job not in (HERE, more) or (mark.kwargs.get("costly") and job != suffixes[0]):
+        item.add_marker("slow")
 
 
 def suffix_of(item):

@@ -229,7 +229,7 @@ def refusal(comm, kind, program, type_, material, nodes=None, **changed):
     return str(error.value)
 
 
-@pytest.mark.mpi(ranks=(1, 3), build="real")
+@pytest.mark.mpi(build="real")
 def test_what_cannot_be_computed_is_refused_by_name(comm):
     plastic = Material(name="mild", density=7850.0, reason="found *Plastic")
     text = refusal(comm, "hexahedron", "CalculiX", "C3D8I", STEEL)

@@ -11,7 +11,7 @@ from hpcred.files import text_numbers
 from hpcred.files.text import Piece, line_number, pieces, places
 from hpcred.files.text_numbers import numbers, triples
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
+pytestmark = pytest.mark.mpi(build="real")
 
 
 def test_every_line_is_read_once_wherever_the_pieces_are_cut(folder, comm, monkeypatch):

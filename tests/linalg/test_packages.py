@@ -138,7 +138,7 @@ def test_on_several_ranks_petsc_itself_is_refused(comm):
             hpcred.reduce(model, [Krylov(frequency=50.0)], factoring=by("petsc"))
 
 
-@pytest.mark.mpi(ranks=(1, 3), build="real")
+@pytest.mark.mpi(build="real")
 def test_groups_of_ranks_where_nothing_is_estimated(comm):
     require("superlu_dist", comm)
     with hpcred.linkage(comm) as model:

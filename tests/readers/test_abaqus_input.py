@@ -7,7 +7,7 @@ from foreign import gathered, write
 from hpcred import InputError
 from hpcred.readers.abaqus.input_file import begins, read
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
+pytestmark = pytest.mark.mpi(build="real")
 
 
 def nodes_of(path, comm):
@@ -398,7 +398,7 @@ def test_sets_that_cannot_be_are_refused(comm, folder, lines, says):
         read(write(folder / "a.inp", "*Node\n1, 0., 0., 0.\n" + lines, comm), comm)
 
 
-@pytest.mark.mpi(ranks=(1, 3), build="real")
+@pytest.mark.mpi(build="real")
 @pytest.mark.parametrize("line, good", [("1, 5, 10", True), ("1, Part-1.5, 10,", True), ("1, , 10", True),
                                         ("1, 1;5, 10", False), ("1, x", False)])  # fmt: skip
 def test_lines_of_elements_that_are_not_drawn_are_read_too(comm, folder, line, good):

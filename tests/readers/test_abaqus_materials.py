@@ -7,7 +7,7 @@ from foreign import gathered, write
 from hpcred.model.materials import Material
 from hpcred.readers.abaqus.input_file import read
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
+pytestmark = pytest.mark.mpi(build="real")
 
 STEEL = Material(name="steel", young=2.1e5, poisson=0.3, density=7.85e-9, expansion=1.2e-5)
 NODES = "*Node\n" + "".join(f"{k}, {k % 5}., {k % 3}., {k}.\n" for k in range(1, 13))

@@ -11,7 +11,7 @@ from hpcred.readers.matrix_formats import read_entries
 from hpcred.readers.model_source import load_source
 from hpcred.settings.source import Source
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3))
+pytestmark = pytest.mark.mpi
 
 ROWS = [(2, 1), (2, 2), (5, 1), (5, 3), (30, 1)]  # node, dof in the order that the rows must have
 RNG = np.random.default_rng(3)

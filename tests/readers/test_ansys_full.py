@@ -20,7 +20,7 @@ from hpcred.readers.assembly import assemble
 from hpcred.readers.entries import STRIDE, node_and_direction
 from hpcred.readers.model_source import load_export
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3))
+pytestmark = pytest.mark.mpi
 
 MASS = "ansys/rotorAnsysMassMatrixSparse.txt"
 

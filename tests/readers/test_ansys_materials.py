@@ -9,7 +9,7 @@ import hpcred
 from hpcred.model.materials import Material
 from hpcred.readers.ansys import cdb
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
+pytestmark = pytest.mark.mpi(build="real")
 
 PLACES = {number: (float(number), 0.0, 0.0) for number in range(1, 30)}
 STEEL = """MPTEMP,R5.0, 1, 1,  0.00000000    ,

@@ -18,7 +18,7 @@ from hpcred.readers.calculix.matrix_storage import begins, files_of
 from hpcred.readers.model_source import load_export, load_source
 from hpcred.settings.source import Source
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3))
+pytestmark = pytest.mark.mpi
 
 RNG = np.random.default_rng(2)
 ROOT = RNG.standard_normal((7, 7))
@@ -234,7 +234,7 @@ def flipped(content, generator):
     return content[:place] + bytes([content[place] ^ (1 << int(generator.integers(8)))]) + content[place + 1 :]
 
 
-@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.mpi
 def test_flipped_bits_change_at_most_digits_of_values(comm, folder):
     """A text without checksum cannot tell a digit from another one; but no entry moves, and none is lost."""
     put(comm, folder)
@@ -264,7 +264,7 @@ REFERENCE = {  # Hz, of CalculiX: SOURCES.md beside the files
 
 
 @needs_fe
-@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.mpi
 @pytest.mark.parametrize("name", REFERENCE)
 def test_frequencies_are_those_of_calculix(comm, name):
     free = name.startswith("lever")

@@ -16,7 +16,7 @@ from hpcred.readers.calculix import frd as calculix_frd
 from hpcred.readers.model_source import load_export, load_source
 from hpcred.settings.source import Source
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3))
+pytestmark = pytest.mark.mpi
 
 FORMS = ("text", "binary")
 

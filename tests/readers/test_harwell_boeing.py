@@ -16,7 +16,7 @@ from hpcred.readers.matrix_formats import read_entries
 from hpcred.readers.model_source import load_source
 from hpcred.settings.source import Source
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3))
+pytestmark = pytest.mark.mpi
 
 RNG = np.random.default_rng(8)
 DENSE = np.where(RNG.random((9, 9)) < 0.4, RNG.standard_normal((9, 9)) * 10.0 ** RNG.integers(-9, 9, (9, 9)), 0.0)

@@ -20,7 +20,7 @@ from hpcred.readers.matlab.matrices import contents, read, read_parts
 from hpcred.readers.model_source import load_export, load_source
 from hpcred.settings.source import Source
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3))
+pytestmark = pytest.mark.mpi
 
 SIZE = 12
 RNG = np.random.default_rng(8)
@@ -344,7 +344,7 @@ DAMAGE = np.random.default_rng(5)
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.mpi
 def test_damaged_copies_are_refused_or_the_same(comm, folder, kind):
     """Cut anywhere, bits flipped, bytes added: InputError, or finite numbers in rows that ascend.
 

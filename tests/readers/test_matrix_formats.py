@@ -14,7 +14,7 @@ from hpcred.parallel.petsc import PETSc, is_complex
 from hpcred.readers.matrix_formats import read_entries
 from hpcred.readers.registry import readers_of
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3))
+pytestmark = pytest.mark.mpi
 
 
 @pytest.fixture

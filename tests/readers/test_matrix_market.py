@@ -9,7 +9,7 @@ from foreign import assembled, write
 
 from hpcred import InputError
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
+pytestmark = pytest.mark.mpi(build="real")
 
 HEAD = "%%MatrixMarket matrix coordinate real"
 

@@ -18,7 +18,7 @@ from hpcred.readers.nastran import op2 as nastran_op2
 from hpcred.readers.nastran import op4 as nastran_op4
 from hpcred.settings.source import Source
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3))
+pytestmark = pytest.mark.mpi
 
 # file, n, entries, lowest frequencies that the program itself gives, relative digits, rigid-body modes
 MODELS = {

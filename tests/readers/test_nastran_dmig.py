@@ -12,7 +12,7 @@ from hpcred.readers.model_source import load_export, load_source
 from hpcred.readers.nastran import dmig as nastran_dmig
 from hpcred.settings.source import Source
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3))
+pytestmark = pytest.mark.mpi
 
 K = np.array([[4.0, -1, 0.5], [-1, 3, 0], [0.5, 0, 2]])  # node 1 x, node 1 rz, scalar point 9
 M = np.diag([1.0, 2, 3])

@@ -7,7 +7,7 @@ from hpcred import InputError
 from hpcred.model.materials import Material
 from hpcred.readers.nastran import bulk
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
+pytestmark = pytest.mark.mpi(build="real")
 
 GRIDS = "".join(f"GRID,{k},,{k % 5}.,{k % 3}.,{k}.\n" for k in range(1, 21))
 SOLIDS = """CTETRA,1,7,1,2,3,4

@@ -14,7 +14,7 @@ from hpcred.readers.nastran import op2 as nastran_op2
 from hpcred.readers.nastran import op4 as nastran_op4
 from hpcred.settings.source import Source
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3))
+pytestmark = pytest.mark.mpi
 
 
 def block(name, matrix, form=6, order="<", size=4, kind="f8", strings=1):

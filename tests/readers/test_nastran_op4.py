@@ -10,7 +10,7 @@ from hpcred import InputError
 from hpcred.readers.nastran import op4 as nastran_op4
 from hpcred.readers.nastran import op4_binary as nastran_op4_binary
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
+pytestmark = pytest.mark.mpi(build="real")
 
 RNG = np.random.default_rng(4)
 FLAVOURS = [f"{style}_{way}" for style in ("dense", "bigmat", "nonbigmat")

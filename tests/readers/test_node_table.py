@@ -7,7 +7,7 @@ from foreign import gathered, write
 from hpcred import InputError
 from hpcred.readers.nodes import table as node_table
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
+pytestmark = pytest.mark.mpi(build="real")
 
 
 def test_nodes_keep_the_order_of_the_file(comm, folder, monkeypatch):

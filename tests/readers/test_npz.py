@@ -10,7 +10,7 @@ from foreign import assembled, write
 
 from hpcred import InputError
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
+pytestmark = pytest.mark.mpi(build="real")
 
 
 def archive(**changes):

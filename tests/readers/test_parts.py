@@ -7,7 +7,7 @@ from scipy import sparse
 from hpcred import InputError, Parts
 from hpcred.readers.assembly import assemble
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
+pytestmark = pytest.mark.mpi(build="real")
 
 K = np.diag([4.0, 4.0, 3.0, 3.0, 2.0, 2.0]) - np.eye(6, k=2) - np.eye(6, k=-2)
 M = np.diag([1.0, 1.0, 2.0, 2.0, 3.0, 3.0])

@@ -7,7 +7,7 @@ from foreign import assembled, write
 from hpcred import InputError
 from hpcred.readers.matrices.petsc_binary import row_share
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3))
+pytestmark = pytest.mark.mpi
 
 
 def binary(rows=3, columns=3, count=4, lengths=(1, 2, 1), indices=(0, 0, 1, 2), whole=">i4"):

@@ -16,7 +16,7 @@ from hpcred.readers.nodes import uff
 from hpcred.workflows.export import export_result
 from hpcred.writers.uff import CODES, UffFile
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3))
+pytestmark = pytest.mark.mpi
 
 FILE = DATA / "uff" / "heat_engine_housing.uff"
 

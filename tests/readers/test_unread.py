@@ -16,7 +16,7 @@ from hpcred.readers.source_parts import read_source
 from hpcred.settings.source import Source
 from hpcred.workflows.info import describe_file
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
+pytestmark = pytest.mark.mpi(build="real")
 
 
 def archive(*names):

@@ -13,7 +13,7 @@ from hpcred import InputError
 from hpcred.readers.model_source import load_export, load_source
 from hpcred.settings.source import Source
 
-pytestmark = pytest.mark.mpi(ranks=(1, 3), build="real")
+pytestmark = pytest.mark.mpi(build="real")
 
 DATA = Path(__file__).parents[1] / "data"
 REFUSED = "the file is cut off|all matrices need the same size|expected 426|line break"

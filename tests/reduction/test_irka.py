@@ -53,7 +53,7 @@ def test_its_error_is_less_than_that_of_modes_and_points(linkage):
     assert ours < 0.5 * min(others)
 
 
-@pytest.mark.mpi(ranks=(1, 3), build="real")
+@pytest.mark.mpi(build="real")
 def test_two_sided_points_are_matched_on_both_sides(linkage):
     with linkage.with_outputs([(4, "x"), (10, "z")]) as model:
         rom = IRKA(size=8, band=(0, 300), frame=FRAME, damping=DAMPING).reduce(model)
@@ -65,7 +65,7 @@ def test_two_sided_points_are_matched_on_both_sides(linkage):
             assert np.abs(c @ (full - reduced)).max() < 1e-7 * np.abs(c @ full).max()
 
 
-@pytest.mark.mpi(ranks=(1, 3), build="real")
+@pytest.mark.mpi(build="real")
 def test_its_results_are_written_and_read(comm, folder, linkage):
     rom = IRKA(size=6, band=(0, 300), frame=FRAME, damping=DAMPING, turns=2, change=1e-12).reduce(linkage)
     assert any("irka: after 2 turns points still move" in text for text in rom.record.warnings)

@@ -95,7 +95,7 @@ def test_warnings_and_the_measure_are_printed():
     assert "; measured with the loss factor 0.002 (undamped)\n  warning: damping: none, though model has" in str(rom)
 
 
-@pytest.mark.mpi(ranks=(1, 3), build="real")
+@pytest.mark.mpi(build="real")
 def test_an_export_without_a_file_of_ones_own(comm, folder):
     fom = hpcred.linkage(comm)
     rom = hpcred.reduce(fom, tolerance=1e-3, band=(0, 300), frame=hpcred.Buckens())
