@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from adaptive_models import chain, dashpots, dynamic, pair, unit
 from mpi4py import MPI
 
-from hpcred import GivenDamping, NoDamping, Parameter, ParametricModel, Rayleigh, SecondOrderModel, Term
+from hpcred import (
+    Fractional,
+    FractionalKelvinVoigt,
+    GivenDamping,
+    Maxwell,
+    NoDamping,
+    Parameter,
+    ParametricModel,
+    Rayleigh,
+    SecondOrderModel,
+    Term,
+    Viscoelastic,
+)
 from hpcred.reduction.measure import MEASURES
 from hpcred.reduction.tolerance.accuracy import measured_damping
 from hpcred.reduction.tolerance.error_estimate import measure_over
@@ -17,7 +29,8 @@ from hpcred.reduction.tolerance.pseudo_modal import InputsOutputs, diagonalised
 
 @dataclass
 class AffineCase:
-    """Constant parts K, M, D (n, n), B (n, p), Ct (n, r) or None; `terms`: (of, matrix, factor); `band` in Hz."""
+    """Constant parts K, M, D (n, n), B (n, p), Ct (n, r) or None; `terms`: (of, matrix, factor); `band` in Hz; `parts`:
+    whose static stiffness is in K already."""
 
     name: str
     K: np.ndarray
@@ -30,6 +43,7 @@ class AffineCase:
     Ct: np.ndarray | None = None
     damping: object = field(default_factory=NoDamping)
     circulatory: bool = False
+    parts: list[Viscoelastic] = field(default_factory=list)
 
     def model(self, comm=None):
         outputs = {} if self.Ct is None else {"outputs": self.Ct, "output_names": self.names("y", self.Ct)}
@@ -37,8 +51,9 @@ class AffineCase:
             self.K, self.M, self.D, comm or MPI.COMM_WORLD, inputs=self.B, input_names=self.names("u", self.B),
             name=self.name, circulatory=self.circulatory, **outputs
         )
-        with model:
-            return ParametricModel(model, self.parameters, [Term(*item) for item in self.terms])
+        excess = [replace(part, law=in_k(part.law)) for part in self.parts]
+        with model, model.with_viscoelastic(excess) as whole:
+            return ParametricModel(whole, self.parameters, [Term(*item) for item in self.terms])
 
     @staticmethod
     def names(letter, columns):
@@ -59,18 +74,20 @@ class AffineCase:
     def eps(self, rom, pairs):
         """The true error of a reduced model at pairs (f, values), with the damping that it was measured with."""
         given = isinstance(self.damping, GivenDamping)
-        damping = measured_damping(self.damping, 1e-3, self.band)[0]
-        if given and rom.record.accuracy.loss_factor:
+        damping = measured_damping(self.damping, 1e-3, self.band, bool(self.parts))[0]
+        if (given or self.parts) and rom.record.accuracy.loss_factor:
             damping = damping._replace(eta=rom.record.accuracy.loss_factor)
         errors = []
         for f, values in pairs:
             full = self.matrices(values)
             A = next(dynamic(full["K"], full["M"], full["D"] if given else None, damping, np.array([f])))
+            A = A + sum(part.law.excess(2j * np.pi * f) * part.matrix for part in self.parts)
             X = np.linalg.solve(A, full["B"].astype(complex))
             X += np.linalg.solve(A, full["B"] - A @ X)
             H, drive = full["C"] @ X, (full["B"] * X).sum(axis=0)
             at = rom.at(**values)
             small = next(dynamic(at.K, at.M, at.D if given else None, damping, np.array([f])))
+            small = small + sum(part.law.excess(2j * np.pi * f) * part.matrix for part in at.viscoelastic)
             reduced = at.C @ np.linalg.solve(small, at.B.astype(complex))
             measure = self.measure(at, damping, given)
             errors.append(float(measure.eps((H - reduced)[None], H[None], drive[None])[0]))
@@ -82,7 +99,9 @@ class AffineCase:
         p = at.B.shape[1]
         inputs = np.eye(L.shape[1])[:, :p]
         io = InputsOutputs(inputs, inputs if self.Ct is None else np.eye(L.shape[1])[:, p:])
-        model = diagonalised(at.K, L, at.D if given else None, damping, io, symmetric=not self.circulatory)
+        model = diagonalised(
+            at.K, L, at.D if given else None, damping, io, at.viscoelastic, symmetric=not self.circulatory
+        )
         return measure_over(MEASURES["directions"], self.band, model)
 
 
@@ -162,6 +181,36 @@ def random_circulatory(seed, most=60):
         factor = str(rng.choice([item.name, f"{item.name}^2", f"2 - 0.5*{item.name}"]))
         largest = max(abs(Term("K", None, factor).expression.at({item.name: end})) for end in item.range)
         case.terms.append(("K", circulatory(1e4 * 10 ** rng.uniform(-4, -0.5)) / largest, factor))
+    return case, tolerance
+
+
+def in_k(law):
+    """The same law without its static value."""
+    if isinstance(law, Fractional):
+        return replace(law, low=0.0, high=law.high - law.low)
+    return replace(law, **{"constant" if isinstance(law, Maxwell) else "low": 0.0})
+
+
+def random_viscoelastic(seed, most=60):
+    """A random affine model with viscoelastic parts, and its tolerance."""
+    case, tolerance = random_affine(seed, most)
+    rng, n = np.random.default_rng(11000 + seed), len(case.K)
+    case.name = f"viscoelastic {seed}"
+    unsymmetric = any(np.abs(matrix - matrix.T).max() > 0 for of, matrix, _ in case.terms if of == "D")
+    negative = any(factor.startswith("-") for *_, factor in case.terms)
+    omega = 2 * np.pi * case.band[1]
+    for _ in range(int(rng.integers(1, 3))):
+        Kv = np.zeros((n, n))
+        for _ in range(int(rng.integers(1, n))):
+            e = pair(n, *rng.choice(n + 1, 2, replace=False))
+            Kv += 1e4 * 10 ** rng.uniform(-3, 0) * np.outer(e, e)
+        times = (10 ** rng.uniform(-2, 2, int(rng.integers(1, 4))) / omega).tolist()
+        laws = [Maxwell(factors=[1.0] * len(times), times=times)]
+        if not (unsymmetric or negative):
+            exponent = float(rng.uniform(0.2, 0.9))
+            laws += [Fractional(low=0.0, high=5.0, time=times[0], exponent=exponent),
+                     FractionalKelvinVoigt(low=0.0, rise=0.3, time=times[0], exponent=exponent)]  # fmt: skip
+        case.parts.append(Viscoelastic(Kv, laws[int(rng.integers(len(laws)))]))
     return case, tolerance
 
 

@@ -20,6 +20,7 @@ from .parameters import Parameter, Term, check_terms, checked_values, factors_of
 from .petsc_matrices import on_one_pattern
 from .second_order_model import SYMMETRIC_TO, SecondOrderModel, listed, require_model
 from .term_matrices import FIELD, term_matrix
+from .viscoelastic import parts_from
 
 OF_MASS = ("gravity", "centrifugal")  # loads that are M times accelerations
 
@@ -45,7 +46,8 @@ class ParametricModel:
     Notes
     -----
     Collective. A(p) is the model's matrix where no term is added to it. A model without damping matrix has D = 0 as the
-    constant part of its terms of D. A skew-symmetric term of K makes the model `circulatory`.
+    constant part of its terms of D. A skew-symmetric term of K makes the model `circulatory`. Viscoelastic parts are those
+    of the constant part: K(s, p) = K(p) + sum (g(s) - g(0)) K_v.
 
     Attributes
     ----------
@@ -69,9 +71,6 @@ class ParametricModel:
 
     def __init__(self, model: SecondOrderModel, parameters: Iterable[Parameter], terms: Iterable[Term]) -> None:
         require_model(model)
-        if model.viscoelastic:
-            raise InputError(f"{model.name}: found viscoelastic parts beside parameters, which no reduction has; leave "
-                             "one of them out")  # fmt: skip
         parameters = declared("parameters", parameters, tuple[Parameter, ...])
         terms = declared("terms", terms, tuple[Term, ...])
         check_terms(parameters, terms)
@@ -84,7 +83,11 @@ class ParametricModel:
         if model.D is None and any(item.of == "D" for item in terms):
             mats["D"] = model.K.duplicate(copy=False)
             mats["D"].zeroEntries()
-        mats = {key: mat for key, mat in on_one_pattern(mats, square).items() if mat is not getattr(model, key)}
+        mats, known = on_one_pattern(mats, square), model.matrices
+        parts = parts_from(model.viscoelastic, mats)
+        mats = {key: mat for key, mat in mats.items() if key in "MDK" and mat is not known.get(key)}
+        if "K" in mats:
+            mats["viscoelastic"] = parts
         if any(item.of == "K" and symmetry_defect(item.matrix, skew=True) <= SYMMETRIC_TO for item in terms):
             mats["circulatory"] = True
         if any(item.of == "M" for item in terms):

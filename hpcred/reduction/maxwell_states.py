@@ -9,13 +9,14 @@ time w' = L^T x - w. Together with the coordinates x these are (x, w) of a symme
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..model.viscoelastic import Maxwell
 from ..parallel.failures import InputError
 
+WIDENED = {"M": (0, 1), "D": (0, 1), "K": (0, 1), "B": (0,), "C": (1,), "Cv": (1,), "Ca": (1,)}  # axes of coordinates
 RANK = 1e-14  # of the largest eigenvalue of K_v, below which it is round-off
 
 
@@ -79,6 +80,29 @@ def maxwell_states(parts, where="a state space") -> MaxwellStates:
                 times += [time] * root.shape[1]
     size = len(parts[0].matrix)
     return MaxwellStates(np.hstack([np.zeros((size, 0)), *columns]), np.array(factors), np.array(times))
+
+
+def with_maxwell_states(reduced, where="a state space", from_rest=False):
+    """Return a reduced model without viscoelastic parts, whose last coordinates are the states, and their number; also of
+    a parametric one, with its constant parts and terms, on which the states do not depend.
+
+    By MaxwellStates.second_order, whose mass is singular, or `from_rest`. Raises InputError for laws without states.
+    """
+    states = maxwell_states(reduced.viscoelastic, where)
+    form = states.from_rest if from_rest else states.second_order
+
+    def wider(of, part):
+        return np.pad(part, [(0, states.size if axis in WIDENED[of] else 0) for axis in range(2)])
+
+    def whole(parts):
+        square = dict(zip("MDK", form(*map(parts.get, "MDK")), strict=True))
+        return {of: square[of] if of in square else wider(of, part) for of, part in parts.items()}
+
+    changed = whole({of: part for of in WIDENED if (part := getattr(reduced, of)) is not None})
+    if hasattr(reduced, "terms"):
+        changed["constant"] = whole(reduced.constant)
+        changed["terms"] = tuple(replace(item, matrix=wider(item.of, item.matrix)) for item in reduced.terms)
+    return replace(reduced, **changed, viscoelastic=(), columns=None, left_columns=None, model=None), states.size
 
 
 def _beside(one, other):

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..model.from_pymor import refuse_event_loop
 from ..parallel.failures import InputError
+from .maxwell_states import with_maxwell_states
 
 NAMES = re.compile(r"(?<![\w.])[A-Za-z]\w*")  # not the exponent of a number
 RESERVED = {"s", "t", "input"}  # names of pyMOR's own parameters
@@ -55,6 +56,8 @@ def parametric_pymor_model(reduced):
         raise InputError(f"to_pymor: found outputs that are accelerations, which are no sum of terms in pyMOR{at}")
     if found := RESERVED.intersection(names):
         raise InputError(f"to_pymor: found the parameter '{sorted(found)[0]}', a name that pyMOR uses itself{at}")
+    if reduced.viscoelastic:
+        reduced, _ = with_maxwell_states(reduced)
     operators = {}
     for key, constant in reduced.constant.items():
         terms = [item for item in reduced.terms if item.of == key]

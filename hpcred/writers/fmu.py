@@ -29,7 +29,7 @@ from ..files.outputs import ZIP
 from ..model.cut_outputs import cut_output_of
 from ..model.dofs import DIRECTIONS, QUANTITIES, SCALAR, named_quantity, target_of
 from ..parallel.failures import ComputationError, InputError, printable
-from ..reduction.maxwell_states import maxwell_states
+from ..reduction.maxwell_states import with_maxwell_states
 from ..reduction.reduced_model import ReducedModel, require_finite
 from .base import Writer
 from .fmu_parameters import Family
@@ -82,8 +82,10 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None, parametric=N
         raise InputError("an FMU needs inputs and outputs; reduce with `inputs` in the job, or convert with --inputs")
     remarks = instability(reduced)
     if reduced.viscoelastic:
-        reduced, more = _with_maxwell_states(reduced)
-        remarks += more
+        reduced, count = with_maxwell_states(reduced, "an FMU", from_rest=True)
+        remarks.append(f"the last {count} coordinates are the dashpots of Maxwell elements; the body has to start at rest")
+        if parametric is not None:
+            parametric = with_maxwell_states(parametric, "an FMU", from_rest=True)[0]
     compiler, (folder, suffix) = _compiler(), _platform()
     family = Family.of(parametric, reduced)
     data = _data(reduced, family)
@@ -112,18 +114,6 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None, parametric=N
             archive.writestr(item, content)
     return [f"the binary is for {folder}; other platforms compile sources/body.c", *family.remarks,
             *remarks]  # fmt: skip
-
-
-def _with_maxwell_states(reduced) -> tuple[ReducedModel, list[str]]:
-    """Return a model without viscoelastic parts, whose last coordinates are the states of their Maxwell elements, and
-    remarks on them. Raises InputError for fractional laws."""
-    states = maxwell_states(reduced.viscoelastic, "an FMU")
-    M, D, K = states.from_rest(reduced.M, reduced.D, reduced.K)
-    rows = {key: part if part is None else np.pad(part, [(0, 0), (0, states.size)])
-            for key in ("C", "Cv", "Ca") for part in [getattr(reduced, key)]}  # fmt: skip
-    B = np.pad(reduced.B, [(0, states.size), (0, 0)])
-    remark = f"the last {states.size} coordinates are the dashpots of Maxwell elements; the body has to start at rest"
-    return replace(reduced, M=M, D=D, K=K, B=B, **rows, viscoelastic=(), columns=None, model=None), [remark]
 
 
 def _compiler() -> list[str]:

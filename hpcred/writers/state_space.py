@@ -24,7 +24,7 @@ import numpy as np
 
 from ..body.body import check_viscous, instability, maker
 from ..files.outputs import MATLAB, ZIP
-from ..reduction.maxwell_states import maxwell_states
+from ..reduction.maxwell_states import maxwell_states, with_maxwell_states
 from ..reduction.reduced_model import ReducedModel, require_finite
 from .arrays import arrays_of_parameters, save_mat, save_npz, words_on_damping
 from .base import Writer
@@ -95,6 +95,14 @@ def words_on_states(reduced) -> list[str]:
     return [f"the last {count} states are those of Maxwell elements ({names})"]
 
 
+def _arrays(source) -> dict:
+    """Return the arrays of a file."""
+    found, parametric = state_space(source.reduced), source.parametric
+    if parametric is not None and parametric.viscoelastic:
+        parametric, _ = with_maxwell_states(parametric)
+    return found | arrays_of_parameters(parametric)
+
+
 def _words(source) -> list[str]:
     """Return remarks on a file."""
     return [*instability(source.reduced), *words_on_states(source.reduced), *words_on_damping(source.parametric)]
@@ -106,7 +114,7 @@ class StateSpaceMat(Writer):
     suffix, needs, kind, keeps_parameters = "_statespace.mat", "reduced", MATLAB, True
 
     def write(self, target, source):
-        save_mat(target, state_space(source.reduced) | arrays_of_parameters(source.parametric))
+        save_mat(target, _arrays(source))
         return _words(source)
 
 
@@ -116,5 +124,5 @@ class StateSpaceNpz(Writer):
     suffix, needs, kind, keeps_parameters = "_statespace.npz", "reduced", ZIP, True
 
     def write(self, target, source):
-        save_npz(target, state_space(source.reduced) | arrays_of_parameters(source.parametric))
+        save_npz(target, _arrays(source))
         return _words(source)

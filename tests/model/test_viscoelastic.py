@@ -146,9 +146,20 @@ def test_a_free_body(comm):
                 assert close(expected, rom.frequency_response(f)) < 2e-4
 
 
-def test_parameters_beside_it_are_refused(comm):
-    with sandwich().model(comm) as model, pytest.raises(InputError, match="viscoelastic parts beside parameters"):
-        hpcred.ParametricModel(model, [hpcred.Parameter("p", (0.0, 1.0))], [hpcred.Term("K", np.eye(40), "p")])
+@pytest.mark.mpi
+def test_parameters_beside_it(comm):
+    """A term off the pattern of K brings K_v to the pattern of all."""
+    case, spring = sandwich((MAXWELL,)), np.zeros((40, 40))
+    spring[np.ix_([3, 31], [3, 31])] = 2e6 * np.array([[1, -1], [-1, 1]])
+    f = np.array([20.0, 300.0])
+    with (
+        case.model(comm) as model,
+        hpcred.ParametricModel(model, [hpcred.Parameter("p", (0.0, 1.0))], [hpcred.Term("K", spring, "p")]) as whole,
+    ):
+        for p in (0.0, 0.7):
+            with whole.at(p=p) as there:
+                case.K = sandwich((MAXWELL,)).K + p * spring
+                assert close(case.truth(f)[0], there.frequency_response(f)) < 1e-10
 
 
 def two_materials(model, young=None):

@@ -7,19 +7,22 @@ import numpy as np
 import pytest
 from adaptive_models import chain, pair, unit
 from helpers import block_with_ends, to_dense
-from parametric_models import AffineCase, fresh_pairs, random_affine
+from parametric_models import AffineCase, fresh_pairs, random_affine, random_viscoelastic
 
 import hpcred
 from hpcred import (
     Buckens,
+    Fractional,
     GivenDamping,
     InputError,
+    Maxwell,
     ModalDamping,
     Modes,
     Parameter,
     ParametricModel,
     Rayleigh,
     Term,
+    Viscoelastic,
 )
 from hpcred.examples.linkage import FRAME, LOAD, SUPPORTS
 from hpcred.model.interfaces import Nodes
@@ -92,6 +95,52 @@ def test_random_models(seed, comm):
     case, tolerance = random_affine(seed, 30)
     with reduced(case, tolerance, comm) as rom:
         assert not rom.record.accuracy.reached or case.eps(rom, fresh_pairs(case)).max() <= tolerance
+
+
+def rubber(n, laws):
+    """Viscoelastic links of a chain (n, n), one after the other."""
+    return [Viscoelastic(3e3 * sum(np.outer(e, e) for e in (pair(n, j, j + 3) for j in range(5 * k, n - 3, 9))), law)
+            for k, law in enumerate(laws)]  # fmt: skip
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("make, law", [
+    (bushings, Fractional(low=0.0, high=4.0, time=0.05, exponent=0.6)),
+    (rotor, Maxwell(factors=[1.0, 0.5], times=[0.3, 0.02])),
+], ids=["fractional", "maxwell"])  # fmt: skip
+def test_viscoelastic_parts_beside_parameters(make, law, comm):
+    case = make(25)
+    case.parts = rubber(len(case.K), [law])
+    if make is bushings:
+        case.terms.append(("M", np.diag(np.arange(25) % 4 == 0) * 0.3, "a"))
+    with reduced(case, 1e-3, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
+        check(case, rom, 1e-3)
+        assert "viscoelastic parts of the model" in rom.record.accuracy.measured
+        values = {item.name: item.range[1] for item in case.parameters}
+        s = 2j * np.pi * np.array([0.3, 2.2])
+        assert np.allclose(rom.transfer_function(s, **values), rom.at(**values).transfer_function(s), rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_random_models_with_viscoelastic_parts(seed, comm):
+    case, tolerance = random_viscoelastic(seed, 25)
+    with reduced(case, tolerance, comm) as rom:
+        assert not rom.record.accuracy.reached or case.eps(rom, fresh_pairs(case)).max() <= tolerance
+
+
+def test_viscoelastic_parts_that_leave_modes_undamped_at_other_values(comm):
+    """A mass beside the rubber, whose frequency is in the band where the term of M is small."""
+    n = 20
+    case = bushings(n)
+    case.K, case.M = np.pad(case.K, (0, 1)), np.pad(case.M, (0, 1))
+    case.K[n, n], case.M[n, n] = 250.0, 1.0  # 2.5 Hz without the term
+    case.terms = [(of, np.pad(matrix, (0, 1)), factor) for of, matrix, factor in case.terms]
+    case.terms.append(("M", np.diag(np.arange(n + 1) == n) * 1e3, "a"))
+    case.B, case.band = np.vstack([case.B, [1.0, 1.0]]), (1.0, 4.0)
+    case.parts = rubber(n + 1, [Maxwell(factors=[1.0], times=[0.05])])
+    with reduced(case, 1e-2, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
+        assert rom.record.accuracy.loss_factor == 2e-3
+        assert "since the viscoelastic parts leave modes of the band" in rom.record.accuracy.measured
 
 
 def test_the_terms_are_those_of_the_full_model(comm):
@@ -260,6 +309,14 @@ def test_what_is_refused(comm):
         other.terms.append((of, matrix, "a"))
         with other.model(comm) as model, pytest.raises(InputError, match=message):
             hpcred.reduce(model, tolerance=1e-3, band=case.band, **more)
+    for of, law, message in [
+        ("K", Maxwell(factors=[1.0], times=[0.1]), "viscoelastic parts beside an unsymmetric term of K with the factor"),
+        ("D", Fractional(low=0.0, high=1.0, time=0.1, exponent=0.5), "the law of Kv1 is fractional, and M, D and K are"),
+    ]:
+        other = bushings(20, D=0.1 * np.eye(20), damping=GivenDamping(), parts=rubber(20, [law]))
+        other.terms.append((of, skew - skew.T, "a - 1"))  # nothing at the reference
+        with other.model(comm) as model, pytest.raises(InputError, match=message):
+            hpcred.reduce(model, tolerance=1e-3, band=case.band, damping=GivenDamping())
     for key, value in (("points", 1), ("most", 2)):
         with pytest.raises(InputError, match=f"parameter_search.{key}: found {value}, expected at least"):
             hpcred.ParameterSearch(**{key: value})

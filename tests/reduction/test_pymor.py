@@ -140,6 +140,19 @@ def test_parameters_stay_parameters():
 
 
 @pytest.mark.peers("pymor")
+def test_maxwell_elements_beside_parameters_are_coordinates():
+    law = hpcred.Maxwell(factors=[0.5, 2.0], times=[1e-3, 1e-4])
+    with hpcred.SecondOrderModel(M, D, K, B) as plain, plain.with_viscoelastic([hpcred.Viscoelastic(K, law)]) as model:
+        terms = [Term("K", K, "e"), Term("M", M, "e/2"), Term("B", B, "e - 1")]
+        rom = hpcred.reduce(ParametricModel(model, [Parameter("e", (0.5, 2.0))], terms), hpcred.Modes(count=4))
+    by_parameters = rom.to_pymor()
+    assert by_parameters.order == rom.size + 2 * rom.size
+    H = rom.frequency_response(F, e=1.7)
+    assert close(by_pymor(by_parameters, by_parameters.parameters.parse({"e": 1.7})), H)
+    assert close(by_pymor(rom.at(e=1.7).to_pymor()), H)
+
+
+@pytest.mark.peers("pymor")
 def test_an_exponent_of_a_number_is_no_parameter():
     rom = hpcred.reduce(chain_of([("K", K, "1e-1*e1 + 1.e1*e1^2/100")], ["e1"]), hpcred.Modes(count=3))
     model = rom.to_pymor()

@@ -12,7 +12,7 @@ from helpers import close, refused, to_dense
 from viscoelastic_models import MAXWELL, ZENER, sandwich
 
 import hpcred
-from hpcred import InputError, Krylov, Viscoelastic
+from hpcred import InputError, Krylov, Maxwell, Viscoelastic
 from hpcred.body.body import require_no_laws
 from hpcred.body.units import in_units
 from hpcred.cli.main import run
@@ -72,6 +72,48 @@ def test_a_job_reduces_and_everything_reads_it(case, capsys):
     assert "its viscoelastic laws differ" in refused(capsys, "evaluate", "result.h5", "--full", "other.h5")
     with opened("result.h5", "hpcred-result", 2) as file:
         assert file.attrs["version"] == 3  # which programs of before refuse
+
+
+def test_a_job_with_parameters_as_well(case, capsys):
+    """The spring that it has at a value is there in responses, comparisons, results at values and their exports."""
+    spring, law = np.zeros((40, 40)), Maxwell(factors=[2.0, 5.0], times=[1e-2, 3e-4], constant=0.4)
+    spring[12, 12] = 3e6
+    scipy.io.mmwrite("spring.mtx", scipy.sparse.coo_array(spring))
+    told = 'law = {kind = "maxwell", factors = [2.0, 5.0], times = [1e-2, 3e-4], constant = 0.4}'
+    table = '[[parameter]]\nname = "p"\nrange = [0.0, 2.0]\n[[term]]\nof = "K"\nfile = "spring.mtx"\nfactor = "p"\n'
+    text = JOB.replace(f"law = {LAW}", told).replace("1e-4", "1e-3") + table + "[parameter_search]\npoints = 5\n"
+    Path("job.toml").write_text(text)
+    assert run(["reduce", "job.toml"]) == 0
+    case.K, case.parts = case.K + 1.7 * spring, [(case.parts[0][0], law)]
+    H = case.truth(FRESH)[0]
+    result = hpcred.read_result("result.h5")
+    assert hpcred.relative_error(H, result.reduced.frequency_response(FRESH, p=1.7)).max() < 1e-3
+    assert hpcred.relative_error(H, result.at(p=1.7).reduced.frequency_response(FRESH)).max() < 1e-3
+    run(["info", "result.h5"])
+    assert "Kv.mtx: Maxwell(" in capsys.readouterr().out
+    given = ["--full", "model.h5", "--at", "p=1.7"]
+    assert run(["evaluate", "result.h5", *given, "--check", "4", "--seed", "1"]) == 0
+    assert "measured with the viscoelastic parts of the model" in capsys.readouterr().out
+    assert run(["report", "result.h5", *given, "-o", "r.html"]) == 0
+    Path("at.toml").write_text("at = {p = 1.7}\n" + text.replace("[parameter_search]\npoints = 5\n", ""))
+    assert run(["response", "at.toml", "--band", "0,500", "--points", "20", "-o", "f.h5"]) == 0
+    found = hpcred.read_responses("f.h5")
+    assert close(case.truth(found.frequencies)[0], found.response) < 1e-8
+
+    for at in (None, {"p": 1.7}):
+        report = hpcred.export_result("result.h5", "statespace-npz", "s.npz", at=at)
+        assert any("are those of Maxwell elements" in text for text in report["remarks"])
+        with np.load("s.npz") as file:
+            arrays = dict(file)
+        parts = {of: arrays[key] for of, key in zip("MDKB", ("mass", "damping", "stiffness", "input_matrix"), strict=True)}
+        if at is None:  # the arrays of parameters make the same up
+            assert close(arrays["constant_K"] + arrays["term_1"], arrays["stiffness"]) < 1e-12
+            parts = {of: arrays[f"constant_{of}"] for of in "MDKB"}
+            parts["K"] = parts["K"] + 1.7 * arrays["term_1"]
+        for f, expected in zip(FRESH[:3], H, strict=False):
+            s = 2j * np.pi * f
+            x = np.linalg.solve(s * s * parts["M"] + s * parts["D"] + parts["K"], parts["B"])
+            assert close(expected, parts["B"].T @ x) < 1e-3
 
 
 def test_convert_and_response(case, capsys):

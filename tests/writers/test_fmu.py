@@ -360,6 +360,24 @@ def test_the_step_response_at_values(family, family_fmu, values):
     assert (np.abs(numbers(result) - expected).max(axis=0) < 1e-9 * scale).all() and (scale > 0).all()
 
 
+def test_maxwell_elements_beside_parameters(family, tmp_path):
+    root = np.random.default_rng(5).normal(size=(family.size, 2))
+    law = hpcred.Maxwell(factors=[0.5, 2.0], times=[2e-4, 1e-3])
+    damped = replace(family, viscoelastic=(hpcred.Viscoelastic(1e7 * root @ root.T, law, "rubber"),))
+    remarks = write_fmu(tmp_path / "body.fmu", damped.base, parametric=damped)
+    assert any("the last 4 coordinates are the dashpots" in text for text in remarks)
+    variables = fmpy.read_model_description(tmp_path / "body.fmu").modelVariables
+    names, first = [v.name for v in variables if v.causality == "output"], variables[0].name
+    result = fmpy.simulate_fmu(tmp_path / "body.fmu", fmi_type="CoSimulation", stop_time=COUNT * SHORT,
+                               output_interval=SHORT, start_values={first: 10.0} | VALUES[1], output=names)  # fmt: skip
+    for each, far in ((damped, False), (family, True)):
+        at = replace(each.base, **each.matrices(VALUES[1]))
+        expected = exact(at, [SHORT] * COUNT, [[10.0, 0.0]] * COUNT, np.zeros((COUNT, 2)))
+        expected[:, :2] += state_space(at)["D"] @ [10.0, 0.0]
+        distance = np.abs(numbers(result) - expected).max(axis=0) / np.abs(expected).max(axis=0)
+        assert distance[0] > 1e-3 if far else distance.max() < 1e-8
+
+
 def test_modal_damping_is_no_sum_of_terms(family):
     """D follows the eigenfrequencies at each value: an FMU is at the reference values, and files of arrays say so."""
     modal = replace(family, record=replace(family.record, damping=hpcred.ModalDamping(ratio=0.02)))

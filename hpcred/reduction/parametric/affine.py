@@ -9,6 +9,7 @@ import numpy as np
 from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, inner, times, view_of
 from ...linalg.matrix_estimates import symmetry_defect
 from ...model.second_order_model import SYMMETRIC_TO
+from ...model.viscoelastic import Viscoelastic, matrices_by_key, parts_from, transformed
 from ..tolerance.independent_loads import independent_columns
 from ..tolerance.projections import extended
 from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
@@ -26,9 +27,9 @@ class Part(NamedTuple):
 class AffineForm:
     """The matrices of a parametric model, with the loads of all its inputs and outputs in the coordinates of a frame.
 
-    `parts`: of M (none where it does not depend on parameters), K and D (none unless `damped`); `loads` L: independent
-    columns of all parts of B and C^T, of which `inputs` and `outputs` (None for C = B^T) are lists of (place, factor);
-    `restore`: see FramedModel. Collective.
+    `parts`: of M (none where it does not depend on parameters), K and D (none unless `damped`), and K_v of viscoelastic
+    parts as Kv1, Kv2, ..., which are constant; `loads` L: independent columns of all parts of B and C^T, of which
+    `inputs` and `outputs` (None for C = B^T) are lists of (place, factor); `restore`: see FramedModel. Collective.
     """
 
     def __init__(self, parametric, framed, damped: bool):
@@ -40,6 +41,7 @@ class AffineForm:
             own = [(k, item.matrix) for k, item in terms if item.of == of]
             if of == "K" or (of == "M" and own) or (of == "D" and damped):
                 self.parts[of] = [Part(k, each, _is_symmetric(each)) for k, each in [(0, mat), *own]]
+        self.parts |= {key: [Part(0, mat)] for key, mat in matrices_by_key(model.viscoelastic).items()}
         blocks, places = [], {"B": [], "C": []}
         for of, mat in (("B", model.B), ("C", model.Ct)):
             if mat is not None:
@@ -86,12 +88,14 @@ class PointModels(NamedTuple):
     damping: Proportional
     io: InputsOutputs
     symmetric: bool
+    viscoelastic: tuple[Viscoelastic, ...]
 
     def model(self, count: int | None = None) -> PseudoModal:
         """Return the model of the first `count` columns, by default of all."""
         k = slice(count)
         D = None if self.D is None else self.D[k, k]
-        return diagonalised(self.K[k, k], self.L[k], D, self.damping, self.io, symmetric=self.symmetric)
+        parts = transformed(self.viscoelastic, lambda matrix: matrix[k, k])
+        return diagonalised(self.K[k, k], self.L[k], D, self.damping, self.io, parts, self.symmetric)
 
 
 class AffineProjections:
@@ -130,13 +134,16 @@ class AffineProjections:
 
     def at(self, theta: np.ndarray) -> PointModels:
         """Return the projections for factors (1, theta_1, ...); local."""
-        K, D, M = (self._sum(of, theta) for of in "KDM")
-        known = self.damping, self.form.io(theta), all(part.symmetric for part in self.form.parts["K"])
-        if M is None:
-            return PointModels(K, self.L, D, np.eye(len(K)), *known)
-        turn = np.linalg.inv(np.linalg.cholesky((M + M.T) / 2)).T
-        K, D = (None if part is None else turn.T @ part @ turn for part in (K, D))
-        return PointModels(K, turn.T @ self.L, D, turn, *known)
+        summed = {of: found for of in self.form.parts if (found := self._sum(of, theta)) is not None}
+        M, L, turn = summed.pop("M", None), self.L, np.eye(len(self.L))
+        if M is not None:
+            turn = np.linalg.inv(np.linalg.cholesky((M + M.T) / 2)).T
+            summed, L = {of: turn.T @ part @ turn for of, part in summed.items()}, turn.T @ L
+        symmetric = all(part.symmetric for part in self.form.parts["K"])
+        parts = parts_from(self.form.parametric.model.viscoelastic, summed)
+        return PointModels(
+            summed["K"], L, summed.get("D"), turn, self.damping, self.form.io(theta), symmetric, parts
+        )
 
     def _sum(self, of, theta):
         parts = self.form.parts[of]

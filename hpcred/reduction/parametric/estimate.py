@@ -116,11 +116,9 @@ class _Samples:
         model = models.model()
         S = grid([model], settings.band, RESIDUALS, None)
         loads, *by_matrix = residual_coefficients(model, settings, S)
-        by_matrix = dict(zip("MKD", [models.turn @ part for part in by_matrix], strict=False))
-        found = [loads]
-        for of in ("M", "K", "D"):
-            parts = form.parts[of]
-            if of == "M" and not parts:
-                found.append(by_matrix["M"])
+        there = [of for of, parts in form.parts.items() if parts or of == "M"]
+        by_matrix = dict(zip(there, [models.turn @ part for part in by_matrix], strict=True))
+        found = [loads] if form.parts["M"] else [loads, by_matrix["M"]]
+        for of, parts in form.parts.items():
             found += [theta[part.place] * by_matrix[of] for part in parts]
         return found

@@ -14,6 +14,7 @@ from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, caug
 from ...model.expressions import Expression
 from ...model.parameters import Parameter, checked_values
 from ...model.second_order_model import SYMMETRIC_TO
+from ...model.viscoelastic import transformed
 from ..projection import project, project_columns
 from ..reduced_damping import reduced_damping
 from ..reduced_model import ReducedModel
@@ -40,7 +41,7 @@ class ParametricReducedModel(ReducedModel):
 
     `constant`: M, D, K (m, m), B (m, p) and C (r, m) without the terms, by name, and Cv, Ca where outputs are
     velocities or accelerations; `terms`: what joins them, so that A(p) = A + sum theta_k(p) A_k as in the full model,
-    in the coordinates of the model at the reference.
+    in the coordinates of the model at the reference. Viscoelastic parts do not depend on parameters.
     """
 
     parameters: tuple[Parameter, ...] = ()
@@ -112,7 +113,8 @@ class ParametricReducedModel(ReducedModel):
             outputs = {key: found[key] @ X for key in ("C", "Cv", "Ca") if key in found}
             found = {"M": np.eye(self.size), "K": np.diag(eigenvalues) + X.T @ skew_part(found["K"]) @ X,
                      "D": X.T @ found["D"] @ X,
-                     "B": X.T @ found["B"], **outputs}  # fmt: skip
+                     "B": X.T @ found["B"], **outputs,
+                     "viscoelastic": transformed(self.viscoelastic, lambda matrix: X.T @ matrix @ X)}  # fmt: skip
         if any(item.of == "B" for item in self.terms) and checked_values(self.parameters, values) != self.reference:
             found["resultants"] = None  # those of the columns at the reference
         return replace(self.base, **found, frequencies=frequencies, columns=None, left_columns=None, model=None)

@@ -23,7 +23,7 @@ from ...parallel.failures import InputError, Owned
 from ...parallel.petsc import free_dropped
 from ...parallel.progress import counted
 from ..basis_reductor import BasisReductor, extend_by_all
-from ..checks import require_no_frequencies
+from ..checks import check_viscoelastic, require_no_frequencies
 from ..notes import Notes
 from ..run import Run, identity_of_model
 from ..tolerance.outcome import accuracy_of
@@ -148,6 +148,7 @@ def run_at(reductor, first, point, asked=()):
         model = owned.owns(parametric.at(**values))
         if any(item.of == "M" for item in parametric.terms):
             check_definite(model)
+        check_viscoelastic(model, reductor.damping)
         framed = apply_frame(model, reductor.frame, reductor.damping)
         if framed.rigid_size != first.framed.rigid_size:
             raise InputError(
@@ -192,6 +193,11 @@ def check_parametric(model, frame, damping, coordinates):
             )
         if unsymmetric:
             require_no_frequencies(model, damping)
+        if unsymmetric and model.model.viscoelastic:
+            raise InputError(
+                f"{model.name}: found viscoelastic parts beside an unsymmetric term of K with the factor "
+                f"'{item.factor}', which no reduction has; leave one of them out"
+            )
         if unsymmetric and (isinstance(frame, Buckens) or coordinates == "interface"):
             found = "the Buckens frame" if isinstance(frame, Buckens) else "interface coordinates"
             raise InputError(
