@@ -46,8 +46,8 @@ class ParametricModel:
     Notes
     -----
     Collective. A(p) is the model's matrix where no term is added to it. A model without damping matrix has D = 0 as the
-    constant part of its terms of D. A skew-symmetric term of K makes the model `circulatory`. Viscoelastic parts are those
-    of the constant part: K(s, p) = K(p) + sum (g(s) - g(0)) K_v.
+    constant part of its terms of D. A skew-symmetric term of K makes the model `circulatory`. Viscoelastic parts are
+    those of the constant part: K(s, p) = K(p) + sum (g(s) - g(0)) K_v.
 
     Attributes
     ----------

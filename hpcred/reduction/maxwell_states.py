@@ -83,8 +83,8 @@ def maxwell_states(parts, where="a state space") -> MaxwellStates:
 
 
 def with_maxwell_states(reduced, where="a state space", from_rest=False):
-    """Return a reduced model without viscoelastic parts, whose last coordinates are the states, and their number; also of
-    a parametric one, with its constant parts and terms, on which the states do not depend.
+    """Return a reduced model without viscoelastic parts, whose last coordinates are the states, and their number; also
+    of a parametric one, with its constant parts and terms, on which the states do not depend.
 
     By MaxwellStates.second_order, whose mass is singular, or `from_rest`. Raises InputError for laws without states.
     """

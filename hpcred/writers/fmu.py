@@ -83,7 +83,8 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None, parametric=N
     remarks = instability(reduced)
     if reduced.viscoelastic:
         reduced, count = with_maxwell_states(reduced, "an FMU", from_rest=True)
-        remarks.append(f"the last {count} coordinates are the dashpots of Maxwell elements; the body has to start at rest")
+        remarks.append(f"the last {count} coordinates are the dashpots of Maxwell elements; the body has to start at "
+                       "rest")  # fmt: skip
         if parametric is not None:
             parametric = with_maxwell_states(parametric, "an FMU", from_rest=True)[0]
     compiler, (folder, suffix) = _compiler(), _platform()

@@ -310,8 +310,8 @@ def test_what_is_refused(comm):
         with other.model(comm) as model, pytest.raises(InputError, match=message):
             hpcred.reduce(model, tolerance=1e-3, band=case.band, **more)
     for of, law, message in [
-        ("K", Maxwell(factors=[1.0], times=[0.1]), "viscoelastic parts beside an unsymmetric term of K with the factor"),
-        ("D", Fractional(low=0.0, high=1.0, time=0.1, exponent=0.5), "the law of Kv1 is fractional, and M, D and K are"),
+        ("K", Maxwell(factors=[1.0], times=[0.1]), "viscoelastic parts beside an unsymmetric term of K with"),
+        ("D", Fractional(low=0.0, high=1.0, time=0.1, exponent=0.5), "the law of Kv1 is fractional, and M, D and K"),
     ]:
         other = bushings(20, D=0.1 * np.eye(20), damping=GivenDamping(), parts=rubber(20, [law]))
         other.terms.append((of, skew - skew.T, "a - 1"))  # nothing at the reference

@@ -105,7 +105,8 @@ def test_a_job_with_parameters_as_well(case, capsys):
         assert any("are those of Maxwell elements" in text for text in report["remarks"])
         with np.load("s.npz") as file:
             arrays = dict(file)
-        parts = {of: arrays[key] for of, key in zip("MDKB", ("mass", "damping", "stiffness", "input_matrix"), strict=True)}
+        keys = ("mass", "damping", "stiffness", "input_matrix")
+        parts = {of: arrays[key] for of, key in zip("MDKB", keys, strict=True)}
         if at is None:  # the arrays of parameters make the same up
             assert close(arrays["constant_K"] + arrays["term_1"], arrays["stiffness"]) < 1e-12
             parts = {of: arrays[f"constant_{of}"] for of in "MDKB"}
