@@ -25,7 +25,7 @@ def published(name):
     return MODELS[name] if name in HERE else pytest.skip(f"{MODELS[name].file} is not here")
 
 
-@pytest.mark.mpi(build="real")
+@pytest.mark.mpi(build="real", costly=True)
 @pytest.mark.parametrize("name", ["foundation", "concrete", "shaft", "sandwich"])
 def test_reduced_to_a_tolerance(comm, name):
     made = published(name)

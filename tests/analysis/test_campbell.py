@@ -183,9 +183,9 @@ def test_orbits_by_phase():
 
 
 def test_steps_that_do_not_decide_are_told():
-    """A matrix without continuity."""
+    """A matrix that jumps at a value."""
     def mats(p):
-        turn = np.linalg.qr(np.random.default_rng(int(1e6 * p)).normal(size=(4, 4)))[0]
+        turn = np.linalg.qr(np.random.default_rng(int(p > 0.3)).normal(size=(4, 4)))[0]
         return np.eye(4), np.zeros((4, 4)), turn @ np.diag([1.0, 4.0, 9.0, 16.0]) @ turn.T
 
     found = hpcred.campbell(Family(mats), "p", [0.0, 1.0])
@@ -232,7 +232,7 @@ def test_viscoelastic_parts_are_refused():
         hpcred.campbell(model, values=[0, 1])
 
 
-@pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.mpi(ranks=(1, 2), costly=True)
 def test_a_full_rotor_beside(comm):
     """The lowest modes of an overhung rotor with gyroscopic moments, against all its modes in numpy."""
     with overhung_rotor(comm) as rotor:

@@ -28,7 +28,7 @@ def nearest(poles, to, count):
     return poles[np.argsort(np.abs(poles - to))][:count]
 
 
-@pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.mpi(ranks=(1, 2), costly=True)
 @pytest.mark.parametrize("unsymmetric", [False, True])
 def test_against_a_dense_eigensolver(comm, unsymmetric):
     """Dashpots that make some modes over-critical, and a gyroscopic pair; residuals by shapes in all dofs."""

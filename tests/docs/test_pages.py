@@ -112,13 +112,22 @@ def sentences_of_the_program():
                 yield "".join(part.value if isinstance(part, ast.Constant) else "…" for part in node.values)
 
 
+def says(sentence, parts):
+    """Whether the parts are in it, one after another."""
+    place = 0
+    for part in parts:
+        if (place := sentence.find(part, place)) < 0:
+            return False
+        place += len(part)
+    return True
+
+
 def test_messages_are_those_of_the_program():
     """Each message that the page explains is said somewhere, word for word."""
     quoted = re.findall(r"^`([^`]+)`.*\n:   ", (DOCS / "troubleshooting.md").read_text(), re.M)
-    known = list(sentences_of_the_program())
-    patterns = {text: re.compile(".*?".join(map(re.escape, text.split("…"))), re.S) for text in quoted}
+    known = set(sentences_of_the_program())
     assert len(quoted) > 40
-    assert [text for text, pattern in patterns.items() if not any(pattern.search(item) for item in known)] == []
+    assert [text for text in quoted if not any(says(item, text.split("…")) for item in known)] == []
 
 
 def test_all_exports_are_on_their_page():
@@ -217,8 +226,8 @@ def test_the_reference_has_every_key_command_and_name():
     ("page", "says"),
     [
         ("python.md", ["largest error", "crank:rx"]),
-        ("parameters.md", ["parameters k 0.1 to 10; terms of K (k)"]),
-        ("campbell.md", ["unstable from 1152.6"]),
+        pytest.param("parameters.md", ["parameters k 0.1 to 10; terms of K (k)"], marks=pytest.mark.slow),
+        pytest.param("campbell.md", ["unstable from 1152.6"], marks=pytest.mark.slow),
     ],
 )
 def test_examples_in_python_run(tmp_path, monkeypatch, capsys, page, says):

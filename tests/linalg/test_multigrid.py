@@ -229,7 +229,7 @@ def test_modes_are_those_of_factors():
             assert np.allclose(*found, rtol=1e-9)
 
 
-@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.mpi(ranks=(1, 3), costly=True)
 def test_a_tolerance_is_reached_by_the_chain_at_0_hz_and_proven_beside_the_basis(comm):
     band = (0.0, 25000.0)
     with hpcred.solid(CELLS, inputs=3, comm=comm) as model:
@@ -302,7 +302,7 @@ def test_a_search_goes_back_to_0_hz_where_its_basis_lacks_modes(monkeypatch):
         assert accuracy.points[2].frequency > 0 and accuracy.proofs
 
 
-@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.mpi(ranks=(1, 3), costly=True)
 def test_where_a_factor_does_not_fit_multigrid_takes_over_at_real_points(comm, monkeypatch):
     with hpcred.solid((8, 6, 6), inputs=1, comm=comm) as model:
         monkeypatch.setenv("HPCRED_MEMORY_MB", "2")

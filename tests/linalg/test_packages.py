@@ -4,11 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import dense_model
+from helpers import dense_model, refused
 
 import hpcred
+import hpcred as package
 from hpcred import Buckens, Factoring, Krylov, LinearSolver, Modes, StaticCorrection
 from hpcred.analysis.summary import inspect
+from hpcred.cli.main import run
 from hpcred.linalg.solvers import settings
 from hpcred.linalg.solvers.base import Factorisation, SingularMatrix
 from hpcred.linalg.solvers.mumps import Mumps
@@ -214,24 +216,23 @@ def test_a_solver_of_a_program_of_its_own(counts, monkeypatch):
     assert accuracy.reached and len(accuracy.proofs) == (1 if counts and not is_complex() else 2)
 
 
-def test_in_a_job_and_in_commands(hpcred, tmp_path):
+def test_in_a_job_and_in_commands(hpcred, tmp_path, monkeypatch, capsys):
     """Full responses of a result take the package that it was reduced by, or that of the command."""
-    assert hpcred("example", "solid", "--cells", 4, 2, 2).returncode == 0
+    monkeypatch.chdir(tmp_path)
+    package.write_model("model.h5", package.solid((4, 2, 2)))
     (tmp_path / "job.toml").write_text(
         'model = "model.h5"\n[solver]\npackage = "petsc"\n[[basis]]\nkind = "krylov"\nfrequency = 100.0\n'
     )
-    run = hpcred("reduce", "job.toml")
-    assert run.returncode == 0, run.stderr
-    assert "\nPETSc " in run.stdout and "MUMPS" not in run.stdout
+    assert run(["reduce", "job.toml"]) == 0
+    told = capsys.readouterr().out
+    assert "\nPETSc " in told and "MUMPS" not in told
     evaluate = ["evaluate", "result.h5", "--full", "model.h5", "--frequencies", "10,50"]
-    assert hpcred(*evaluate).returncode == 0
-    run = hpcred(*evaluate, "--package", "superlu_dist", ranks=2)
-    assert run.returncode == 0, run.stderr
+    assert run(evaluate) == 0
+    done = hpcred(*evaluate, "--package", "superlu_dist", ranks=2)
+    assert done.returncode == 0, done.stderr
     assert hpcred(*evaluate, ranks=2).returncode == 0  # a frequency a rank
-    run = hpcred("reduce", "job.toml", ranks=2)
-    assert run.returncode == 2 and "'petsc' factors on one rank, found 2 ranks" in run.stderr
-    run = hpcred("reduce", "job.toml", "--set", "solver.package=nix")
-    assert run.returncode == 2 and "solver.package: found 'nix', expected 'mumps'" in run.stderr
+    message = refused(capsys, "reduce", "job.toml", "--set", "solver.package=nix")
+    assert "solver.package: found 'nix', expected 'mumps'" in message
 
 
 def test_records_of_earlier_versions_are_of_mumps():

@@ -28,7 +28,7 @@ def test_each_shape_has_a_bound():
     assert list(MOST) == list(SHAPES)
 
 
-@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.mpi(ranks=(1, 3), costly=True)
 @pytest.mark.parametrize("name", ["housing, tetrahedra of 10", "housing, shells on 3 points", "rigid faces",
                                   "soft layers, 1e-4", "ring, curved hexahedra of 20"])  # fmt: skip
 def test_iterations_stay_in_bounds_on_ranks(comm, name):

@@ -100,7 +100,7 @@ def test_under_the_tolerance_and_in_files(comm, folder):
     assert found["eps_max"] <= 1e-4
 
 
-@pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.mpi(ranks=(1, 2), costly=True)
 @pytest.mark.parametrize("coordinates", ["modal", "interface"])
 def test_a_free_body_to_a_tolerance(comm, coordinates):
     model = cantilever(comm, clamped=False)

@@ -481,7 +481,7 @@ def test_modes_of_a_cluster_that_dashpots_leave_alone(comm, seed):
     assert check.passed and any(np.abs(f / sharp - 1).min() < 3e-4 for f in check.frequencies)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(costly=True)
 def test_a_band_beyond_all_that_the_mesh_follows_is_warned_of(comm):
     with hpcred.solid((4, 1, 1)) as model:
         top = float(hpcred.natural_modes(model, model.size).frequencies.max())

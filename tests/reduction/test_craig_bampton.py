@@ -105,6 +105,7 @@ def test_craig_bampton_frequencies_lie_above_the_true_ones_and_come_down(comm):
         assert np.abs(last / true - 1).max() < 1e-2
 
 
+@pytest.mark.mpi(costly=True)
 def test_names_of_one_method_are_one_method(comm):
     """Guyan is Craig-Bampton without modes; attachment modes are the Krylov block of the interface loads at 0 Hz."""
     pairs = [

@@ -44,6 +44,7 @@ def close(found, expected, to):
     return (np.abs(found - expected) <= to * size).all()
 
 
+@pytest.mark.mpi(costly=True)
 def test_responses_of_the_full_model_are_those_of_dense_matrices():
     given = case(1)
     with model_of(given) as model:
@@ -52,6 +53,7 @@ def test_responses_of_the_full_model_are_those_of_dense_matrices():
         assert close(found.response, dense(*given, FREQUENCIES), 1e-7)
 
 
+@pytest.mark.mpi(costly=True)
 @pytest.mark.parametrize("seed", range(4))
 def test_reduced_responses_hold_the_tolerance(seed):
     given = case(seed)
@@ -106,6 +108,7 @@ def test_model_files_keep_them(tmp_path):
         assert close(hpcred.frequency_response(again, FREQUENCIES), dense(*given, FREQUENCIES), 1e-10)
 
 
+@pytest.mark.mpi(costly=True)
 def test_state_space_has_a_feed_through():
     with model_of(case(4)) as model, hpcred.reduce(model, tolerance=1e-3, band=(0.0, 8.0)) as reduced:
         found = hpcred.state_space(reduced)

@@ -45,6 +45,7 @@ def test_a_damping_matrix_of_nothing_is_measured_as_none(comm, zeros):
     assert "the damping matrix leaves modes of the band without damping" in accuracy.measured
 
 
+@pytest.mark.mpi(costly=True)
 def test_what_a_damping_matrix_leaves_undamped_has_a_loss_factor(comm):
     """Dashpots across a rod, forces across it and along: all coordinates were kept, and nothing was reached."""
     K, M = rod()

@@ -1,7 +1,5 @@
 """Groups of ranks give the same model, and fail together."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -52,13 +50,12 @@ def test_groups_give_the_same_model(comm, groups):
 
 def test_a_refusal_in_one_group_ends_all(hpcred, tmp_path):
     """The second point is an eigenfrequency; the first group has nothing against its own."""
-    assert hpcred("example", "linkage").returncode == 0
+    package.write_model(tmp_path / "model.h5", package.linkage())
     buckens = '[frame]\nkind = "buckens"\n'
     head, points = JOB.split("\n", 1)
-    (tmp_path / "modes.toml").write_text(f'{head}\n{buckens}[[basis]]\nkind = "modes"\nindex = [7]\n')
     (tmp_path / "job.toml").write_text(f"{head}\n{buckens}{points}")
-    assert hpcred("reduce", "modes.toml", "--json", "modes.json").returncode == 0
-    (frequency,) = json.loads((tmp_path / "modes.json").read_text())["frequencies_hz"]
+    with package.linkage() as model, package.reduce(model, [Modes(index=[7])], Buckens()) as rom:
+        (frequency,) = rom.frequencies
     run = hpcred("reduce", "job.toml", "--groups", 2, "--set", f"basis.1.frequency={frequency!r}", ranks=2, timeout=60)
     assert run.returncode == 2
     assert run.stderr.count("hpcred: error: ") == 1 and "is an eigenfrequency of the undamped model" in run.stderr

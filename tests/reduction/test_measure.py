@@ -186,6 +186,7 @@ class OfThePeak(hpcred.Measure):
         return np.full(H.shape[:2], self.peak), np.ones(H.shape[::2])
 
 
+@pytest.mark.mpi(costly=True)
 def test_a_measure_of_ones_own_is_one_argument(rod, comm, tmp_path):
     """It is reduced to, checked, written, read, evaluated and reported; where its class is not known, kept."""
     folder = comm.bcast(tmp_path)
@@ -213,6 +214,7 @@ def test_a_measure_of_ones_own_is_one_argument(rod, comm, tmp_path):
         hpcred.relative_error(H, H, unknown.measure)
 
 
+@pytest.mark.mpi(costly=True)
 def test_a_gyroscopic_response_has_an_error_that_is_no_round_off(comm):
     """H is not symmetric there, though outputs are inputs: their difference passed for round-off."""
     K, M = chain(40)

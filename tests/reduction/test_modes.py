@@ -77,7 +77,7 @@ def test_dominance_is_half_the_height_of_a_resonance(comm, damping):
     assert np.allclose(frequencies, omega[chosen] / (2 * np.pi), rtol=1e-8)
 
 
-@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.mpi(ranks=(1, 3), costly=True)
 @pytest.mark.parametrize("cells", [(10, 2, 2), (4, 4, 4)])
 def test_no_mode_of_a_repeated_pair_is_left_out(comm, cells):
     """Free square bars, whose bending modes are pairs, against dense numpy, for each number of modes."""

@@ -74,7 +74,7 @@ def check(case, rom, tolerance):
     assert 0.4 <= true[-1] / accuracy.largest <= 1.2
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(costly=True)
 @pytest.mark.parametrize("make, tolerance", [(bushings, 1e-4), (rotor, 1e-3)], ids=["bushings", "rotor"])
 def test_the_tolerance_holds_at_other_values(make, tolerance, comm):
     case = make()
@@ -89,7 +89,7 @@ def test_the_tolerance_holds_at_other_values(make, tolerance, comm):
         assert len(rom.record.factorisations) == sum(point.factorisations for point in accuracy.parameters.points)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(costly=True)
 @pytest.mark.parametrize("seed", [5, 16])
 def test_random_models(seed, comm):
     case, tolerance = random_affine(seed, 30)
@@ -186,7 +186,7 @@ def test_damping_that_follows_the_matrices(damping, comm):
         assert np.allclose(at.D, np.diag(expected), atol=1e-9 * expected.max())
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(costly=True)
 @pytest.mark.parametrize("frame", [FRAME, Buckens()], ids=lambda item: item.kind)
 def test_frames(frame, comm):
     """Terms have all dofs of the model, the basis those of the frame; against full solves in the frame."""
@@ -241,7 +241,7 @@ def test_components_at_several_values(comm):
         assert off(rom, rom.reference) < 1e-9 < max(off(rom, values) for values in points) < 0.3
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(costly=True)
 def test_a_store_serves_again(comm, tmp_path):
     """And another model with the same matrices at the reference is another one."""
     folder = comm.bcast(str(tmp_path))

@@ -124,7 +124,7 @@ JOBS = {
 }  # fmt: skip
 
 
-@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.mpi(ranks=(1, 3), costly=True)
 @pytest.mark.parametrize("kind", JOBS)
 def test_a_run_that_is_killed_after_any_point_goes_on(comm, folder, kind):
     with package.linkage(comm) as model:

@@ -2,11 +2,16 @@
 
 import json
 
+import pytest
+
+import hpcred as package
+
 JOB = (
     'model = "model.h5"\n[[basis]]\nkind = "krylov"\nfrequency = 100.0\n[[basis]]\nkind = "krylov"\nfrequency = 900.0\n'
 )
 
 
+@pytest.mark.slow
 def test_bench_and_profile(hpcred, tmp_path):
     run = hpcred("bench", "--cells", 10, 5, 5, "--json", "bench.json", ranks=2)
     assert run.returncode == 0, run.stderr
@@ -20,7 +25,7 @@ def test_bench_and_profile(hpcred, tmp_path):
     assert ("icntl_27" in run.stdout) == (min(widths.values()) < 0.9 * widths["96"])
     assert ("hint: MUMPS ordered by" in run.stdout) == (report["ordering"] not in ("METIS", "SCOTCH"))
     assert hpcred("bench", "--folder", "nowhere").returncode == 2
-    assert hpcred("example", "solid", "--cells", 10, 5, 5).returncode == 0
+    package.write_model(tmp_path / "model.h5", package.solid((10, 5, 5)))
     (tmp_path / "job.toml").write_text(JOB)
     run = hpcred("reduce", "job.toml", "--profile", "--groups", 2, ranks=2)
     assert run.returncode == 0, run.stderr

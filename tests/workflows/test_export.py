@@ -22,7 +22,7 @@ loss_factor = 0.02
 """
 
 
-@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.mpi(ranks=(1, 3), costly=True)
 def test_all_formats_without_more(reduced_linkage, comm, monkeypatch):
     monkeypatch.setattr(mode_pictures, "MOVING_DOTS", 40)
     result = reduced_linkage()

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 from launch import mpi_environment
 
+import hpcred as package
 from hpcred.parallel import kernels, processor
 from hpcred.parallel.failures import InputError
 from hpcred.workflows import kernels as workflow
@@ -126,6 +127,7 @@ def test_another_blas_has_nothing_to_choose(monkeypatch, machine):
     assert not kernels.place().exists()
 
 
+@pytest.mark.slow
 def test_saved_and_forgotten(hpcred, tmp_path):
     """By the command, on two ranks; later runs take what was saved, and results say so."""
     settings = {"XDG_CONFIG_HOME": str(tmp_path / "settings"), "OPENBLAS_CORETYPE": ""}
@@ -149,7 +151,7 @@ def test_saved_and_forgotten(hpcred, tmp_path):
     said = subprocess.run(late, env=environment, capture_output=True, text=True, check=True).stdout
     assert "in Python, import hpcred before numpy" in said or f", {other}" in said
 
-    assert hpcred("example", "solid", "--cells", 3, 2, 2).returncode == 0
+    package.write_model(tmp_path / "model.h5", package.solid((3, 2, 2)))
     (tmp_path / "job.toml").write_text('model = "model.h5"\n[[basis]]\nkind = "modes"\ncount = 2\n')
     run = hpcred("reduce", "job.toml", "--json", "record.json", **settings)
     assert json.loads((tmp_path / "record.json").read_text())["versions"]["blas_kernels_chosen_by"] == "OpenBLAS"

@@ -120,7 +120,7 @@ rotational_stiffness = [1.0, 1.0, 1.0]
 """
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(costly=True)
 def test_joints_drives_and_springs_in_the_files(made, comm):
     path = made()
     if comm.rank == 0:

@@ -41,6 +41,26 @@ launcher = ""
 """
 
 
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A folder with a finished sweep of two runs."""
+    folder = tmp_path_factory.mktemp("finished")
+    with package.linkage() as model:
+        package.write_model(folder / "model.h5", model)
+    (folder / "job.toml").write_text(CHORD_JOB)
+    text = SWEEP.format(last=1, count=2) + "[evaluate]\nband = [1.0, 100.0]\npoints = 3\n"
+    (folder / "sweep.toml").write_text(text)
+    assert package.run_sweep(folder / "sweep.toml")["finished"] == 2
+    return folder
+
+
+@pytest.fixture
+def swept(finished, tmp_path, monkeypatch):
+    """A copy of it, as the working folder."""
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+
+
 def results(folder):
     """Reduced models by the names of their files, while nothing writes."""
     return {path.name: package.read_result(path).reduced for path in sorted(Path(folder).glob("*.h5"))}
@@ -81,10 +101,8 @@ def test_the_documented_example(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize("taken", [
     "error_over_size.png", *(pytest.param(name, marks=pytest.mark.slow)
                              for name in ("error_over_basis.0.order.svg", "errors.svg"))])  # fmt: skip
-def test_figures_replace_no_file_of_another_kind(linkage_folder, capsys, taken):
+def test_figures_replace_no_file_of_another_kind(swept, capsys, taken):
     """Whether it lies in the folder or a link there leads to it; nothing else is written then."""
-    Path("sweep.toml").write_text(SWEEP.format(last=1, count=2) + "[evaluate]\nband = [1.0, 100.0]\npoints = 3\n")
-    assert run(["sweep", "sweep.toml"]) == 0
     collect = ["collect", "sweep.toml", "-o", "table.csv", "--figures", "figures"]
     Path("figures").mkdir()
     target, text = Path("figures", taken), "years of notes\n"
@@ -101,16 +119,15 @@ def test_figures_replace_no_file_of_another_kind(linkage_folder, capsys, taken):
     assert run(collect) == 0  # of the same kind
 
 
-def test_finished_runs_are_known_by_what_they_say(linkage_folder, capsys, monkeypatch):
+def test_finished_runs_are_known_by_what_they_say(swept, capsys, monkeypatch):
     """Not by times: a new model or job is seen, an old file with the same contents is not."""
-    Path("sweep.toml").write_text(SWEEP.format(last=1, count=2))
-
     def statuses():
         report = package.run_sweep("sweep.toml", dry_run=True)
         return [row["status"] for row in report["runs"]]
 
-    assert statuses() == ["missing", "missing"]
-    assert run(["sweep", "sweep.toml"]) == 0
+    Path("sweep/order-1.h5").rename("order-1.h5")
+    assert statuses() == ["skipped", "missing"]
+    Path("order-1.h5").rename("sweep/order-1.h5")
     assert statuses() == ["skipped", "skipped"]
     before = {path: path.stat().st_mtime_ns for path in Path("sweep").iterdir()}
     os.utime("model.h5")
@@ -135,8 +152,7 @@ def test_finished_runs_are_known_by_what_they_say(linkage_folder, capsys, monkey
         statuses()
 
 
-def test_keep_replaces_no_result_no_table_and_no_figure(linkage_folder, capsys):
-    Path("sweep.toml").write_text(SWEEP.format(last=1, count=2) + "[evaluate]\nband = [1.0, 100.0]\npoints = 3\n")
+def test_keep_replaces_no_result_no_table_and_no_figure(swept, capsys):
     assert run(["sweep", "sweep.toml", "--keep"]) == 0
     collect = ["collect", "sweep.toml", "--keep"]
     for more in (["-o", "table.csv"], ["-o", "table.json"], ["-o", "table.h5"], ["--figures", "figures"]):
@@ -152,12 +168,10 @@ def test_keep_replaces_no_result_no_table_and_no_figure(linkage_folder, capsys):
 
 
 @pytest.mark.parametrize("launcher", ["", "false"])
-def test_what_another_sweep_has_done_meanwhile_is_finished(linkage_folder, launcher):
+def test_what_another_sweep_has_done_meanwhile_is_finished(swept, launcher):
     """Before it is begun here, or while what is begun here is refused."""
-    text = SWEEP.format(last=1, count=2)
-    Path("sweep.toml").write_text(text)
-    package.run_sweep("sweep.toml")
     Path("sweep").rename("done")
+    text = SWEEP.format(last=1, count=2)
     Path("sweep.toml").write_text(text.replace('launcher = ""', f'launcher = "{launcher}"'))
 
     class Other(package.Progress):
@@ -174,11 +188,8 @@ def test_what_another_sweep_has_done_meanwhile_is_finished(linkage_folder, launc
 
 
 @pytest.mark.parametrize("finishes", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_a_run_that_another_sweep_computes_is_waited_for(linkage_folder, finishes):
+def test_a_run_that_another_sweep_computes_is_waited_for(swept, finishes):
     """Also where its lock is there before it is begun here; what the other leaves undone is done here."""
-    text = SWEEP.format(last=1, count=2)
-    Path("sweep.toml").write_text(text)
-    package.run_sweep("sweep.toml")
     Path("sweep/order-0.h5").rename("order-0.h5")
     Path("sweep/order-1.h5").unlink()
     locked, said = [], []
@@ -196,7 +207,7 @@ def test_a_run_that_another_sweep_computes_is_waited_for(linkage_folder, finishe
     os.write(locked[0], b"process 7 on elsewhere")
     report = package.run_sweep("sweep.toml", progress=Other(MPI.COMM_SELF, show=False))
     assert [row["status"] for row in report["runs"]] == ["skipped" if finishes else "finished", "finished"]
-    assert not report["failed"] and len(results("sweep")) == 2
+    assert not report["failed"] and len(list(Path("sweep").glob("order-*.h5"))) == 2
     (line,) = [line for line in said if "computed by another sweep" in line]
     assert line.startswith("order-0: is being computed by another sweep (process 7 on elsewhere)")
 

@@ -136,6 +136,7 @@ def test_one_basis_serves_all_values(body, capsys, monkeypatch, launch):
     assert run(["info", "sweep/k-3.h5"]) == 0
 
 
+@pytest.mark.slow
 def test_a_sweep_that_goes_on_finds_its_basis(body):
     package.run_sweep("sweep.toml")
     (ranges,) = Path("sweep").glob("ranges-*.h5")
@@ -165,6 +166,7 @@ def test_sweeps_at_the_same_time_make_one_basis(body):
     assert [report["finished"] for report in reports] == [1, 1, 1]
 
 
+@pytest.mark.slow
 def test_factors_where_the_basis_does_not_reach_the_tolerance(body, capsys):
     text = JOB.replace("[[parameter]]", "[adaptive]\nsize = 9\n[[parameter]]", 1)
     Path("job.toml").write_text(text)

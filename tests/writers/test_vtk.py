@@ -29,11 +29,11 @@ index = [7, 8, 9, 10, 11, 12]
 """
 
 
-def test_shapes_of_the_linkage(tmp_path, monkeypatch, hpcred):
+def test_shapes_of_the_linkage(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert hpcred("example", "linkage", "-o", "model.h5").returncode == 0
+    hpcred.write_model("model.h5", hpcred.linkage())
     (tmp_path / "job.toml").write_text(JOB)
-    assert hpcred("reduce", "job.toml").returncode == 0
+    hpcred.reduce_job("job.toml")
     names = export_result("result.h5", "vtk")["shapes"]
     mesh = vtu_reading.read("result.vtu")
     assert [(code, nodes.shape) for code, nodes in mesh.cells] == [(vtk.TYPES["line"], (19, 2))]
