@@ -145,14 +145,16 @@ def body_of(
     )
 
 
-def check_moving(body: Body, where: str):
+def check_moving(body: Body, where: str, laws=False):
     """Raise InputError unless the body can be used in time by `where` (such as "a SID file").
 
-    It needs viscous damping, mass in all directions, and no rigid-body motion in its basis.
+    It needs viscous damping, mass in all directions, no rigid-body motion in its basis, and no viscoelastic parts
+    unless there is a place for their `laws`.
     """
     require_finite(body.reduced)
     check_viscous(body.reduced, where)
-    require_no_laws(body.reduced, where)
+    if not laws:
+        require_no_laws(body.reduced, where)
     masses = body.floating_frame.masses
     missing = [name for name, mass in zip("xyz", masses, strict=True) if mass <= 0]
     if missing:
@@ -179,8 +181,8 @@ def require_no_laws(reduced, where: str):
     if reduced.viscoelastic:
         raise InputError(
             f"viscoelastic: {where} has no place for a stiffness that depends on frequency "
-            f"({', '.join(part.name for part in reduced.viscoelastic)}); laws of kind 'maxwell' go into state spaces "
-            "and FMUs, and arrays (npz, mat) hold all"
+            f"({', '.join(part.name for part in reduced.viscoelastic)}); laws of kind 'maxwell' go into state spaces, "
+            "FMUs and simulations, and arrays (npz, mat) hold all"
         )
 
 

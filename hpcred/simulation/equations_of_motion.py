@@ -10,7 +10,8 @@ in which M(q) is exact for a displacement field linear in q, so that a free unda
 Constraints are added with multipliers on velocity level, as an index-2 system (Section 5.2 of the paper). The
 multipliers are the derivatives of unknown impulses, whose error the integrator controls like that of the motion. Loads,
 springs and constraints act on nodes by B (6, 6 + m), which maps (v, w, u) to the velocity and angular velocity of a
-node; see joints for its kinematics.
+node; see joints for its kinematics. Viscoelastic parts of Maxwell's law add c L (L^T q - x) to K q, and states x, the
+displacements of dashpots, with x' = (L^T q - x) / time (see reduction.maxwell_states).
 """
 
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from ..body.node_shapes import NodeShape
 from ..body.rotations import cross, of_vector, quaternion_rate, rate_matrix, rotation
 from ..model.rotation import skew
 from ..parallel.failures import ComputationError, InputError
+from ..reduction.maxwell_states import MaxwellStates
 
 ROUND_OFF = 1e-14
 
@@ -62,25 +64,28 @@ def node_motion(shape: NodeShape, origin, r, A, q) -> NodeMotion:
 class FlexibleBody:
     """Equations of motion of a body with reduced K, D (m, m), under gravity (3,).
 
-    `loads`: Load; `springs`: LineElement, BushingElement; `holds`: Hold, the constraints; `pushes`: Push.
+    `loads`: Load; `springs`: LineElement, BushingElement; `holds`: Hold, the constraints; `pushes`: Push; `elements`:
+    of viscoelastic parts, relaxed at the start.
     """
 
     def __init__(
-        self, floating_frame: FloatingFrame, K, D, gravity=(0.0, 0.0, 0.0), loads=(), springs=(), holds=(), pushes=()
-    ):
+        self, floating_frame: FloatingFrame, K, D, gravity=(0.0, 0.0, 0.0), loads=(), springs=(), holds=(), pushes=(),
+        elements: MaxwellStates | None = None,
+    ):  # fmt: skip
         self.floating_frame, self.K, self.D, self.pushes = floating_frame, np.asarray(K), np.asarray(D), pushes
         self._circulatory = (self.K - self.K.T) / 2  # which stores no energy
         self.gravity, self.loads, self.springs, self.holds = np.asarray(gravity, dtype=float), loads, springs, holds
         self.size, self.mass = len(floating_frame.Ct), floating_frame.mass
         self.multipliers = sum(len(hold) for hold in holds)
+        self.elements = elements or MaxwellStates(np.zeros((self.size, 0)), np.zeros(0), np.zeros(0))
         self._shapes = {item.shape.node: item.shape for item in (*loads, *springs, *holds)}
 
-    # The state y: r, p, q | v, w, u | impulses of the constraints | work of the loads and of the drives, losses
+    # The state y: r, p, q | v, w, u | impulses of constraints | work of loads and of drives, losses | dashpots
     def split(self, y):
-        """Return views r, p, q, z = (v, w, u), impulses and energies of a state (size, ...); of y', multipliers and
-        powers."""
+        """Return views r, p, q, z = (v, w, u), impulses, energies and displacements of dashpots of a state (size, ...);
+        of y', multipliers and powers."""
         m = self.size
-        cuts = np.cumsum([3, 4, m, 6 + m, self.multipliers])
+        cuts = np.cumsum([3, 4, m, 6 + m, self.multipliers, 3])
         return np.split(y, cuts)
 
     def node_motions(self, r, A, q) -> dict:
@@ -152,8 +157,8 @@ class FlexibleBody:
 
     def residual(self, t, y, yp):
         """Return F(t, y, y') of the index-2 system."""
-        r, p, q, z, _, _ = self.split(y)
-        rp, pp, qp, zp, multipliers, powers = self.split(yp)
+        r, p, q, z, _, _, dashpots = self.split(y)
+        rp, pp, qp, zp, multipliers, powers, dashpots_p = self.split(yp)
         A = rotation(p)
         M = self.floating_frame.mass_matrix(q)
         motions = self.node_motions(r, A, q)
@@ -161,10 +166,14 @@ class FlexibleBody:
         G, rates = self.constraints(t, motions)
         damping = self.D @ z[6:]
         force = total - self.inertia_forces(q, z, M) + G.T @ multipliers
-        force[6:] -= self.K @ q + damping
+        parts = self.elements
+        stretch, per_time = parts.L.T @ q - dashpots, 1 / parts.times
+        force[6:] -= self.K @ q + damping + parts.L @ (parts.factors * stretch)
         # at rest the equations hold to round-off, in which Newton's method would look for convergence in vain
         size = np.abs(total) + np.abs(G.T) @ np.abs(multipliers) + np.abs(M) @ np.abs(zp)
-        size[6:] += np.abs(self.K) @ np.abs(q)
+        large = np.abs(parts.L.T) @ np.abs(q) + np.abs(dashpots)
+        size[6:] += np.abs(self.K) @ np.abs(q) + np.abs(parts.L) @ (parts.factors * large)
+        lost = loss + (damping + self._circulatory @ q) @ z[6:] + parts.factors @ (per_time * stretch**2)
         return np.concatenate(
             [
                 rp - A @ z[:3],
@@ -172,7 +181,8 @@ class FlexibleBody:
                 qp - z[6:],
                 _beyond_round_off(M @ zp - force, size),
                 _beyond_round_off(G @ z - rates, np.abs(G) @ np.abs(z) + np.abs(rates)),
-                powers - np.array([power, rates @ multipliers, (damping + self._circulatory @ q) @ z[6:] + loss]),
+                powers - np.array([power, rates @ multipliers, lost]),
+                _beyond_round_off(dashpots_p - per_time * stretch, per_time * large),
             ]
         )
 
@@ -182,13 +192,13 @@ class FlexibleBody:
         The columns of r, the quaternion, v and w are differences; those of q and u hold stiffness and damping, which
         outweigh the inertia forces there.
         """
-        r, p, q, _, _, _ = self.split(y)
+        r, p, q, *_ = self.split(y)
         m, c, n = self.size, self.multipliers, len(y)
         motions = self.node_motions(r, rotation(p), q)
         G, _ = self.constraints(t, motions)
         stiffness, damping = self._tangents(motions)
         stiffness[6:, 6:] += self._stiffness_of_loads(t, y, yp, motions)
-        at_q, at_z, at_m, at_e = 7, 7 + m, 13 + 2 * m, 13 + 2 * m + c
+        at_q, at_z, at_m, at_e, at_d = 7, 7 + m, 13 + 2 * m, 13 + 2 * m + c, 16 + 2 * m + c
         dy, dyp = np.zeros((n, n)), np.eye(n)
         dyp[at_z:at_m, at_z:at_m] = self.floating_frame.mass_matrix(q)
         dyp[at_m:at_e, at_m:at_e] = 0.0
@@ -202,14 +212,19 @@ class FlexibleBody:
         dy[at_q:at_z, at_z + 6 : at_m] = -np.eye(m)
         dy[at_z:at_m, at_q:at_z] = stiffness[:, 6:]
         dy[at_z:at_m, at_z + 6 : at_m] = damping[:, 6:]
+        parts = self.elements
+        pull, follow = parts.factors * parts.L, parts.L.T / parts.times[:, None]
+        dy[at_z + 6 : at_m, at_q:at_z] += pull @ parts.L.T
+        dy[at_z + 6 : at_m, at_d:] = -pull
+        dy[at_d:, at_q:at_z], dy[at_d:, at_d:] = -follow, np.diag(1 / parts.times)
         dyp[at_z:at_m, at_m:at_e] = -G.T
         dy[at_m:at_e, at_z:at_m] = G
         return dy, dyp
 
     def _stiffness_of_loads(self, t, y, yp, motions):
         """Return the stiffness (m, m) of inertia forces, loads and reactions on displacements of second order."""
-        _, p, _, z, _, _ = self.split(y)
-        _, _, _, zp, multipliers, _ = self.split(yp)
+        _, p, _, z, *_ = self.split(y)
+        _, _, _, zp, multipliers, *_ = self.split(yp)
         body, A = self.floating_frame, rotation(p)
         v, w = z[:3], z[3:6]
         products = np.concatenate([w * w, [w[0] * w[1], w[1] * w[2], w[0] * w[2]]])
@@ -276,9 +291,9 @@ class FlexibleBody:
         system = np.block([[M, -G.T], [G, np.zeros((c, c))]])
         solution = np.linalg.solve(system, np.concatenate([force, -self._drift_rates(r, p, q, projected)]))
         zp, multipliers = solution[: 6 + self.size], solution[6 + self.size :]
-        y = np.concatenate([r, p, q, projected, np.zeros(c + 3)])
+        y = np.concatenate([r, p, q, projected, np.zeros(c + 3), self.elements.L.T @ q])
         powers = [power, rates @ multipliers, (damping + self._circulatory @ q) @ u + loss]
-        state = [A @ v, quaternion_rate(p, w), u, zp, multipliers, powers]
+        state = [A @ v, quaternion_rate(p, w), u, zp, multipliers, powers, np.zeros(self.elements.size)]
         return y, np.concatenate(state), float(np.abs(projected - z).max(initial=0.0))
 
     def _drift_rates(self, r, p, q, z):
@@ -355,12 +370,14 @@ class FlexibleBody:
         total[6:] -= self.K @ q
         return total
 
-    def energies(self, r, p, q, z):
-        """Return Kinetic, elastic, gravity and springs' energy in J."""
+    def energies(self, r, p, q, z, dashpots=()):
+        """Return Kinetic, elastic, gravity and springs' energy in J; elastic energy is also in the springs of Maxwell
+        elements."""
         A = rotation(p)
         kinetic = 0.5 * z @ self.floating_frame.mass_matrix(q) @ z
         moment = self.mass * r + A @ self.floating_frame.first_moment(q)
         motions = self.node_motions(r, A, q)
         nodes = [motions[spring.shape.node] for spring in self.springs]
         springs = sum(spring.energy(node.x, node.R) for spring, node in zip(self.springs, nodes, strict=True))
-        return kinetic, 0.5 * q @ self.K @ q, -self.gravity @ moment, springs
+        elastic = q @ self.K @ q + self.elements.factors @ (self.elements.L.T @ q - dashpots) ** 2
+        return kinetic, 0.5 * elastic, -self.gravity @ moment, springs

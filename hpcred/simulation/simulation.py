@@ -13,6 +13,7 @@ from ..parallel.failures import ComputationError, InputError
 from ..parallel.petsc import MPI
 from ..parallel.progress import Progress
 from ..parallel.ranges import LABEL, within
+from ..reduction.maxwell_states import maxwell_states
 from .checks import require_finite
 from .drives import AnyDrive
 from .equations_of_motion import FlexibleBody, node_motion
@@ -249,16 +250,19 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     ------
     InputError
         For dependent constraints, free rigid-body motion in a static start, structural damping, no mass in some
-        direction, rigid-body motions in the basis, an unknown node, and joints or moments at nodes without rotations.
+        direction, rigid-body motions in the basis, an unknown node, joints or moments at nodes without rotations, and
+        viscoelastic parts of fractional laws.
     ComputationError
         If the integrator fails.
 
     Notes
     -----
     The equations of motion (12, 13) with constraints are a differential-algebraic system of index 2, integrated by
-    Radau IIA of order 5.
+    Radau IIA of order 5. Viscoelastic parts of Maxwell's law have states of their own, relaxed at the start.
     """
-    check_moving(body, "a simulation")
+    check_moving(body, "a simulation", laws=True)
+    parts = body.reduced.viscoelastic
+    elements = maxwell_states(parts, "a simulation") if parts else None
     if has_no_inertia(body):
         raise InputError(
             "the body has no inertia about one of its axes, as where all masses lie on a line, which a simulation "
@@ -289,13 +293,16 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         body.floating_frame, body.reduced.K, body.reduced.D, setup.gravity,
         [load_of(item, shapes[item.node]) for item in (*setup.force, *setup.moment)],
         [element_of(item, *start[item.node]) for item in setup.spring],
-        holds_of(setup.constraint, setup.drive, start), [push_of(item, body) for item in setup.load],
+        holds_of(setup.constraint, setup.drive, start), [push_of(item, body) for item in setup.load], elements,
     )  # fmt: skip
     warnings = setup.warnings + warnings_of_places(body, setup, {node: motion.x for node, motion in first.items()})
     progress = progress or Progress(MPI.COMM_SELF, show=False)
     for warning in warnings:  # before a run that may take long for that reason
         progress.tell(warning)
     notes = remarks(body) + _loads_without_stress(body, setup) + _spins_twice(body, setup)
+    if elements is not None:
+        names = ", ".join(part.name for part in parts)
+        notes.append(f"the Maxwell elements of {names} are {elements.size} states, relaxed at the start")
     if setup.start == "static":
         r, p, q = system.equilibrium(r, p)
     else:
@@ -377,6 +384,8 @@ def _integrate(system, setup, y0, yp0, limits, progress):
     tolerance = np.full(len(y0), setup.absolute_tolerance)
     forces = system.split(yp0)[4]
     system.split(tolerance)[4][:] *= max(1.0, np.abs(forces).max(initial=0.0))
+    # those of dashpots are L^T q
+    system.split(tolerance)[6][:] *= np.linalg.norm(system.elements.L, axis=0)
     # a pulse must not be stepped over
     moving = (*setup.force, *setup.moment, *setup.load, *setup.drive)
     longest = min([setup.end / 20, *(item.longest_step(setup.end) for item in moving)])
@@ -435,7 +444,7 @@ def _pace(end):
 
 def _steps(system, t, states):
     """Return Time, r, A, q and z, one output time after the other."""
-    r, p, q, z, _, _ = (part.T for part in system.split(states))
+    r, p, q, z, *_ = (part.T for part in system.split(states))
     return zip(t, r, rotation(p), q, z, strict=True)
 
 
@@ -446,9 +455,9 @@ def _names(body) -> dict:
 
 def _motion(system, t, states):
     """Return the fields of a Motion on the body frame, elastic coordinates, energies and errors."""
-    r, p, q, z, _, powers = (part.T for part in system.split(states))
+    r, p, q, z, _, powers, dashpots = (part.T for part in system.split(states))
     p = p / np.linalg.norm(p, axis=1)[:, None]
-    stored = np.array([system.energies(*state) for state in zip(r, p, q, z, strict=True)])
+    stored = np.array([system.energies(*state) for state in zip(r, p, q, z, dashpots, strict=True)])
     energies = {**dict(zip(ENERGIES, stored.T, strict=True)), **dict(zip(POWERS, powers.T, strict=True))}
     defect = stored.sum(axis=1) - stored[0].sum() - powers @ [1, 1, -1]
     from_start = stored - stored[0] * [0, 0, 1, 0]  # where gravity is zero is nobody's choice
@@ -489,7 +498,7 @@ def _rates_of_nodes(body, system, states, rates):
 
     With x = r + A (d + u(q)): A^T x' = a = v + w x (d + u) + u', and A^T x'' = w x a + a'.
     """
-    _, p, q, z, _, _ = (part.T for part in system.split(states))
+    _, p, q, z, *_ = (part.T for part in system.split(states))
     A, origin = rotation(p), body.floating_frame.origin
     dz = system.split(rates)[3].T
     (v, w, u), (dv, dw, du) = (np.split(part, [3, 6], axis=1) for part in (z, dz))

@@ -84,7 +84,7 @@ class Limits:
         self._largest, self._found = dict.fromkeys(UNITS, 0.0), {}
 
     def __call__(self, t, y, yp):
-        _, _, q, z, _, _ = self._system.split(y)
+        _, _, q, z, *_ = self._system.split(y)
         frame = self._system.floating_frame
         moved = np.append(np.linalg.norm(self._phi @ q, axis=1), np.sqrt(max(q @ frame.Me @ q, 0.0) / frame.mass))
         values = {"deflection": float(moved.max()), "speed": float(np.linalg.norm(z[3:6]))}

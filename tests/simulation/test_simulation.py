@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.integrate
+import scipy.linalg
 from helpers import bar, made_up_stiffness
 
 import hpcred
@@ -16,6 +17,7 @@ from hpcred import (
     ConstantForce,
     Joint,
     Krylov,
+    Maxwell,
     Modes,
     RampDrive,
     Rayleigh,
@@ -24,9 +26,11 @@ from hpcred import (
     SineForce,
     TableDrive,
     TableForce,
+    Viscoelastic,
 )
 from hpcred.body.body import body_of
 from hpcred.parallel.failures import InputError
+from hpcred.reduction.maxwell_states import maxwell_states
 from hpcred.simulation.equations_of_motion import FlexibleBody, rotation
 from hpcred.simulation.simulation import FEW_STEPS, _pace, simulate
 
@@ -115,6 +119,66 @@ def test_circulatory_forces_do_work(linkage_body):
     exact = (vectors @ (np.exp(values[:, None] * found.t) * start[:, None])).real[: len(D)].T
     assert found.elastic == pytest.approx(exact, abs=1e-3 * np.abs(exact).max())
     assert found.balance < 1e-3 and np.abs(exact[:, 1]).max() > 0.1 * np.abs(exact[:, 0]).max()
+
+
+def with_parts(body, *laws):
+    """The body with laws of parts of its stiffness that differ."""
+    rng, K = np.random.default_rng(8), body.reduced.K
+    roots = [np.linalg.cholesky(K) @ rng.normal(size=(len(K), 3)) for _ in laws]
+    parts = tuple(Viscoelastic(0.2 * root @ root.T, law, f"part {k}")
+                  for k, (root, law) in enumerate(zip(roots, laws, strict=True)))  # fmt: skip
+    return replace(body, reduced=replace(body.reduced, viscoelastic=parts, columns=None, model=None))
+
+
+def test_maxwell_elements_of_a_body_that_swings(linkage_body):
+    """From a shape that is let go: by the exponential of the state matrix, with elements that are relaxed before."""
+    laws = Maxwell(factors=[0.5, 2.0], times=[1e-2, 1e-4]), Maxwell(factors=[1.0], times=[3e-3], constant=1.0)
+    body = with_parts(linkage_body, *laws)
+    size, states = body.reduced.size, maxwell_states(body.reduced.viscoelastic)
+    q = 1e-5 * np.ones(size)
+    found = simulate(body, Simulation(end=0.02, elastic=q.tolist(), steps=20, absolute_tolerance=1e-11))
+    start = np.concatenate([q, np.zeros(size), states.L.T @ q])
+    flow = scipy.linalg.expm(found.t[1] * body.reduced.state_matrix())
+    exact = [start]
+    for _ in found.t[1:]:
+        exact.append(flow @ exact[-1])
+    exact = np.array(exact)[:, :size]
+    assert found.elastic == pytest.approx(exact, abs=1e-4 * np.abs(exact).max())
+    assert found.energies["dissipated"][-1] > 0.1 * found.energies["elastic"][0] and found.balance < 1e-4
+    assert f"the Maxwell elements of part 0, part 1 are {states.size} states, relaxed at the start" in found.notes
+    elastic = replace(body, reduced=replace(body.reduced, viscoelastic=()))
+    other = simulate(elastic, Simulation(end=0.02, elastic=q.tolist(), steps=20))
+    assert np.abs(other.elastic - exact).max() > 0.1 * np.abs(exact).max()
+
+
+def test_maxwell_elements_against_the_full_model():
+    """A linkage of a viscoelastic material, held by six supports, at 10 Hz; at rest K alone carries its weight."""
+    frequency, force, law = 10.0, 1e-3, Maxwell(factors=[0.7, 0.4], times=[1e-2, 1e-3], constant=0.3)
+    held = [(1, "x"), (1, "y"), (1, "z"), (7, "x"), (7, "z"), (14, "z")]
+    with hpcred.linkage() as elastic, elastic.with_viscoelastic([Viscoelastic(elastic.K, law, "all")]) as model:
+        expected = hpcred.frequency_response(model, [frequency], Chord(nodes=(1, 7, 14), axes="yxz"))[0, 0, 0]
+        model = model.with_inputs([*held, (20, "z")])
+        body = reduced_body(model, [Krylov(frequency=10.0, order=1)], [1, 7, 14, 20])
+    joints = Joint(1), Joint(7, ("x", "z")), Joint(14, ("z",))
+    setup = Simulation(
+        end=1.0, force=(SineForce(20, (0.0, 0.0, force), frequency),), steps=1000, constraint=joints,
+        relative_tolerance=1e-6, absolute_tolerance=1e-11,
+    )  # fmt: skip
+    motion = simulate(body, setup)
+    last = motion.t > 0.8
+    wave = np.exp(-2j * np.pi * frequency * motion.t[last])
+    found = 2j * np.mean(motion.node_displacement[last, -1, 2] * wave) / force
+    assert found == pytest.approx(expected, rel=1e-3) and abs(expected.imag) > 0.1 * abs(expected)
+    still = Simulation(end=0.05, gravity=(0.0, 0.0, -9.81), start="static", constraint=joints)
+    rest = simulate(body, still)
+    without = simulate(replace(body, reduced=replace(body.reduced, viscoelastic=())), still)
+    assert rest.elastic == pytest.approx(np.array([without.elastic[0]] * len(rest.t)), rel=1e-6, abs=1e-12)
+
+
+def test_fractional_laws_have_no_states(linkage_body):
+    body = with_parts(linkage_body, hpcred.Fractional(low=1.0, high=2.0, time=1e-3, exponent=0.5))
+    with pytest.raises(InputError, match="part 0 is fractional, which no .* in a simulation; take kind 'maxwell'"):
+        simulate(body, Simulation(end=0.1))
 
 
 def test_progress_and_warnings_are_told(linkage_body):
