@@ -113,7 +113,8 @@ def sample(base, commands, count, seed):
         yield command, name, draw.choice([1, calls, draw.randint(1, calls)]), draw.choice(list(ERRORS))
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_fault_on_one_rank_ends_the_job(base, tmp_path, seed):
     command = list(COMMANDS)[seed - 1]
     wrong = [item for fault in sample(base, [command], 5, seed) for item in misfortunes(base, tmp_path / "t", *fault)]

@@ -79,6 +79,7 @@ def test_a_file_that_is_not_there(tmp_path, capsys):
     assert len(capsys.readouterr().out.splitlines()) == len(MODELS) + 1
 
 
+@pytest.mark.slow
 def test_a_brake_that_squeals_is_declared(tmp_path):
     made = published("disk-brake")
     given = made.matrices()

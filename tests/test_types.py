@@ -20,10 +20,11 @@ with hpcred.linkage() as model:
 """
 
 
-@pytest.fixture
-def checked(tmp_path):
-    """A function that gives the errors of a strict check of a program."""
+@pytest.fixture(scope="module")
+def checked(tmp_path_factory):
+    """A function that gives the errors of a strict check of a program; what is known of hpcred is kept."""
     pytest.importorskip("mypy")
+    tmp_path = tmp_path_factory.mktemp("checked")
 
     def check(program):
         (tmp_path / "program.py").write_text(program)

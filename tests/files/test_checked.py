@@ -121,7 +121,8 @@ DAMAGES = {
 }
 
 
-@pytest.mark.parametrize("name", ["model.h5", "result.h5", "e.h5", "simulation.h5"])
+@pytest.mark.parametrize("name", ["model.h5", "e.h5", *(pytest.param(name, marks=pytest.mark.slow)
+                                                      for name in ("result.h5", "simulation.h5"))])  # fmt: skip
 def test_damage_to_every_dataset_is_refused(files, name):
     read(files / name)
     assert verify_file(files / name)["verified_datasets"] >= 5

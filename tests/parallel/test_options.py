@@ -16,7 +16,9 @@ found = PETSc.Options().getAll()
 if PETSc.COMM_WORLD.rank == PETSc.COMM_WORLD.size - 1:
     print(*(found.get(name) for name in ("work", "home", "variable", "line")), "of PETSc")
 """
-BUILDS = ["real", "complex"] if TWO_BUILDS else [""]
+RUNS = [("real" * TWO_BUILDS, 1), ("complex" * TWO_BUILDS, 2),
+        *(pytest.param("complex" * TWO_BUILDS, 1, marks=pytest.mark.slow),
+          pytest.param("real" * TWO_BUILDS, 2, marks=pytest.mark.slow))]  # fmt: skip
 
 
 @pytest.fixture
@@ -48,16 +50,14 @@ def told(found):
     return found.stdout.partition("of PETSc")[0].split()
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
-@pytest.mark.parametrize("build", BUILDS)
+@pytest.mark.parametrize("build, ranks", RUNS)
 def test_each_place_is_above_the_one_before_it(place, build, ranks):
     found = run(place, "-c", PROGRAM, build, "-line", "line", ranks=ranks)
     assert told(found) == ["None", "home", "variable", "line"], found.stderr
     assert not (place / "ran").exists()
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
-@pytest.mark.parametrize("build", BUILDS)
+@pytest.mark.parametrize("build, ranks", RUNS)
 def test_a_command_leaves_the_working_folder_alone(place, build, ranks):
     """And says nothing of options that it did not get."""
     scalar = ["--scalar", build] if build else []

@@ -144,6 +144,7 @@ def disk_brake():
                       D=DS / 2, damping=GivenDamping(), circulatory=True), (M, D, K)  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 def test_the_disk_brake(comm):
     """Responses over the band and the speed, and poles of the reduced model at the speed of the file."""

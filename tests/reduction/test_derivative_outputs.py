@@ -54,7 +54,7 @@ def test_responses_of_the_full_model_are_those_of_dense_matrices():
 
 
 @pytest.mark.mpi(costly=True)
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 4))])
 def test_reduced_responses_hold_the_tolerance(seed):
     given = case(seed)
     with model_of(given) as model, hpcred.reduce(model, tolerance=1e-4, band=(0.0, 12.0)) as reduced:

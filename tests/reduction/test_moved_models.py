@@ -75,7 +75,7 @@ def test_loads_along_directions_without_mass(comm, t, part):
     assert len(found) == 1 and ("M is singular" in str(found) if part == 1 else found.pop()[0] is False)
 
 
-@pytest.mark.parametrize("seed", [*range(3), *(pytest.param(k, marks=pytest.mark.slow) for k in range(3, 9))])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (0, *range(2, 9)))])
 def test_chains_with_masses_that_are_missing(comm, seed):
     random = np.random.default_rng(seed)
     n = int(random.integers(10, 60))

@@ -75,7 +75,8 @@ def check(case, rom, tolerance):
 
 
 @pytest.mark.mpi(costly=True)
-@pytest.mark.parametrize("make, tolerance", [(bushings, 1e-4), (rotor, 1e-3)], ids=["bushings", "rotor"])
+@pytest.mark.parametrize("make, tolerance", [
+    pytest.param(bushings, 1e-4, id="bushings"), pytest.param(rotor, 1e-3, id="rotor", marks=pytest.mark.slow)])
 def test_the_tolerance_holds_at_other_values(make, tolerance, comm):
     case = make()
     with reduced(case, tolerance, comm, parameter_search=hpcred.ParameterSearch(points=25)) as rom:
@@ -90,7 +91,7 @@ def test_the_tolerance_holds_at_other_values(make, tolerance, comm):
 
 
 @pytest.mark.mpi(costly=True)
-@pytest.mark.parametrize("seed", [5, 16])
+@pytest.mark.parametrize("seed", [5, pytest.param(16, marks=pytest.mark.slow)])
 def test_random_models(seed, comm):
     case, tolerance = random_affine(seed, 30)
     with reduced(case, tolerance, comm) as rom:
@@ -380,6 +381,7 @@ class Keys(hpcred.PointStore):
             self.keys = [*getattr(self, "keys", []), repr(key)]
 
 
+@pytest.mark.slow
 def test_a_store_tells_blocks_of_other_bands_and_terms_apart(tmp_path, comm):
     """Blocks for all values belong to the band and to the terms, also to those that are zero at the reference."""
     one = replace(rotor(16), parameters=[Parameter("omega", (0.0, 10.0), reference=0.0)])

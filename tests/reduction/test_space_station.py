@@ -28,6 +28,7 @@ def test_responses_are_the_published_ones(comm, station):
     assert (np.abs(np.abs(H) - size) < 1e-7 * size.max(axis=0)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=(1,))
 def test_reduced_to_a_tolerance(comm, station):
     omega, size = station
@@ -52,6 +53,7 @@ def test_full_model_has_the_published_hankel_values(station):
     assert (np.abs(found - published) < 1e-10 * published[0]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=(1,))
 def test_reduced_model_keeps_the_published_hankel_values(comm, station):
     published = published_hankel_values(STATION.path())

@@ -31,7 +31,7 @@ def free():
     return body, K, M, B, R, rows
 
 
-@pytest.mark.parametrize("name", ["oil", "push"])
+@pytest.mark.parametrize("name", [pytest.param("oil", marks=pytest.mark.slow), "push"])
 def test_a_free_body_under_a_load_moves_as_the_full_model(free, name):
     """Small motions: displacements of two nodes by the modes of the full model, rigid ones included."""
     body, K, M, B, R, rows = free

@@ -60,7 +60,7 @@ def momenta(body, motion):
     return np.array(result)
 
 
-@pytest.mark.parametrize("stiffness", [None, 3.0])
+@pytest.mark.parametrize("stiffness", [None, pytest.param(3.0, marks=pytest.mark.slow)])
 def test_a_free_spinning_body_keeps_energy_and_momentum(linkage_body, stiffness):
     body = linkage_body if stiffness is None else made_up_stiffness(linkage_body, stiffness)
     setup = Simulation(

@@ -55,7 +55,7 @@ def tip(speed, **more):
     return motion.t, np.einsum("tji,tj->ti", rotation(motion.quaternion), place)
 
 
-@pytest.mark.parametrize("speed", [6.0, 2.0])
+@pytest.mark.parametrize("speed", [pytest.param(6.0, marks=pytest.mark.slow), 2.0])
 def test_the_spin_up_of_a_beam_is_that_of_a_geometrically_exact_one(speed):
     t, place = tip(speed)
     when, exact = np.array(EXACT[speed]).T

@@ -18,7 +18,7 @@ from hpcred.workflows import evaluate, pair_figures
 from hpcred.workflows.pair_figures import in_file_name, pairs_to_show
 
 
-@pytest.mark.parametrize("ranks", [pytest.param(1, marks=pytest.mark.slow), 2])
+@pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_from_foreign_files_to_the_error(hpcred, tmp_path, ranks):
     """convert, info, reduce, evaluate on real matrices; every table also as JSON."""
     job = """

@@ -137,7 +137,8 @@ def test_a_package_brings_a_reader_and_a_writer(hpcred, tmp_path, example, ranks
         "chain.txt", "job.toml", "model.h5", "result.flex", "result.h5", "result_nodes.flex"]  # fmt: skip
 
 
-@pytest.mark.parametrize("ranks", [1, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("ranks", [1, 3])
 def test_a_broken_package_is_named_and_everything_else_works(hpcred, tmp_path, example, broken, ranks):
     springs(tmp_path / "chain.txt")
     (tmp_path / "job.toml").write_text(JOB)
