@@ -83,6 +83,13 @@ def test_an_unsymmetric_stiffness_that_is_meant(tmp_path, monkeypatch, capsys):
         D = np.eye(4) + 0.1 * K
         expected = np.linalg.eigvals(np.block([[np.zeros((4, 4)), np.eye(4)], [-K, -D]]))
         assert np.sort_complex(poles) == pytest.approx(np.sort_complex(expected), abs=1e-9)
+    for file, says in (("by_job.h5", True), ("by_model_model.h5", True), ("by_job_model.h5", False)):
+        capsys.readouterr()
+        assert run(["info", file]) == 0 and ("circulatory" in capsys.readouterr().out) == says
+    Path("job.toml").write_text(text.format("by_job", "circulatory = true\n") + basis)
+    assert run(["info", "job.toml"]) == 0 and "circulatory" in capsys.readouterr().out
+    assert run(["evaluate", "by_job.h5", "by_model.h5", "--full", "by_job_model.h5", "--frequencies", "0.05,0.1"]) == 0
+    assert "by_job_model.h5: K is not symmetric, so that the model has no real modes" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

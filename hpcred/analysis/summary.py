@@ -65,6 +65,8 @@ def inspect(
         "symmetry_defects": model.symmetry_defects,
         "mass_matrix": _definiteness(model.M, factoring),
     }
+    if model.circulatory:
+        report["circulatory"] = "yes: K may be unsymmetric"
     if model.viscoelastic:
         report["viscoelastic"] = [part.in_words for part in model.viscoelastic]
     if model.converted_from:

@@ -117,6 +117,8 @@ def _show_comparison(results, full, **keywords):
     show_table(f"against {full}, {report['frequencies_hz'][0]:g} to {report['frequencies_hz'][-1]:g} Hz",
                report["rows"])  # fmt: skip
     show_table("lowest modes of the model", report["modes"])
+    for note in report["notes"]:
+        print(note)
     return report
 
 

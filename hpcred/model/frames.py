@@ -190,11 +190,7 @@ def _rows_of_tangent(model, frame):
 
 def _free_body(model, frame):
     """Return the rigid-body modes of a body in the Buckens frame, with the supports that the user chose."""
-    if not model.is_symmetric("K"):
-        raise InputError(
-            f"frame: the Buckens frame does not go with the unsymmetric K of {model.name}, whose circulatory forces "
-            "may push the body as a whole; hold it (frame kind 'tangent' or 'chord', or none)"
-        )
+    refuse_circulatory(model)
     rigid = RigidBodyModes(model)
     if rigid.count == 0:
         raise InputError(
@@ -217,6 +213,15 @@ def _free_body(model, frame):
             )
         rigid.hold(rows)
     return rigid
+
+
+def refuse_circulatory(model):
+    """Refuse an unsymmetric K in the Buckens frame. Collective."""
+    if not model.is_symmetric("K"):
+        raise InputError(
+            f"frame: the Buckens frame does not go with the unsymmetric K of {model.name}, whose circulatory forces "
+            "may push the body as a whole; hold it (frame kind 'tangent' or 'chord', or none)"
+        )
 
 
 def _holds(model, rigid, rows):

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 from ..linalg.csr import diagonal_of
@@ -150,6 +151,11 @@ class ParametricModel:
     def output_names(self) -> tuple[str, ...]:
         return self.model.output_names
 
+    @cached_property
+    def symmetry_defects(self) -> tuple[float, ...]:
+        """Estimated ||A - A^T||_F / ||A||_F of the terms of M, D and K in their order, 0 for others. Collective."""
+        return tuple(symmetry_defect(item.matrix) if item.of in "MDK" else 0.0 for item in self.terms)
+
     @property
     def reference(self) -> dict[str, float]:
         """Reference values of the parameters by name."""
@@ -205,7 +211,14 @@ class ParametricModel:
                                      "expected none; look at the factors and ranges of the terms of M")  # fmt: skip
         if "B" in changed:
             changed["loads"] = ()  # their sums are those of the constant part
-        return self.model.with_fields(**changed)
+        there = self.model.with_fields(**changed)
+        known = self.model.symmetry_defects
+        for key in changed.keys() & {"M", "D", "K"}:  # of symmetric parts, the sum is
+            parts = [known[key], *(defect for item, defect in zip(self.terms, self.symmetry_defects, strict=True)
+                                   if item.of == key)]  # fmt: skip
+            if max(parts) <= SYMMETRIC_TO:
+                there.take_symmetry(key, max(parts))
+        return there
 
     def with_inputs(self, targets) -> ParametricModel:
         """Return the model with unit loads at dofs as inputs, as with_inputs of a SecondOrderModel. Collective."""

@@ -392,6 +392,7 @@ def misfit_of_nodes(model) -> str | None:
         return (
             f"{model.name}: {found}, in {100 * share:.0f} % of the rows: the body is held almost everywhere, or the "
             "nodes or directions are not those of the rows, or K is that of a preloaded state"
+            + ("" if model.is_symmetric("K") else ", or circulatory forces act nearly everywhere")
         )
     return None
 

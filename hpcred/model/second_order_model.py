@@ -315,6 +315,10 @@ class SecondOrderModel:
                 self._defects[key] = symmetry_defect(mat)
         return {key: self._defects[key] for key in self.matrices}
 
+    def take_symmetry(self, key: str, defect: float):
+        """Take over what is known of ||A - A^T||_F / ||A||_F of M, K or D."""
+        self._defects[key] = defect
+
     def is_symmetric(self, key: str) -> bool:
         """Test whether M, K or D is symmetric, or not there. Collective."""
         return self.symmetry_defects.get(key, 0.0) <= SYMMETRIC_TO

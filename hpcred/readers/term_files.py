@@ -48,10 +48,12 @@ def read_term_matrix(model, of: str, path, variable=None, units=None) -> tuple[P
         )
     there = entries.values != 0
     below, above = sides(comm, entries.rows[there], entries.columns[there])
-    if above != below:
+    one_way = of == "K" and model.circulatory
+    if above != below and not one_way:
+        more = "; of a force that acts one way say circulatory = true" if of == "K" else ""
         raise InputError(
             f"{path}: found entries {'above' if above else 'below'} the diagonal only, expected both triangles; write "
-            "it whole, or as a symmetric or skew-symmetric Matrix Market file"
+            f"it whole, or as a symmetric or skew-symmetric Matrix Market file{more}"
         )
     first, last = model.K.getOwnershipRange()
     i, j, v = owned(comm, model.row_starts, entries)

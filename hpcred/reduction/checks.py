@@ -7,7 +7,7 @@ import numpy as np
 from ..linalg.csr import diagonal_of
 from ..model.damping import ModalDamping, caughey_terms
 from ..model.definiteness import check_definite, warnings_of_definiteness
-from ..model.frames import Buckens
+from ..model.frames import Buckens, refuse_circulatory
 from ..model.interfaces import warnings_of_interfaces
 from ..model.rigid_body_modes import exchange_of_matrices, soft_supports, warnings_of_nodes
 from ..model.second_order_model import SYMMETRIC_TO, require_inputs
@@ -90,6 +90,7 @@ def warnings_of(model, frame) -> tuple[str, ...]:
     exchanged = exchange_of_matrices(model)
     of_nodes = (exchanged,) if exchanged else tuple(warnings_of_nodes(model))  # all else follows from it
     if of_nodes and isinstance(frame, Buckens):
+        refuse_circulatory(model)  # which pushes rigid-body motions
         raise InputError(of_nodes[0])
     if isinstance(frame, Buckens) and (soft := soft_supports(model).max(initial=0.0)):
         of_nodes += (

@@ -44,8 +44,8 @@ def compare_results(
         MAC = (phi^T M psi)^2 / (phi^T M phi psi^T M psi),
 
     which is given too where the file has its basis; for repeated modes it is the sum over them; none where K is not
-    symmetric. `at`: values of the parameters of all results, by default those of reference. `output`: a .csv of eps
-    over the frequencies; `figure`: its picture. Raises InputError.
+    symmetric, as `notes` say. `at`: values of the parameters of all results, by default those of reference. `output`:
+    a .csv of eps over the frequencies; `figure`: its picture. Raises InputError.
     """
     results = [str(path) for path in results]
     labels = short_names(results)
@@ -66,9 +66,11 @@ def compare_results(
         full, first, results[0], damping=dampings[0], factoring=factoring, at=found[0].values, comm=comm
     ) as full_model:
         known, drive = full_model.response(grid, groups, progress)
-        shapes = []
+        shapes, notes = [], []
         if full_model.model.is_symmetric("K"):
             shapes = _modes(full_model, modes, results, labels, found, reduced, progress)
+        else:
+            notes.append(f"{full}: K is not symmetric, so that the model has no real modes to compare with")
     rows, curves = [], []
     for label, given, item in zip(labels, whole, reduced, strict=True):
         response = frequency_response(item, grid)
@@ -82,7 +84,7 @@ def compare_results(
             "worst direction": worst.output, "its error": worst.largest,
         })  # fmt: skip
     report = {"full": str(full), **({"at": found[0].values} if at else {}),
-              "frequencies_hz": grid.tolist(), "rows": rows, "modes": shapes,
+              "frequencies_hz": grid.tolist(), "rows": rows, "modes": shapes, "notes": notes,
               "eps": {label: eps.tolist() for label, eps in curves}}  # fmt: skip
     if output is not None:
         with atomic_output(output, comm) as temporary, agreed(comm):

@@ -48,6 +48,8 @@ def result(path, comm) -> dict:
     if record is None:
         return report | {"warnings": []}
     report |= {"model": record.model, "dofs": record.size, "frame": record.frame.kind, "damping": record.damping.kind}
+    if (record.job or {}).get("circulatory"):
+        report["circulatory"] = "yes: K and its terms may be unsymmetric"
     if record.basis_of:
         report["basis_of"] = record.basis_of
     if record.accuracy is not None:

@@ -7,6 +7,8 @@ from helpers import columns_of, dense_model, to_dense
 
 import hpcred
 from hpcred import InputError, Parameter, ParametricModel, SecondOrderModel, Term
+from hpcred.linalg.matrix_estimates import symmetry_defect
+from hpcred.model import parametric_model, second_order_model
 from hpcred.parallel.petsc import PETSc
 
 OMEGA = Parameter("omega", (0.0, 8.0), unit="rad/s")
@@ -139,6 +141,28 @@ def test_no_term_no_copy(given):
         assert model.K.handle == parametric.model.K.handle == constant.K.handle
         assert model.D is None and model.Ct is None
         assert columns_of(model.B) == pytest.approx(3 * given.B)
+
+
+def test_symmetry_is_estimated_once(given, monkeypatch):
+    """Of each matrix and term; a sum of symmetric ones is symmetric without another look."""
+    seen = []
+
+    def counted(mat, **more):
+        seen.append(mat)
+        return symmetry_defect(mat, **more)
+
+    for module in (parametric_model, second_order_model):
+        monkeypatch.setattr(module, "symmetry_defect", counted)
+    n = len(given.K)
+    rng = np.random.default_rng(1)
+    skew = rng.normal(size=(n, n))
+    terms = [Term("K", np.eye(n), "p"), Term("M", np.eye(n), "p"), Term("D", skew - skew.T, "p")]
+    with given.model() as model, ParametricModel(model, [Parameter("p", (0.0, 1.0))], terms) as whole:
+        for p in (0.2, 0.4, 0.9):
+            with whole.at(p=p) as there:
+                before = len(seen)
+                assert there.is_symmetric("K") and there.is_symmetric("M") and not there.is_symmetric("D")
+                assert len(seen) - before == 1  # of D, whose term is not symmetric
 
 
 @pytest.mark.mpi

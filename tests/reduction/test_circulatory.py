@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.io
 from adaptive_models import chain, dashpots, unit
-from helpers import close, moments, with_columns
+from helpers import block_with_ends, close, moments, with_columns
 from parametric_models import AffineCase, fresh_pairs, random_circulatory
 from rotor import HELD, shaft_with_internal_damping
 from shared_data import shared
@@ -12,6 +12,7 @@ from shared_data import shared
 import hpcred
 from hpcred import (
     Buckens,
+    CraigBampton,
     GivenDamping,
     InputError,
     Krylov,
@@ -231,3 +232,22 @@ def test_what_does_not_go_with_it_is_refused(comm):
         ]:
             with pytest.raises(InputError, match=message):
                 hpcred.reduce(turning, **asked, **more)
+
+
+def test_a_free_body_is_not_sent_to_the_buckens_frame(comm):
+    omega = [Parameter("omega", (0.0, 1.0))]
+    with block_with_ends(comm, cells=(2, 1, 1)) as model:
+        n = model.size
+        everywhere = 1e8 * np.kron(np.eye(n // 3), [[0, -1, 0], [1, 0, 0], [0, 0, 0]])
+        few = np.zeros((n, n))
+        few[3, 10], few[10, 3] = 1e5, -1e5
+        for N, more, message in [
+            (everywhere, {"basis": CraigBampton(count=2), "frame": Buckens()}, "the Buckens frame does not go with"),
+            (few, {"tolerance": 1e-3, "band": (0.0, 500.0)}, "for the body is free[^;]*; hold the body, or give a"),
+            (few, {"basis": CraigBampton(count=2)}, "K of .* is singular, so the body can move freely; hold it"),
+        ]:  # fmt: skip
+            with (
+                hpcred.ParametricModel(model, omega, [hpcred.Term("K", N, "omega")]) as turning,
+                turning.at(omega=1.0) as there, pytest.raises(InputError, match=message),
+            ):  # fmt: skip
+                hpcred.reduce(there, **more)

@@ -88,6 +88,27 @@ def test_matrices_of_files(body, comm, kind):
 
 
 @pytest.mark.mpi
+def test_a_force_that_acts_one_way(body, comm):
+    """Entries above the diagonal alone, in K that is declared to be circulatory, and the response with them."""
+    folder, _, _ = body
+    size = len(body[1])
+    N = np.zeros((size, size))
+    N[2, 17], N[4, 9] = 4e7, -3e7
+    written(comm, lambda: scipy.io.mmwrite(folder / "N.mtx", scipy.sparse.coo_array(N)))
+    text = JOB + TERM.format("N.mtx").replace('"D"', '"K"')
+    with pytest.raises(InputError, match="above the diagonal only.*; of a force that acts one way say circulatory = "):
+        model_of(folder, comm, text)
+    with model_of(folder, comm, "circulatory = true\n" + text) as parametric, parametric.at(omega=300.0) as model:
+        K, M = to_dense(model.K), to_dense(model.M)
+        assert K - to_dense(parametric.model.K) == pytest.approx(300.0 * N, abs=1e-12 * np.abs(K).max())
+        B, C = to_dense(model.B), to_dense(model.B if model.Ct is None else model.Ct)
+        s = 2j * np.pi * 200.0
+        D = 0.0 if model.D is None else to_dense(model.D)
+        expected = C.T @ np.linalg.solve(K + s * D + s * s * M, B)
+        assert np.abs(model.frequency_response([200.0])[0] - expected).max() < 1e-9 * np.abs(expected).max()
+
+
+@pytest.mark.mpi
 def test_inputs_and_outputs_that_depend_on_parameters(body, comm):
     folder, G, _ = body
     rng = np.random.default_rng(6)

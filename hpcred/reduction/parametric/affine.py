@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, inner, times, view_of
-from ...linalg.matrix_estimates import symmetry_defect
 from ...model.second_order_model import SYMMETRIC_TO
 from ...model.viscoelastic import Viscoelastic, matrices_by_key, parts_from, transformed
 from ..tolerance.independent_loads import independent_columns
@@ -36,11 +35,12 @@ class AffineForm:
         model, self.restore = parametric.model, framed.restore
         self.parametric, self.framed = parametric, framed
         terms = [(1 + k, item) for k, item in enumerate(parametric.terms)]
+        defects = (0.0, *parametric.symmetry_defects)
         self.parts: dict[str, list[Part]] = {"M": [], "K": [], "D": []}
         for of, mat in (("M", model.M), ("K", model.K), ("D", model.D)):
-            own = [(k, item.matrix) for k, item in terms if item.of == of]
+            own = [Part(k, item.matrix, defects[k] <= SYMMETRIC_TO) for k, item in terms if item.of == of]
             if of == "K" or (of == "M" and own) or (of == "D" and damped):
-                self.parts[of] = [Part(k, each, _is_symmetric(each)) for k, each in [(0, mat), *own]]
+                self.parts[of] = [Part(0, mat, model.is_symmetric(of)), *own]
         self.parts |= {key: [Part(0, mat)] for key, mat in matrices_by_key(model.viscoelastic).items()}
         blocks, places = [], {"B": [], "C": []}
         for of, mat in (("B", model.B), ("C", model.Ct)):
@@ -150,7 +150,3 @@ class AffineProjections:
         if not parts:
             return None
         return sum(theta[part.place] * small for part, small in zip(parts, self.small[of], strict=True))
-
-
-def _is_symmetric(mat):
-    return symmetry_defect(mat) <= SYMMETRIC_TO

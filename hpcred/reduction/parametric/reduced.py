@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...linalg.matrix_estimates import symmetry_defect
 from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, caughey_terms
 from ...model.expressions import Expression
 from ...model.parameters import Parameter, checked_values
@@ -150,10 +149,9 @@ def projected_parts(parametric, reduced: ReducedModel, damping) -> dict:
     if model.derivatives is not None:
         small |= dict(zip(("C", "Cv", "Ca"), model.derivatives.of(small["C"]), strict=True))
     terms = []
-    for item in parametric.terms:
+    for item, defect in zip(parametric.terms, parametric.symmetry_defects, strict=True):
         if item.of in "MDK":
-            symmetric = symmetry_defect(item.matrix) <= SYMMETRIC_TO
-            terms.append((item.of, item.factor, _projected(item.matrix, columns, symmetric)))
+            terms.append((item.of, item.factor, _projected(item.matrix, columns, defect <= SYMMETRIC_TO)))
         else:
             part = project_columns(columns, item.matrix)
             terms.append((item.of, item.factor, part if item.of == "B" else part.T.copy()))

@@ -10,7 +10,6 @@ import numpy as np
 
 from ...linalg.basis import Basis
 from ...linalg.blocks import copy_of
-from ...linalg.matrix_estimates import symmetry_defect
 from ...model.damping import GivenDamping
 from ...model.definiteness import check_definite
 from ...model.frames import Buckens, apply_frame
@@ -182,8 +181,8 @@ def check_parametric(model, frame, damping, coordinates):
     """Refuse a parametric model that cannot be reduced: unsymmetric terms, terms that the frame or the damping leaves
     out. Collective."""
     declared("model", model, ParametricModel)
-    for item in model.terms:
-        unsymmetric = item.of in ("M", "K") and (defect := symmetry_defect(item.matrix)) > SYMMETRIC_TO
+    for item, defect in zip(model.terms, model.symmetry_defects, strict=True):
+        unsymmetric = item.of in ("M", "K") and defect > SYMMETRIC_TO
         if unsymmetric and not (item.of == "K" and model.model.circulatory):
             more = " or a skew-symmetric matrix; of K that has circulatory forces say circulatory = true"
             raise InputError(
