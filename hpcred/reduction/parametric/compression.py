@@ -14,17 +14,21 @@ from ...parallel.decisions import decided, shared_out
 from ...parallel.failures import agreed
 from ...parallel.petsc import MPI
 from ..tolerance.compression import BALANCES, Snapshots, fewest, inner_of, joined
-from ..tolerance.error_estimate import FINE, UNIFORM, Comparison, grid, largest, measure_over, resolved
+from ..tolerance.error_estimate import FINE, UNIFORM, Comparison, grid, largest, measure_over, resolved, upper_poles
 from .affine import AffineProjections
 from .estimate import COARSE, coarsely
-from .training import distances, points_around
+from .training import distances, halfway, points_around
 
-TRIALS = 10  # compressions, each with the points where the one before missed the goal
+TRIALS = 16  # compressions, each with the points where the one before missed the goal
 WORST = 6  # points that join at a time
 ROUNDS = 3  # of weights for each size that is tried
 ALONG = UNIFORM // 2  # frequencies of the band, beside those around poles
-CLOSE = 0.5  # of the largest error at few frequencies, above which more are looked at
-STEPS = 4  # of a search around the worst point
+CLOSE = 0.5  # of the largest error at few frequencies, above which more are looked at, at the worst
+LOOKED_AT = 100  # points
+STARTS = 8  # of a search for larger errors, with
+STEPS = 4  # along each axis, of
+FIRST_STEP = 0.1  # of the ranges, and halves of it
+HALVINGS = 8  # of the way between two points, to where a pole is at an end of the band
 KEPT = 2**24  # numbers of matrices of points that a rank keeps
 
 
@@ -155,6 +159,37 @@ def compress(projections, settings, reference, some, points, goal, fixed, beside
     return RangeCompressed(U, points, errors, worst, found, S, curve, noise, limited)
 
 
+def at_ends_of_band(projections, points, band) -> list[tuple[float, ...]]:
+    """Return points where a pole is at an end of the band, each between one of the points and the nearest other with
+    fewer poles above it. Collective.
+
+    Errors grow with the frequency of a pole, and count as soon as it is in the band.
+    """
+    form = projections.form
+    comm, parameters = form.parametric.comm, form.parametric.parameters
+
+    def above(end, point):
+        return int((upper_poles(projections.at(form.theta(point)).model()).imag > 2 * np.pi * end).sum())
+
+    def between(end, fewer, more):
+        count = above(end, fewer)
+        for _ in range(HALVINGS):
+            middle = halfway(parameters, fewer, more)
+            fewer, more = (fewer, middle) if above(end, middle) > count else (middle, more)
+        return fewer if end == band[1] else more
+
+    found = []
+    for end in (end for end in band if end > 0):
+        counts = np.array(shared_out(comm, partial(above, end), points))
+        ways = []
+        for point, count in zip(points, counts, strict=True):
+            fewer = [points[k] for k in np.flatnonzero(counts < count)]
+            if fewer:
+                ways.append((fewer[int(distances(parameters, fewer, [point]).argmin())], point))
+        found += shared_out(comm, lambda way, end=end: between(end, *way), ways)
+    return found
+
+
 def _over(errors, goal, points, some):
     """Return which points miss the goal and are not among `some`, the worst first."""
     return [k for k in np.argsort(-errors, kind="stable") if errors[k] > 1.02 * goal and points[k] not in some]
@@ -188,29 +223,42 @@ def _look_closely(inside, points, band, errors, worst) -> float:
         S, curve = largest(found, grid([found.outer, found.inner], band), rounds=2)
         return float(curve.max()), float(S[curve.argmax()]), float(found.noise(S).max())
 
-    high = np.flatnonzero(errors >= CLOSE * errors.max())
+    high = [k for k in np.argsort(-errors, kind="stable")[:LOOKED_AT] if errors[k] >= CLOSE * errors.max()]
     found = shared_out(inside.args[0].form.parametric.comm, finely, [points[k] for k in high])
     errors[high], worst[high], noise = (np.array(part) for part in zip(*found, strict=True))
     return float(noise.max())
 
 
 def _look_around(inside, points, errors, band) -> tuple[list, np.ndarray, np.ndarray]:
-    """Search for larger errors around the worst of the points, by steps along the axes; returns the points looked at,
-    their errors and at which frequencies these are."""
+    """Search for larger errors around the worst of the points that are not close to each other, by steps along the
+    axes; returns the points looked at, their errors and at which frequencies these are."""
     parameters = inside.args[0].form.parametric.parameters
-    centre, highest = points[int(errors.argmax())], errors.max()
-    others = [point for point in points if point != centre]
-    step, found = float(distances(parameters, [centre], others)[0]) / 2 if others else 0.25, ([], [], [])
+    centres = _worst_apart(parameters, points, errors)
+    highest = [errors[points.index(point)] for point in centres]
+    steps, found = [FIRST_STEP] * len(centres), ([], [], [])
     for _ in range(STEPS):
-        ring = points_around(parameters, centre, step)
-        here = _errors(inside, ring, band)
-        for known, new in zip(found, (ring, *here), strict=True):
+        rings = [points_around(parameters, *where) for where in zip(centres, steps, strict=True)]
+        here = _errors(inside, [point for ring in rings for point in ring], band)
+        for known, new in zip(found, ([point for ring in rings for point in ring], *here), strict=True):
             known.extend(new)
-        if here[0].max() > highest:
-            centre, highest = ring[int(here[0].argmax())], here[0].max()
-        else:
-            step /= 2
+        ends = np.cumsum([len(ring) for ring in rings])[:-1]
+        for k, (ring, around) in enumerate(zip(rings, np.split(here[0], ends), strict=True)):
+            if around.max() > highest[k]:
+                centres[k], highest[k] = ring[int(around.argmax())], around.max()
+            else:
+                steps[k] /= 2
     return found[0], np.array(found[1]), np.array(found[2])
+
+
+def _worst_apart(parameters, points, errors):
+    """Return the worst of the points, the others no closer than two steps to one before."""
+    found = []
+    for k in np.argsort(-errors, kind="stable"):
+        if len(found) == STARTS or errors[k] < CLOSE * errors.max():
+            break
+        if not found or distances(parameters, [points[k]], found)[0] >= 2 * FIRST_STEP:
+            found.append(points[k])
+    return found
 
 
 def _at_reference(projections, reference, settings, U):

@@ -37,7 +37,9 @@ WIDTH = 16  # columns of a block for all values
 BLOCKS = 4  # of them with one factor, while each makes the error so much smaller:
 FASTER = 3.0
 FRESH = 8  # further points at which the error is estimated after each factor, and
-CHECKS = 32  # in the end
+CHECKS = {1: 32, 2: 64}  # in the end, for so many parameters, and
+MANY = 256  # for more
+CORNERS = 32  # beside corners, if they are not more
 TRIM = 0.1  # of the goal: error that is made to have fewer columns after each point, at
 SPREAD = 12  # training points, besides those visited
 INDEPENDENT = 1e-3  # of modes at several points
@@ -268,7 +270,8 @@ class Greedy:
     def checks(self) -> list[tuple[float, ...]]:
         """Return corners, and points at which nothing was estimated; local."""
         parameters = self.parametric.parameters
-        return corner_points(parameters, CHECKS) + fresh_points(parameters, FRESH * len(self.visited), CHECKS)
+        count = CHECKS.get(len(parameters), MANY)
+        return corner_points(parameters, CORNERS) + fresh_points(parameters, FRESH * len(self.visited), count)
 
     def _values(self, point):
         return dict(zip(self.parametric.reference, point, strict=True))

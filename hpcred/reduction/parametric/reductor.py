@@ -28,7 +28,7 @@ from ..run import Run, identity_of_model
 from ..tolerance.outcome import accuracy_of
 from ..tolerance.reductor import ToleranceReductor
 from .accuracy import ParameterAccuracy
-from .compression import compress
+from .compression import at_ends_of_band, compress
 from .greedy import Greedy
 from .reduced import ParametricReducedModel, projected_parts
 from .settings import ParameterSearch
@@ -98,9 +98,11 @@ class ParametricReductor(ToleranceReductor):
         noise = max(noise, *(search.judge.lost for search in greedy.searches))
         fine = max(0.9 * eps - estimated - noise, 0.3 * eps, noise)
         aim = fine if not greedy.reason else max(0.9 * eps, min(0.5 * estimated, 1.0))
-        points = list(dict.fromkeys([*greedy.visited, *greedy.points, *greedy.checks()]))
+        points = [*greedy.visited, *greedy.points]
         fixed = np.eye(greedy.basis.size)[:, list(kept)]
         with self.progress.stage("compress"):
+            points += at_ends_of_band(greedy.projections, points, goal.band)
+            points = list(dict.fromkeys([*points, *greedy.checks()]))
             found = compress(
                 greedy.projections, goal, greedy.reference, greedy.visited, points, aim, fixed, self._rigid_beside(run)
             )

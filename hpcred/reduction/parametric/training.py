@@ -60,6 +60,11 @@ def points_around(parameters, point, step: float) -> list[tuple[float, ...]]:
     return [other for other in dict.fromkeys(found) if other != point]
 
 
+def halfway(parameters, one, other) -> tuple[float, ...]:
+    """Return the point halfway between two."""
+    return point_at(parameters, (place_of(parameters, one) + place_of(parameters, other)) / 2)
+
+
 def point_at(parameters, place) -> tuple[float, ...]:
     """Return the point at a place, with values of six digits at most that are exact at the ends."""
     point = []
