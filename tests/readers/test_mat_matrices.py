@@ -17,6 +17,7 @@ import hpcred
 from hpcred import InputError
 from hpcred.parallel.petsc import is_complex
 from hpcred.readers.matlab.matrices import contents, read, read_parts
+from hpcred.readers.matrix_formats import read_entries
 from hpcred.readers.model_source import load_export, load_source
 from hpcred.settings.source import Source
 
@@ -340,9 +341,6 @@ def test_nastran_matrices_by_way_of_matlab(comm):
             assert np.allclose(rom.frequencies[:4], expected, rtol=3e-8)
 
 
-DAMAGE = np.random.default_rng(5)
-
-
 @pytest.mark.parametrize("kind", WRITERS)
 @pytest.mark.mpi
 def test_damaged_copies_are_refused_or_the_same(comm, folder, kind):
@@ -350,20 +348,25 @@ def test_damaged_copies_are_refused_or_the_same(comm, folder, kind):
 
     An entry that moves within its column is seen by the symmetry of K only, a digit of a value by nothing.
     """
+    damage = np.random.default_rng(5)
     path = saved(comm, folder, kind, {"K": scipy.sparse.csc_matrix(K), "M": scipy.sparse.csc_matrix(M)})
     whole = path.read_bytes()
     comm.Barrier()
-    copies = [whole[:cut] for cut in {*DAMAGE.integers(0, len(whole), 25).tolist(), len(whole) - 1, 127, 130}]
+    copies = [whole[:cut] for cut in {*damage.integers(0, len(whole), 25).tolist(), len(whole) - 1, 127, 130}]
     copies += [whole + b"garbage"] if kind != "v7.3" else []  # HDF5 says itself how long it is
-    for place in DAMAGE.integers(0, len(whole), 60).tolist():
-        copies.append(whole[:place] + bytes([whole[place] ^ (1 << int(DAMAGE.integers(8)))]) + whole[place + 1 :])
+    for place in damage.integers(0, len(whole), 60).tolist():
+        copies.append(whole[:place] + bytes([whole[place] ^ (1 << int(damage.integers(8)))]) + whole[place + 1 :])
     for content in comm.bcast(copies):
         write(path, content, comm)
         try:
-            entries = assembled(path, comm)
+            shape = read_entries(path, comm).shape
         except InputError:
             continue
-        assert kind != "v5 packed" or np.array_equal(entries, K)  # which has a checksum
-        if entries.shape == K.shape and not np.array_equal(entries != 0, K != 0):
+        if shape != K.shape:  # a model refuses it; as a dense matrix it may be larger than the memory
+            assert kind != "v5 packed"  # which has a checksum
+            continue
+        entries = assembled(path, comm)
+        assert kind != "v5 packed" or np.array_equal(entries, K)
+        if not np.array_equal(entries != 0, K != 0):
             assert not np.array_equal(entries, entries.T)
 
