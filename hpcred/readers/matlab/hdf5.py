@@ -58,7 +58,7 @@ def variables(path) -> list[Variable]:
 
 
 def _look(path, file, item, name, found, depth):
-    if depth > DEPTH:
+    if depth > DEPTH or isinstance(item, h5py.Datatype):
         return
     _require_own_numbers(path, item)
     if isinstance(item, h5py.Dataset) and "MATLAB_object_decode" in item.attrs:  # numbers that say where an object is
@@ -99,7 +99,7 @@ def _sparse(path, group, name):
     for item in lists:
         _require_own_numbers(path, item)
     if lists[0] is None or any(
-        isinstance(item, h5py.Group) or item.ndim != 1 or item.dtype.kind not in kinds
+        not isinstance(item, h5py.Dataset) or item.ndim != 1 or item.dtype.kind not in kinds
         for item, kinds in zip(lists, LISTS.values(), strict=True) if item is not None
     ):  # fmt: skip
         raise InputError(f"{path}: found a sparse matrix '{name}' without its lists of numbers; the file is damaged")
