@@ -8,6 +8,7 @@ import typer
 
 import hpcred
 
+from ..parallel import kernels
 from ..parallel.failures import InputError
 from ..report.tables import in_words, show_table, show_timing
 from . import session
@@ -28,8 +29,11 @@ def bench(
     if forget:
         if save or folder:
             raise InputError("--forget: cannot be combined with --save or --folder")
-        name = hpcred.forget_kernels()
-        print(f"the kernels {name} are no longer kept" if name else "no kernels are kept for this processor")
+        damage, name = kernels.damage(), hpcred.forget_kernels()
+        if damage:
+            print(f"{kernels.place()} was damaged and is removed")
+        else:
+            print(f"the kernels {name} are no longer kept" if name else "no kernels are kept for this processor")
         session.write_json(json, {"forgotten": name})
         return
     report = {"hints": []} if save else hpcred.bench(cells, folder=folder, progress=session.progress())

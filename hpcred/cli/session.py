@@ -11,7 +11,7 @@ from contextlib import redirect_stdout
 
 from ..files.locks import unlock_all
 from ..files.outputs import JSON, check_outputs, keep_files
-from ..parallel import startup
+from ..parallel import kernels, startup
 from ..parallel.failures import InputError, fail, printable
 from ..parallel.progress import Progress
 from ..report import tables
@@ -48,6 +48,8 @@ def run(arguments: list[str], call) -> int:
             raise InputError("--quiet: cannot be combined with --verbose")
         show = False if Session.quiet else Session.verbose or None
         Session.progress = Progress(comm, show=show, bars=True)
+        if comm.rank == 0 and not {"--save", "--forget"} & {*arguments} and (damage := kernels.damage()):
+            print(f"warning: {printable(damage)}", file=sys.stderr)
         with redirect_stdout(_stdout(comm, arguments)):
             try:
                 status = call(arguments)

@@ -49,12 +49,34 @@ def place() -> Path:
 
 def saved() -> dict[str, str]:
     """Saved kernels by kind of processor; of a file that is damaged or cannot be read none."""
+    return _read()[0]
+
+
+def damage() -> str | None:
+    """Say why nothing is taken from the file of saved kernels, and what to do; None where it is fine, or not there."""
+    wrong = _read()[1]
+    return wrong and (
+        f"{place()}: {wrong}, so OpenBLAS chooses its kernels; write it anew with `hpcred bench --save`, or remove it "
+        "with `hpcred bench --forget`"
+    )
+
+
+def _read():
+    """Saved kernels by kind of processor, and what is wrong with the file, or None."""
     try:
         found = json.loads(place().read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    known = found.items() if isinstance(found, dict) else ()
-    return {kind: name for kind, name in known if isinstance(name, str) and name in NEEDS}
+    except FileNotFoundError:
+        return {}, None
+    except OSError as error:
+        return {}, f"the saved kernels cannot be read ({error.strerror})"
+    except (ValueError, RecursionError):
+        return {}, "the file of saved kernels is damaged (no JSON)"
+    if not isinstance(found, dict):
+        return {}, f"the file of saved kernels is damaged (found {type(found).__name__}, expected a table)"
+    known = {kind: name for kind, name in found.items() if isinstance(name, str) and name in NEEDS}
+    if (kind := processor()) in found.keys() - known.keys():
+        return known, f"the file of saved kernels is damaged (found {str(found[kind])[:40]!r}, expected kernels)"
+    return known, None
 
 
 def take_saved():

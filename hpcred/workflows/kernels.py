@@ -65,12 +65,24 @@ def bench_kernels(cells=(40, 16, 16), *, save=False, comm=None) -> dict:
 
 @workflow
 def forget_kernels(*, comm=None) -> str | None:
-    """Remove what is saved for this processor, and return its name; None: nothing was. Collective."""
-    kind, known = comm.bcast((kernels.processor(), kernels.saved()))
+    """Remove what is saved for this processor, and return its name; None: nothing was. A damaged file is removed.
+    Collective. Raises InputError."""
+    kind, known, damage = comm.bcast((kernels.processor(), kernels.saved(), kernels.damage()))
     name = known.pop(kind, None)
-    if name:
+    if known and (name or damage):
         _keep(known, comm)
+    elif name or damage:
+        with agreed(comm):
+            if comm.rank == 0:
+                _remove(kernels.place())
     return name
+
+
+def _remove(path):
+    try:
+        path.unlink()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be removed ({error.strerror}); remove it by hand") from error
 
 
 def why_none(blas) -> str:
@@ -153,4 +165,6 @@ def _keep(known, comm):
             except OSError as error:
                 raise InputError(f"{path.parent}: no folder for settings that can be made ({error.strerror}); "
                                  "set XDG_CONFIG_HOME") from error  # fmt: skip
+            if kernels.damage():  # what is not of this program is not written over
+                _remove(path)
     write_json(path, known, comm)

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 from launch import mpi_environment
+from mpi4py import MPI
 
 import hpcred as package
 from hpcred.parallel import kernels, processor
@@ -90,6 +91,33 @@ def test_a_damaged_file_is_no_choice(machine, text):
     if isinstance(text, bytes):
         kernels.place().write_bytes(text)
     assert taken() is None
+    said = kernels.damage()
+    assert str(kernels.place()) in said and "`hpcred bench --save`" in said and "`hpcred bench --forget`" in said
+    assert workflow.forget_kernels() is None and not kernels.place().exists()
+    machine.save("{")
+    workflow._keep({kernels.processor(): "Haswell"}, MPI.COMM_SELF)
+    assert kernels.damage() is None and taken() == "Haswell"
+
+
+def test_what_is_saved_for_others_outlives_damage(machine):
+    machine.save({kernels.processor(): "Rubbish", "another processor": "Zen"})
+    assert "found 'Rubbish', expected kernels" in kernels.damage()
+    assert workflow.forget_kernels() is None and kernels.saved() == {"another processor": "Zen"}
+    machine.save({"another processor": "of a later version"})
+    assert kernels.damage() is None and workflow.forget_kernels() is None and kernels.place().exists()
+
+
+def test_a_command_says_that_the_file_is_damaged(hpcred, tmp_path):
+    file = tmp_path / "settings/hpcred/kernels.json"
+    file.parent.mkdir(parents=True)
+    file.write_text("{")
+    settings = {"XDG_CONFIG_HOME": str(tmp_path / "settings")}
+    package.write_model(tmp_path / "model.h5", package.solid((2, 1, 1)))
+    run = hpcred("info", "model.h5", ranks=2, **settings)
+    assert run.returncode == 0 and run.stderr.count(f"warning: {file}: ") == 1
+    run = hpcred("bench", "--forget", ranks=2, **settings)
+    assert "damaged and is removed" in run.stdout and not run.stderr and not file.exists()
+    assert str(file) not in hpcred("info", "model.h5", **settings).stderr
 
 
 def measured(name, seconds):
