@@ -340,6 +340,16 @@ def test_solvers_that_make_no_sense(options):
         LinearSolver(**options)
 
 
+@pytest.mark.parametrize("options", [{"package": "superlu_dist"}, {"precision": "single"}])
+def test_settings_of_factors_have_no_effect_on_multigrid_and_are_refused(options):
+    (key, value), *_ = options.items()
+    said = rf"solver\.{key}: found '{value}' beside solver\.kind = 'multigrid'"
+    with pytest.raises(InputError, match=said):
+        LinearSolver(kind="multigrid", **options)
+    assert getattr(LinearSolver(kind="auto", **options), key) == value
+    LinearSolver(kind="multigrid", package="mumps", precision="double")
+
+
 @pytest.mark.parametrize("sweeps", [1, 2, 3, 5])
 def test_the_smoother_is_a_chebyshev_polynomial(comm, sweeps):
     """What k sweeps leave of an eigenvector of eigenvalue z is T_k((m - z) / h) / T_k(m / h) on the interval m -+ h,

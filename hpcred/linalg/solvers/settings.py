@@ -26,12 +26,12 @@ class LinearSolver:
 
     `kind`: "direct", by factors; "multigrid", by conjugate gradients with algebraic multigrid, which takes a tenth of
     the memory and real points only (0 Hz, decays); "auto": by factors, and by multigrid from the first real point on
-    whose factor does not fit. `package`: what makes factors, "mumps", "superlu_dist" or "petsc" (one rank).
-    `precision` of the factors: "double", or "single", which takes half the memory (MUMPS, PETSc 3.25 or later);
-    solutions are refined to the residual of full factors, and the run fails if that is not reached. Of
-    multigrid: `residual`, the relative one that solutions are refined to, as far as round-off lets them; at most so
-    many `iterations`, also of those that a trial expects; `threshold`, the share of the diagonal below which entries
-    do not count in coarsening; `sweeps` of the smoother.
+    whose factor does not fit. `package`: what makes factors, "mumps", "superlu_dist" or "petsc" (one rank). `precision`
+    of the factors: "double", or "single", which takes half the memory (MUMPS, PETSc 3.25 or later); solutions are
+    refined to the residual of full factors, and the run fails if that is not reached. Both are refused beside
+    "multigrid", which makes no factors. Of multigrid: `residual`, the relative one that solutions are refined to, as
+    far as round-off lets them; at most so many `iterations`, also of those that a trial expects; `threshold`, the share
+    of the diagonal below which entries do not count in coarsening; `sweeps` of the smoother.
     """
 
     kind: Literal["auto", "direct", "multigrid"] = "auto"
@@ -51,6 +51,12 @@ class LinearSolver:
             raise InputError(f"solver.package: found '{self.package[:40]}', expected {', '.join(names)} or {last}")
         if self.precision not in ("double", "single"):
             raise InputError(f"solver.precision: found '{self.precision[:40]}', expected 'double' or 'single'")
+        for key, value in (("package", self.package), ("precision", self.precision)):
+            if self.kind == "multigrid" and value != getattr(LinearSolver, key):
+                raise InputError(
+                    f"solver.{key}: found '{value}' beside solver.kind = 'multigrid', which makes no factors; leave "
+                    f"{key} out, or take kind 'direct' or 'auto'"
+                )
         within("solver.residual", self.residual, (1e-16, 1e-10, ""))
         within("solver.iterations", self.iterations, (1, 1e6, ""))
         within("solver.threshold", self.threshold, (-1.0, 0.5, ""))
