@@ -85,7 +85,7 @@ class Expression:
     def at(self, values: Mapping[str, float]) -> float:
         """Return the value at values of the parameters. Raises InputError where it is not a finite number."""
         try:
-            value = float(self._value(self.tree, values))
+            value = float(self.value_of(self.tree, values))
         except (ArithmeticError, ValueError):
             value = math.nan
         if not math.isfinite(value):
@@ -113,18 +113,19 @@ class Expression:
                   or isinstance(node, ast.Constant) and type(node.value) in (int, float)):  # fmt: skip
             raise self._refused("what is no part of a formula", self._place(node.col_offset))
 
-    def _value(self, node, values):
+    def value_of(self, node: ast.expr, values: Mapping[str, float]) -> float:
+        """Return the value of a part of the tree; raises ArithmeticError or ValueError where it has none."""
         match node:
             case ast.Constant():
                 return float(node.value)
             case ast.Name():
                 return CONSTANTS.get(node.id) or values[node.id]
             case ast.UnaryOp():
-                return OPERATORS[type(node.op)](self._value(node.operand, values))
+                return OPERATORS[type(node.op)](self.value_of(node.operand, values))
             case ast.BinOp():
-                return OPERATORS[type(node.op)](self._value(node.left, values), self._value(node.right, values))
+                return OPERATORS[type(node.op)](self.value_of(node.left, values), self.value_of(node.right, values))
             case ast.Call():
-                return FUNCTIONS[node.func.id](self._value(node.args[0], values))
+                return FUNCTIONS[node.func.id](self.value_of(node.args[0], values))
 
     def _place(self, offset):
         """The place in the text of one in the source, where ^ is **."""

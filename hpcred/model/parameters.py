@@ -10,6 +10,9 @@ from ..parallel.declared import as_declared, declared, nearest
 from ..parallel.failures import InputError
 from ..parallel.ranges import ANYTHING, within
 from .expressions import Expression, check_name
+from .factor_ranges import without_value
+
+NARROW = 1e-9  # of the values: ranges that are not wider are those of one value
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,8 @@ class Parameter:
     Raises
     ------
     InputError
-        For a name that no expression can have, a range that does not ascend, and a reference outside of it.
+        For a name that no expression can have, a range that does not ascend or is that of one value, and a reference
+        outside of it.
     """
 
     name: str
@@ -43,8 +47,11 @@ class Parameter:
         check_name("parameter.name", self.name)
         where, (low, high) = f"parameter '{self.name}'", self.range
         within(f"{where}: range", self.range, ANYTHING)
-        if not low < high:
-            raise InputError(f"{where}: range: found {[low, high]}, expected a lower and a higher value")
+        if not high - low > NARROW * max(abs(low), abs(high)):
+            raise InputError(
+                f"{where}: range: found {[low, high]}, expected a lower and a higher value; a parameter of one value "
+                "is none: leave it out, and add its terms to the matrices"
+            )
         if self.reference is None:
             object.__setattr__(self, "reference", (low + high) / 2)
         if not low <= self.reference <= high:
@@ -110,7 +117,8 @@ def factors_of(terms, values: Mapping[str, float]) -> list[float]:
 
 
 def check_terms(parameters: tuple[Parameter, ...], terms):
-    """Refuse parameters twice, and factors and parameters that do not fit each other."""
+    """Refuse parameters twice, factors and parameters that do not fit each other, and factors that have no finite value
+    somewhere in the ranges."""
     names = [item.name for item in parameters]
     if not names or not terms:
         raise InputError("parameters: found no parameter, or no term; expected one of each at least")
@@ -120,6 +128,14 @@ def check_terms(parameters: tuple[Parameter, ...], terms):
         for name in sorted(item.expression.names.difference(names)):
             raise InputError(f"term of {item.of}: factor '{item.factor}': found '{name}'{nearest(name, names)}, "
                              f"expected the parameters {', '.join(names)}")  # fmt: skip
+    ranges = {item.name: item.range for item in parameters}
+    for item in terms:
+        if (values := without_value(item.expression, ranges)) is not None:
+            where = ", ".join(f"{name} = {value:g}" for name, value in values.items()) or "any values"
+            raise InputError(
+                f"term of {item.of}: factor '{item.factor}': found no number of {ANYTHING[0]:g} to {ANYTHING[1]:g} at "
+                f"{where}, expected one in all of the ranges ({in_words(parameters)}); change the range or the factor"
+            )
     for name in names:
         if not any(name in item.expression.names for item in terms):
             raise InputError(f"parameter '{name}': found it in the factor of no term; give its terms, or leave it out")

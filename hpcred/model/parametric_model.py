@@ -89,7 +89,7 @@ class ParametricModel:
         mats = {key: mat for key, mat in mats.items() if key in "MDK" and mat is not known.get(key)}
         if "K" in mats:
             mats["viscoelastic"] = parts
-        if any(item.of == "K" and symmetry_defect(item.matrix, skew=True) <= SYMMETRIC_TO for item in terms):
+        if any(item.of == "K" and _is_skew(item.matrix) for item in terms):
             mats["circulatory"] = True
         if any(item.of == "M" for item in terms):
             mats["loads"] = tuple(_of_constant_mass(item) for item in model.loads)
@@ -240,6 +240,11 @@ class ParametricModel:
         other = object.__new__(type(self))
         other._take(model, self.parameters, tuple(replace(item, matrix=copy(item.matrix)) for item in self.terms))
         return other
+
+
+def _is_skew(mat) -> bool:
+    """Test whether a matrix is skew-symmetric and not zero. Collective."""
+    return symmetry_defect(mat, skew=True) <= SYMMETRIC_TO < symmetry_defect(mat)
 
 
 def _of_constant_mass(load):

@@ -1,5 +1,7 @@
 """Models of parameters: the sum of their terms, which matrices of terms fit, and what is refused."""
 
+import re
+
 import numpy as np
 import pytest
 import scipy.sparse
@@ -9,6 +11,7 @@ import hpcred
 from hpcred import InputError, Parameter, ParametricModel, SecondOrderModel, Term
 from hpcred.linalg.matrix_estimates import symmetry_defect
 from hpcred.model import parametric_model, second_order_model
+from hpcred.model.parameters import check_terms
 from hpcred.parallel.petsc import PETSc
 
 OMEGA = Parameter("omega", (0.0, 8.0), unit="rad/s")
@@ -199,12 +202,69 @@ def test_values_of_parameters(solid):
                     function(values)
 
 
-def test_factors_that_are_no_numbers_are_refused_with_their_term(solid):
-    message = "^term of K: expression '1/omega': found no finite number at omega = 0$"
-    with ParametricModel(solid, [OMEGA], [Term("K", solid.K, "1/omega")]) as parametric:
-        for function in (lambda omega: parametric.at(omega=omega), lambda omega: parametric.factors({"omega": omega})):
-            with pytest.raises(InputError, match=message):
-                function(0.0)
+@pytest.mark.parametrize(
+    ("factor", "where"),
+    [
+        ("1/omega", "omega = 0"),
+        ("log(omega)", "omega = 0"),
+        ("sqrt(omega - 6)", "omega = 0"),
+        ("(e - 2)^0.5", "e = 1"),
+        ("exp(100*omega)", "omega = 0.75"),
+        ("1e40*e", "e = 1"),  # finite, but whose squares are not
+        ("e/0", "e = 1"),
+        ("e/(omega - 1.3)", "e = 1, omega = 1.3"),  # between points that are looked at
+        ("(omega - 1.3)^-2", "omega = 1.3"),
+        ("1/(e*sqrt(abs(1.3 - omega)))", "e = .*, omega = 1.3"),
+        ("log(abs(omega - 1.3))", "omega = 1.3"),
+        ("tan(e)", "e = 1.5708"),
+        ("1/(omega - 4*e)", "e = .*, omega = "),
+    ],
+)
+def test_factors_without_a_value_in_the_ranges_are_refused(factor, where):
+    """Early, with the term, the factor and the values; terms need no matrix for it."""
+    message = (
+        rf"^term of K: factor '{re.escape(factor)}': found no number of -1e\+30 to 1e\+30 at ({where}.*), expected one "
+        r"in all of the ranges \(omega 0 to 8 rad/s, e 1 to 2\); change the range or the factor$"
+    )
+    term = Term("K", None, factor)
+    with pytest.raises(InputError, match=message) as error:
+        check_terms((OMEGA, E), [Term("M", None, "omega*e"), term])
+    found = dict(item.split(" = ") for item in re.match(message, str(error.value))[1].split(", "))
+    values = {name: float(value) for name, value in found.items()}
+    with pytest.raises(InputError, match="beyond|found no finite number"):
+        if abs(term.expression.at(values)) > 1e4:
+            raise InputError("beyond")
+
+
+@pytest.mark.parametrize(
+    "factor",
+    ["1/(omega + 0.1)", "sqrt(e - 1)", "log(e)*omega", "tan(omega/6)", "1/tan(e)", "1/(1 + tan(e/1.5))", "omega^omega",
+     "1/(omega^2 - 4*e + 9)"],
+)  # fmt: skip
+def test_factors_with_values_in_all_of_the_ranges(factor):
+    check_terms((OMEGA, E), [Term("K", None, "omega*e"), Term("K", None, factor)])
+
+
+def test_factors_of_many_parameters():
+    many = tuple(Parameter(f"p{i}", (-1.0, 1.0)) for i in range(8))
+    names = [item.name for item in many]
+    check_terms(many, [Term("K", None, f"1/(9 + {' + '.join(names)})")])
+    with pytest.raises(InputError, match="found no number of .* at p0 = "):
+        check_terms(many, [Term("K", None, f"1/(7.5 + {' + '.join(names)})")])
+
+
+@pytest.mark.mpi
+def test_zero_matrices_and_factors(solid):
+    """The model is the one without these terms, and no zero makes it circulatory."""
+    n, p = solid.size, len(solid.input_names)
+    zero = scipy.sparse.csr_array((n, n))
+    terms = [Term("K", zero, "e"), Term("M", np.zeros((n, n)), "e"), Term("D", zero, "e"),
+             Term("B", np.zeros((n, p)), "e"), Term("K", solid.K, "0*e")]  # fmt: skip
+    with ParametricModel(solid, [E], terms) as parametric:
+        assert not parametric.model.circulatory
+        with parametric.at(e=1.7) as model:
+            assert np.array_equal(to_dense(model.K), to_dense(solid.K)) and not to_dense(model.D).any()
+            assert model.frequency_response([100.0]) == pytest.approx(solid.frequency_response([100.0]), rel=1e-9)
 
 
 @pytest.mark.mpi
@@ -224,7 +284,8 @@ def test_mass_that_turns_negative_is_refused(solid):
         (("lambda", (0.0, 1.0)), "^parameter.name: found 'lambda', expected .* words of Python, such as lambda"),
         (("pi", (0.0, 1.0)), "^parameter.name: found 'pi', expected .* none of sqrt, .*, pi"),
         (("e", (2.0, 1.0)), r"^parameter 'e': range: found \[2.0, 1.0\], expected a lower and a higher value"),
-        (("e", (1.0, 1.0)), "expected a lower and a higher value"),
+        (("e", (1.0, 1.0)), r"expected a lower and a higher value; a parameter of one value is none: "),
+        (("e", (1e9, 1e9 + 1e-6)), "expected a lower and a higher value"),
         (("e", (0.0, np.inf)), "^parameter 'e': range: found inf, expected a finite number"),
         (("e", (0.0, 1.0), 1.5), "^parameter 'e': reference: found 1.5, expected a value in 0 to 1"),
         (("e", (0.0, 1.0), np.nan), "reference: found nan"),

@@ -341,6 +341,81 @@ def test_what_is_refused(comm):
             hpcred.ParameterSearch(**{key: value})
 
 
+def held(factor, band, of="K", n=12):
+    """A chain that a spring holds, or a mass of the middle, with a term that takes away as much of it as `factor`."""
+    K = sum(1e4 * np.outer(pair(n, j, j + 1), pair(n, j, j + 1)) for j in range(n - 1))
+    spring = 1e3 * np.outer(pair(n, 0, n), pair(n, 0, n))
+    taken = spring if of == "K" else np.diag(1.0 * (np.arange(n) == 6))
+    return AffineCase("held", K + spring, np.eye(n), unit(n, 3, 8), band, [Parameter("e", (0.0, 2.0), 0.25)],
+                      [(of, taken, factor)])  # fmt: skip
+
+
+@pytest.mark.mpi(costly=True)
+@pytest.mark.parametrize("factor, where", [("-e", "1"), ("-e/2", "2"), ("0.3 - e", "1.3"), ("-e^2/3", "1.732")])
+def test_a_stiffness_that_is_singular_at_values_in_the_ranges(factor, where, comm):
+    """Beside or between the training points. There the response at 0 Hz is infinite, and others are as they are."""
+    with pytest.raises(InputError, match=f"^held: K is singular, .*, near e = {where}[0-9]*, where the response at 0"):
+        reduced(held(factor, (0.0, 30.0)), 1e-4, comm)
+    case = held(factor, (1.0, 30.0))
+    with reduced(case, 1e-4, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
+        pairs = [*fresh_pairs(case), (1.0, {"e": float(where)})]
+        assert rom.record.accuracy.reached and case.eps(rom, pairs).max() <= 1e-4
+
+
+def test_a_free_motion_that_nothing_pushes_is_no_matter(comm):
+    """A mass by itself, whose spring is taken away."""
+    case = held("-e", (0.0, 30.0))
+    K, M = np.pad(case.K, (0, 1)), np.pad(case.M, (0, 1))
+    K[-1, -1], M[-1, -1] = 1e3, 1.0
+    case.K, case.M, case.B = K, M, np.pad(case.B, ((0, 1), (0, 0)))
+    case.terms = [("K", np.diag(1e3 * (np.arange(13) == 12)), "-e")]
+    with reduced(case, 1e-4, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
+        assert rom.record.accuracy.reached and case.eps(rom, fresh_pairs(case)).max() <= 1e-4
+
+
+def test_circulatory_forces_hold_what_springs_do_not(comm):
+    """Of K that is not symmetric the sign of the determinant tells whether it is singular between two values."""
+    turning = np.zeros((12, 12))
+    turning[3, 8], turning[8, 3] = 4e3, -4e3
+    case = held("-e", (0.0, 30.0))
+    case.circulatory, case.D, case.damping = True, 0.5 * np.eye(12), GivenDamping()
+    case.terms.append(("K", turning, "e"))
+    all_k = [case.matrices({"e": e})["K"] for e in np.linspace(0, 2, 101)]
+    assert all(np.linalg.det(K) > 0 for K in all_k) and np.linalg.eigvalsh(all_k[-1] + all_k[-1].T).min() < 0
+    with reduced(case, 1e-3, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
+        assert not rom.record.accuracy.reached or case.eps(rom, fresh_pairs(case)).max() <= 1e-3
+    case.terms[-1] = ("K", turning, "e*(2 - e)/1000")
+    with pytest.raises(InputError, match="K is singular, but for round-off, near e = 1"):
+        reduced(case, 1e-3, comm)
+
+
+@pytest.mark.mpi
+def test_a_mass_that_is_gone_at_values_in_the_ranges_is_refused(comm):
+    """All along, or in the reduced model alone."""
+    case = held("-e/2", (0.0, 30.0), "M")
+    message = "^at e = 2: the reduced mass matrix is not positive definite: terms of M leave some motions without mass"
+    with pytest.raises(InputError, match=message):
+        reduced(case, 1e-4, comm)
+    with case.model(comm) as model, hpcred.reduce(model, [hpcred.StaticCorrection(), Modes(count=10)]) as rom:
+        assert rom.at(e=1.9).size == rom.size == 12
+        for use in (rom.at, lambda e: rom.turn({"e": e})):
+            with pytest.raises(InputError, match=message):
+                use(e=2.0)
+
+
+@pytest.mark.parametrize("damping", [hpcred.NoDamping(), GivenDamping()], ids=lambda item: item.kind)
+def test_terms_that_are_zero(damping, comm):
+    """In matrices or factors: they change nothing."""
+    case = held("0*e", (0.0, 30.0))
+    case.D, case.damping = 0.5 * np.eye(12), damping
+    case.terms += [("M", np.zeros((12, 12)), "e"), ("B", np.zeros((12, 2)), "e"), ("K", np.zeros((12, 12)), "1 - e")]
+    case.terms += [("D", np.zeros((12, 12)), "e")] * (damping.kind == "given")
+    with reduced(case, 1e-4, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
+        assert rom.record.accuracy.reached and case.eps(rom, fresh_pairs(case, 10)).max() <= 1e-4
+        s = 2j * np.pi * np.array([0.5, 7.0])
+        assert rom.transfer_function(s, e=2.0) == pytest.approx(rom.transfer_function(s, e=0.0), rel=1e-9)
+
+
 def test_points_around_one():
     plane = [Parameter("a", (0.0, 2.0)), Parameter("b", (1.0, 100.0))]  # b by its logarithm
     assert points_around(plane, (1.0, 10.0), 0.25) == [(1.5, 10.0), (1.0, 31.6228), (0.5, 10.0), (1.0, 3.16228)]

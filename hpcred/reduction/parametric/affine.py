@@ -12,6 +12,7 @@ from ...model.viscoelastic import Viscoelastic, matrices_by_key, parts_from, tra
 from ..tolerance.independent_loads import independent_columns
 from ..tolerance.projections import extended
 from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
+from .singular import factor_of_mass
 
 
 class Part(NamedTuple):
@@ -55,8 +56,11 @@ class AffineForm:
 
     def theta(self, point) -> np.ndarray:
         """Return (1, theta_1, theta_2, ...) at a point; local."""
-        names = [item.name for item in self.parametric.parameters]
-        return np.array([1.0, *self.parametric.factors(dict(zip(names, point, strict=True)))])
+        return np.array([1.0, *self.parametric.factors(self.values(point))])
+
+    def values(self, point) -> dict[str, float]:
+        """Return the values of the parameters at a point by name; local."""
+        return dict(zip((item.name for item in self.parametric.parameters), point, strict=True))
 
     def io(self, theta) -> InputsOutputs:
         """Return inputs and outputs in terms of the loads; local."""
@@ -79,7 +83,8 @@ class AffineForm:
 
 class PointModels(NamedTuple):
     """Projections at values of the parameters on a basis that was made orthonormal there, by the upper triangular
-    `turn` (m, m), so that its first columns still span what those of the basis span. Local."""
+    `turn` (m, m), so that its first columns still span what those of the basis span; `size_of_k`: the sum of the norms
+    of what adds up to K. Local."""
 
     K: np.ndarray
     L: np.ndarray
@@ -89,6 +94,7 @@ class PointModels(NamedTuple):
     io: InputsOutputs
     symmetric: bool
     viscoelastic: tuple[Viscoelastic, ...]
+    size_of_k: float
 
     def model(self, count: int | None = None) -> PseudoModal:
         """Return the model of the first `count` columns, by default of all."""
@@ -132,17 +138,20 @@ class AffineProjections:
         self.L = factor.T @ self.L
         self.small = {of: [factor.T @ part @ factor for part in parts] for of, parts in self.small.items()}
 
-    def at(self, theta: np.ndarray) -> PointModels:
-        """Return the projections for factors (1, theta_1, ...); local."""
+    def at(self, point) -> PointModels:
+        """Return the projections at a point; local. Raises InputError where M is not positive definite."""
+        theta = self.form.theta(point)
         summed = {of: found for of in self.form.parts if (found := self._sum(of, theta)) is not None}
         M, L, turn = summed.pop("M", None), self.L, np.eye(len(self.L))
         if M is not None:
-            turn = np.linalg.inv(np.linalg.cholesky((M + M.T) / 2)).T
+            turn = np.linalg.inv(factor_of_mass(M, self.form.values(point))).T
             summed, L = {of: turn.T @ part @ turn for of, part in summed.items()}, turn.T @ L
         symmetric = all(part.symmetric for part in self.form.parts["K"])
         parts = parts_from(self.form.parametric.model.viscoelastic, summed)
+        size = sum(abs(theta[part.place]) * np.linalg.norm(small)
+                   for part, small in zip(self.form.parts["K"], self.small["K"], strict=True))  # fmt: skip
         return PointModels(
-            summed["K"], L, summed.get("D"), turn, self.damping, self.form.io(theta), symmetric, parts
+            summed["K"], L, summed.get("D"), turn, self.damping, self.form.io(theta), symmetric, parts, float(size)
         )
 
     def _sum(self, of, theta):

@@ -104,7 +104,7 @@ def _case(projections, point, settings, count, coarse):
 def turned(projections, point, settings, count=None) -> tuple[Comparison, np.ndarray, np.ndarray]:
     """Return the model of the first `count` columns (m, by default all) at a point beside itself, and the turns from
     its pseudo-modal coordinates to those of the basis and back (m, m); local."""
-    models = projections.at(projections.form.theta(point))
+    models = projections.at(point)
     outer, turn = models.model(count), models.turn[:count, :count]
     measure = measure_over(settings.error_measure, settings.band, outer)
     pair = Comparison(outer, outer, np.eye(len(outer)), measure)
@@ -169,7 +169,7 @@ def at_ends_of_band(projections, points, band) -> list[tuple[float, ...]]:
     comm, parameters = form.parametric.comm, form.parametric.parameters
 
     def above(end, point):
-        return int((upper_poles(projections.at(form.theta(point)).model()).imag > 2 * np.pi * end).sum())
+        return int((upper_poles(projections.at(point).model()).imag > 2 * np.pi * end).sum())
 
     def between(end, fewer, more):
         count = above(end, fewer)

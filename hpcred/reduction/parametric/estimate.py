@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...parallel.decisions import decided, shared_out
+from ...parallel.failures import agreed
 from ..tolerance.error_estimate import UNIFORM, Comparison, grid, measure_over
 from ..tolerance.pseudo_modal import nested
 from ..tolerance.residual_blocks import ResidualSpace, residual_coefficients, row_scale, transposed_times
@@ -39,7 +40,7 @@ def estimate(projections: AffineProjections, points, count: int, settings) -> Es
     """Return the error at points of the model of the first `count` columns, seen from all. Collective."""
 
     def at(point):
-        models = projections.at(projections.form.theta(point))
+        models = projections.at(point)
         inner, outer = models.model(count), models.model()
         measure = measure_over(settings.error_measure, settings.band, outer, COARSE)
         return coarsely(Comparison(inner, outer, nested(inner, outer), measure), settings.band)
@@ -73,7 +74,8 @@ class _Samples:
 
     def take(self, count):
         places = list(range(len(self._points)))[self._comm.rank :: self._comm.size]
-        self._factors = [self._coefficients(place) for place in places]
+        with agreed(self._comm):
+            self._factors = [self._coefficients(place) for place in places]
         seeds = [[self._projections.basis.size, place] for place in places]
         draws = [np.random.default_rng(seed).standard_normal((factors[0].shape[1], count))
                  for seed, factors in zip(seeds, self._factors, strict=True)]  # fmt: skip
@@ -112,7 +114,7 @@ class _Samples:
         projections, settings = self._projections, self._settings
         form = projections.form
         theta = form.theta(self._points[place])
-        models = projections.at(theta)
+        models = projections.at(self._points[place])
         model = models.model()
         S = grid([model], settings.band, RESIDUALS, None)
         loads, *by_matrix = residual_coefficients(model, settings, S)

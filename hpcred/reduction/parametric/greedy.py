@@ -31,6 +31,7 @@ from .affine import AffineForm, AffineProjections
 from .compression import RangeSnapshots
 from .estimate import Estimate, estimate, residual_block
 from .settings import ParameterSearch
+from .singular import check_static
 from .training import corner_points, distances, fresh_points, training_points
 
 WIDTH = 16  # columns of a block for all values
@@ -88,6 +89,7 @@ class Greedy:
         damping, damped = self.first.projections.damping, self.first.projections.D is not None
         self.form = AffineForm(self.parametric, self.run.framed, damped)
         self.projections = AffineProjections(self.form, self.basis, damping)
+        check_static(self.projections, self.points, self.goal.band)
         self._look_at_damping()
         self._visited(self.first, self.reference, 0)
         self.run.solvers.release()
@@ -138,6 +140,7 @@ class Greedy:
             estimated=checked and checked.estimated, measured=checked and checked.measured,
         ))  # fmt: skip
         with self.run.progress.stage("parameters"):
+            check_static(self.projections, self.points, self.goal.band)
             self._add_points(self._count)
             self._trim()
         if search.state is State.ENDED:
@@ -217,7 +220,7 @@ class Greedy:
         visited points, which factors count; local."""
         found = [np.eye(count)[:, : self.kept]]
         for point in self.visited:
-            models = self.projections.at(self.form.theta(point))
+            models = self.projections.at(point)
             model = models.model(count)
             found.append(models.turn[:count, :count] @ model.vectors[:, self._counted(model)])
         return _independent(np.hstack(found))
@@ -284,7 +287,7 @@ class Greedy:
         low, high = self.goal.band
 
         def has_undamped(point):
-            f, ratio = resonances(self.projections.at(self.form.theta(point)).model())
+            f, ratio = resonances(self.projections.at(point).model())
             return bool((ratio[(f >= 0.9 * low) & (f <= 1.1 * high)] < UNDAMPED).any())
 
         if any(shared_out(self.comm, has_undamped, self.points)):

@@ -17,6 +17,7 @@ from ...model.viscoelastic import transformed
 from ..projection import project, project_columns
 from ..reduced_damping import reduced_damping
 from ..reduced_model import ReducedModel
+from .singular import factor_of_mass
 
 ROUND_OFF = 1e-14  # of the largest entry of K: what a skew-symmetric part may have
 
@@ -74,7 +75,7 @@ class ParametricReducedModel(ReducedModel):
             found[item.of] = found[item.of] + item.expression.at(values) * item.matrix
         damping = None if self.record is None else self.record.damping
         if _follows_frequencies(damping):
-            X, eigenvalues = _eigenpairs(found["M"], found["K"])
+            X, eigenvalues = _eigenpairs(found, values)
             X, eigenvalues = X[:, self.rigid_size :], eigenvalues[self.rigid_size :]  # which damping models leave alone
             frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
             back = found["M"] @ X  # X^-T
@@ -85,7 +86,7 @@ class ParametricReducedModel(ReducedModel):
         """Return X (m, m) of the coordinates x = X z of the model at values of the parameters: X^T M X = I and X^T K X
         diagonal; the identity in interface coordinates."""
         found = self.matrices(values)
-        return np.eye(self.size) if self.interfaces else _eigenpairs(found["M"], found["K"])[0]
+        return np.eye(self.size) if self.interfaces else _eigenpairs(found, checked_values(self.parameters, values))[0]
 
     def at(self, **values: float) -> ReducedModel:
         """Return the model at values of the parameters, in pseudo-modal coordinates of its own (see turn).
@@ -106,7 +107,7 @@ class ParametricReducedModel(ReducedModel):
             For other names, and values outside of the ranges.
         """
         found = self.matrices(values)
-        X, eigenvalues = _eigenpairs(found["M"], found["K"])
+        X, eigenvalues = _eigenpairs(found, checked_values(self.parameters, values))
         frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
         if not self.interfaces:
             outputs = {key: found[key] @ X for key in ("C", "Cv", "Ca") if key in found}
@@ -198,9 +199,11 @@ def _follows_frequencies(damping):
     )
 
 
-def _eigenpairs(M, K):
-    """Return X (m, m) with X^T M X = I and X^T K X = diag(eigenvalues), and these, ascending."""
-    inverse = np.linalg.inv(np.linalg.cholesky((M + M.T) / 2))
-    values, vectors = np.linalg.eigh(inverse @ ((K + K.T) / 2) @ inverse.T)
+def _eigenpairs(matrices, values):
+    """Return X (m, m) with X^T M X = I and X^T K X = diag(eigenvalues), and these, ascending, of the matrices at
+    values. Raises InputError where M is singular."""
+    K = matrices["K"]
+    inverse = np.linalg.inv(factor_of_mass(matrices["M"], values))
+    eigenvalues, vectors = np.linalg.eigh(inverse @ ((K + K.T) / 2) @ inverse.T)
     X = inverse.T @ vectors
-    return X * np.where(X[np.abs(X).argmax(axis=0), np.arange(len(X))] < 0, -1.0, 1.0), values
+    return X * np.where(X[np.abs(X).argmax(axis=0), np.arange(len(X))] < 0, -1.0, 1.0), eigenvalues
