@@ -208,6 +208,18 @@ def free_motions(model, motions) -> int:
     return decided(model.comm, _force_free, *_forces(model, motions))[1].shape[1]
 
 
+def acts_on_free_motions(model, mat) -> bool:
+    """Test whether a matrix (n, n), on the pattern of K, resists or pushes rigid-body motions that K leaves free.
+    Collective."""
+    norm, size = (each.norm(PETSc.NormType.INFINITY) for each in (model.K, mat))
+    if not size or model.dofs is None:
+        return False
+    motions, both = rigid_motions(model, _middle(model)), model.K.copy()
+    both.axpy((norm or 1.0) / size, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+    with model.with_fields(K=both) as other:
+        return free_motions(other, motions) < free_motions(model, motions)
+
+
 def soft_supports(model) -> np.ndarray:
     """Return the force that each translation in x, y and z that moves the body meets in its worst row, relative to the
     diagonal of that row; zero where it may be round-off. Collective.
@@ -391,7 +403,7 @@ def misfit_of_nodes(model) -> str | None:
     if share > MOST_ROWS:
         return (
             f"{model.name}: {found}, in {100 * share:.0f} % of the rows: the body is held almost everywhere, or the "
-            "nodes or directions are not those of the rows, or K is that of a preloaded state"
+            "nodes or directions are not those of the rows, or K is that of a preloaded or spinning body"
             + ("" if model.is_symmetric("K") else ", or circulatory forces act nearly everywhere")
         )
     return None

@@ -15,7 +15,7 @@ from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.input_output_counts import require_room
 from ..model.load_columns import loads_of, resultants
 from ..model.scales import in_usual_units
-from ..model.second_order_model import require_model
+from ..model.second_order_model import SecondOrderModel, require_model
 from ..model.viscoelastic import transformed
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.petsc import free_dropped
@@ -128,7 +128,11 @@ class BasisReductor(Reductor):
         warnings = warnings_of_damping(self.damping)
         if model.D is not None and isinstance(self.damping, NoDamping):
             warnings += (f"damping: none, though {model.name} has a damping matrix, which kind = 'given' takes",)
-        return warnings_of(model, self.frame) + warnings
+        return warnings_of(model, self.frame, self._constant()) + warnings
+
+    def _constant(self) -> SecondOrderModel | None:
+        """Return the constant part of a model with parameters, None for others."""
+        return None  # noqa: RET501  (others have one)
 
     def _check_room(self, model):
         require_room(model, 0)

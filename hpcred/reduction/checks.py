@@ -9,7 +9,7 @@ from ..model.damping import ModalDamping, caughey_terms
 from ..model.definiteness import check_definite, warnings_of_definiteness
 from ..model.frames import Buckens, refuse_circulatory
 from ..model.interfaces import warnings_of_interfaces
-from ..model.rigid_body_modes import exchange_of_matrices, soft_supports, warnings_of_nodes
+from ..model.rigid_body_modes import exchange_of_matrices, misfit_of_nodes, soft_supports, warnings_of_nodes
 from ..model.second_order_model import SYMMETRIC_TO, require_inputs
 from ..model.viscoelastic import Maxwell
 from ..parallel.failures import InputError
@@ -82,13 +82,16 @@ def require_no_series(model, damping):
         )
 
 
-def warnings_of(model, frame) -> tuple[str, ...]:
-    """Return warnings of the model; those that the frame depends on are refusals."""
+def warnings_of(model, frame, constant=None) -> tuple[str, ...]:
+    """Return warnings of the model; those that the frame depends on are refusals. `constant`: the constant part of a
+    model with parameters, whose nodes fit if they fit K without terms that resist or push rigid-body motions."""
     signs = tuple(warnings_of_definiteness(model))
     if model.dofs is None:
         return signs
     exchanged = exchange_of_matrices(model)
     of_nodes = (exchanged,) if exchanged else tuple(warnings_of_nodes(model))  # all else follows from it
+    if of_nodes and constant is not None and (misfit := misfit_of_nodes(model)) and not misfit_of_nodes(constant):
+        of_nodes = tuple(sentence for sentence in of_nodes if sentence != misfit)
     if of_nodes and isinstance(frame, Buckens):
         refuse_circulatory(model)  # which pushes rigid-body motions
         raise InputError(of_nodes[0])

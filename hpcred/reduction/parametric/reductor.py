@@ -15,6 +15,7 @@ from ...model.definiteness import check_definite
 from ...model.frames import Buckens, apply_frame
 from ...model.load_columns import resultants
 from ...model.parametric_model import ParametricModel
+from ...model.rigid_body_modes import acts_on_free_motions
 from ...model.second_order_model import SYMMETRIC_TO
 from ...model.term_matrices import FIELD
 from ...parallel.declared import declared
@@ -49,6 +50,9 @@ class ParametricBasisReductor(BasisReductor):
             raise InputError("projection: found 'two_sided' for a model with parameters, expected 'one_sided'")
         return reduced_with_terms(self, model)
 
+    def _constant(self):
+        return self.parametric.model
+
     def _expected_columns(self, framed):
         return max(len(self.parameter_points), 1) * super()._expected_columns(framed)
 
@@ -79,6 +83,9 @@ class ParametricReductor(ToleranceReductor):
         if self.settings.drop_above is not None:
             raise InputError("drop_above: found it for a model with parameters and a tolerance; leave it out")
         return reduced_with_terms(self, model)
+
+    def _constant(self):
+        return self.parametric.model
 
     def _search(self, vectors, run, groups, kept):
         terms = digests_of_terms(self.parametric) if self.store is not None else []
@@ -204,6 +211,12 @@ def check_parametric(model, frame, damping, coordinates):
             raise InputError(
                 f"{model.name}: found {found} and an unsymmetric term of K with the factor '{item.factor}', whose "
                 "circulatory forces they have no place for; hold the body, in pseudo-modal coordinates"
+            )
+        if item.of == "K" and isinstance(frame, Buckens) and acts_on_free_motions(model.model, item.matrix):
+            raise InputError(
+                f"{model.name}: the term of K with the factor '{item.factor}' holds or pushes rigid-body motions, as "
+                "springs to the ground and spin softening do, and the Buckens frame has none of these; hold the body "
+                "(frame kind 'tangent' or 'chord'), or leave the term out"
             )
         if item.of == "M" and isinstance(frame, Buckens):
             raise InputError(
