@@ -194,7 +194,7 @@ def test_same_points_and_size_on_any_number_of_ranks_and_in_both_builds(name, co
     assert (size, len(points)) == expected, (size, points)
 
 
-EXPECTED = {"chains tied 1e-5": (17, 2), "25 masses, 40 dashpots": (23, 2), "other outputs": (26, 2)}
+EXPECTED = {"chains tied 1e-5": (17, 2), "25 masses, 40 dashpots": (17, 2), "other outputs": (26, 2)}
 
 
 @pytest.mark.mpi(ranks=(2, 3))

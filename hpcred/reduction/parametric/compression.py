@@ -13,7 +13,7 @@ import numpy as np
 from ...parallel.decisions import decided, shared_out
 from ...parallel.failures import agreed
 from ...parallel.petsc import MPI
-from ..tolerance.compression import BALANCES, Snapshots, fewest, inner_of, joined
+from ..tolerance.compression import BALANCES, Snapshots, fewest, joined
 from ..tolerance.error_estimate import FINE, UNIFORM, Comparison, grid, largest, measure_over, resolved, upper_poles
 from .affine import AffineProjections
 from .estimate import COARSE, coarsely
@@ -205,7 +205,7 @@ def _inside(projections, settings, U, kept, point) -> Comparison:
         if kept is not None:
             kept[point] = known
     pair, inward = known
-    return inner_of(pair, np.linalg.qr(inward @ U)[0])
+    return pair.within(np.linalg.qr(inward @ U)[0])
 
 
 def _errors(inside, points, band):
@@ -263,7 +263,7 @@ def _worst_apart(parameters, points, errors):
 
 def _at_reference(projections, reference, settings, U):
     pair, _, inward = turned(projections, reference, settings)
-    found = inner_of(pair, np.linalg.qr(inward @ U)[0])
+    found = pair.within(np.linalg.qr(inward @ U)[0])
     S, curve = largest(found, grid([found.outer, found.inner], settings.band, 2 * UNIFORM, FINE))
     S, curve = resolved(found, S, curve, 3 * float(found.noise(S).max()))
     return found, S, curve

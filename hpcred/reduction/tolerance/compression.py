@@ -9,6 +9,7 @@ import numpy as np
 
 from ...parallel.failures import InputError
 from ..measure import Measure
+from . import refinement
 from .error_estimate import FINE, UNIFORM, Comparison, grid, largest, resolved
 from .judging import Judge
 from .pseudo_modal import PseudoModal, columns, times
@@ -16,6 +17,7 @@ from .pseudo_modal import PseudoModal, columns, times
 TRIALS = 8  # compressions, each with the frequencies where the one before was too bad, until nothing is compressed
 LARGE = 1e6  # error that counts as any other above it
 BALANCES = (1.0, 0.1, 10.0, 0.01, 100.0)  # of the states of inputs beside those of outputs, where these are others
+WIDE = 0.1  # of the goal: error of the columns that a refinement combines
 TIE = 0.01  # by how much the first input or output counts less than the last, so that equal directions have an order
 
 
@@ -52,7 +54,7 @@ class Snapshots:
 
     def __init__(self, pair: Comparison, frequencies, fixed):
         self.pair, self.fixed = pair, fixed
-        self._frequencies = frequencies
+        self.frequencies = frequencies
         states = snapshots(pair.outer, frequencies, pair.measure)
         self._states = states - times(fixed, times(fixed.T, states))
         self._known = pair.outer.responses(frequencies)
@@ -70,7 +72,7 @@ class Snapshots:
 
     def reset(self, balance=1.0):
         """Weight all frequencies alike, and the states of inputs by `balance` of those of outputs."""
-        self._weights = np.tile(self._ties, (len(self._frequencies), 1, 1))
+        self._weights = np.tile(self._ties, (len(self.frequencies), 1, 1))
         self._weights[:, :, : self._inputs] *= balance
 
     def gram(self) -> np.ndarray:
@@ -84,8 +86,8 @@ class Snapshots:
 
     def error(self, U) -> float:
         """Return the largest error of a model on the columns that are fixed and U."""
-        inside = inner_of(self.pair, joined(self.fixed, U))
-        self._each = np.minimum(self.pair.measure.each(inside.difference(self._frequencies), *self._known), LARGE)
+        inside = self.pair.within(joined(self.fixed, U))
+        self._each = np.minimum(self.pair.measure.each(inside.difference(self.frequencies), *self._known), LARGE)
         return self.pair.measure.total(self._each).max()
 
     def largest_part(self) -> float:
@@ -113,14 +115,19 @@ def fewest(snapshots, goal: float, rounds=8, most=None) -> np.ndarray:
     fixed, even = snapshots.fixed, snapshots.leading()
     if most is not None:
         return joined(fixed, even[:, : max(most - fixed.shape[1], 0)])
-    low, high = 0, snapshots.size - fixed.shape[1]
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if snapshots.error(even[:, :middle]) <= goal else (middle, high)
-    best = even[:, :high]
+    best = _first(snapshots, even, goal)
     while best.shape[1] > 1 and (fewer := _weighted(snapshots, best.shape[1] - 1, goal, rounds)) is not None:
         best = fewer
     return joined(fixed, best)
+
+
+def _first(snapshots, directions, goal):
+    """Return the first of the directions (m, m), as many as `goal` asks for, by bisection."""
+    low, high = 0, snapshots.size - snapshots.fixed.shape[1]
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if snapshots.error(directions[:, :middle]) <= goal else (middle, high)
+    return directions[:, :high]
 
 
 def _weighted(snapshots, count, goal, rounds):
@@ -138,15 +145,16 @@ def _weighted(snapshots, count, goal, rounds):
 
 def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8, most=None) -> np.ndarray:
     """Return orthonormal columns U (m, k) of the coordinates of `pair.outer`, as few as `goal` allows for the largest
-    error over the frequencies (S,); the orthonormal columns `fixed` (m, c) are in their span (see fewest)."""
+    error over the frequencies (S,); the orthonormal columns `fixed` (m, c) are in their span (see fewest). They are
+    refined where A(s) is not diagonal, unless `rounds` is 0 or `most` is given."""
     fixed = np.zeros((len(pair.outer), 0)) if fixed is None else fixed
-    return fewest(Snapshots(pair, frequencies, fixed), goal, rounds, most)
-
-
-def inner_of(pair: Comparison, U) -> Comparison:
-    """Return the comparison of a model on orthonormal columns U (m, k) of the coordinates of `pair.outer` with that."""
-    inner, embedding = pair.outer.restricted(U)
-    return replace(pair, inner=inner, embedding=embedding)
+    snapshots = Snapshots(pair, frequencies, fixed)
+    best = fewest(snapshots, goal, rounds, most)
+    if most is not None or not rounds or not refinement.is_for(pair.outer):
+        return best
+    snapshots.reset()
+    wide = joined(fixed, _first(snapshots, snapshots.leading(), WIDE * goal))
+    return refinement.refined(snapshots, wide, best, goal)
 
 
 def joined(first, others) -> np.ndarray:
@@ -202,7 +210,7 @@ def _reach(judge, whole: Comparison, goal, fixed, beside):
         if most is not None and U.shape[1] > most:
             limited = f"with {settings.size} coordinates"
             U = compressed(whole, S, 0.0, fixed, most=most)
-        found = inner_of(whole, U)
+        found = whole.within(U)
         fine, curve = largest(found, grid([outer, found.inner], settings.band, 2 * UNIFORM, FINE))
         if curve.max() <= 1.02 * goal or (most is not None and U.shape[1] >= most):
             break

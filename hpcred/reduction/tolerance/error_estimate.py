@@ -35,6 +35,12 @@ class Comparison:
     embedding: np.ndarray
     measure: Measure
 
+    def within(self, U) -> Comparison:
+        """Return the comparison of the model on orthonormal columns U (m, k) of the coordinates of `outer` with that.
+        """
+        inner, embedding = self.outer.restricted(U)
+        return replace(self, inner=inner, embedding=embedding)
+
     def difference(self, frequencies) -> np.ndarray:
         """Return H_outer - H_inner (S, r, p)."""
         return difference(self.inner, self.outer, self.embedding, frequencies)

@@ -174,12 +174,12 @@ class PseudoModal:
             wrong = np.flatnonzero(~(_column_norms(rest) <= 1e3 * accuracy * scale).all(axis=1))
         parts = 1 + len(wrong) * len(self) ** 2 // NUMBERS_AT_A_TIME
         for part in np.array_split(wrong, parts) if len(wrong) else ():
-            matrices = self._matrices(frequencies[part], transposed)
+            matrices = self.matrices(frequencies[part], transposed)
             states[part] = _scaled(matrices, right[part]) if self.viscoelastic else _eliminated(matrices, right[part])
         return states
 
-    def _matrices(self, frequencies, transposed=False):
-        """A(s) (S, m, m), or A(s)^T."""
+    def matrices(self, frequencies, transposed=False):
+        """Return A(s) (S, m, m), or A(s)^T."""
         (a, _, s), m = self.damping.coefficients(frequencies), len(self)
         if self.D is not None:
             matrices = s[:, None, None] * (self.D.T if transposed else self.D)
@@ -214,7 +214,7 @@ class PseudoModal:
             return None
         if len(new):
             one = np.broadcast_to(np.eye(m, dtype=complex), (len(new), m, m))
-            made = _scaled(self._matrices(new), one)
+            made = _scaled(self.matrices(new), one)
             made[~np.isfinite(made)] = 0.0  # for elimination to follow
             order = np.argsort(np.concatenate([known, new]))
             inverses = made if inverses is None else np.concatenate([inverses, made])[order]

@@ -1,0 +1,176 @@
+"""Turn the columns of a compression by nonlinear least squares, until fewer of them reach the same error.
+
+Damping that is not proportional gives the states over the band real and imaginary parts of different directions. Their
+singular vectors span both as well as so many columns can, but the error of the responses is what counts, a product of
+two residuals, and other columns may have it smaller. With states x = U y of the model on orthonormal columns U, and
+
+    y = (U^T A U)^-1 U^T B,   r = B - A U y,      z = (U^T A U)^-T U^T C^T,   l = C^T - A^T U z,
+
+the response H_U = C U y of that model changes with U by
+
+    dH_U = l^T dU y + z^T dU^T r,
+
+for which only changes dU orthogonal to U matter (Grassmann manifold). Levenberg-Marquardt steps, with the damping of
+H. B. Nielsen (1999), let the p-norm of all errors fall, p = POWER, which comes near to their maximum.
+
+Everything is dense NumPy and local. The columns are combinations of those of a compression to a smaller error, so that
+unknowns are few.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .pseudo_modal import NUMBERS_AT_A_TIME, PseudoModal
+
+POWER = 6  # of the errors whose sum is to fall
+STEPS = 50  # of a number of columns that is tried
+FIRST_DAMPING = 1e-2  # of the diagonal of the normal equations
+WORK = 5e8  # multiplications for the normal equations of a step, above which fewer columns are not tried
+
+
+def is_for(model: PseudoModal) -> bool:
+    """Return whether columns of a model are to be refined: where A(s) is not diagonal, and its projection a model."""
+    return not model.is_diagonal and not model.damping.higher
+
+
+def refined(snapshots, wide, best, goal: float) -> np.ndarray:
+    """Return orthonormal columns (m, k), combinations of `wide` (m, w) and as few as the goal allows for the error of
+    `snapshots` (see compression.Snapshots); `best` (m, k) if fewer are not found.
+
+    The columns `wide` are orthonormal and in the order of what they matter, those that stay in the span first.
+    """
+    kept, w = snapshots.fixed.shape[1], wide.shape[1]
+    if len(snapshots.frequencies) * w * w > NUMBERS_AT_A_TIME:
+        return best
+    errors = Errors(snapshots.pair, snapshots.frequencies, wide, kept)
+    for count in range(best.shape[1] - 1, kept, -1):
+        if not errors.are_finite or errors.count * ((w - count) * (count - kept)) ** 2 > WORK:
+            break
+        found = _turned(errors, np.eye(w)[:, :count], goal)
+        if found is None or snapshots.error((wide @ found)[:, kept:]) > goal:
+            break
+        best = wide @ found
+    return best
+
+
+class Point(NamedTuple):
+    """The model on columns U (w, k): its errors (S, q), the largest of the measure, and y, r, z, l (S, ...) above."""
+
+    U: np.ndarray
+    errors: np.ndarray
+    largest: float
+    y: np.ndarray
+    r: np.ndarray
+    z: np.ndarray
+    l: np.ndarray
+
+
+class Errors:
+    """Errors of models on combinations of columns `wide` (m, w), in the scales of the measure of `pair`, at frequencies
+    (S,) in Hz; the first `fixed` of the columns stay in the span. Local."""
+
+    def __init__(self, pair, frequencies, wide, fixed=0):
+        outer, s = pair.outer, 2j * np.pi * frequencies
+        self.fixed, self._measure = fixed, pair.measure
+        self._same = outer.is_reciprocal and outer.io.derivatives is None
+        parts = [wide.T @ outer.matrices(part) @ wide for part in outer.parts_of(frequencies)]
+        self._A = np.concatenate(parts)
+        self._B = np.broadcast_to(wide.T @ outer.B, (len(s), wide.shape[1], outer.B.shape[1]))
+        self._Ct = np.broadcast_to(wide.T @ outer.Ct, (len(s), wide.shape[1], outer.Ct.shape[1]))
+        if outer.io.derivatives is not None:
+            self._Ct = self._Ct @ outer.io.derivatives.measured_at(s).transpose(0, 2, 1)
+        h, g = pair.measure.scales(*outer.responses(frequencies))
+        scale = h[:, :, None] * g[:, None, :]
+        self._scale = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
+        self._X = _solved(self._A, self._B)
+        self._rest = pair.within(wide).difference(frequencies)
+        # responses of reciprocal models come in equal pairs
+        every = np.indices(scale.shape[1:]).reshape(2, -1)
+        self._of = np.triu_indices(scale.shape[1]) if self._same else (every[0], every[1])
+
+    @property
+    def count(self) -> int:
+        """How many real numbers the errors are."""
+        return 2 * len(self._A) * len(self._of[0])
+
+    @property
+    def are_finite(self) -> bool:
+        """Whether there are responses at all frequencies, as a free body has none at 0 Hz."""
+        return bool(np.isfinite(self._X).all() and np.isfinite(self._rest).all())
+
+    def at(self, U) -> Point:
+        """Return the model on orthonormal columns U (w, k)."""
+        A = U.T @ (self._A @ U)
+        y = _solved(A, U.T @ self._B)
+        r = self._B - self._A @ (U @ y)
+        z, l = y, r
+        if not self._same:
+            z = _solved(A.transpose(0, 2, 1), U.T @ self._Ct)
+            l = self._Ct - self._A.transpose(0, 2, 1) @ (U @ z)
+        # H - H_U without its cancellation
+        E = (self._rest + l.transpose(0, 2, 1) @ (self._X - U @ y)) * self._scale
+        j, i = self._of
+        return Point(U, E[:, j, i], float(self._measure.total(np.abs(E)).max()), y, r, z, l)
+
+    def derivative(self, at: Point, N) -> np.ndarray:
+        """Return the derivative (S q, (w - k) (k - fixed)) of the errors for changes N d of the columns U that are not
+        fixed, N (w, w - k) orthogonal to U, d (w - k, k - fixed)."""
+        j, i = self._of
+        y, z, r, l = at.y[:, self.fixed :], at.z[:, self.fixed :], N.T @ at.r, N.T @ at.l
+        found = np.einsum("saq,sbq->sqab", l[:, :, j], y[:, :, i]) + np.einsum("saq,sbq->sqab", r[:, :, i], z[:, :, j])
+        found *= -self._scale[:, j, i][:, :, None, None]
+        return found.reshape(at.errors.size, -1)
+
+
+def _turned(errors: Errors, start, goal):
+    """Return columns (w, k) with errors within a goal, by steps from those to start with; None without success."""
+    here, damping, growth, system = errors.at(start), FIRST_DAMPING, 2.0, None
+    for _ in range(STEPS):
+        if here.largest <= goal:
+            return here.U
+        if system is None:
+            top = np.abs(here.errors).max()
+            if not np.isfinite(top):
+                return None
+            N = np.linalg.qr(here.U, mode="complete")[0][:, here.U.shape[1] :]
+            system = _normal_equations(here.errors.ravel() / top, errors.derivative(here, N) / top)
+            before = _sum_of_powers(here, top)
+        matrix, gradient = system
+        diagonal = np.diag(matrix)
+        step = -np.linalg.solve(matrix + np.diag(damping * diagonal + 1e-12 * diagonal.max()), gradient)
+        new = here.U.copy()
+        new[:, errors.fixed :] += N @ step.reshape(N.shape[1], -1)
+        there = errors.at(np.linalg.qr(new)[0])
+        after = _sum_of_powers(there, top)
+        if after < before:
+            gain = (before - after) / max(-(gradient @ step) - step @ matrix @ step / 2, 1e-300)
+            damping *= max(1 / 3, 1 - (2 * min(gain, 1.0) - 1) ** 3)
+            here, growth, system = there, 2.0, None
+        else:
+            damping, growth = damping * growth, 2 * growth
+    return here.U if here.largest <= goal else None
+
+
+def _sum_of_powers(at: Point, top):
+    """Return the sum of |e / top|^p / p."""
+    return float((np.abs(at.errors / top) ** POWER).sum()) / POWER
+
+
+def _normal_equations(e, J) -> tuple[np.ndarray, np.ndarray]:
+    """Return matrix and gradient of sum |e|^p / p for complex errors e (N,) with derivatives J (N, u), but for second
+    derivatives of e: p - 1 times as stiff along e as across it."""
+    size = np.abs(e)
+    along = J * (size ** (POWER / 2 - 1) * np.exp(-1j * np.angle(e)))[:, None]
+    real, imaginary = along.real.copy(), along.imag.copy()  # contiguous, for the BLAS
+    return (POWER - 1) * real.T @ real + imaginary.T @ imaginary, real.T @ size ** (POWER / 2)
+
+
+def _solved(A, right):
+    """Return A^-1 right (S, k, l), infinite where any A is singular."""
+    try:
+        return np.linalg.solve(A, right)
+    except np.linalg.LinAlgError:
+        return np.full(right.shape, np.inf, dtype=complex)
