@@ -123,10 +123,12 @@ def progress() -> Progress:
 
 
 def warn(sentences):
-    """Print warnings, also with --quiet."""
+    """Print warnings, also with --quiet, but for those that were printed while the run went on."""
     if Session.progress.comm.rank == 0:
+        told = () if Session.quiet else tuple(Session.progress.warned)
         for sentence in sentences:
-            print(f"warning: {printable(sentence)}", file=sys.stderr if Session.quiet else sys.stdout)
+            if not sentence.startswith(told):  # at the end its largest value may follow
+                print(f"warning: {printable(sentence)}", file=sys.stderr if Session.quiet else sys.stdout)
 
 
 def list_all(word, items):

@@ -6,6 +6,7 @@ import time
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from .failures import printable
 from .petsc import PETSc
 
 SHORT = 2.0  # seconds of a run that needs no progress
@@ -37,6 +38,7 @@ class Progress:
     def __init__(self, comm, show: bool | None = None, bars: bool = False):
         self.comm = comm
         self.seconds: dict[str, float] = {}
+        self.warned: list[str] = []
         self._after = SHORT if show is None else 0.0 if show else float("inf")
         self._bars = Bars() if bars and comm.rank == 0 and sys.stderr.isatty() else None
         self._begun: dict[str, float] = {}
@@ -115,6 +117,11 @@ class Progress:
         """One line of rank 0, however short the run is, unless progress is off."""
         if self.comm.rank == 0 and self._after < float("inf"):
             print(text, file=sys.stderr, flush=True)
+
+    def warn(self, text: str):
+        """Tell a warning while a run goes on; what is `warned` of needs no repetition at its end."""
+        self.tell(f"warning: {printable(text)}")
+        self.warned.append(text)
 
     def timing(self) -> Timing:
         """Where the time went until now; bars are taken away. Collective."""

@@ -298,7 +298,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     warnings = setup.warnings + warnings_of_places(body, setup, {node: motion.x for node, motion in first.items()})
     progress = progress or Progress(MPI.COMM_SELF, show=False)
     for warning in warnings:  # before a run that may take long for that reason
-        progress.tell(warning)
+        progress.warn(warning)
     notes = remarks(body) + _loads_without_stress(body, setup) + _spins_twice(body, setup)
     if elements is not None:
         names = ", ".join(part.name for part in parts)
@@ -312,7 +312,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     y0, yp0, change = system.start(r, p, q, z)
     if change > 1e-10 * max(1.0, np.abs(z).max()):
         notes.append(f"the initial velocities did not fit the constraints and were projected (change {change:.2g})")
-    limits = Limits(body, system, first_frequency(system, r, p, q), progress.tell)
+    limits = Limits(body, system, first_frequency(system, r, p, q), progress.warn)
     with np.errstate(all="ignore"):  # a step in which numbers overflow is tried again, shorter; the motion is checked
         t, states, rates, factorisations = _integrate(system, setup, y0, yp0, limits, progress)
         motion = Motion(

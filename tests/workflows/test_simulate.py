@@ -47,6 +47,18 @@ def test_a_motion_that_diverges_is_told_also_quietly(made, capsys):
     assert warnings[-1] in hpcred.describe_file(path.with_name("simulation.h5"))["warnings"]
 
 
+def test_a_warning_is_printed_once(made, capsys):
+    """Where it is told while the simulation runs, not again at its end; gravity in mm and a motion that diverges."""
+    path = made()
+    capsys.readouterr()
+    for quiet in ([], ["--quiet"]):
+        words = ["--set", "force.0.amplitude=[0.0, 0.0, -3e5]", "--set", "gravity=[0.0, 0.0, -9810.0]"]
+        assert run(["simulate", str(path), *words, *quiet]) == 0
+        told = capsys.readouterr()
+        for sentence in ("warning: gravity: found 9810 m/s^2", "warning: the simulation diverges"):
+            assert told.err.count(sentence) == 1 and sentence not in told.out
+
+
 @pytest.mark.mpi
 def test_places_in_mm_are_warned_of(made):
     path, spring = made(), "spring=[{kind='line', node=20, at=[%s, 0.0, 3.0], stiffness=1.0}]"

@@ -36,7 +36,7 @@ class ToleranceReductor(BasisReductor):
         warnings = super()._check(model)
         of_band = warnings_of_band(model, self.goal.band)
         for warning in of_band:  # before a search that may take long for that reason
-            self.progress.tell(warning)
+            self.progress.warn(warning)
         return warnings + of_band
 
     def _check_room(self, model):
