@@ -14,6 +14,7 @@ from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 from ..parallel.ranges import ANYTHING, within
+from ..reduction.maxwell_states import maxwell_states
 from .campbell_diagram import SPEEDS, Campbell, CriticalSpeed
 from .pole_tracking import ZERO, PoleTracker, damping_ratios, growth_of
 from .whirl import in_words, orbits
@@ -60,13 +61,16 @@ def campbell(
     Raises
     ------
     InputError
-        For unknown parameters, values that do not ascend, structural damping, which has no poles, and viscoelastic
-        parts.
+        For unknown parameters, values that do not ascend, structural damping, which has no poles, and fractional laws
+        of viscoelastic parts, which have no states.
 
     Notes
     -----
     Modes that keep their shapes while their frequencies come closer than a thousandth cross; others veer. Steps are
     halved where this, or which mode goes on as which, is not yet clear.
+
+    Maxwell elements of viscoelastic parts are states. Poles with a damping ratio above 0.9 count as their relaxations,
+    which the diagram leaves out.
     """
     known = {item.name: item for item in getattr(model, "parameters", ())}
     if known and over not in known:
@@ -100,7 +104,8 @@ def _checked_values(values, over, known):
 
 
 def _matrices_of(model, over, fixed) -> Callable:
-    """Return a function of a value that gives M, D, K in the same coordinates for all values."""
+    """Return a function of a value that gives M, D, K in the same coordinates for all values, and MaxwellStates where
+    there are viscoelastic parts."""
 
     def matrices(value):
         given = fixed | {over: float(value)}
@@ -110,15 +115,12 @@ def _matrices_of(model, over, fixed) -> Callable:
                 f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no poles; reduce with damping "
                 f"of kind 'modal' and ratio = {reduced.loss_factor / 2:g}, which is the same at resonance"
             )
-        if laws := getattr(reduced, "viscoelastic", ()):
-            raise InputError(
-                f"viscoelastic: found {laws[0].in_words}, expected M, D and K alone: Campbell diagrams have no poles "
-                "of a stiffness that depends on frequency"
-            )
+        parts = getattr(reduced, "viscoelastic", ())
+        elements = [maxwell_states(parts, "a Campbell diagram")] if parts else []
         if reduced is not model:
-            return reduced.M, reduced.D, reduced.K
-        parts = model.matrices(given)  # at() has coordinates of its own at each value
-        return parts["M"], parts["D"], parts["K"]
+            return reduced.M, reduced.D, reduced.K, *elements
+        found = model.matrices(given)  # at() has coordinates of its own at each value
+        return found["M"], found["D"], found["K"], *elements
 
     return matrices
 

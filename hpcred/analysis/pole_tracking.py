@@ -1,9 +1,10 @@
 """Follow the poles of a small second-order model over a parameter, from value to value, through crossings.
 
-Poles of the upper half plane and real ones are followed; each stands for its conjugate too. Two values are compared by
-the modal assurance criterion of state vectors (x, lambda x) in the energy norm of the first value, in which the modes
-of an undamped gyroscopic model are orthogonal, and where that does not decide by the distance of poles. A step between
-values is halved until each pole has one successor.
+Poles of the upper half plane and real ones are followed; each stands for its conjugate too. Of a model with Maxwell
+elements those with a damping ratio above RELAXING are not: they are relaxations of the elements, some of which turn
+slowly by gyroscopic forces. Two values are compared by the modal assurance criterion of state vectors (x, lambda x) in
+the energy norm of the first value, in which the modes of an undamped gyroscopic model are orthogonal, and where that
+does not decide by the distance of poles. A step between values is halved until each pole has one successor.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ NARROW = 1e-3  # of a frequency: modes that come so close and keep their shapes 
 FINEST = 2.0**-14  # of the whole range: the smallest step
 REAL = 1e-9  # of the largest pole: imaginary parts below it are none
 ZERO = 1e-7  # of the largest pole: double zeros, which the root of round-off spreads
+RELAXING = 0.9  # damping ratio beyond which poles of a model with Maxwell elements are left out
 UNDAMPED = 1e-13  # of the largest pole: real parts below it are none
 
 
@@ -39,11 +41,12 @@ class Poles:
 
 class PoleTracker:
     """Follows the poles of s^2 M + s D + K. `matrices(value)`: M, D, K (m, m) there, in the same coordinates for all
-    values. `limit`: frequency in rad/s above which it does not matter which pole follows which."""
+    values, and MaxwellStates in these if there are some. `limit`: frequency in rad/s above which it does not matter
+    which pole follows which."""
 
     def __init__(self, matrices, first: float, limit: float):
         self.matrices, self.limit = matrices, limit
-        M, _, K = (np.asarray(part, dtype=float) for part in matrices(first))
+        M, _, K = (np.asarray(part, dtype=float) for part in matrices(first)[:3])
         squares, vectors = eigh((K + K.T) / 2, (M + M.T) / 2)
         squares = np.maximum(np.abs(squares), 1e-12 * np.abs(squares).max() or 1.0)
         self._to_modes = vectors.T @ ((M + M.T) / 2)
@@ -51,15 +54,24 @@ class PoleTracker:
 
     def at(self, value: float) -> Poles:
         """Return the poles of a value, not compared with others."""
-        M, D, K = self.matrices(value)
+        M, D, K, *elements = self.matrices(value)
         size = len(M)
         to_acceleration = np.linalg.solve(M, np.hstack([K, D]))
         scale = np.sqrt(np.linalg.norm(to_acceleration[:, :size])) or 1.0  # states x, x' / scale have like numbers
-        A = np.block([[np.zeros((size, size)), scale * np.eye(size)],
-                      [-to_acceleration[:, :size] / scale, -to_acceleration[:, size:]]])  # fmt: skip
+        if elements:
+            A = elements[0].state_matrix(np.linalg.inv(M), D, K)
+            A[:, size : 2 * size] *= scale
+            A[size : 2 * size] /= scale
+        else:
+            A = np.block([[np.zeros((size, size)), scale * np.eye(size)],
+                          [-to_acceleration[:, :size] / scale, -to_acceleration[:, size:]]])  # fmt: skip
         found, vectors = np.linalg.eig(A)
         largest = np.abs(found).max(initial=0.0)
         found = np.where(np.abs(found.imag) <= REAL * largest, found.real, found)
+        if elements:
+            moving = -found.real <= np.maximum(RELAXING * np.abs(found), ZERO * largest)
+            found, vectors = found[moving], vectors[:, moving]
+            largest = np.abs(found).max(initial=0.0)
         found = np.where(np.abs(found.real) <= UNDAMPED * largest, 1j * found.imag, found)
         upper = np.flatnonzero(found.imag >= 0)
         upper = upper[np.lexsort((found[upper].real, found[upper].imag))]

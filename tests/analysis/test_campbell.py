@@ -4,12 +4,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.linalg
 from helpers import to_dense
 from rotor import HELD, RANGE, overhung_rotor
+from scipy.optimize import brentq
 
 import hpcred
 from hpcred.analysis.pole_tracking import PoleTracker
 from hpcred.analysis.whirl import orbits
+from hpcred.reduction.maxwell_states import maxwell_states
 
 TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 PLANE = [SimpleNamespace(phi=np.eye(3)[:, :2])]  # a node that moves by the first two coordinates
@@ -225,11 +228,95 @@ def test_structural_damping_is_refused():
         hpcred.campbell(model, values=[0, 1])
 
 
-def test_viscoelastic_parts_are_refused():
-    part = hpcred.Viscoelastic(np.eye(2), hpcred.Maxwell([1.0], [0.1]), "core")
+def test_fractional_laws_are_refused():
+    part = hpcred.Viscoelastic(np.eye(2), hpcred.Fractional(low=1.0, high=2.0, time=0.1, exponent=0.5), "core")
     model = SimpleNamespace(at=lambda omega: SimpleNamespace(loss_factor=0.0, viscoelastic=(part,)))
-    with pytest.raises(hpcred.InputError, match="viscoelastic: found core: Maxwell"):
+    with pytest.raises(hpcred.InputError, match="core is fractional, .* of states has in a Campbell diagram; take"):
         hpcred.campbell(model, values=[0, 1])
+
+
+class Viscoelastic(Family):
+    """The same with viscoelastic parts beside M, D, K."""
+
+    def __init__(self, function, parts):
+        super().__init__(function)
+        self.viscoelastic = parts
+
+    def at(self, **values):
+        found = super().at(**values)
+        found.viscoelastic = self.viscoelastic
+        return found
+
+
+def test_a_rotor_in_viscoelastic_bearings_against_its_polynomial():
+    """z = x + i y of a Jeffcott rotor: (1 + time s) (s^2 + d s + k - i c omega) + g time s = 0."""
+    internal, factor, time = 0.2, 30.0, 0.05
+    shaft = jeffcott(external=0.0, internal=internal)
+    law = hpcred.Maxwell(factors=[factor], times=[time])
+    model = Viscoelastic(shaft.function, (hpcred.Viscoelastic(np.eye(2), law),))
+
+    def exact(omega):
+        stiffness = OMEGA0**2 - 1j * internal * omega
+        roots = np.roots([time, 1 + time * internal, internal + time * (stiffness + factor), stiffness])
+        return roots[np.abs(roots.imag) > 1.0]  # without the relaxation
+
+    def growth(omega):
+        return exact(omega).real.max()
+
+    limit = brentq(growth, 1.0, 200.0, xtol=1e-12)
+    found = hpcred.campbell(model, values=np.linspace(0, 1.2 * limit, 13), nodes=PLANE)
+    assert found.poles.shape == (len(found.values), 2)
+    for value, poles in zip(found.values, found.poles, strict=True):
+        roots = exact(value)
+        assert np.sort(poles.imag) == pytest.approx(np.sort(np.abs(roots.imag)), rel=1e-9)
+        assert np.sort(poles.real) == pytest.approx(np.sort(roots.real), abs=1e-9)
+    assert found.stability_limit == pytest.approx(limit, rel=1e-7)
+    alone = hpcred.campbell(shaft, values=np.linspace(0, 1.2 * limit, 13))
+    assert alone.stability_limit < 0.2 * limit
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_maxwell_elements_against_a_singular_pencil(seed):
+    """Random models with two laws, in the form whose elements have no mass; each step keeps its mode."""
+    rng = np.random.default_rng(seed)
+    size = int(rng.integers(3, 7))
+    A, G, N, *V = (rng.normal(size=(size, size)) for _ in range(5))
+    M, K = np.eye(size) + 0.05 * A @ A.T, np.diag(rng.uniform(5, 30, size) ** 2) + A @ A.T
+    laws = hpcred.Maxwell([1.0, 0.5], [0.3, 0.01]), hpcred.Maxwell([2.0], [1e-4])
+    parts = tuple(hpcred.Viscoelastic(part[:, :2] @ part[:, :2].T, law) for part, law in zip(V, laws, strict=True))
+    model = Viscoelastic(lambda p: (M, 0.002 * K + p * (G - G.T), K - 0.05 * p**2 * N @ N.T), parts)
+    found = hpcred.campbell(model, "p", np.linspace(0, 3, 7), highest=100.0)
+    states = maxwell_states(parts)
+    for value, row in zip(found.values[[0, -1]], found.poles[[0, -1]], strict=True):
+        M_, D_, K_ = states.second_order(*model.function(value))
+        one = np.eye(len(M_))
+        poles = scipy.linalg.eigvals(np.block([[0 * one, one], [-K_, -D_]]), scipy.linalg.block_diag(one, M_))
+        poles = poles[np.isfinite(poles) & (poles.imag > 0) & (-poles.real <= 0.9 * np.abs(poles))]
+        there = row[row.imag > 0]
+        assert len(there) == len(poles)
+        assert np.sort_complex(there) == pytest.approx(np.sort_complex(poles), rel=1e-7)
+    coarse = hpcred.campbell(model, "p", [0.0, 3.0], highest=100.0)
+    ends = [[mode[[0, -1]] for mode in each.poles.T] for each in (found, coarse)]
+    fine, coarse = (sorted(pairs, key=lambda pair: (np.nan_to_num(pair[0]).imag, pair[1].real)) for pairs in ends)
+    assert np.allclose(coarse, fine, rtol=1e-6, atol=1e-6, equal_nan=True)
+
+
+def test_a_reduced_rotor_with_viscoelastic_parts(comm):
+    """One that keeps all modes, beside that of the matrices."""
+    law = hpcred.Maxwell(factors=[0.5, 0.2], times=[1e-3, 1e-5])
+    with overhung_rotor(comm, elements=2) as rotor:
+        K, M, D, G = (to_dense(mat)[6:, 6:] for mat in (rotor.model.K, rotor.model.M, rotor.model.D,
+                                                        rotor.terms[0].matrix))  # fmt: skip
+        part = hpcred.Viscoelastic(0.1 * to_dense(rotor.model.K), law, "core")
+        with rotor.model.with_viscoelastic([part]) as model:
+            whole = hpcred.ParametricModel(model, rotor.parameters, rotor.terms)
+    with whole, hpcred.reduce(whole, hpcred.Modes(count=12), HELD, damping=hpcred.GivenDamping()) as rom:
+        found = hpcred.campbell(rom, values=np.linspace(*RANGE, 5), highest=3000.0)
+    K = K + 0.1 * law.static * K
+    full = Viscoelastic(lambda omega: (M, D + omega * G, K), (hpcred.Viscoelastic(part.matrix[6:, 6:], law),))
+    beside = hpcred.campbell(full, values=np.linspace(*RANGE, 5), highest=3000.0)
+    assert found.poles.shape == beside.poles.shape and 6 <= found.poles.shape[1] <= 12
+    assert np.allclose(*(np.sort_complex(each.poles) for each in (found, beside)), rtol=1e-6, equal_nan=True)
 
 
 @pytest.mark.mpi(ranks=(1, 2), costly=True)
