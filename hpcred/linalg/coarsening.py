@@ -13,24 +13,24 @@ from ..parallel.decisions import decided
 from ..parallel.petsc import PETSc
 from ..parallel.sums import summed
 from .blocks import independent
+from .csr import without_products
 from .options import temporary_options
 
 DEPENDENT_NEAR_NULL = 1e-12  # squared norm of a combination of unit near null vectors that is round-off
 DEPENDENT = 1e-10  # eigenvalue of the block of a node with a unit diagonal that is round-off
 OVERSHOOT = 4 / 3  # of the step that smooths, over the largest eigenvalue
 DENSE = 1 / 3  # of the rows of a level on the coarser one: so many would make it dearer than the level
+AT_ONCE = 2**13  # nodes whose rows are copied at a time
 STUCK = 0.7  # of the rows on the coarser level: aggregates of one node
 
 
 def node_inverses(matrix: PETSc.Mat) -> PETSc.Mat:
     """Return the inverses of the diagonal blocks of nodes, but for motions that meet nothing in them. Collective."""
     size, (first, last) = matrix.getBlockSize(), matrix.getOwnershipRange()
-    indptr, indices, values = matrix.getValuesCSR()
-    row, column = np.repeat(np.arange(last - first), np.diff(indptr)), indices - first
-    same = (column >= 0) & (column < last - first) & (row // size == column // size)
-    row, column = row[same], column[same]
-    blocks = np.zeros(((last - first) // size, size, size))
-    blocks[row // size, row % size, column % size] = values[same].real
+    local, blocks = matrix.getDiagonalBlock(), np.zeros(((last - first) // size, size, size))
+    for low in range(0, len(blocks), AT_ONCE):
+        part = blocks[low : low + AT_ONCE]
+        part[...] = _node_blocks(local, size * low, size * (low + len(part)), size)
     diagonal = np.einsum("bii->bi", blocks)
     scale = np.divide(1.0, np.sqrt(np.abs(diagonal)), out=np.zeros_like(diagonal), where=diagonal > 0)
     scale = scale[:, :, None] * scale[:, None]
@@ -41,6 +41,20 @@ def node_inverses(matrix: PETSc.Mat) -> PETSc.Mat:
     columns = first + size * np.repeat(np.arange((last - first) // size), size)[:, None] + np.arange(size)
     csr = (indptr, columns.astype(PETSc.IntType).ravel(), inverse.ravel())
     return PETSc.Mat().createAIJ(matrix.getSizes(), csr=csr, comm=matrix.comm)
+
+
+def _node_blocks(local, first, last, size):
+    """The diagonal blocks of the rows first .. last - 1 of a matrix of this rank."""
+    rows = PETSc.IS().createStride(last - first, first, 1, comm=PETSc.COMM_SELF)
+    part = local.createSubMatrix(rows, rows)
+    indptr, column, values = part.getValuesCSR()
+    part.destroy()
+    row = np.repeat(np.arange(last - first), np.diff(indptr))
+    same = row // size == column // size
+    row, column = row[same], column[same]
+    blocks = np.zeros(((last - first) // size, size, size))
+    blocks[row // size, row % size, column % size] = values[same].real
+    return blocks
 
 
 def aggregates(matrix, near_null: np.ndarray, prefix: str, threshold: float, aggressive: bool):
@@ -75,6 +89,8 @@ def aggregates(matrix, near_null: np.ndarray, prefix: str, threshold: float, agg
     if pc.getMGLevels() < 2:
         return None
     interpolation = pc.getMGInterpolation(1)
+    del pc  # goes with it
+    interpolation = without_products(interpolation)
     coarse = []
     for vector in vectors:
         coarse.append(interpolation.createVecRight())
@@ -85,7 +101,9 @@ def aggregates(matrix, near_null: np.ndarray, prefix: str, threshold: float, agg
 
 def smoothed(matrix, inverses, largest: float, interpolation):
     """Return the interpolation P - w D^-1 A P; `largest`: eigenvalue of D^-1 A. Collective."""
-    result = inverses.matMult(matrix.matMult(interpolation))
+    product = without_products(matrix.matMult(interpolation))
+    result = without_products(inverses.matMult(product))
+    del product
     result.scale(-OVERSHOOT / largest)
     result.axpy(1.0, interpolation, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     return result

@@ -6,7 +6,8 @@ from copy import copy
 
 import numpy as np
 
-from ..parallel.petsc import PETSc
+from ..parallel.memory import give_back
+from ..parallel.petsc import PETSc, free_dropped
 
 MANY = 1 / 3  # of the entries of a matrix that are zero are worth another one for products
 
@@ -64,6 +65,16 @@ def without_zeros(mat: PETSc.Mat) -> PETSc.Mat:
     ends = np.searchsorted(kept, indptr).astype(PETSc.IntType)
     sizes = mat.getSizes()
     return PETSc.Mat().createAIJ(sizes, csr=(ends, indices[kept], values[kept]), comm=mat.comm)
+
+
+def without_products(mat: PETSc.Mat) -> PETSc.Mat:
+    """Return a copy of a product of matrices, which is destroyed with what PETSc keeps to make it again: its factors,
+    rows of them from other ranks, and intermediate products, in all more than the matrix. Collective."""
+    alone = mat.duplicate(copy=True)
+    mat.destroy()
+    free_dropped(alone.comm)
+    give_back()
+    return alone
 
 
 def diagonal_of(mat) -> np.ndarray:

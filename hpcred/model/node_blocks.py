@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..linalg.blocks import times
+from ..linalg.csr import without_products
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, sort_over_ranks
 from ..parallel.petsc import PETSc
@@ -50,7 +51,7 @@ class NodeBlocks:
         if self.expansion is None:
             matrix.setBlockSize(self.size)
             return matrix
-        result = matrix.ptap(self.contraction)
+        result = without_products(matrix.ptap(self.contraction))
         missing = self.contraction.createVecRight()
         here = self.contraction.createVecLeft()
         here.set(1.0)

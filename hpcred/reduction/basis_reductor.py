@@ -18,6 +18,7 @@ from ..model.scales import in_usual_units
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..model.viscoelastic import transformed
 from ..parallel.failures import ComputationError, InputError, Owned
+from ..parallel.memory import give_back
 from ..parallel.petsc import free_dropped
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
@@ -93,7 +94,9 @@ class BasisReductor(Reductor):
                 framed, progress, deflation, self.factoring, columns, self.counts_modes, self.store, identity,
             ))  # fmt: skip
             runs = [run, *(owned.owns(other) for other in self._more_runs(run))]
-            bases = [Basis(run.mass, framed.rigid_columns, deflation, columns, run.keeps_mass_images) for _ in runs]
+            mass = run.mass
+            give_back()  # what it took to read and copy matrices, of which a basis may not find enough in one piece
+            bases = [Basis(mass, framed.rigid_columns, deflation, columns, run.keeps_mass_images) for _ in runs]
             groups = number_of_groups(settings.groups, run, self._points(model))
             search = self._fill(bases, runs, groups)
             for each in runs:

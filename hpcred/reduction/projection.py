@@ -5,7 +5,7 @@ import numpy as np
 from ..linalg.blocks import copy_of, from_dense, inner, times, view_of
 from ..linalg.eigensolver import symmetric_eigenpairs
 
-WIDTH = 64  # columns projected at a time, which bounds the memory
+WIDTH = 16  # columns projected at a time, which bounds the memory
 
 
 def project(mat, columns, left=None, width=WIDTH) -> np.ndarray:

@@ -26,13 +26,13 @@ from hpcred import (
 )
 from hpcred.linalg.blocks import create_block
 from hpcred.linalg.conjugate_gradients import NegativeCurvature, NotSolved
-from hpcred.linalg.multigrid import HIGH, LOW, _Level
+from hpcred.linalg.multigrid import HIGH, LOW, Multigrid, _Level
 from hpcred.linalg.solvers.base import SingularMatrix
 from hpcred.linalg.solvers.multigrid import MultigridSolver
 from hpcred.linalg.solvers.shifted import ShiftedSolver
 from hpcred.model.frames import apply_frame
 from hpcred.model.node_blocks import NodeBlocks
-from hpcred.parallel.petsc import MPI
+from hpcred.parallel.petsc import MPI, free_dropped
 from hpcred.reduction.tolerance.point_solver import ROUGH_LOADS
 
 MULTIGRID = Factoring(solver=LinearSolver(kind="multigrid"))
@@ -101,6 +101,23 @@ def test_solves_are_those_of_dense_numpy(comm, name):
         assert solver.records[-1].kind == "diagonal"
         assert not framed.model.K.getNearNullSpace()  # the matrix of a model keeps no vectors of size n
         solver.close()
+
+
+@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.parametrize("name", ["clamped", "scrambled"])
+def test_levels_keep_nothing_but_their_matrices(comm, name):
+    """What PETSc keeps of a product of matrices would hold its factors."""
+    settings = LinearSolver()
+    with MODELS[name][0](comm) as model:
+        blocks = NodeBlocks(model)
+        matrix = blocks.expanded(model.K, model.mean_diagonal_of_k)
+        made = Multigrid(matrix, blocks.motions, "multigrid_", settings.threshold, settings.sweeps)
+        free_dropped(comm)
+        assert made.levels > 1
+        for level in made._levels:
+            kept = [level.matrix] if level.interpolation is None else [level.interpolation, level.inverses]
+            assert [mat.refcount for mat in kept] == [1] * len(kept)
+        assert all(level.matrix.refcount == 1 for level in made._levels[1:])
 
 
 @pytest.mark.mpi(ranks=(1, 3))

@@ -8,6 +8,7 @@ from shape_models import SHAPES, housing, solid_model
 
 import hpcred
 from hpcred import ComputationError, Factoring, LinearSolver, StaticCorrection
+from hpcred.linalg import coarsening
 from hpcred.linalg.blocks import create_block, local_rows
 from hpcred.linalg.coarsening import node_inverses
 from hpcred.linalg.ritz_values import iterations_to, rate, ritz_values
@@ -69,7 +70,9 @@ def test_corners_of_quadratic_elements_are_a_level_that_takes_rigid_motions_as_t
         assert NodeBlocks(model).corners is None
 
 
-def test_blocks_of_nodes_are_inverted_but_for_what_meets_nothing(comm):
+@pytest.mark.parametrize("at_once", [1, 2])
+def test_blocks_of_nodes_are_inverted_but_for_what_meets_nothing(comm, monkeypatch, at_once):
+    monkeypatch.setattr(coarsening, "AT_ONCE", at_once)
     K = np.zeros((6, 6))
     K[:3, :3] = np.diag([1e8, 4.0, 1e-6]) + 0.1
     K[3, 3] = 2.0
