@@ -133,6 +133,42 @@ def test_matrix_market_files(wiki, name, damping):
         made.model(folder=wiki)
 
 
+@pytest.mark.parametrize("change, sentence", [
+    (lambda lines: lines[:-1], r"found \d+ entries, the header says \d+; the file is damaged"),
+    (lambda lines: [*lines[:-1], "3 3\n"], r"line \d+: found '3 3'"),
+    (lambda lines: ["%%MatrixMarket matrix coordinate\n", *lines[1:]], "expected a real Matrix Market header"),
+    (lambda lines: [*lines[:2], "9 9 x\n"], "found the size line '9 9 x', expected rows, columns and entries"),
+    (lambda lines: [], "expected a real Matrix Market header"),
+])  # fmt: skip
+def test_damaged_files_of_matrix_market(wiki, change, sentence):
+    path = wiki / "BS01.K"
+    path.write_text("".join(change(path.read_text().splitlines(keepends=True))))
+    with pytest.raises(hpcred.InputError, match=f"BS01.K.*{sentence}"):
+        MODELS["BS01"].matrices(wiki)
+
+
+@pytest.mark.slow
+def test_a_bone_that_fails_is_left_out_in_one_line(wiki):
+    path = wiki / "BS01.K"
+    path.write_text(path.read_text()[:2000])
+    script = Path(__file__).parents[1] / "benchmarks/bones.py"
+    ran = subprocess.run([sys.executable, script, "--data", wiki, "--ranks", "1"], cwd=wiki, capture_output=True,
+                         text=True, env=mpi_environment())  # fmt: skip
+    assert ran.returncode == 1 and "BS01: left out; hpcred convert ended with status" in ran.stderr
+    assert "the file is damaged" in ran.stderr and "Traceback" not in ran.stderr
+    assert [row["model"] for row in json.loads((wiki / "bones.json").read_text())["rows"]] == ["BS10"]
+
+
+@pytest.mark.slow
+def test_a_bone_beyond_the_tolerance_has_its_row(wiki):
+    script = Path(__file__).parents[1] / "benchmarks/bones.py"
+    few = ("--set", "adaptive.size=1")
+    ran = subprocess.run([sys.executable, script, "--data", wiki, "--ranks", "1", "BS01", *few], cwd=wiki,
+                         env=mpi_environment())  # fmt: skip
+    row, = json.loads((wiki / "bones.json").read_text())["rows"]
+    assert ran.returncode == 0 and not row["reached"] and row["coordinates"] == 1
+
+
 @pytest.mark.slow
 def test_bones_on_one_curve(wiki):
     script = Path(__file__).parents[1] / "benchmarks/bones.py"

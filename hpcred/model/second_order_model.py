@@ -194,6 +194,8 @@ class SecondOrderModel:
 
     def _take(self, given):
         """Set the fields. Collective."""
+        if not isinstance(declared := given.get("circulatory") or False, (bool, np.bool_)):
+            raise InputError(f"circulatory: found {declared!r}, expected True or False: whether K is unsymmetric")
         for item in fields(self):
             if item.default_factory is not MISSING:
                 vars(self)[item.name] = item.default_factory()

@@ -149,6 +149,10 @@ def test_misspelled_keywords_and_names_for_classes_are_refused(solid):
         (lambda: hpcred.reduce(solid, damping="rayleigh"), r"damping: found 'rayleigh', .*, such as Rayleigh\("),
         (lambda: hpcred.SecondOrderModel.from_scipy(1, 1, dof=None), "from_scipy: .*'dof' .did you mean 'dofs'"),
         (lambda: solid.with_inputs(["tip"]), "'tip' is no interface of"),
+        (lambda: hpcred.SecondOrderModel(SIX, None, SIX, np.eye(6), circulatory="yes"),
+         "circulatory: found 'yes', expected True or False"),
+        (lambda: hpcred.SecondOrderModel.from_scipy(SIX, SIX, circulatory=1), "circulatory: found 1, expected True"),
+        (lambda: solid.with_fields(circulatory="no"), "circulatory: found 'no', expected True or False"),
     ):
         with pytest.raises(hpcred.InputError, match=says):
             call()

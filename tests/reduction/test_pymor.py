@@ -97,6 +97,8 @@ def test_circulatory_forces_are_declared(pymor_model):
     given = pymor_model()
     given = given.with_(K=given.K.with_(matrix=K + 2e4 * (D - D.T)))
     tolerance = {"tolerance": 1e-4, "band": (0, 300)}
+    with pytest.raises(InputError, match="circulatory: found 'yes', expected True or False"):
+        hpcred.from_pymor(given, circulatory="yes")
     with pytest.raises(InputError, match="chain: matrix K is not symmetric.*say circulatory = true"):
         hpcred.reduce(hpcred.from_pymor(given), **tolerance)
     rom = hpcred.reduce(hpcred.from_pymor(given, circulatory=True), **tolerance)
