@@ -178,8 +178,8 @@ class Result:
         return np.abs(Me - self.reduced.M).max() > 1e-6 * np.abs(Me).max()
 
     def at_preload(self, preload: Preload) -> Result:
-        """The result under a constant load, by its geometric stiffness: see body.preload.reduced_at. The states of the
-        preload are in K then, and no longer in the geometric stiffness. On one rank, or on all. Raises InputError."""
+        """Return the result under a constant load, by its geometric stiffness. The states of the preload are in K then,
+        and no longer in the geometric stiffness. On one rank, or on all. Raises InputError."""
         reduced = reduced_at(self.body(), preload)
         nodes = [state.rpartition(":")[0] for state in preload.forces]
         body = self.body(list(dict.fromkeys(int(node) if node.isdecimal() else node for node in nodes)))
