@@ -425,6 +425,23 @@ def test_circulatory_forces_hold_what_springs_do_not(comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.parametrize("reference", [0.0, 2.0])
+def test_values_at_which_the_model_is_unstable(reference, comm):
+    """Damping that turns negative within the range, which no K or M tells; both poles of the mode it acts on count."""
+    case = held("0.1*e", (0.0, 30.0))
+    case.parameters = [replace(case.parameters[0], reference=reference)]
+    case.terms.append(("D", np.eye(12), "0.5 - e"))
+    with case.model(comm) as model:
+        rom = hpcred.reduce(model, Modes(count=4), damping=GivenDamping())
+        found = [item for item in rom.record.warnings if "unstable at e = 2: 8 poles in the right" in item]
+        assert len(found) == 1 and [len(rom.at(e=e).unstable_poles()) for e in (0.49, 0.51)] == [0, 8]
+        rom.close()
+    case.terms[-1] = ("D", np.eye(12), "3 - e")
+    with case.model(comm) as model, hpcred.reduce(model, Modes(count=4), damping=GivenDamping()) as rom:
+        assert not any("unstable" in item for item in rom.record.warnings)
+
+
+@pytest.mark.mpi
 def test_a_mass_that_is_gone_at_values_in_the_ranges_is_refused(comm):
     """All along, or in the reduced model alone."""
     case = held("-e/2", (0.0, 30.0), "M")

@@ -33,6 +33,7 @@ from .compression import at_ends_of_band, compress
 from .greedy import Greedy
 from .reduced import ParametricReducedModel, projected_parts
 from .settings import ParameterSearch
+from .stability import warnings_of_stability
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +144,9 @@ def reduced_with_terms(reductor, model) -> ParametricReducedModel:
         known = {item.name: getattr(reduced, item.name) for item in fields(reduced)}
         known["resultants"], known["model"] = resultants(reference), reference.shared()
     free_dropped(model.comm)
-    return ParametricReducedModel(**known, parameters=model.parameters, **parts)
+    found = ParametricReducedModel(**known, parameters=model.parameters, **parts)
+    warnings = (*found.record.warnings, *warnings_of_stability(found, model.comm))
+    return replace(found, record=replace(found.record, warnings=warnings))
 
 
 @contextmanager
