@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..parallel.decisions import decided
-from ..parallel.petsc import PETSc
+from ..parallel.petsc import MPI, PETSc
 from ..parallel.sums import summed
 from .blocks import independent
 from .csr import without_products
@@ -21,6 +21,7 @@ DEPENDENT = 1e-10  # eigenvalue of the block of a node with a unit diagonal that
 OVERSHOOT = 4 / 3  # of the step that smooths, over the largest eigenvalue
 DENSE = 1 / 3  # of the rows of a level on the coarser one: so many would make it dearer than the level
 AT_ONCE = 2**13  # nodes whose rows are copied at a time
+SLAB = 2**16  # rows of a rank whose products are held at a time
 STUCK = 0.7  # of the rows on the coarser level: aggregates of one node
 
 
@@ -107,3 +108,29 @@ def smoothed(matrix, inverses, largest: float, interpolation):
     result.scale(-OVERSHOOT / largest)
     result.axpy(1.0, interpolation, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     return result
+
+
+def coarse(matrix, interpolation) -> PETSc.Mat:
+    """Return P^T A P, by slabs of rows: A P of all of them takes twice the memory of A for a while. Collective."""
+    first, last = matrix.getOwnershipRange()
+    slabs = matrix.comm.tompi4py().allreduce(-(-(last - first) // SLAB), op=MPI.MAX)
+    if slabs == 1:
+        return without_products(matrix.ptap(interpolation))
+    result, ends = None, np.linspace(first, last, slabs + 1).astype(int)
+    for low, high in zip(ends[:-1], ends[1:], strict=True):
+        product = without_products(_rows(matrix, low, high).matMult(interpolation))
+        part = without_products(_rows(interpolation, low, high).transposeMatMult(product))
+        if result is None:
+            result = part
+        else:
+            result.axpy(1.0, part, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        del product, part
+    return without_products(result)
+
+
+def _rows(matrix, low, high):
+    """Rows of a matrix that this rank has, as a matrix. Collective."""
+    first, last = matrix.getOwnershipRangeColumn()
+    rows = PETSc.IS().createStride(high - low, low, 1, comm=matrix.comm)
+    columns = PETSc.IS().createStride(last - first, first, 1, comm=matrix.comm)
+    return matrix.createSubMatrix(rows, columns)

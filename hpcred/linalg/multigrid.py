@@ -12,8 +12,7 @@ import numpy as np
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import PETSc
 from .blocks import create_dense, local_rows
-from .coarsening import DENSE, STUCK, aggregates, node_inverses, smoothed
-from .csr import without_products
+from .coarsening import DENSE, STUCK, aggregates, coarse, node_inverses, smoothed
 from .ritz_values import ritz_values
 
 ENOUGH = 300  # rows of the coarsest level
@@ -72,7 +71,7 @@ class Multigrid:
                     raise TooDense("multigrid: small aggregates would take more than the matrix")
                 aggressive, block = False, near_null.shape[1]
                 level.interpolation, near_null = smoothed(matrix, level.inverses, level.largest, found[0]), found[1]
-            matrix = without_products(matrix.ptap(level.interpolation))
+            matrix = coarse(matrix, level.interpolation)
             matrix.setBlockSize(block)
 
     @property

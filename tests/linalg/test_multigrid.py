@@ -24,6 +24,7 @@ from hpcred import (
     StaticCorrection,
     Tangent,
 )
+from hpcred.linalg import coarsening
 from hpcred.linalg.blocks import create_block
 from hpcred.linalg.conjugate_gradients import NegativeCurvature, NotSolved
 from hpcred.linalg.multigrid import HIGH, LOW, Multigrid, _Level
@@ -118,6 +119,21 @@ def test_levels_keep_nothing_but_their_matrices(comm, name):
             kept = [level.matrix] if level.interpolation is None else [level.interpolation, level.inverses]
             assert [mat.refcount for mat in kept] == [1] * len(kept)
         assert all(level.matrix.refcount == 1 for level in made._levels[1:])
+
+
+@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.parametrize("slab", [2**16, 100])
+def test_a_coarse_matrix_is_that_of_dense_numpy(comm, monkeypatch, slab):
+    """Whether made at once or by slabs of rows, of which ranks have different numbers."""
+    monkeypatch.setattr(coarsening, "SLAB", slab)
+    settings = LinearSolver()
+    with MODELS["scrambled"][0](comm) as model:
+        blocks = NodeBlocks(model)
+        matrix = blocks.expanded(model.K, model.mean_diagonal_of_k)
+        fine, below = Multigrid(matrix, blocks.motions, "multigrid_", settings.threshold, settings.sweeps)._levels[:2]
+        P = to_dense(fine.interpolation)
+        assert close(to_dense(below.matrix), P.T @ to_dense(matrix) @ P) < 1e-13
+        assert below.matrix.getBlockSize() == 6
 
 
 @pytest.mark.mpi(ranks=(1, 3))
