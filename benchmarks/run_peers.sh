@@ -15,6 +15,7 @@ compare() {
     cat "$name.txt" | tee -a tables.md
 }
 compare rivals
+compare rivals_large
 compare directions
 compare boundary
 compare size linkage

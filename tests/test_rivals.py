@@ -1,5 +1,7 @@
 """The dense numerics of the rivals that benchmarks compare with, each by a second method."""
 
+import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -7,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
+from launch import mpi_environment
 
 import hpcred
 
@@ -139,3 +142,17 @@ def test_least_size_is_found_by_bisection():
     assert min(run["size"] for run in runs if run["eps"] <= 1.01e-2) == 10
     assert min(run["size"] for run in runs if run["eps"] <= 1.01e-4) == 20
     assert all(run["size"] != 8 for run in runs)
+
+
+@pytest.mark.slow
+def test_methods_with_sparse_solves_beside_each_other(tmp_path):
+    """At a small plate: hpcred is within its tolerances, and modes with corrections come near with more coordinates."""
+    script = Path(__file__).parents[1] / "benchmarks/rivals_large.py"
+    small = ("--cells", "24", "8", "1", "--top", "2000", "--modes", "30")
+    subprocess.run([sys.executable, script, *small], cwd=tmp_path, check=True, env=mpi_environment())
+    rows = {row["method"]: row for row in json.loads((tmp_path / "rivals_large.json").read_text())["rows"]}
+    loose, close = (int(rows["hpcred"][f"size for {eps:g}"]) for eps in (1e-2, 1e-4))
+    assert loose <= close == rows["hpcred"]["largest tried"]
+    assert rows["hpcred"][f"error with {loose}"] <= 1e-2 and rows["hpcred"][f"error with {close}"] <= 1e-4
+    assert set(rows) == {"hpcred", "rational Krylov", "MTA", "mode acceleration", "Craig-Bampton", "IRKA, turns: 1"}
+    assert close <= int(rows["MTA"]["size for 0.0001"])
