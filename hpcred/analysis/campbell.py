@@ -129,7 +129,7 @@ def _campbell(matrices, values, shapes, axis, orders, highest, over, unit) -> Ca
     tracker = PoleTracker(matrices, values[0], np.inf)
     if highest is None:
         ends = [np.sort(tracker.at(value).poles.imag) for value in values[[0, -1]]]
-        highest = 1.05 * max(end[min(MODES, len(end)) - 1] for end in ends) / (2 * np.pi) or 1.0
+        highest = 1.05 * max(end[:MODES].max(initial=0.0) for end in ends) / (2 * np.pi) or 1.0
     tracker.limit = 2 * np.pi * highest
     found, branches, unsure = tracker.over(values)
     chosen = _shown(found, branches, tracker.limit)

@@ -275,6 +275,17 @@ def test_a_rotor_in_viscoelastic_bearings_against_its_polynomial():
     assert alone.stability_limit < 0.2 * limit
 
 
+def test_modes_that_are_relaxations_are_left_out():
+    """Of a body in oil, at all values, or from a damping ratio of 0.9 on."""
+    part = hpcred.Viscoelastic(1e-6 * np.eye(2), hpcred.Maxwell([1.0], [1.0]))
+    for first, shown in ((100.0, []), (0.0, [0.0, 6.0, 12.0])):
+        values = first + np.array([0.0, 6.0, 12.0, 24.0])
+        model = Viscoelastic(lambda omega: (np.eye(2), omega * np.eye(2), 100.0 * np.eye(2)), (part,))
+        found = hpcred.campbell(model, values=values, nodes=PLANE)
+        there = np.isfinite(found.poles[np.isin(found.values, values)]).any(axis=1)
+        assert values[there].tolist() == shown and found.stability_limit is None
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_maxwell_elements_against_a_singular_pencil(seed):
     """Random models with two laws, in the form whose elements have no mass; each step keeps its mode."""
