@@ -75,7 +75,7 @@ class ParametricReducedModel(ReducedModel):
             found[item.of] = found[item.of] + item.expression.at(values) * item.matrix
         damping = None if self.record is None else self.record.damping
         if _follows_frequencies(damping):
-            X, eigenvalues = _eigenpairs(found, values)
+            X, eigenvalues = _eigenpairs(found, values, np.diag(self.M))
             X, eigenvalues = X[:, self.rigid_size :], eigenvalues[self.rigid_size :]  # which damping models leave alone
             frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
             back = found["M"] @ X  # X^-T
@@ -86,7 +86,9 @@ class ParametricReducedModel(ReducedModel):
         """Return X (m, m) of the coordinates x = X z of the model at values of the parameters: X^T M X = I and X^T K X
         diagonal; the identity in interface coordinates."""
         found = self.matrices(values)
-        return np.eye(self.size) if self.interfaces else _eigenpairs(found, checked_values(self.parameters, values))[0]
+        if self.interfaces:
+            return np.eye(self.size)
+        return _eigenpairs(found, checked_values(self.parameters, values), np.diag(self.M))[0]
 
     def at(self, **values: float) -> ReducedModel:
         """Return the model at values of the parameters, in pseudo-modal coordinates of its own (see turn).
@@ -107,7 +109,7 @@ class ParametricReducedModel(ReducedModel):
             For other names, and values outside of the ranges.
         """
         found = self.matrices(values)
-        X, eigenvalues = _eigenpairs(found, checked_values(self.parameters, values))
+        X, eigenvalues = _eigenpairs(found, checked_values(self.parameters, values), np.diag(self.M))
         frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
         if not self.interfaces:
             outputs = {key: found[key] @ X for key in ("C", "Cv", "Ca") if key in found}
@@ -199,11 +201,11 @@ def _follows_frequencies(damping):
     )
 
 
-def _eigenpairs(matrices, values):
+def _eigenpairs(matrices, values, sizes):
     """Return X (m, m) with X^T M X = I and X^T K X = diag(eigenvalues), and these, ascending, of the matrices at
-    values. Raises InputError where M is singular."""
+    values; `sizes` (m,): see factor_of_mass. Raises InputError where M is singular."""
     K = matrices["K"]
-    inverse = np.linalg.inv(factor_of_mass(matrices["M"], values))
+    inverse = np.linalg.inv(factor_of_mass(matrices["M"], values, sizes))
     eigenvalues, vectors = np.linalg.eigh(inverse @ ((K + K.T) / 2) @ inverse.T)
     X = inverse.T @ vectors
     return X * np.where(X[np.abs(X).argmax(axis=0), np.arange(len(X))] < 0, -1.0, 1.0), eigenvalues

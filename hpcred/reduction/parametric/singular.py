@@ -9,20 +9,20 @@ from ...parallel.failures import InputError
 from .accuracy import in_words
 from .training import distances, halfway
 
-NO_MASS = 1e-13  # pivots of M, relative to the largest, that may be round-off
+NO_MASS = 1e-13  # pivots of M over its diagonal at the reference, relative to the largest, that may be round-off
 ROUND_OFF = 1e-14  # eigenvalues of K, relative to the sum of the norms of its parts, that may be
 HALVINGS = 20  # of the way between two points, to where K is singular
 COUPLED = 1e-8  # part of the inputs and outputs in the motion that meets no force
 
 
-def factor_of_mass(M: np.ndarray, values: dict[str, float]) -> np.ndarray:
+def factor_of_mass(M: np.ndarray, values: dict[str, float], sizes: np.ndarray | float = 1.0) -> np.ndarray:
     """Return L (m, m) of M = L L^T at values of the parameters; local. Raises InputError where M is not positive
-    definite."""
+    definite. `sizes` (m,): the diagonal of M at the reference values, whose coordinates may have several units."""
     try:
         found = np.linalg.cholesky((M + M.T) / 2)
     except np.linalg.LinAlgError:
         found = np.zeros_like(M)
-    pivots = np.diag(found) ** 2
+    pivots = np.diag(found) ** 2 / sizes
     if not pivots.min(initial=np.inf) > NO_MASS * pivots.max(initial=0.0):
         raise InputError(
             f"at {in_words(values)}: the reduced mass matrix is not positive definite: terms of M leave some motions "
