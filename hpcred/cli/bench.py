@@ -31,7 +31,8 @@ def bench(
             raise InputError("--forget: cannot be combined with --save or --folder")
         damage, name = kernels.damage(), hpcred.forget_kernels()
         if damage:
-            print(f"{kernels.place()} was damaged and is removed")
+            now = "written anew for other processors" if kernels.saved() else "removed"
+            print(f"{kernels.place()} was damaged and is {now}")
         else:
             print(f"the kernels {name} are no longer kept" if name else "no kernels are kept for this processor")
         session.write_json(json, {"forgotten": name})

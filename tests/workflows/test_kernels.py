@@ -118,6 +118,9 @@ def test_a_command_says_that_the_file_is_damaged(hpcred, tmp_path):
     run = hpcred("bench", "--forget", ranks=2, **settings)
     assert "damaged and is removed" in run.stdout and not run.stderr and not file.exists()
     assert str(file) not in hpcred("info", "model.h5", **settings).stderr
+    file.write_text(json.dumps({kernels.processor(): "Rubbish", "another processor": "Zen"}))
+    run = hpcred("bench", "--forget", **settings)
+    assert "damaged and is written anew for other" in run.stdout and "Zen" in file.read_text()
 
 
 def measured(name, seconds):
