@@ -45,7 +45,7 @@ def node_inverses(matrix: PETSc.Mat) -> PETSc.Mat:
 
 
 def _node_blocks(local, first, last, size):
-    """The diagonal blocks of the rows first .. last - 1 of a matrix of this rank."""
+    """Return the diagonal blocks of nodes of the rows first .. last - 1 of a matrix of this rank."""
     rows = PETSc.IS().createStride(last - first, first, 1, comm=PETSc.COMM_SELF)
     part = local.createSubMatrix(rows, rows)
     indptr, column, values = part.getValuesCSR()
@@ -129,7 +129,7 @@ def coarse(matrix, interpolation) -> PETSc.Mat:
 
 
 def _rows(matrix, low, high):
-    """Rows of a matrix that this rank has, as a matrix. Collective."""
+    """Return the rows low .. high - 1 that this rank has of a matrix, as a matrix. Collective."""
     first, last = matrix.getOwnershipRangeColumn()
     rows = PETSc.IS().createStride(high - low, low, 1, comm=matrix.comm)
     columns = PETSc.IS().createStride(last - first, first, 1, comm=matrix.comm)

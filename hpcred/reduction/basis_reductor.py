@@ -135,7 +135,7 @@ class BasisReductor(Reductor):
 
     def _constant(self) -> SecondOrderModel | None:
         """Return the constant part of a model with parameters, None for others."""
-        return None  # noqa: RET501  (others have one)
+        return None
 
     def _check_room(self, model):
         require_room(model, 0)

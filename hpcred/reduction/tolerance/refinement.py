@@ -56,8 +56,9 @@ def refined(snapshots, wide, best, goal: float) -> np.ndarray:
     return best
 
 
-class Point(NamedTuple):
-    """The model on columns U (w, k): its errors (S, q), the largest of the measure, and y, r, z, l (S, ...) above."""
+class Iterate(NamedTuple):
+    """The model on columns U (w, k): its errors (S, q), the `largest` that the measure makes of them, and y, r, z, l
+    (S, ...) of the head of this module."""
 
     U: np.ndarray
     errors: np.ndarray
@@ -101,7 +102,7 @@ class Errors:
         """Whether there are responses at all frequencies, as a free body has none at 0 Hz."""
         return bool(np.isfinite(self._X).all() and np.isfinite(self._rest).all())
 
-    def at(self, U) -> Point:
+    def at(self, U) -> Iterate:
         """Return the model on orthonormal columns U (w, k)."""
         A = U.T @ (self._A @ U)
         y = _solved(A, U.T @ self._B)
@@ -113,9 +114,9 @@ class Errors:
         # H - H_U without its cancellation
         E = (self._rest + l.transpose(0, 2, 1) @ (self._X - U @ y)) * self._scale
         j, i = self._of
-        return Point(U, E[:, j, i], float(self._measure.total(np.abs(E)).max()), y, r, z, l)
+        return Iterate(U, E[:, j, i], float(self._measure.total(np.abs(E)).max()), y, r, z, l)
 
-    def derivative(self, at: Point, N) -> np.ndarray:
+    def derivative(self, at: Iterate, N) -> np.ndarray:
         """Return the derivative (S q, (w - k) (k - fixed)) of the errors for changes N d of the columns U that are not
         fixed, N (w, w - k) orthogonal to U, d (w - k, k - fixed)."""
         j, i = self._of
@@ -154,7 +155,7 @@ def _turned(errors: Errors, start, goal):
     return here.U if here.largest <= goal else None
 
 
-def _sum_of_powers(at: Point, top):
+def _sum_of_powers(at: Iterate, top):
     """Return the sum of |e / top|^p / p."""
     return float((np.abs(at.errors / top) ** POWER).sum()) / POWER
 
