@@ -76,10 +76,11 @@ def aggregates(matrix, near_null: np.ndarray, prefix: str, threshold: float, agg
     pc = PETSc.PC().create(matrix.comm)
     pc.setOptionsPrefix(prefix)
     pc.setType("gamg")
+    pc.setGAMGLevels(2)  # no option: newer versions refuse -pc_mg_levels of GAMG
     pc.setOperators(matrix)
     asked = {"pc_gamg_threshold": threshold, "pc_gamg_aggressive_coarsening": int(aggressive)}
     forced = {
-        "pc_gamg_agg_nsmooths": 0, "pc_mg_levels": 2, "pc_gamg_coarse_eq_limit": 1, "mg_levels_pc_type": "none",
+        "pc_gamg_agg_nsmooths": 0, "pc_gamg_coarse_eq_limit": 1, "mg_levels_pc_type": "none",
         "pc_gamg_use_parallel_coarse_grid_solver": True, "mg_levels_ksp_type": "richardson",
         "mg_coarse_pc_type": "none", "mg_coarse_ksp_type": "preonly",
     }  # fmt: skip
