@@ -1,4 +1,4 @@
-# make demo | install | test | test-slow | test-wheel | test-ccx | test-dolfinx | test-chromium | test-slurm | test-peers |
+# make demo | install | test | test-slow | test-wheel | test-ccx | test-dolfinx | test-chromium | test-slurm | test-peers | test-cuda |
 #      test-docs | test-debian12 | test-debian13 | test-kernels | fuzz | mutants | coverage | docs | bench | bench-peers | lint
 #
 # On Debian 12 and 13, and systems with the same packages, `install` brings the missing system packages (as root or by
@@ -23,7 +23,7 @@ export OMPI_MCA_pml ?= ob1
 export OMPI_MCA_btl ?= ^tcp
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: install demo test fuzz mutants coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm test-peers docs test-docs \
+.PHONY: install demo test fuzz mutants coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm test-peers test-cuda docs test-docs \
         test-packages test-kernels test-debian12 test-debian13 bench bench-peers lint
 
 # $(call apt,packages) installs those that are missing
@@ -133,6 +133,11 @@ test-dolfinx: install
 test-chromium: install
 	$(call apt,chromium)
 	$(PYTHON) -m pytest -m chromium
+
+# factors on a GPU of NVIDIA; the driver has to be there
+test-cuda: install
+	$(PYTHON) -m pip install -q 'nvmath-python[cu13]>=1.0,<2'
+	HPCRED_TEST_CUDA=1 $(PYTHON) -m pytest -m cuda
 
 # SLURM on this machine as this user, in a temporary folder: the scripts of jobs/ are submitted to it
 test-slurm: install

@@ -24,6 +24,13 @@ def pytest_runtest_setup(item):
         refuse(f"needs {', '.join(missing)}: make test-peers")
 
 
+    if any(item.iter_markers("cuda")):
+        from hpcred.linalg.solvers.cudss import unusable
+
+        if reason := unusable():
+            (pytest.fail if os.environ.get("HPCRED_TEST_CUDA") else pytest.skip)(f"cuDSS {reason}: make test-cuda")
+
+
 @pytest.fixture(scope="session")
 def comm():
     from hpcred.parallel.petsc import MPI

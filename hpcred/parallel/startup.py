@@ -19,7 +19,7 @@ from .failures import InputError
 
 with_scotch = False  # whether Debian's MUMPS with Scotch was loaded in place of the one without
 
-ranks_on_node = 1  # once MPI is started
+ranks_on_node, rank_on_node = 1, 0  # once MPI is started
 
 _NOT_ASKED = object()
 _insisted = _NOT_ASKED  # "real", "complex" or None, once it was asked
@@ -181,11 +181,11 @@ def _load_scotch():
 
 def start_mpi():
     """See to it that an exception on one rank ends the job on all; returns the communicator of the job. Collective."""
-    global _mpi_started, ranks_on_node
+    global _mpi_started, ranks_on_node, rank_on_node
     if not _mpi_started:
         failures.watched(MPI.COMM_WORLD)
         node = MPI.COMM_WORLD.Split_type(MPI.COMM_TYPE_SHARED)
-        ranks_on_node = node.size
+        ranks_on_node, rank_on_node = node.size, node.rank
         node.Free()
         sys.excepthook = failures.excepthook
         _mpi_started = True

@@ -9,9 +9,11 @@ import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
+import numpy as np
+
 from ...parallel.failures import ComputationError, InputError
 from ...parallel.petsc import PETSc, SLEPc, is_complex
-from ..blocks import dense, packed
+from ..blocks import column_norms, dense, local_rows, packed
 from ..conjugate_gradients import NotSolved
 from .settings import Factoring
 
@@ -39,6 +41,7 @@ class FactorRecord:
     the solves, `nearby_residual` of those at other points, by conjugate gradients with this factor. Of kind "multigrid"
     (or "diagonal", for M) there is no factor: `levels` of the hierarchy, `factor_entries` in all of them, and
     `iterations` of conjugate gradients, the most that a column took; `expected_iterations`, predicted by a trial.
+    `package_because`: why package = "auto" took this one.
     """
 
     mass: str
@@ -63,6 +66,7 @@ class FactorRecord:
     residual: float = 0.0
     nearby_residual: float = 0.0
     precision: str = "double"
+    package_because: str = ""
     levels: int = 0
     iterations: int = 0
     expected_iterations: int = 0
@@ -140,7 +144,9 @@ class Factorisation(ABC):
     name = ""  # in PACKAGES
     uses_symmetry = True
     tells_inertia = False  # of real symmetric matrices
+    has_single = False  # precision
     analyses = 0  # symbolic ones so far
+    because = ""  # why "auto" took this package
 
     def __init__(self, matrix: PETSc.Mat, symmetric: bool, prefix: str, factoring: Factoring | None = None,
                  reserved_mb: float = 0.0, inertia: bool = False, null_pivots: bool = False):  # fmt: skip
@@ -155,7 +161,7 @@ class Factorisation(ABC):
         for key in ("out_of_core", "low_rank", "memory_mb"):
             if getattr(factoring, key) is not None:
                 raise InputError(f"{key}: solver.package '{cls.name}' does not have it; leave it out, or take 'mumps'")
-        if factoring.single:
+        if factoring.single and not cls.has_single:
             raise InputError(
                 f"solver.precision: solver.package '{cls.name}' has no 'single'; leave it out, or take 'mumps'"
             )
@@ -171,9 +177,14 @@ class Factorisation(ABC):
         return cls.tells_inertia and not is_complex()
 
     @classmethod
-    def slicing(cls, factoring: Factoring) -> dict | None:
-        """Options, without prefix, of factors for SLEPc's spectrum slicing; None where the package is not for that."""
+    def slicing(cls, factoring: Factoring, comm) -> dict | None:
+        """Options, without prefix, of factors for SLEPc's spectrum slicing; None where the package is not for that.
+        Collective."""
         return None
+
+    def approximate(self) -> str | None:
+        """See Factoring."""
+        return self.factoring.approximate()
 
     @abstractmethod
     def _factor(self) -> dict:
@@ -213,15 +224,27 @@ class Factorisation(ABC):
         seconds = round(time.perf_counter() - start - found["analysis_seconds"], 4)
         self.records.append(
             FactorRecord(**labels, kind=self.kind, package=self.name, factor_seconds=seconds,
-                         precision=self.factoring.solver.precision, **found)
+                         precision=self.factoring.solver.precision, package_because=self.because, **found)
         )  # fmt: skip
 
     def back_substitute(self, load: SLEPc.BV, solution: SLEPc.BV):
         """solution = A^-1 load, all active columns at once, unchecked."""
         start = time.perf_counter()
+        if self.factoring.single:  # columns of about length 1, whose numbers are not too small for it
+            scale = np.exp2(np.frexp(column_norms(load))[1])  # exact, so that the load is what it was
+            _scale(1 / scale, load)
         with dense(load) as b, dense(solution) as x, packed(b) as right, packed(x) as result:
             self._solve(right, result)
             columns = x.getSize()[1]
+        if self.factoring.single:
+            _scale(scale, load, solution)
         record = self.records[-1]
         record.columns_solved += columns
         record.solve_seconds = round(record.solve_seconds + time.perf_counter() - start, 4)
+
+
+def _scale(factors, *blocks):
+    """Multiply the columns of blocks."""
+    for block in blocks:
+        with local_rows(block) as rows:
+            rows *= factors

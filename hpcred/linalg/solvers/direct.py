@@ -40,5 +40,5 @@ class DirectSolver(Solver):
         self.matrix.destroy()
 
     def _refine(self, matrix, back_substitute, load, solution, scale=None, steps=0):
-        residual = refine(matrix, back_substitute, load, solution, scale, steps, self.factors.factoring.approximate())
+        residual = refine(matrix, back_substitute, load, solution, scale, steps, self.factors.approximate())
         self.records[-1].residual = max(self.records[-1].residual, residual)

@@ -15,7 +15,6 @@ from ...parallel import startup
 from ...parallel.failures import ComputationError, InputError
 from ...parallel.memory import MB
 from ...parallel.petsc import PETSc, is_complex
-from ..blocks import column_norms, local_rows
 from ..options import temporary_options
 from .base import DoesNotFit, SingularMatrix
 from .petsc import PetscFactorisation
@@ -39,6 +38,7 @@ class Mumps(PetscFactorisation):
 
     name = "mumps"
     tells_inertia = True
+    has_single = True
 
     def __init__(self, matrix, symmetric, prefix, factoring: Factoring | None = None, reserved_mb=0.0, inertia=False,
                  null_pivots=False, settings: dict | None = None):  # fmt: skip
@@ -64,7 +64,7 @@ class Mumps(PetscFactorisation):
             )
 
     @classmethod
-    def slicing(cls, factoring):
+    def slicing(cls, factoring, comm):
         if factoring.single:  # whose solutions have to be refined
             return None
         settings = {"icntl_13": 1, "icntl_24": 1, "cntl_3": 1e-12, "icntl_7": nested_dissection(), "icntl_14": 60}
@@ -126,19 +126,6 @@ class Mumps(PetscFactorisation):
             temporary_options(self.prefix, {}, precision),
         ):
             return super()._set_up()
-
-    def back_substitute(self, load, solution):
-        """See Factorisation; in single precision with columns of about length 1, whose numbers are not too small."""
-        if not self.factoring.single:
-            return super().back_substitute(load, solution)
-        scale = np.exp2(np.frexp(column_norms(load))[1])  # exact, so that the load is what it was
-        with local_rows(load) as rows:
-            rows /= scale
-        super().back_substitute(load, solution)
-        for block in (load, solution):
-            with local_rows(block) as rows:
-                rows *= scale
-        return None
 
     def _made(self):
         self._choose_ordering()

@@ -14,7 +14,9 @@ from ...parallel.ranges import within
 
 # Direct solvers by name: a class that derives from base.Factorisation, or where it is; a program may add its own
 PACKAGES: dict[str, str | type] = {
+    "auto": "hpcred.linalg.solvers.auto:Auto",
     "mumps": "hpcred.linalg.solvers.mumps:Mumps",
+    "cudss": "hpcred.linalg.solvers.cudss:Cudss",
     "superlu_dist": "hpcred.linalg.solvers.petsc:SuperluDist",
     "petsc": "hpcred.linalg.solvers.petsc:PetscOwn",
 }
@@ -24,18 +26,20 @@ PACKAGES: dict[str, str | type] = {
 class LinearSolver:
     """How blocks are solved for at the points of a reduction.
 
-    `kind`: "direct", by factors; "multigrid", by conjugate gradients with algebraic multigrid, which takes a tenth of
-    the memory and real points only (0 Hz, decays); "auto": by factors, and by multigrid from the first real point on
-    whose factor does not fit. `package`: what makes factors, "mumps", "superlu_dist" or "petsc" (one rank). `precision`
-    of the factors: "double", or "single", which takes half the memory (MUMPS, PETSc 3.25 or later); solutions are
-    refined to the residual of full factors, and the run fails if that is not reached. Both are refused beside
-    "multigrid", which makes no factors. Of multigrid: `residual`, the relative one that solutions are refined to, as
-    far as round-off lets them; at most so many `iterations`, also of those that a trial expects; `threshold`, the share
-    of the diagonal below which entries do not count in coarsening; `sweeps` of the smoother.
+    `kind`: "direct", by factors; "multigrid", by conjugate gradients with algebraic multigrid, which takes a tenth
+    of the memory and real points only (0 Hz, decays); "auto": by factors, and by multigrid from the first real
+    point on whose factor does not fit. `package`: what makes factors: "mumps"; "cudss", on a GPU of NVIDIA; "auto":
+    by cuDSS where there is a GPU, nvmath-python imports and the factor fits, else by MUMPS; "superlu_dist" or
+    "petsc" (one rank). `precision` of the factors: "double", or "single", which takes half the memory (cuDSS, and
+    MUMPS with PETSc 3.25 or later); solutions are refined to the residual of full factors, and the run fails if
+    that is not reached. Both are refused beside "multigrid", which makes no factors. Of multigrid: `residual`, the
+    relative one that solutions are refined to, as far as round-off lets them; at most so many `iterations`, also of
+    those that a trial expects; `threshold`, the share of the diagonal below which entries do not count in
+    coarsening; `sweeps` of the smoother.
     """
 
     kind: Literal["auto", "direct", "multigrid"] = "auto"
-    package: str = "mumps"
+    package: str = "auto"
     precision: Literal["double", "single"] = "double"
     residual: float = 1e-12
     iterations: int = 500
@@ -70,7 +74,7 @@ class Factoring:
     `out_of_core`: a folder for the factors, on a fast local disk, instead of memory. `low_rank`: relative accuracy of
     block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019); solutions are refined to the residual
     of full factors, and the run fails if that is not reached. `memory_mb`: what a rank may take for a factor, by
-    default what the machine and the batch system leave. These three need MUMPS. `solver`: the package that makes
+    default what the machine and the batch system leave. These three take MUMPS. `solver`: the package that makes
     factors, and what a reduction does where there shall be no factor, or where it does not fit.
     """
 

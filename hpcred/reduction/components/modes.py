@@ -113,7 +113,7 @@ class Modes(Component):
         if low == 0:
             low = -0.01 * high  # below the rigid-body modes, where K - low M is definite
         package = run.factoring.package
-        options = None if is_complex() else package.slicing(run.factoring)
+        options = None if is_complex() else package.slicing(run.factoring, run.model.comm)
         if options is not None and _slices(run):
             values, block = modes_in_interval(run.model.K, run.model.M, low, high, package.name, options)
             return _without_rigid(run, values, block)

@@ -1,0 +1,104 @@
+"""Factor on a GPU where there is one that the factor fits, else by MUMPS."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from ...parallel.decisions import decided
+from ...parallel.failures import ComputationError
+from . import cudss
+from .base import Factorisation
+from .cudss import Cudss
+from .mumps import Mumps
+from .settings import Factoring
+
+SMALL = 20_000  # rows up to which MUMPS is done while a GPU is being started
+
+
+class Auto(Factorisation):
+    """Factors by `Cudss`, and by `Mumps` after the GPU failed; where there is none, Auto(...) is a `Mumps`.
+
+    Records say which package was taken, and why. See Factorisation.
+    """
+
+    name = "auto"
+    tells_inertia = True
+    has_single = True
+
+    def __new__(cls, matrix, symmetric, prefix, factoring=None, *arguments, **keywords):
+        against = decided(matrix.comm.tompi4py(), _against_gpu, factoring or Factoring(), matrix.getSize()[0])
+        if not against:
+            return super().__new__(cls)
+        found = Mumps(matrix, symmetric, prefix, factoring, *arguments, **keywords)
+        found.because = against
+        return found
+
+    def __init__(self, matrix, symmetric, prefix, factoring=None, *arguments, **keywords):
+        super().__init__(matrix, symmetric, prefix, factoring)
+        self._by_mumps = partial(Mumps, matrix, symmetric, prefix, factoring, *arguments, **keywords)
+        self._factors: Factorisation = Cudss(matrix, symmetric, prefix, factoring, *arguments, **keywords)
+        self._factors.because = "there is a GPU that the factor fits"
+
+    @classmethod
+    def check(cls, factoring):
+        Mumps.check(factoring)
+
+    @classmethod
+    def check_build(cls, comm):
+        Mumps.check_build(comm)
+
+    @classmethod
+    def slicing(cls, factoring, comm):
+        return Mumps.slicing(factoring, comm) if decided(comm, _against_gpu, factoring) else None
+
+    @property
+    def analyses(self):
+        return self._factors.analyses
+
+    def approximate(self):
+        return self._factors.approximate()
+
+    def estimate(self):
+        return self._on_gpu_or_not(lambda: self._factors.estimate())
+
+    def factor(self, **labels):
+        self._on_gpu_or_not(lambda: self._factors.factor(**labels))
+        self.records.append(self._factors.records[-1])
+
+    def _on_gpu_or_not(self, function):
+        """What a function gives; by MUMPS from now on if the GPU fails."""
+        try:
+            return function()
+        except ComputationError as error:
+            if isinstance(self._factors, Mumps):
+                raise
+            self._factors.close()
+            self._factors = self._by_mumps()
+            self._factors.because = f"on the GPU {str(error).partition('; take')[0]}"
+            return function()
+
+    def back_substitute(self, load, solution):
+        self._factors.back_substitute(load, solution)
+
+    def _factor(self):
+        return self._factors._factor()
+
+    def _solve(self, right, solution):
+        self._factors._solve(right, solution)
+
+    def release(self):
+        self._factors.release()
+
+    def close(self):
+        self._factors.close()
+
+
+def _against_gpu(factoring, size=None) -> str | None:
+    """Why factors of `size` rows are not made on a GPU; None where they can be."""
+    for key in ("out_of_core", "low_rank", "memory_mb"):
+        if getattr(factoring, key) is not None:
+            return f"{key} is for MUMPS"
+    if size is not None and size <= SMALL:
+        return f"{size} rows are done before a GPU is started"
+    reason = cudss.unusable()
+    return reason and f"cuDSS {reason}"

@@ -1,0 +1,245 @@
+"""Factors on a GPU, which a stand-in on the processor takes the place of; those marked `cuda` need a real one."""
+
+import numpy as np
+import pytest
+from cudss_stand_in import Gpu
+from helpers import block_from, damped, dense_model, gather
+
+import hpcred
+from hpcred import Buckens, Factoring, Krylov, LinearSolver, Modes
+from hpcred.linalg.blocks import create_block
+from hpcred.linalg.solvers import auto, cudss
+from hpcred.linalg.solvers.base import DoesNotFit, SingularMatrix
+from hpcred.linalg.solvers.shifted import ShiftedSolver
+from hpcred.parallel.failures import ComputationError, InputError
+from hpcred.parallel.petsc import is_complex
+
+TOP = 30000.0  # Hz, of the solid
+FULL = RuntimeError("cuDSS error (2): CUDSS_STATUS_ALLOC_FAILED")
+
+
+def by(package="cudss", **more):
+    return Factoring(solver=LinearSolver(package=package, kind="direct", **more))
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Models of tests are large enough for a GPU."""
+    monkeypatch.setattr(auto, "SMALL", 0)
+
+
+def solved(model, solver, loads):
+    """A^-1 of dense columns (n, columns), on all ranks."""
+    right, solution = block_from(model.K, loads), create_block(model.K, loads.shape[1])
+    solver.solve(right, solution)
+    return gather(solution)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("unsymmetric", [False, True])
+def test_solutions_and_inertia_are_those_of_dense_matrices(comm, solid, monkeypatch, unsymmetric):
+    """The pattern is analysed once for all shifts, and columns are padded to a width."""
+    gpu, model = Gpu().used_by(monkeypatch), damped(solid, unsymmetric=True)[0] if unsymmetric else solid
+    K, M, _ = dense_model(solid)
+    random = np.random.default_rng(3)
+    values = np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)
+    solver = ShiftedSolver(model, inertia=True, factoring=by())
+    for mass in (0.0, -(values[3] + values[4]) / 2, values[2]):
+        solver.factor(mass)
+        for width in (1, cudss.WIDTH, 2 * cudss.WIDTH + 1):
+            loads = random.standard_normal((len(K), width))
+            expected = np.linalg.solve(K + mass * M, loads)
+            assert np.abs(solved(model, solver, loads) - expected).max() < 1e-9 * np.abs(expected).max()
+        assert solver.inertia == (None if unsymmetric or is_complex() else int((values < -mass).sum()))
+    records = solver.records
+    assert [record.kind for record in records] == 3 * ["LU" if unsymmetric else "LDL^T"]
+    assert {record.package for record in records} == {"cudss"} and solver.analyses == 1
+    if comm.rank == 0:
+        assert gpu.plans == 1 and gpu.factors == 3
+    solver.close()
+    assert gpu.freed == (comm.rank == 0)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("task", ["tolerance", "basis", "complex", "free"])
+def test_models_are_those_of_mumps(comm, monkeypatch, small, task):
+    Gpu().used_by(monkeypatch)
+    given, frame, top = {"tolerance": 1e-6, "band": (0.0, TOP)}, None, TOP
+    if task == "basis":
+        given = {"basis": [Krylov(frequency=TOP / 3, order=1), Modes(band=(0.0, TOP / 2)), Modes(count=3)]}
+    elif task == "complex":
+        given = {"basis": [Krylov(frequency=TOP / 3, decay=TOP, order=1)]}
+    elif task == "free":
+        given, frame, top = {"tolerance": 1e-6, "band": (0.0, 300.0)}, Buckens(), 300.0
+    responses, factors = [], {}
+    with hpcred.linkage(comm) if task == "free" else hpcred.solid((5, 3, 3), inputs=2, comm=comm) as model:
+        for package in ("mumps", "cudss", "auto"):
+            with hpcred.reduce(model, frame=frame, factoring=by(package), **given) as rom:
+                responses.append(hpcred.frequency_response(rom, top * np.linspace(0.02, 1, 20)))
+                factors[package] = rom.record.factorisations
+                if task in ("tolerance", "free"):
+                    assert rom.record.accuracy.reached and len(rom.record.accuracy.proofs) == (2 if is_complex() else 1)
+    for response in responses[1:]:
+        assert np.abs(response - responses[0]).max() < 1e-8 * np.abs(responses[0]).max()
+    assert {item.package for item in factors["mumps"]} == {"mumps"}
+    assert {item.package for item in factors["cudss"] + factors["auto"]} == {"cudss"}
+    assert {item.package_because for item in factors["auto"]} == {"there is a GPU that the factor fits"}
+
+
+@pytest.mark.mpi
+def test_groups_have_a_gpu_each(comm, monkeypatch):
+    """Which one follows from the place of the first rank of a group on its node."""
+    gpu = Gpu().used_by(monkeypatch, count=4)
+    chosen = []
+    monkeypatch.setattr(cudss, "free_mb", lambda number: chosen.append(number) or gpu.free_mb)
+    with hpcred.linkage(comm) as model:
+        points = [Krylov(frequency=50.0), Krylov(frequency=150.0)]
+        groups = min(comm.size, 2)
+        with hpcred.reduce(model, points, Buckens(), groups=groups, factoring=by()) as rom:
+            assert rom.record.groups == groups and rom.size == 2
+        found = set().union(*comm.allgather(set(chosen)))
+        assert found == ({0} if comm.size == 1 else {0, 2})
+        with hpcred.reduce(model, points, Buckens(), groups="auto", factoring=by()) as rom:
+            assert rom.record.groups == groups
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("phase", ["plan", "factorize"])
+@pytest.mark.parametrize("error", [FULL, RuntimeError("CUDSS_STATUS_EXECUTION_FAILED")])
+def test_a_gpu_that_fails_leaves_the_factor_to_mumps_if_it_may(comm, solid, monkeypatch, small, phase, error):
+    Gpu(failing=phase, error=error).used_by(monkeypatch)
+    full = error is FULL
+    with pytest.raises(DoesNotFit if full else ComputationError, match="no more memory" if full else "cuDSS failed"):
+        hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by())
+    with hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by("auto")) as rom:
+        record = rom.record.factorisations[0]
+        assert record.package == "mumps"
+        assert record.package_because.startswith("on the GPU " + ("the factorisation" if full else "cuDSS failed"))
+
+
+@pytest.mark.mpi
+def test_a_gpu_that_fails_in_a_solve(comm, solid, monkeypatch):
+    Gpu(failing="solve", error=RuntimeError("CUDSS_STATUS_EXECUTION_FAILED")).used_by(monkeypatch)
+    with pytest.raises(ComputationError, match="cuDSS failed: RuntimeError: CUDSS_STATUS_EXECUTION_FAILED"):
+        hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by())
+
+
+@pytest.mark.mpi
+def test_memory_is_looked_at_before_the_factor(comm, solid, monkeypatch, small):
+    """In the memory of the host if that of the GPU is too small; refused if both are."""
+    gpu = Gpu(free_mb=900.0, need_mb=800, least_mb=50).used_by(monkeypatch)
+    monkeypatch.setenv("HPCRED_MEMORY_MB", "1000")
+    hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by()).close()
+    if comm.rank == 0:
+        assert gpu.hybrid and gpu.factors == 1
+    gpu.need_mb = 300
+    hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by()).close()
+    assert comm.rank or not gpu.hybrid
+    gpu.need_mb = 5000
+    factors = gpu.factors
+    words = "it needs about 5000 MB on the GPU, which has 900 MB free, or 50 MB there and 5000 MB on the host, which"
+    with pytest.raises(DoesNotFit, match=words):
+        hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by())
+    with hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by("auto")) as rom:
+        assert "5000 MB on the GPU" in rom.record.factorisations[0].package_because
+    assert gpu.factors == factors
+
+
+@pytest.mark.mpi
+def test_singular_and_inaccurate_factors(comm, solid, monkeypatch):
+    gpu = Gpu().used_by(monkeypatch)
+    K, M, _ = dense_model(solid)
+    value = np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)[2]
+    solver = ShiftedSolver(solid, factoring=by())
+    with pytest.raises(SingularMatrix):
+        solver.factor(-value)
+    solver.factor(-value / 2)
+    loads = np.random.default_rng(2).standard_normal((len(K), 3))
+    expected = np.linalg.solve(K - value / 2 * M, loads)
+    gpu.spoil = 1e-4  # refined
+    assert np.abs(solved(solid, solver, loads) - expected).max() < 1e-8 * np.abs(expected).max()
+    gpu.spoil = 1.0
+    with pytest.raises(ComputationError, match="solver.package: the residual stays at .* take 'mumps'"):
+        solved(solid, solver, loads)
+    solver.close()
+
+
+@pytest.mark.mpi
+def test_single_precision_is_refined(comm, solid, monkeypatch):
+    Gpu().used_by(monkeypatch)
+    K, M, _ = dense_model(solid)
+    solver = ShiftedSolver(solid, inertia=True, factoring=by(precision="single"))
+    solver.factor(-1e6)
+    loads = 1e-30 * np.random.default_rng(4).standard_normal((len(K), 2))  # below the numbers of single precision
+    expected = np.linalg.solve(K - 1e6 * M, loads)
+    assert np.abs(solved(solid, solver, loads) - expected).max() < 1e-8 * np.abs(expected).max()
+    assert solver.inertia is None and solver.records[-1].precision == "single"
+    solver.close()
+
+
+def test_without_the_library_one_sentence_says_what_helps(solid, monkeypatch):
+    monkeypatch.setattr(cudss, "find_spec", lambda name: None)
+    cudss.unusable.cache_clear()
+    words = r"solver.package: 'cudss' needs nvmath-python, which is not installed; `pip install 'hpcred\[cuda13\]'`"
+    with pytest.raises(InputError, match=words):
+        hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by())
+    with hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by("auto")) as rom:
+        assert rom.record.factorisations[0].package == "mumps"
+    cudss.unusable.cache_clear()
+
+
+@pytest.mark.parametrize("count, error, words", [
+    (0, None, "found no GPU of NVIDIA, or CUDA_VISIBLE_DEVICES hides it"),
+    (1, RuntimeError("nvmath-python requires cuDSS version 0.8, while you\nhave cuDSS version 1.0."),
+     r"cannot be used here \(RuntimeError: nvmath-python requires cuDSS version 0.8, while you have cuDSS"),
+    (1, ImportError("libcudss.so.0: cannot open shared object file"), r"cannot be used here \(ImportError: libcudss"),
+])  # fmt: skip
+def test_a_gpu_or_a_library_that_cannot_be_used(solid, monkeypatch, small, count, error, words):
+    Gpu(failing="plan", error=error).used_by(monkeypatch, count=count)
+    monkeypatch.setattr(cudss, "find_spec", lambda name: object())
+    monkeypatch.setattr(cudss, "unusable", REAL_UNUSABLE)
+    with pytest.raises(InputError, match=f"solver.package: 'cudss' {words}"):
+        hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by())
+    monkeypatch.setattr(auto, "SMALL", 0)
+    with hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by("auto")) as rom:
+        assert rom.record.factorisations[0].package_because.startswith("cuDSS ")
+
+
+REAL_UNUSABLE = cudss.unusable.__wrapped__
+
+
+@pytest.mark.parametrize("key, value", [("out_of_core", "/tmp"), ("low_rank", 1e-8), ("memory_mb", 100.0)])
+def test_what_only_mumps_has(solid, monkeypatch, small, key, value):
+    Gpu().used_by(monkeypatch)
+    with pytest.raises(InputError, match=rf"{key}: solver.package 'cudss' does not have it; .* take 'mumps'"):
+        Factoring(solver=LinearSolver(package="cudss"), **{key: value})
+    if key != "memory_mb":
+        return
+    factoring = Factoring(solver=LinearSolver(package="auto"), **{key: value})
+    with hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=factoring) as rom:
+        assert rom.record.factorisations[0].package_because == f"{key} is for MUMPS"
+
+
+def test_small_models_are_done_before_a_gpu_is_started(solid, monkeypatch):
+    gpu = Gpu().used_by(monkeypatch)
+    with hpcred.reduce(solid, [Krylov(frequency=100.0)]) as rom:
+        record = rom.record.factorisations[0]
+    assert record.package == "mumps" and gpu.plans == 0
+    assert record.package_because == f"{solid.size} rows are done before a GPU is started"
+
+
+@pytest.mark.cuda
+@pytest.mark.mpi
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_a_real_gpu(comm, precision):
+    """Proven by solves of MUMPS at other frequencies; in single precision modes are not counted."""
+    cudss.Cudss.check_build(comm)
+    with hpcred.solid((14, 14, 14), comm=comm) as model:
+        band = (0.0, TOP / 3)
+        found = []
+        for package, more in (("mumps", {}), ("cudss", {"precision": precision})):
+            with hpcred.reduce(model, tolerance=1e-4, band=band, factoring=by(package, **more)) as rom:
+                found.append((rom.size, hpcred.frequency_response(rom, np.linspace(0.01, 1, 50) * band[1])))
+                record = rom.record
+        assert record.accuracy.reached and {item.package for item in record.factorisations} == {"cudss"}
+        assert np.linalg.norm(found[1][1] - found[0][1]) < 1e-3 * np.linalg.norm(found[0][1])
