@@ -42,12 +42,15 @@ class Gpu:
             raise self.error
 
 
+PLAIN = SimpleNamespace(sparse_system_view="full", sparse_system_type="general")
+IN_MEMORY = SimpleNamespace(hybrid_memory_mode_options=SimpleNamespace(hybrid_memory_mode=False))
+
+
 class DirectSolver:
     """As that of nvmath-python: the pattern and the number of columns stay, and only the lower triangle is looked at
     where that is the view."""
 
-    def __init__(self, gpu, a, b, options=SimpleNamespace(sparse_system_view="full", sparse_system_type="general"),
-                 execution=SimpleNamespace(hybrid_memory_mode_options=SimpleNamespace(hybrid_memory_mode=False))):  # fmt: skip
+    def __init__(self, gpu, a, b, options=PLAIN, execution=IN_MEMORY):
         assert scipy.sparse.issparse(a) and a.format == "csr" and a.has_canonical_format
         assert b.flags.f_contiguous and b.dtype == a.dtype
         gpu.hybrid = execution.hybrid_memory_mode_options.hybrid_memory_mode

@@ -143,7 +143,7 @@ class Cudss(Factorisation):
             self._solver.plan()
 
     def _look_around(self):
-        """On the first rank: the ranks beside it share its processors with it, and groups on a node have its GPUs in turn."""
+        """The first rank has the processors of ranks that sleep beside it, and groups share the GPUs of a node."""
         mine = socket.gethostname(), os.sched_getaffinity(0)
         ranks = self._comm.gather(mine)
         if self._leads:
