@@ -163,6 +163,7 @@ from .workflows.export import export_reduced as export_reduced
 from .workflows.export import export_result as export_result
 from .workflows.info import describe_file as describe_file
 from .workflows.info import inspect_file as inspect_file
+from .workflows.info import installation as installation
 from .workflows.info_of_output import verify_file as verify_file
 from .workflows.kernels import bench_kernels as bench_kernels
 from .workflows.kernels import forget_kernels as forget_kernels

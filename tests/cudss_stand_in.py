@@ -42,7 +42,6 @@ class Gpu:
             raise self.error
 
 
-PLAIN = SimpleNamespace(sparse_system_view="full", sparse_system_type="general")
 IN_MEMORY = SimpleNamespace(hybrid_memory_mode_options=SimpleNamespace(hybrid_memory_mode=False))
 
 
@@ -50,12 +49,12 @@ class DirectSolver:
     """As that of nvmath-python: the pattern and the number of columns stay, and only the lower triangle is looked at
     where that is the view."""
 
-    def __init__(self, gpu, a, b, options=PLAIN, execution=IN_MEMORY):
+    def __init__(self, gpu, a, b, options, execution=IN_MEMORY):
         assert scipy.sparse.issparse(a) and a.format == "csr" and a.has_canonical_format
         assert b.flags.f_contiguous and b.dtype == a.dtype
         gpu.hybrid = execution.hybrid_memory_mode_options.hybrid_memory_mode
-        self.gpu, self.lower = gpu, options.sparse_system_view == "lower"
-        assert self.lower == (options.sparse_system_type == "symmetric")
+        self.gpu, self.lower = gpu, getattr(options, "sparse_system_view", "full") == "lower"
+        assert self.lower == (getattr(options, "sparse_system_type", "general") == "symmetric")
         self.a, self.b, self.plan_config = a, b.copy(order="F"), SimpleNamespace()
         self.plan_info = SimpleNamespace(
             memory_estimates=SimpleNamespace(

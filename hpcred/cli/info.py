@@ -18,7 +18,7 @@ MOST_SETS = 20  # node sets that are listed
 
 
 def info(
-    file: Annotated[str, typer.Argument(metavar="FILE")],
+    file: Annotated[str | None, typer.Argument(metavar="FILE", help="Without it, this installation.")] = None,
     below: Annotated[str | None, typer.Option(metavar="F1,F2", help="Count modes below (Hz).")] = None,
     band_top: Annotated[float | None, typer.Option(help="Upper end of the band (Hz): size hint.")] = None,
     modes: Annotated[int | None, typer.Option(help="Find so many of the lowest frequencies.")] = None,
@@ -30,6 +30,13 @@ def info(
     json: JsonFile = None,
 ):
     """Say what a file is: what a model contains and needs, and the format and matrices of any other file."""
+    if file is None:
+        if below or band_top or modes or verify or figure or names:
+            raise InputError("FILE: is missing, which the options ask about")
+        report = hpcred.installation()
+        show_table(None, [{"": key.replace("_", " "), "this installation": value} for key, value in report.items()])
+        session.write_json(json, report)
+        return
     if names and not figure:
         raise InputError("--sets: belongs to --figure")
     if verify and (below or band_top or modes or figure):

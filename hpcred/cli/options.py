@@ -29,7 +29,7 @@ Inputs = Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1
 Outputs = Annotated[str | None, typer.Option("--outputs", help="Outputs: 20:z,velocity 20:z,acceleration dof 115")]
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
-Package = Annotated[str | None, typer.Option(help="What factors: mumps, superlu_dist or petsc.")]
+Package = Annotated[str | None, typer.Option(help="What factors: auto, mumps, cudss, superlu_dist or petsc.")]
 PreloadTable = Annotated[
     str | None, typer.Option("--preload", metavar="TABLE", help="Constant load: '{omega = [0, 0, 300]}' (rad/s).")
 ]

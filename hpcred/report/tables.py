@@ -13,7 +13,7 @@ from ..parallel.failures import agreed, printable
 from ..parallel.petsc import MPI
 from ..parallel.progress import Timing
 
-NAMES = {"mumps": "MUMPS", "superlu_dist": "SuperLU_DIST", "petsc": "PETSc"}  # of packages
+NAMES = {"mumps": "MUMPS", "cudss": "cuDSS", "superlu_dist": "SuperLU_DIST", "petsc": "PETSc"}  # of packages
 
 
 def show_table(title, rows: list[dict]):
@@ -156,9 +156,12 @@ def show_timing(timing: Timing, factorisations=()):
         keys = ("analysis_seconds", "factor_seconds", "solve_seconds")
         parts = [sum(getattr(item, key) for item in factorisations) for key in keys]
         used = max(item.memory_mb_used_max_rank for item in factorisations)
-        memory = f"; {used} MB a rank" if used else ""
+        last = factorisations[-1]
+        memory = f"; {used} MB {'of the GPU' if last.package == 'cudss' else 'a rank'}" if used else ""
+        if last.package == "cudss" or last.package_because.startswith("on the GPU"):
+            memory += f" ({last.package_because})" if last.package_because else ""
         print(
-            f"{NAMES.get(factorisations[0].package, factorisations[0].package)} {sum(parts):.2f} s of it "
+            f"{NAMES.get(last.package, last.package)} {sum(parts):.2f} s of it "
             f"({100 * sum(parts) / total:.0f} %): analysis {parts[0]:.2f} s, factorisations {parts[1]:.2f} s, solves "
             f"{parts[2]:.2f} s{memory}"
         )

@@ -15,12 +15,15 @@ from ..files.model_file import read_model
 from ..files.outputs import HDF5, hdf5_kind
 from ..files.system_errors import reading_from
 from ..files.text import first_bytes, first_line
+from ..linalg.solvers.cudss import gpus_in_words
+from ..linalg.solvers.settings import PACKAGES
 from ..model.interface_motion import members
 from ..model.interfaces import warnings_of_interfaces
 from ..model.materials import properties_in_words
 from ..model.parameters import rows_of_parameters
 from ..parallel.declared import nearest
 from ..parallel.failures import HpcredError, InputError, agreed
+from ..parallel.petsc import is_complex
 from ..parallel.plugins import OWN, blamed
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
@@ -33,6 +36,7 @@ from ..readers.model_source import read_export
 from ..readers.nodes import table as node_table
 from ..readers.registry import reader_of
 from ..readers.unread import refuse_unread
+from ..reduction.record import versions
 from ..settings.job_file import read_job
 from ..settings.toml_file import read_table
 from ..writers.registry import WRITERS
@@ -41,6 +45,15 @@ from .model_of_job import with_interfaces_of_job
 from .pair_figures import check_figure
 from .set_figure import MOST, draw_sets_of
 from .workflow import workflow
+
+
+def installation() -> dict[str, str]:
+    """Return the versions of hpcred and what it stands on, the scalars of PETSc, and the GPUs that factors can be made
+    on. Collective where PETSc has not been started."""
+    return versions() | {
+        "scalars": "complex" if is_complex() else "real", "packages_of_factors": ", ".join(PACKAGES),
+        "gpus": gpus_in_words(),
+    }  # fmt: skip
 
 
 @workflow

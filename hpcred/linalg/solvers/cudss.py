@@ -7,11 +7,13 @@ one array and takes from there. While the first rank works the others sleep, and
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
 import time
 from contextlib import contextmanager
 from functools import cache
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -28,6 +30,8 @@ from .base import DoesNotFit, Factorisation
 WIDTH = 12  # columns of a solve, fixed at the start: so many take little longer than one
 HELP = "`pip install 'hpcred[cuda13]'` (cuda12 for older drivers) brings nvmath-python and cuDSS; or take 'mumps'"
 NO_MEMORY = ("alloc_failed", "out of memory", "out_of_memory", "memory_allocation")  # in errors of the library
+LOGGER = logging.getLogger("hpcred.cudss")
+LOGGER.setLevel(logging.ERROR)  # its warnings tell programmers what a call costs
 SPARE_MB = 512  # of the GPU, beside what the analysis says that the factor takes
 
 
@@ -131,7 +135,7 @@ class Cudss(Factorisation):
         options = sparse.DirectSolverOptions(
             sparse_system_type=getattr(sparse.DirectSolverMatrixType, "SYMMETRIC" if symmetric else "GENERAL"),
             sparse_system_view=getattr(sparse.DirectSolverMatrixViewType, "LOWER" if symmetric else "FULL"),
-            multithreading_lib=threads_library(),
+            multithreading_lib=threads_library(), logger=LOGGER,
         )
         memory = sparse.HybridMemoryModeOptions(hybrid_memory_mode=hybrid)
         execution = sparse.ExecutionCUDA(device_id=self._gpu, hybrid_memory_mode_options=memory)
@@ -279,7 +283,8 @@ def unusable() -> str | None:
         if not count_of_gpus():
             return "found no GPU of NVIDIA, or CUDA_VISIBLE_DEVICES hides it"
         sparse, right = direct_solvers(), np.ones((2, 1), order="F")
-        with sparse.DirectSolver(scipy.sparse.csr_matrix(np.diag([1.0, 2.0])), right) as solver:
+        matrix, options = scipy.sparse.csr_matrix(np.diag([1.0, 2.0])), sparse.DirectSolverOptions(logger=LOGGER)
+        with sparse.DirectSolver(matrix, right, options=options) as solver:
             solver.plan()
             solver.factorize()
             solution = solver.solve()
@@ -310,13 +315,15 @@ def free_mb(gpu: int) -> float:
     return _runtime("cudaMemGetInfo")[0] / MB
 
 
-def gpus_in_words() -> list[str]:
-    """The GPUs that this process sees, with their memory; for users."""
+def gpus_in_words() -> str:
+    """The GPUs that this process sees, with their memory, and the library; or why there is nothing to use."""
+    if reason := unusable():
+        return f"not used: cuDSS {reason}"
     found = []
     for gpu in range(count_of_gpus()):
         properties = _runtime("cudaGetDeviceProperties", gpu)
-        found.append(f"{properties.name.decode()}, {properties.totalGlobalMem / 2**30:.0f} GB")
-    return found
+        found.append(f"{properties.name.decode()} ({properties.totalGlobalMem / 2**30:.0f} GB)")
+    return f"{', '.join(found)}; nvmath-python {version('nvmath-python')}"
 
 
 def threads_library() -> str | None:
