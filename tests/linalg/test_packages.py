@@ -157,7 +157,7 @@ def test_what_only_mumps_has(package, key, value):
 
 
 def test_a_package_that_nobody_knows():
-    with pytest.raises(InputError, match="package: found 'pardiso', expected 'mumps', 'superlu_dist' or 'petsc'"):
+    with pytest.raises(InputError, match="package: found 'pardiso', expected 'auto', 'mumps', 'cudss', 'superlu_dist' or 'petsc'"):
         LinearSolver(package="pardiso")
 
 
@@ -232,7 +232,7 @@ def test_in_a_job_and_in_commands(hpcred, tmp_path, monkeypatch, capsys):
     assert done.returncode == 0, done.stderr
     assert hpcred(*evaluate, ranks=2).returncode == 0  # a frequency a rank
     message = refused(capsys, "reduce", "job.toml", "--set", "solver.package=nix")
-    assert "solver.package: found 'nix', expected 'mumps'" in message
+    assert "solver.package: found 'nix', expected 'auto', 'mumps'" in message
 
 
 def test_records_of_earlier_versions_are_of_mumps():
