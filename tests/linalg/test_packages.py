@@ -157,7 +157,8 @@ def test_what_only_mumps_has(package, key, value):
 
 
 def test_a_package_that_nobody_knows():
-    with pytest.raises(InputError, match="package: found 'pardiso', expected 'auto', 'mumps', 'cudss', 'superlu_dist' or 'petsc'"):
+    words = "package: found 'pardiso', expected 'auto', 'mumps', 'cudss', 'superlu_dist' or 'petsc'"
+    with pytest.raises(InputError, match=words):
         LinearSolver(package="pardiso")
 
 

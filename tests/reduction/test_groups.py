@@ -56,7 +56,8 @@ def test_a_refusal_in_one_group_ends_all(hpcred, tmp_path):
     (tmp_path / "job.toml").write_text(f"{head}\n{buckens}{points}")
     with package.linkage() as model, package.reduce(model, [Modes(index=[7])], Buckens()) as rom:
         (frequency,) = rom.frequencies
-    run = hpcred("reduce", "job.toml", "--groups", 2, "--set", f"basis.1.frequency={float(frequency)!r}", ranks=2, timeout=60)
+    point = f"basis.1.frequency={float(frequency)!r}"
+    run = hpcred("reduce", "job.toml", "--groups", 2, "--set", point, ranks=2, timeout=60)
     assert run.returncode == 2
     assert run.stderr.count("hpcred: error: ") == 1 and "is an eigenfrequency of the undamped model" in run.stderr
 

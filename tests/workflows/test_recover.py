@@ -218,7 +218,9 @@ def test_the_full_model_in_time(tmp_path, monkeypatch):
     u = found["displacement"][:, place, direction]
     assert u == pytest.approx(expected[0], abs=1e-4 * np.abs(expected[0]).max())
     v = found["velocity"][:, place, direction]
-    assert v == pytest.approx(expected[1], abs=5e-3 * np.abs(expected[1]).max())
+    apart = np.abs(v - expected[1]).max(axis=1) / np.abs(expected[1]).max()
+    # one-sided differences at both ends have twice the error of those between, h^2/3 and h^2/6 of the third derivative
+    assert apart[1:-1].max() < 5e-3 and apart[[0, -1]].max() < 1e-2
 
 
 STRESS_JOB = """
