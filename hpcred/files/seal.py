@@ -57,7 +57,7 @@ def is_broken(path) -> bool:
         return said["end"] != size - TAIL.size - length or said["crc"] != _crc(path, said["data"], said["end"])
     except InputError:
         raise
-    except (ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError):  # OSError: for no place in a file
         return True
 
 

@@ -13,6 +13,7 @@ import errno
 import os
 import pickle
 import re
+import shutil
 import sys
 import time
 import zlib
@@ -31,7 +32,7 @@ IN_HDF5 = re.compile(r"errno = (\d+)")
 OUT_OF_MEMORY = 55  # of PETSc
 ENDING = 1  # tag of the message to rank 0 by which a rank that ends the job says that it has spoken
 
-unfinished: set = set()  # files that must not stay when the job is ended
+unfinished: set = set()  # files and folders that must not stay when the job is ended
 
 _unheard: list = []
 _private: list = []  # duplicates of communicators, for messages of this module only
@@ -225,7 +226,10 @@ def end_job(error: BaseException):
             _say(error, f" (rank {MPI.COMM_WORLD.rank})" if MPI.COMM_WORLD.size > 1 else "")
         for path in list(unfinished):
             with suppress(OSError):
-                path.unlink(missing_ok=True)
+                if path.is_dir() and not path.is_symlink():
+                    shutil.rmtree(path, ignore_errors=True)
+                else:
+                    path.unlink(missing_ok=True)
         world = _private_of(MPI.COMM_WORLD)
         if world is not None and world.rank:
             world.Isend(bytearray(1), dest=0, tag=ENDING)

@@ -22,6 +22,7 @@ from ..report.figures import has_matplotlib, motion_figure
 from ..settings.simulation_file import read_simulation
 from ..simulation.simulation import simulate
 from ..writers.recovered import write_recovered
+from ..writers.vtk_series import check_series
 from .workflow import workflow
 
 
@@ -43,6 +44,8 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     if setup.paraview:
         written[output.with_suffix(".pvd")] = VTK
     check_outputs(written, comm, [path, setup.body], progress=progress)
+    if setup.paraview:
+        check_series(output.with_suffix(".pvd"), comm, progress)
     motion = basis = None
     # the stage on all ranks, because the first one starts PETSc, which is collective
     with progress.stage("simulate", setup.body), agreed(comm):
