@@ -9,10 +9,11 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..parallel.failures import InputError, agreed, settle, unfinished
-from .locks import HOST, left_by_the_dead, lock, lock_name, temporary_name, unlock
+from ..parallel.failures import InputError, agreed, unfinished
+from .locks import HOST, left_by_the_dead, lock, lock_name, temporary_name
 from .outputs import check_kept, is_of_another_user
 from .system_errors import reading_from, writing_to
+from .together import Waiting, take, together
 
 EXCHANGE = 2  # of renameat2
 NO_FOLDER = -100  # AT_FDCWD: names are as usual
@@ -26,7 +27,7 @@ def folder_for(folder, comm, called: str = ""):
 
     `called`: what stands before its name in messages. Collective. Raises InputError.
     """
-    folder, made = Path(os.path.abspath(folder)), []
+    name, folder, made = folder, Path(os.path.abspath(folder)), []
     with agreed(comm):
         if comm.rank == 0:
             missing = [place for place in (folder, *folder.parents) if not place.exists()]
@@ -40,7 +41,7 @@ def folder_for(folder, comm, called: str = ""):
             except (OSError, ValueError) as error:
                 _remove_empty(made)
                 said = getattr(error, "strerror", None) or str(error)
-                raise InputError(f"{called}{folder}: cannot be created ({said}); choose another") from error
+                raise InputError(f"{called}{name}: cannot be created ({said}); choose another") from error
     try:
         yield
     except BaseException:
@@ -54,74 +55,62 @@ def _remove_empty(folders):
             folder.rmdir()
 
 
-@dataclass
-class FolderOutput:
-    """A folder that becomes an output: `made` is its temporary name, where files are written; then put_in()."""
-
-    folder: Path
-    made: Path
-    check: Callable[[Path], None]
-    state: str = "beside"  # then "exchanged" for an older one, or "new"
-
-    def put_in(self, comm):
-        """Put the folder in the place of the older one, which has the temporary name then. Collective."""
-        comm.Barrier()
-        unfinished.discard(self.made)  # what has this name may be the older one from now on
-        with agreed(comm), writing_to(self.folder, self.made):
-            if comm.rank == 0:
-                self.check(self.folder)
-                if os.path.lexists(self.folder):
-                    _exchange(self.made, self.folder)
-                    self.state = "exchanged"
-                else:
-                    self.made.rename(self.folder)
-                    self.state = "new"
-
-    def put_back(self):
-        """Undo put_in. On one rank. Raises OSError."""
-        if self.state == "exchanged":
-            _exchange(self.made, self.folder)
-        elif self.state == "new":
-            self.folder.rename(self.made)
-
-
 @contextmanager
 def atomic_folder(folder, comm, is_own: Callable[[Path], bool], replaces: bool = True):
-    """A FolderOutput, whose folder stays where the block ends well after put_in(); else the older one does.
+    """A temporary folder that becomes `folder` when the block ends well; see `together` for files beside it.
 
     `is_own(path)`: whether hpcred wrote a file in such a folder. `replaces`: whether a folder of such files is
     replaced, else only an empty one. Collective. Raises InputError before the block where there is something else,
     and ComputationError where the system refuses the folder.
     """
     folder = Path(folder)
-    output = FolderOutput(folder, temporary_name(folder, *comm.bcast((os.getpid(), HOST))),
-                          lambda path: check_folder(path, is_own if replaces else None))  # fmt: skip
-    left = {output.made, lock_name(folder)}
+    temporary, check = temporary_name(folder, *comm.bcast((os.getpid(), HOST))), is_own if replaces else None
     with agreed(comm):
         if comm.rank == 0:
-            output.check(folder)
+            check_folder(folder, check)
             lock(folder)
-    unfinished.update(left)
-    try:
+    unfinished.update({temporary, lock_name(folder)})
+    put_in = _PutIn(folder, temporary, check, is_own)
+    with together(comm):
+        take(Waiting(folder, temporary, put_in, put_in.undo, put_in.drop))
         with agreed(comm), writing_to(folder):
             if comm.rank == 0:
-                for other in (*left_by_the_dead(folder), output.made):
+                for other in (*left_by_the_dead(folder), temporary):
                     remove_folder(other, is_own)
-                output.made.mkdir()
-        yield output
-        if comm.rank == 0 and output.state == "exchanged":
-            remove_folder(output.made, is_own)
-    except BaseException as error:
-        settle(comm, error)  # where this rank fails alone the job ends here, while it still knows what must not stay
-        if comm.rank == 0:
-            with suppress(OSError):
-                output.put_back()
-                remove_folder(output.made, lambda path: True)  # all of it comes from this run
-        raise
-    finally:
-        unfinished.difference_update(left)
-        if comm.rank == 0:
-            unlock(folder)
+                temporary.mkdir()
+        yield temporary
+
+
+@dataclass
+class _PutIn:
+    """Puts a folder in the place of an older one, which has the temporary name then. Called on one rank."""
+
+    folder: Path
+    temporary: Path
+    check: Callable[[Path], bool] | None
+    is_own: Callable[[Path], bool]
+    older: bool = False
+    done: bool = False
+
+    def __call__(self):
+        check_folder(self.folder, self.check)
+        self.older = os.path.lexists(self.folder)
+        if self.older:
+            _exchange(self.temporary, self.folder)
+        else:
+            self.temporary.rename(self.folder)
+        self.done = True
+
+    def undo(self):
+        if self.older:
+            _exchange(self.temporary, self.folder)
+        else:
+            self.folder.rename(self.temporary)
+        self.done = False
+
+    def drop(self):
+        """Remove what has the temporary name: the older folder, or all of a new one that is not put in."""
+        remove_folder(self.temporary, self.is_own if self.done else lambda path: True)
 
 
 def check_folder(folder, is_own: Callable[[Path], bool] | None):

@@ -35,7 +35,11 @@ UNBOUND = {  # several launchers at once would each put their ranks on the first
     "OMPI_MCA_hwloc_base_binding_policy": "none", "PRTE_MCA_hwloc_default_binding_policy": "none", "I_MPI_PIN": "0",
     "HYDRA_BINDING": "none",
 }  # fmt: skip
-SAFE = {"PYTHONSAFEPATH": "1"}  # modules do not come from the working folder, which may be another user's
+# modules do not come from the working folder, which may be another user's; ranks elsewhere may lack the variable, and
+# Python 3.10 the option
+SAFE = {"PYTHONSAFEPATH": "1"}
+SAFELY = ["-P"] if sys.version_info >= (3, 11) else []
+HPCRED = [sys.executable, *SAFELY, "-m", "hpcred"]
 AS_ROOT = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}  # who is root here wants it there
 
 

@@ -15,6 +15,7 @@ from ..files.hdf5 import atomic_output, require_name
 from ..files.result_file import LARGE, Result, read_result, write_result
 from ..files.temporary import folder_of_all
 from ..files.text import absent
+from ..files.together import together
 from ..model.units import SI, units_of
 from ..parallel.declared import as_declared, declared, nearest, spelled, types_of
 from ..parallel.failures import InputError, agreed
@@ -81,7 +82,7 @@ def export_result(
     existed = comm.bcast(path.exists())
     if progress is not None:
         progress.say(f"export: {path}")
-    with atomic_output(path, comm, told) as temporary:
+    with together(comm), atomic_output(path, comm, told) as temporary:
         report = beside = None
         with agreed(comm), _naming(result):
             if comm.rank == 0:
@@ -107,7 +108,7 @@ def export_result(
             report["files"] = [str(name) for name in names]
         known = {".mtx": outputs.DENSE, ".obj": outputs.SURFACE}
         kinds = {name: known.get(name.suffix, told or outputs.SUPERELEMENT) for name in names or ()}
-        outputs.check_outputs(kinds, comm, [result], progress=progress)
+        outputs.check_outputs(kinds, comm, [result, path], progress=progress)
         for name in kinds:  # before the file that takes them
             with atomic_output(name, comm, told) as other, agreed(comm):
                 if comm.rank == 0:

@@ -76,16 +76,15 @@ def write_deck(result, program: str, original, folder, *, units: str = "SI", com
     with progress.stage("read", str(original)):
         nodes = read_nodes(original, comm, calculix=isinstance(deck, CalculixDeck))
         require_places(comm, original, nodes, system, *_places(source, comm), str(source))
-    with folder_for(folder.parent, comm, "output "), atomic_folder(folder, comm, _is_of(deck), False) as output:
+    with folder_for(folder.parent, comm, "output "), atomic_folder(folder, comm, _is_of(deck), False) as made:
         with agreed(comm), writing_to(folder):
             if comm.rank == 0:
-                (output.made / deck.job).write_text(main, encoding="latin-1")
+                (made / deck.job).write_text(main, encoding="latin-1")
         comm.Barrier()
         with agreed(comm), progress.stage("write", str(folder)), writing_to(folder):
-            _write_columns(source, range(comm.rank, count, comm.size), system.length, deck, output.made)
+            _write_columns(source, range(comm.rank, count, comm.size), system.length, deck, made)
             if deck.supports and comm.rank == comm.size - 1:
-                _write_supports(source, deck, output.made / deck.supports)
-        output.put_in(comm)
+                _write_supports(source, deck, made / deck.supports)
     return {"folder": str(folder), "files": [deck.job, *names], "columns": count, "run": deck.run}
 
 

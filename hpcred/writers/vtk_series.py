@@ -73,20 +73,19 @@ def series(path, points: Points, t, comm, dtype):
     check_series(path, comm)
     digits, done = len(str(len(t))), 0
     names = [f"{folder.name}_{i:0{digits}d}.vtu" for i in range(len(t))]
-    with atomic_folder(folder, comm, is_of_series) as output, atomic_output(path, comm) as temporary:
+    with atomic_folder(folder, comm, is_of_series) as made, atomic_output(path, comm) as temporary:
         mesh = _mesh(points, comm, dtype)
 
         def put(fields):
             nonlocal done
             count = len(next(iter(fields.values())))
-            _write([output.made / name for name in names[done : done + count]], mesh, points, fields, comm, dtype)
+            _write([made / name for name in names[done : done + count]], mesh, points, fields, comm, dtype)
             done += count
 
         yield put
         with agreed(comm), writing_to(path, temporary):
             if comm.rank == 0:
                 _write_collection(temporary, t, [f"{folder.name}/{name}" for name in names])
-        output.put_in(comm)
 
 
 @contextmanager
