@@ -19,7 +19,6 @@ some, outputs, forces, moments and energies.
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -95,7 +94,7 @@ def read_coordinates(path) -> Coordinates:
     """Read the elastic coordinates and the motion of the frame of simulation.h5, on this rank. Raises InputError."""
     with reading(path, FORMAT, VERSION, SCHEMA) as file:
         found = SimpleNamespace(**{key: file[key][...] for key in ("t", "elastic", "elastic_velocity", *FRAME)})
-        return replace(coordinates_of(found), basis=json.loads(file["provenance"][()]).get("basis", ""))
+        return replace(coordinates_of(found), basis=file.table("provenance").get("basis", ""))
 
 
 def write_motion_csv(path, motion: Motion):

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -111,7 +110,7 @@ def read_responses(path) -> Responses:
     """Read an HDF5 file of responses, on this rank. Raises InputError."""
     with reading(path, FORMAT, VERSION, SCHEMA) as file:
         return Responses(
-            frequencies=file["frequencies"][...], record=json.loads(file["record"][()]),
+            frequencies=file["frequencies"][...], record=file.table("record"),
             input_names=tuple(texts(file["input_names"])), output_names=tuple(texts(file["output_names"])),
             **{key: file[key][...] for key in ARRAYS if key in file},
         )  # fmt: skip

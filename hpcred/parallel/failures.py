@@ -28,6 +28,7 @@ GRACE = 4.0  # seconds that a failed rank waits for the others
 
 FINE, FAILED, ELSEWHERE = 0, 1, 2  # what a rank says at the end of a block; from ELSEWHERE on: where it fails
 OFF = ("", "0", "no", "off", "false")  # of HPCRED_TRACEBACK in the environment
+LONG_WORD, LONGEST = re.compile(r"\S{1000,}"), 10_000  # letters of words and of messages
 IN_HDF5 = re.compile(r"errno = (\d+)")
 OUT_OF_MEMORY = 55  # of PETSc
 ENDING = 1  # tag of the message to rank 0 by which a rank that ends the job says that it has spoken
@@ -38,10 +39,19 @@ _unheard: list = []
 _private: list = []  # duplicates of communicators, for messages of this module only
 
 
+def shortened(text: str) -> str:
+    """A message without the middle of words, and of a text, that are longer than anybody reads."""
+    text = LONG_WORD.sub(lambda word: f"{word[0][:200]}...{word[0][-40:]}", text)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1000]} ... {text[-1000:]}"
+
+
 class HpcredError(Exception):
     """Base of the errors whose text is meant for the user; `exit_status` is that of the command line."""
 
     exit_status = 1
+
+    def __str__(self):
+        return shortened(super().__str__())
 
 
 class InputError(HpcredError, ValueError):

@@ -84,7 +84,7 @@ def response(path, comm) -> dict:
 def simulation(path, comm) -> dict:
     """Describe a file of a simulation. Raises InputError."""
     with reading(path, motion_file.FORMAT, motion_file.VERSION, motion_file.SCHEMA) as file:
-        record = json.loads(file["provenance"][()])
+        record = file.table("provenance")
         report = {
             "format": "hpcred simulation",
             "times": file["t"].shape[0],
@@ -103,7 +103,7 @@ def simulation(path, comm) -> dict:
 def recovery(path, comm) -> dict:
     """Describe a file of recovered motion. Raises InputError."""
     with reading(path, recovered_file.FORMAT, recovered_file.VERSION, recovered_file.SCHEMA) as file:
-        record = json.loads(file["record"][()])
+        record = file.table("record")
         report = {
             "format": "hpcred recovered motion",
             "times": file["t"].shape[0],

@@ -68,8 +68,8 @@ def _state(run, content):
             continue
         try:
             with reading(path, FORMAT, VERSION) as file:
-                record = json.loads(file["record"][()]) or {}
-        except (InputError, OSError, KeyError, ValueError):
+                record = file.table("record")
+        except (InputError, OSError):
             found.append(State("damaged", path))
             continue
         same = run.same_job(record.get("job"), record.get("contents"), content)
