@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..parallel.failures import InputError, agreed, unfinished
-from .locks import HOST, left_by_the_dead, lock, lock_name, temporary_name
+from .locks import HOST, left_by_the_dead, lock, lock_name, locks_given_back, temporary_name
 from .outputs import check_kept, is_of_another_user
 from .system_errors import reading_from, writing_to
 from .together import Waiting, take, together
@@ -43,7 +43,8 @@ def folder_for(folder, comm, called: str = ""):
                 said = getattr(error, "strerror", None) or str(error)
                 raise InputError(f"{called}{name}: cannot be created ({said}); choose another") from error
     try:
-        yield
+        with locks_given_back():  # whose files are in the folder
+            yield
     except BaseException:
         _remove_empty(made)
         raise

@@ -30,6 +30,7 @@ from ..simulation.joints import AXES
 from ..simulation.simulation import Motion
 from .checked import Array
 from .hdf5 import reading, writing
+from .names import FileNames
 
 FORMAT = "hpcred-simulation"
 VERSION = 1
@@ -107,8 +108,9 @@ def write_motion_csv(path, motion: Motion):
         for j, name in enumerate(motion.node_names):
             if kind == "displacement" or motion.node_rotates[j]:
                 columns |= {f"{kind}_{name}_{a}": values[:, j, i] for i, a in enumerate(AXES)}
+    once = FileNames()
     for name, values in zip(motion.output_names, motion.outputs.T, strict=True):
-        columns["output_" + re.sub(r"[\s:,]", "_", name)] = values
+        columns[once.of_column("output_" + re.sub(r"[\s:,]", "_", name))] = values
     for kind, names in (("force", motion.constraint_names), ("moment", motion.moment_names)):
         values = getattr(motion, f"constraint_{kind}")
         columns |= {f"constraint_{kind}_{name.replace(':', '_')}": values[:, i] for i, name in enumerate(names)}

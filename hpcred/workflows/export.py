@@ -24,7 +24,7 @@ from ..parallel.plugins import blamed
 from ..reduction.parametric.accuracy import in_words
 from ..reduction.reduced_model import ReducedModel
 from ..settings.toml_file import override
-from ..writers.base import ExportSource
+from ..writers.base import OF_NAMES, ExportSource
 from ..writers.registry import WRITERS
 from .workflow import workflow
 
@@ -112,7 +112,8 @@ def export_result(
         for name in kinds:  # before the file that takes them
             with atomic_output(name, comm, told) as other, agreed(comm):
                 if comm.rank == 0:
-                    other.write_bytes(beside[name] if isinstance(beside[name], bytes) else beside[name].encode())
+                    text = beside[name]
+                    other.write_bytes(text if isinstance(text, bytes) else text.encode(errors=OF_NAMES))
     if existed and progress is not None:  # said at the end: what cannot be written replaces nothing
         progress.tell(f"{path} existed and was replaced")
     return {"output": str(path), "format": kind, **report}

@@ -67,9 +67,10 @@ def report_file(
                 for sheet in sheets:
                     _take_body(sheet, modes, MOST_POINTS // len(sheets))
                 text = render_page(*page_of(sheets, chosen, full))
-                temporary.write_text(text, encoding="utf-8", errors="backslashreplace")  # names of files in other bytes
+                temporary.write_text(text, encoding="utf-8", errors="backslashreplace")  # of names in other bytes
                 notes = list(dict.fromkeys(note for sheet in sheets for note in sheet.notes))
-                report = {"output": str(output), "megabytes": temporary.stat().st_size / 1e6, "notes": notes, "files": []}
+                size = temporary.stat().st_size / 1e6
+                report = {"output": str(output), "megabytes": size, "notes": notes, "files": []}
                 for kind, folder in (("png", png), ("svg", svg)):
                     report["files"] += draw_files(folder, kind, sheets, chosen) if folder is not None else []
                 if csv is not None:

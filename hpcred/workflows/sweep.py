@@ -28,7 +28,7 @@ from ..parallel.progress import MINUTE, Progress, in_time
 from ..parallel.stopping import Stopped
 from ..settings.job_file import plain
 from ..settings.sweep_file import Sweep, SweepRun, read_sweep
-from .children import HPCRED, Child, run_all
+from .children import HPCRED, Child, check_log, run_all
 from .shared_basis import job_of_ranges
 
 SELF = MPI.COMM_SELF
@@ -114,6 +114,7 @@ def _run(sweep, chosen, left, before, skipped, at_once, progress) -> dict:
     for run in left:
         for path in (run.output, run.beside(".not-reached.h5")):
             check_kept(path)
+        check_log(run.beside(".log"))
     for run in left:
         if before[run.name].file is not None:
             progress.say(f"{before[run.name].file}: {before[run.name].word}, made again")
