@@ -238,9 +238,9 @@ def atomic_output(path, comm, kind=None):
     left, waits = {temporary, lock_name(path)}, False
     with agreed(comm):
         if comm.rank == 0:
-            lock(path, name)
             if os.path.exists(path) and os.path.getsize(path):
                 check_kept(name)
+            lock(path, name)
     unfinished.update(left)
     try:
         with agreed(comm), writing_to(name, temporary):

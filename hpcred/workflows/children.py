@@ -167,7 +167,7 @@ def check_log(path):
         with open_input(path) as file:
             start = file.read(len(LOG))
         if start not in (b"", LOG.encode()):
-            raise InputError(f"output {path}: found a file that is no log of a sweep; move it, or choose another output")
+            raise InputError(f"output {path}: found a file that is no log of a sweep; move it or choose another output")
 
 
 def _ending_with_parent():

@@ -138,6 +138,9 @@ def test_places_for_what_has_no_room(tmp_path, monkeypatch, comm):
     monkeypatch.delenv("HPCRED_RESCUE_DIR", raising=False)
     (tmp_path / "r.h5").touch()
     assert next(rescue_places("r.h5")) == tmp_path / "r-1.h5"
+    assert not (tmp_path / "r-1.h5").exists()
+    (tmp_path / "r-1.h5").symlink_to(tmp_path / "victim")  # laid by others
+    assert next(rescue_places("r.h5")) == tmp_path / "r-2.h5"
     tried = []
 
     def write(path):
