@@ -149,11 +149,8 @@ def _start(child, environment):
     with writing_to(child.log):
         check_log(child.log)
         begin(child.log)
-        log = open(child.log, "ab")  # noqa: SIM115; of another sweep in this folder nothing is written over
-    with log:
-        with writing_to(child.log):
-            log.write(f"{LOG}\n".encode())
-            log.flush()
+        child.log.write_text(f"{LOG}\n", encoding="utf-8")
+    with open(child.log, "ab") as log:  # of another sweep in this folder nothing is written over
         child.process = subprocess.Popen(
             [*_ending_with_parent(), *child.command], stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
             env=environment, start_new_session=True,

@@ -117,7 +117,8 @@ def test_keep_leaves_folders_and_files(tmp_path, comm):
 
 def test_what_killed_runs_left_goes_but_for_files_of_others(tmp_path, comm):
     left = [temporary_name(tmp_path / "out", GONE), Path(f"{temporary_name(tmp_path / 'out', GONE)}.old"),
-            temporary_name(tmp_path / "out", GONE, "elsewhere"), temporary_name(tmp_path / "out", os.getppid())]  # fmt: skip
+            temporary_name(tmp_path / "out", GONE, "elsewhere"),
+            temporary_name(tmp_path / "out", os.getppid())]  # fmt: skip
     for path in left:
         path.mkdir()
         (path / "a.own").touch()
