@@ -119,7 +119,7 @@ def test_modules_of_the_folder_of_submission_are_not_run(linkage_folder, kind):
                                 SWEEP="sweep.toml", PBS_O_WORKDIR=".", HPCRED_PYTHON=sys.executable),
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
-    assert Path("sweep/a.h5").exists() and not Path("ran").exists()
+    assert Path("sweep/order-a.h5").exists() and not Path("ran").exists()
 
 
 def test_scripts_run_python_safely():
@@ -129,24 +129,24 @@ def test_scripts_run_python_safely():
         assert all('"$python" $safely -m hpcred' in line for line in lines), script
 
 
-@pytest.mark.parametrize("name", ["sweep/.a.h5.lock", "sweep/a.h5", "sweep/.a.log.lock", "sweep/a.log", "sweep/a.toml"])
+@pytest.mark.parametrize("name", [".order-a.h5.lock", "order-a.h5", ".order-a.log.lock", "order-a.log", "order-a.toml"])
 def test_a_pipe_laid_in_the_folder_of_a_sweep_is_not_waited_for(linkage_folder, name):
     Path("sweep.toml").write_text(SWEEP.format(name="a"))
     Path("sweep").mkdir()
-    os.mkfifo(name)
+    os.mkfifo(Path("sweep", name))
     done = subprocess.run([sys.executable, "-m", "hpcred", "sweep", "sweep.toml"], capture_output=True, text=True,
                           timeout=60, env=mpi_environment())  # fmt: skip
-    assert "pipe or a device" in done.stderr + done.stdout if name != "sweep/a.log" else done.returncode == 0
+    assert "pipe or a device" in done.stderr + done.stdout if name != "order-a.log" else done.returncode == 0
     assert "internal error" not in done.stderr
 
 
 def test_logs_of_a_sweep_replace_no_other_file(linkage_folder, capsys):
     Path("sweep.toml").write_text(SWEEP.format(name="a"))
     Path("sweep").mkdir()
-    Path("sweep/a.log").write_text("diary\n")
+    Path("sweep/order-a.log").write_text("diary\n")
     assert run(["sweep", "sweep.toml"]) == 2
-    assert "sweep/a.log: found a file that is no log of a sweep" in capsys.readouterr().err
-    assert Path("sweep/a.log").read_text() == "diary\n"
+    assert "sweep/order-a.log: found a file that is no log of a sweep" in capsys.readouterr().err
+    assert Path("sweep/order-a.log").read_text() == "diary\n"
 
 
 def test_a_sweep_that_fails_leaves_no_empty_folder(linkage_folder, monkeypatch):
@@ -189,7 +189,7 @@ def test_names_in_other_bytes_than_utf_8(linkage_folder, capsys):
     assert len(said) < 400
     assert run(["reduce", "job.toml"]) == 0
     os.rename("result.h5", "r\udcff.h5")
-    assert run(["report", "r\udcff.h5", "-o", "p\udcff.html", "--csv", "t"]) == 0
+    assert run(["--quiet", "report", "r\udcff.h5", "-o", "p\udcff.html", "--csv", "t"]) == 0
     assert "r\\xff" in Path("p\udcff.html").read_text(encoding="utf-8")
     assert Path("t/frequencies_r_xff.csv").exists()
 

@@ -47,7 +47,7 @@ def is_broken(path) -> bool:
         file.seek(size - TAIL.size)
         length, crc, mark = TAIL.unpack(file.read())
         if mark != MARK or length > size - TAIL.size:
-            return False
+            return mark == MARK
         file.seek(size - TAIL.size - length)
         text = file.read(length)
     if zlib.crc32(text) != crc:

@@ -238,8 +238,9 @@ def _beside_others(progress, done, output, begin=lambda child: None):
             try:
                 lock(child.log)  # several that begin it at once would write it together
             except InputError as error:
-                if UNDER_WAY in str(error):
-                    holder = holder_of(child.log) or "another process"
+                if UNDER_WAY not in str(error):
+                    raise
+                holder = holder_of(child.log) or "another process"
         if holder is None:
             if done(child):
                 unlock(child.log)
