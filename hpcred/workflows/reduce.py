@@ -68,18 +68,18 @@ def reduce_job(
     startup.start(preferred=job.preferred_scalar, low_rank=job.low_rank is not None)
     if job.solver.kind != "multigrid":
         job.factoring.package.check_build(comm)
+    with folder_for(job.store, comm, "store ") if job.store is not None else nullcontext():
+        return _reduced(job, basis, reads, comm, progress)
+
+
+def _reduced(job, basis, reads, comm, progress) -> Reduced:
+    """Reduce a job, and write its result and report. Collective."""
+    store = PointStore(job.store, comm) if job.store is not None else None
     check_outputs({job.output: hdf5_kind(FORMAT)}, comm, [*reads, *job.files], progress=progress)
     if job.search is not None and job.unreached == "mark":
         check_outputs({_not_reached(job.output): hdf5_kind(FORMAT)}, comm, [*reads, *job.files])
     if job.report:
         check_outputs({_report_of(job.output): HTML}, comm, [*reads, *job.files])
-    with folder_for(job.store, comm, "store ") if job.store is not None else nullcontext():
-        return _reduced(job, basis, comm, progress)
-
-
-def _reduced(job, basis, comm, progress) -> Reduced:
-    """Reduce a job, and write its result and report. Collective."""
-    store = PointStore(job.store, comm) if job.store is not None else None
     with progress.stage("read", str(job.model)):
         model = model_of_job(job, comm)
     with model, at_reference(model) as reference:
