@@ -4,9 +4,11 @@ import io
 import json
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 import zipfile
+import zlib
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -19,7 +21,13 @@ from launch import mpi_environment
 
 import hpcred as package
 from hpcred.cli.main import run
+from hpcred.files import response_file
+from hpcred.files.hdf5 import writing
 from hpcred.files.locks import lock_name, temporary_name
+from hpcred.files.seal import MARK, TAIL
+from hpcred.parallel.failures import ComputationError
+from hpcred.parallel.petsc import MPI
+from hpcred.workflows import sweep
 
 HOSTILE = "</script><script>document.title='ran'</script><img src=x onerror=alert(1)>\"'${1}{{7*7}}"
 SWEEP = 'job = "job.toml"\n[[vary]]\nkey = "basis.0.order"\nvalues = [0]\nnames = ["{name}"]\n[launch]\nlauncher = ""\n'
@@ -91,6 +99,141 @@ def test_names_are_words_in_a_batch_script(linkage_folder, kind):
     assert done.returncode == 0, done.stderr
     assert len(list(Path("results").glob("*.h5"))) == 1 and Path(f"store {name}").is_dir()
     assert not list(Path().rglob("ran"))
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 has no safe path")
+@pytest.mark.parametrize("kind", ["slurm", "pbs", "jobs/sweep.sh", "jobs/sweep.slurm", "jobs/sweep.pbs", "children"])
+def test_modules_of_the_folder_of_submission_are_not_run(linkage_folder, kind):
+    Path("numpy.py").write_text("open('ran', 'w')")
+    Path("sweep.toml").write_text(SWEEP.format(name="a"))
+    if kind == "children":
+        assert run(["sweep", "sweep.toml"]) == 0
+    else:
+        script = Path(__file__).parents[1] / kind
+        if "/" not in kind:
+            assert run(["sweep", "sweep.toml", f"--{kind}"]) == 0
+            (script,) = Path("sweep").glob(f"*.{kind}")
+        done = subprocess.run(
+            ["bash", str(script), "sweep.toml"], capture_output=True, text=True, timeout=200,
+            env=mpi_environment(SLURM_ARRAY_TASK_ID="1", PBS_ARRAY_INDEX="1", SLURM_ARRAY_TASK_COUNT="1", SHARES="1",
+                                SWEEP="sweep.toml", PBS_O_WORKDIR=".", HPCRED_PYTHON=sys.executable),
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    assert Path("sweep/order-a.h5").exists() and not Path("ran").exists()
+
+
+def test_scripts_run_python_safely():
+    """Those that are too long to be run here as well."""
+    for script in (Path(__file__).parents[1] / "jobs").iterdir():
+        lines = [line for line in script.read_text().splitlines() if "-m hpcred" in line]
+        assert all('"$python" $safely -m hpcred' in line for line in lines), script
+
+
+@pytest.mark.parametrize("name", [".order-a.h5.lock", "order-a.h5", ".order-a.log.lock", "order-a.log", "order-a.toml"])
+def test_a_pipe_laid_in_the_folder_of_a_sweep_is_not_waited_for(linkage_folder, name):
+    Path("sweep.toml").write_text(SWEEP.format(name="a"))
+    Path("sweep").mkdir()
+    os.mkfifo(Path("sweep", name))
+    done = subprocess.run([sys.executable, "-m", "hpcred", "sweep", "sweep.toml"], capture_output=True, text=True,
+                          timeout=60, env=mpi_environment())  # fmt: skip
+    assert "pipe or a device" in done.stderr + done.stdout if name != "order-a.log" else done.returncode == 0
+    assert "internal error" not in done.stderr
+
+
+def test_logs_of_a_sweep_replace_no_other_file(linkage_folder, capsys):
+    Path("sweep.toml").write_text(SWEEP.format(name="a"))
+    Path("sweep").mkdir()
+    Path("sweep/order-a.log").write_text("diary\n")
+    assert run(["sweep", "sweep.toml"]) == 2
+    assert "sweep/order-a.log: found a file that is no log of a sweep" in capsys.readouterr().err
+    assert Path("sweep/order-a.log").read_text() == "diary\n"
+
+
+def test_a_sweep_that_fails_leaves_no_empty_folder(linkage_folder, monkeypatch):
+    def refused(_):
+        raise ComputationError("no")
+
+    Path("sweep.toml").write_text('output = "deep/sweep"\n' + SWEEP.format(name="a"))
+    monkeypatch.setattr(sweep, "check_log", refused)
+    assert run(["sweep", "sweep.toml"]) == 1
+    assert not Path("deep").exists()
+
+
+def test_names_that_collapse_make_two_tables(linkage_folder):
+    Path("job.toml").write_text(MODES_JOB)
+    assert run(["reduce", "job.toml"]) == 0
+    for name in ("a b.h5", "a_b.h5", "A_b.h5", "measured_a b.h5"):
+        shutil.copy("result.h5", name)
+    assert run(["report", "a b.h5", "a_b.h5", "A_b.h5", "-o", "r.html", "--csv", "tables", "--json", "r.json"]) == 0
+    files = json.loads(Path("r.json").read_text())["files"]
+    assert len({name.lower() for name in files}) == len(files)
+    assert sorted(files) == sorted(map(str, Path("tables").iterdir()))
+    assert sum(Path(name).name.startswith("frequencies_") for name in files) == 3
+
+
+def test_an_error_leaves_no_part_of_a_report(linkage_folder, monkeypatch):
+    """Nor of a Campbell diagram: outputs of a command appear together."""
+    Path("job.toml").write_text(MODES_JOB)
+    assert run(["reduce", "job.toml"]) == 0
+    before = sorted(Path().rglob("*"))
+    monkeypatch.setattr("hpcred.workflows.report_files.write_responses", lambda *_: 1 / 0)
+    assert run(["report", "result.h5", "-o", "r.html", "--csv", "new/tables"]) == 1
+    assert sorted(Path().rglob("*")) == before
+
+
+def test_names_in_other_bytes_than_utf_8(linkage_folder, capsys):
+    Path("job.toml").write_text(MODES_JOB)
+    assert run(["reduce", "job.toml", "--set", "output=r\udcff.h5"]) == 2
+    said = capsys.readouterr().err
+    assert "output: found 'r\\udcff.h5', with letters that names of files do not have in this locale" in said
+    assert len(said) < 400
+    assert run(["reduce", "job.toml"]) == 0
+    os.rename("result.h5", "r\udcff.h5")
+    assert run(["--quiet", "report", "r\udcff.h5", "-o", "p\udcff.html", "--csv", "t"]) == 0
+    assert "r\\xff" in Path("p\udcff.html").read_text(encoding="utf-8")
+    assert Path("t/frequencies_r_xff.csv").exists()
+
+
+def test_nested_json_is_damage(linkage_folder, capsys):
+    """In a seal, and in the record of a file with the right checksums."""
+    deep = b"[" * 200_000 + b"]" * 200_000
+    with open("model.h5", "ab") as file:
+        file.write(deep + TAIL.pack(len(deep), zlib.crc32(deep), MARK))
+    with writing("f.h5", MPI.COMM_SELF) as file:
+        for key, value in (("format", response_file.FORMAT), ("version", response_file.VERSION)):
+            file.attribute(key, value)
+        file.small("frequencies", np.ones(1))
+        file.small("input_names", ["a"])
+        file.small("output_names", ["a"])
+        file.small("record", deep.decode())
+    for name in ("model.h5", "f.h5"):
+        assert run(["info", name]) == 2
+        said = capsys.readouterr().err
+        assert f"{name}: " in said and "the file is damaged" in said, name
+
+
+def test_a_result_of_another_user_in_a_sticky_folder_is_refused_at_once(linkage_folder, monkeypatch, capsys):
+    Path("shared").mkdir()
+    Path("shared").chmod(0o1777)
+    Path("shared/result.h5").touch()
+    os.chmod("shared/result.h5", 0o666)
+    for path, owner in (("shared", 4321), ("shared/result.h5", 4321)):
+        os.chown(path, owner, owner) if os.geteuid() == 0 else pytest.skip("needs root")
+    monkeypatch.setattr(os, "geteuid", lambda: 1234)
+    assert run(["reduce", "job.toml", "--set", "output=shared/result.h5"]) == 2
+    assert "belongs to another user" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("make", [
+    lambda name: f'model = "{name}"\n[[basis]]\nkind = "modes"\ncount = 1\n',
+    lambda name: f'model = "model.h5"\n[[basis]]\nkind = "{name}"\ncount = 1\n',
+    lambda name: f'model = "model.h5"\n{name} = 1\n[[basis]]\nkind = "modes"\ncount = 1\n',
+    lambda name: f'model = "model.h5"\ninputs = ["{name}"]\n[[basis]]\nkind = "modes"\ncount = 1\n',
+])  # fmt: skip
+def test_a_name_of_a_million_letters_does_not_come_back(linkage_folder, capsys, make):
+    Path("job.toml").write_text(make("a" * 10**6))
+    assert run(["reduce", "job.toml"]) == 2
+    assert len(capsys.readouterr().err) < 5000
 
 
 def test_pickles_are_not_loaded(linkage_folder, capsys):

@@ -72,12 +72,12 @@ def _stdout(comm, arguments):
     Session.out = sys.stdout
     if printed and sys.stdout is sys.__stdout__:
         sys.stdout.flush()
-        Session.out = os.fdopen(os.dup(1), "w")
+        Session.out = os.fdopen(os.dup(1), "w", errors="backslashreplace")
         os.dup2(2, 1)  # what PETSc and MUMPS print
     if comm.rank:
-        Session.out = open(os.devnull, "w")  # noqa: SIM115
+        Session.out = open(os.devnull, "w", errors="replace")  # noqa: SIM115
     if comm.rank or Session.quiet:
-        return open(os.devnull, "w")  # noqa: SIM115
+        return open(os.devnull, "w", errors="replace")  # noqa: SIM115
     return sys.stderr if printed else sys.stdout
 
 

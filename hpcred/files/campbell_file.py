@@ -13,7 +13,6 @@ Hz, the damping ratio and the orbit (f_1_hz, damping_1, orbit_1, ...).
 
 from __future__ import annotations
 
-import json
 from dataclasses import fields
 
 import numpy as np
@@ -132,5 +131,5 @@ def read_campbell(path) -> Campbell:
             highest=file.attribute("highest", float), orders=tuple(file["orders"][...].tolist()),
             **{key: file[key][...] for key in ("values", "poles", "orbits")}, critical_speeds=critical, full=full,
             stability_limit=limit[0], unstable_frequency=limit[1],
-            warnings=tuple(json.loads(file["record"][()])["warnings"]),
+            warnings=tuple(file.table("record").get("warnings", ())),
         )  # fmt: skip

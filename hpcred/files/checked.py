@@ -111,6 +111,18 @@ class CheckedFile:
         except (TypeError, ValueError, OverflowError) as error:
             raise damaged(self.path, f"the attribute {name} is missing or no {kind.__name__}: {value!r}") from error
 
+    def table(self, name) -> dict:
+        """The table that a text holds as JSON. Raises InputError."""
+        try:
+            found = json.loads(self[name][()])
+        except InputError:
+            raise
+        except (ValueError, TypeError, RecursionError) as error:
+            raise damaged(self.path, f"/{name} is no table in JSON ({type(error).__name__})") from error
+        if not isinstance(found, dict):
+            raise damaged(self.path, f"/{name} is no table in JSON, but {type(found).__name__}")
+        return found
+
     def verify(self, first=lambda rows: (0, rows)) -> int:
         """Check all datasets, of each the rows that `first` names (low, high); returns their number."""
         for item in self.datasets.values():

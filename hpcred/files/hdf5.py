@@ -14,11 +14,12 @@ from ..parallel.failures import ComputationError, InputError, Owned, agreed, com
 from .checked import CHECKSUM, SUMS, CheckedFile, damaged, header_checksum
 from .checksums import sums_of, sums_of_parts, tag_of
 from .locks import HOST, begin, lock, lock_name, temporary_name, unlock
-from .outputs import HDF5, check_kind, check_writable, kind_of
+from .outputs import HDF5, check_kept, check_kind, check_writable, kind_of
 from .room import NotWritten, Room
 from .seal import is_broken, seal
 from .system_errors import writing_to
 from .text import absent, first_bytes
+from .together import Waiting, take
 
 WRITTEN_BY = {"hpcred-model": ", which hpcred convert writes", "hpcred-result": ", which hpcred reduce writes"}
 
@@ -226,15 +227,19 @@ def place_of(file, name, shape, dtype) -> int | None:
 def atomic_output(path, comm, kind=None):
     """A temporary name beside `path` that becomes `path` when the block ends well; links are followed. Collective.
 
+    In a block of `together` it does so at the end of that one.
+
     Raises InputError before the block where the file cannot be written, and after it where what is there is of another
     kind than what was written, or than a `kind` of outputs.Told.
     """
     check_writable(path, comm)
     name, path = path, Path(os.path.realpath(path))
     temporary = temporary_name(path, *comm.bcast((os.getpid(), HOST)))
-    left = {temporary, lock_name(path)}
+    left, waits = {temporary, lock_name(path)}, False
     with agreed(comm):
         if comm.rank == 0:
+            if os.path.exists(path) and os.path.getsize(path):
+                check_kept(name)
             lock(path, name)
     unfinished.update(left)
     try:
@@ -251,6 +256,10 @@ def atomic_output(path, comm, kind=None):
                 with open(temporary, "r+b") as file:
                     os.ftruncate(file.fileno(), os.path.getsize(temporary))  # gives back room that was not needed
                     os.fsync(file.fileno())
+        waits = take(Waiting(path, temporary, lambda: os.replace(temporary, path),
+                             drop=lambda: temporary.unlink(missing_ok=True)))  # fmt: skip
+        with agreed(comm), writing_to(name, temporary):
+            if comm.rank == 0 and not waits:
                 os.replace(temporary, path)
     except BaseException as error:
         settle(comm, error)  # where this rank fails alone the job ends here, while it still knows what must not stay
@@ -259,8 +268,9 @@ def atomic_output(path, comm, kind=None):
             raise common_to(comm, first) from error
         raise
     finally:
-        unfinished.difference_update(left)
-        if comm.rank == 0:
+        if not waits:
+            unfinished.difference_update(left)
+        if comm.rank == 0 and not waits:
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
             unlock(path)

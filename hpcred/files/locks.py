@@ -8,9 +8,13 @@ Functions are for one rank.
 from __future__ import annotations
 
 import atexit
+import errno
 import fcntl
+import hashlib
 import os
+import re
 import socket
+import stat
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -19,7 +23,19 @@ import psutil
 from ..parallel.failures import InputError, unfinished
 
 UNDER_WAY = "another run is about to write it"  # in the refusal of a second run
-HOST = socket.gethostname().replace("/", "-")[:40]
+LOCK = re.compile(rb"(process \d+ on [^\n]*)?")  # all of a lock: another file is not one, whatever its name
+LONGEST_LOCK = 300  # bytes
+
+
+def host_in_names(host: str) -> str:
+    """A host as a part of names of files: different hosts have different ones."""
+    if re.fullmatch(r"[A-Za-z0-9._-]{1,40}", host):
+        return host
+    digest = hashlib.blake2b(os.fsencode(host), digest_size=6).hexdigest()
+    return f"{re.sub('[^A-Za-z0-9._-]', '-', host)[:27]}-{digest}"
+
+
+HOST = host_in_names(socket.gethostname())
 
 _held: dict[Path, int] = {}  # open files by the names of locks
 
@@ -27,6 +43,16 @@ _held: dict[Path, int] = {}  # open files by the names of locks
 def temporary_name(path, process: int | None = None, host: str = HOST) -> Path:
     """The name under which a process writes an output."""
     return path.with_name(f"{path.name}.tmp-{host}-{process or os.getpid()}")
+
+
+def open_plain(path, flags: int) -> int:
+    """Open a file by a name that others can make, in a shared folder: a link is not followed, and a pipe not waited
+    for. Raises OSError."""
+    file = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+    if not stat.S_ISREG(os.fstat(file).st_mode):
+        os.close(file)
+        raise OSError(errno.ENXIO, "this is a pipe or a device")
+    return file
 
 
 def begin(path: Path):
@@ -50,16 +76,22 @@ def lock(path: Path, called=None):
         return
     while True:
         try:
-            file = os.open(name, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)  # a link may be laid by others
+            file = open_plain(name, os.O_RDWR | os.O_CREAT)
         except OSError as error:
             raise InputError(
                 f"output {called or path}: its lock {name} cannot be opened ({error.strerror}); remove it when no run "
                 "is under way, or choose another name"
             ) from error
+        if _words(file) is None:
+            os.close(file)
+            raise InputError(
+                f"output {called or path}: found a file {name}, which no run wrote and which has the name of its lock; "
+                "move it, or choose another name"
+            )
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            who = os.read(file, 200).decode(errors="replace").strip()
+            who = _words(file)
             os.close(file)
             raise InputError(
                 f"output {called or path}: {UNDER_WAY}{f' ({who})' if who else ''}; wait for its end, or choose "
@@ -70,32 +102,45 @@ def lock(path: Path, called=None):
             with suppress(OSError):
                 name.unlink()
             return
-        with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(file), os.stat(name)):
-                break
+        if _is_file(name, file):
+            break
         os.close(file)  # the run that had it has ended meanwhile, and removed its name
     unfinished.add(name)
     with suppress(OSError):  # words for the user, where there is room for them
         os.ftruncate(file, 0)
         os.write(file, f"process {os.getpid()} on {HOST}".encode())
     _held[name] = file
-    for other in path.parent.glob(glob_of(path)):
-        process = other.name.rpartition("-")[2].partition(".")[0]
-        if process.isdigit() and not psutil.pid_exists(int(process)):
-            with suppress(OSError):
-                other.unlink()
+    for other in left_by_the_dead(path):
+        with suppress(OSError):
+            other.unlink()
+
+
+def _words(file: int) -> str | None:
+    """What an open lock says, nothing perhaps; None where no run wrote it, or where it has other names."""
+    found = os.pread(file, LONGEST_LOCK + 1, 0)
+    if not LOCK.fullmatch(found) or len(found) > LONGEST_LOCK or os.fstat(file).st_nlink > 1:
+        return None
+    return found.decode(errors="replace")
+
+
+def _is_file(name, file: int) -> bool:
+    """Whether an open file has this name."""
+    try:
+        return os.path.samestat(os.fstat(file), os.lstat(name))
+    except FileNotFoundError:
+        return False
 
 
 def holder_of(path: Path) -> str | None:
     """Which process of another run has the lock of an output, in words; None where no run has it."""
     try:
-        file = os.open(lock_name(path), os.O_RDONLY)
+        file = open_plain(lock_name(path), os.O_RDONLY)
     except OSError:
         return None
     try:
         fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
-        return os.read(file, 200).decode(errors="replace").strip() or "another process"
+        return _words(file) or "another process"
     except OSError:  # a file system without locks
         pass
     finally:
@@ -103,10 +148,15 @@ def holder_of(path: Path) -> str | None:
     return None
 
 
-def glob_of(path) -> str:
-    """A pattern for what processes of this machine write of an output, and files beside that."""
-    plain = "".join(f"[{sign}]" if sign in "*?[" else sign for sign in path.name)
-    return f"{plain}.tmp-{HOST}-*"
+def left_by_the_dead(path: Path) -> list[Path]:
+    """What dead processes of this machine left of an output: their temporary names, and those with an ending more."""
+    pattern = re.compile(re.escape(f"{path.name}.tmp-{HOST}-") + r"(\d{1,9})(\.[a-z0-9]+)?")
+    try:
+        names = os.listdir(path.parent)
+    except OSError:
+        return []
+    found = [match for match in map(pattern.fullmatch, names) if match]
+    return [path.with_name(match[0]) for match in found if not psutil.pid_exists(int(match[1]))]
 
 
 def unlock(path: Path):
@@ -118,7 +168,8 @@ def _give_back(name):
     file = _held.pop(name, None)
     if file is not None:
         with suppress(OSError):
-            name.unlink()
+            if _is_file(name, file):
+                name.unlink()
         unfinished.discard(name)
         os.close(file)
 

@@ -19,7 +19,6 @@ some, outputs, forces, moments and energies.
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -31,6 +30,7 @@ from ..simulation.joints import AXES
 from ..simulation.simulation import Motion
 from .checked import Array
 from .hdf5 import reading, writing
+from .names import FileNames
 
 FORMAT = "hpcred-simulation"
 VERSION = 1
@@ -95,7 +95,7 @@ def read_coordinates(path) -> Coordinates:
     """Read the elastic coordinates and the motion of the frame of simulation.h5, on this rank. Raises InputError."""
     with reading(path, FORMAT, VERSION, SCHEMA) as file:
         found = SimpleNamespace(**{key: file[key][...] for key in ("t", "elastic", "elastic_velocity", *FRAME)})
-        return replace(coordinates_of(found), basis=json.loads(file["provenance"][()]).get("basis", ""))
+        return replace(coordinates_of(found), basis=file.table("provenance").get("basis", ""))
 
 
 def write_motion_csv(path, motion: Motion):
@@ -108,8 +108,9 @@ def write_motion_csv(path, motion: Motion):
         for j, name in enumerate(motion.node_names):
             if kind == "displacement" or motion.node_rotates[j]:
                 columns |= {f"{kind}_{name}_{a}": values[:, j, i] for i, a in enumerate(AXES)}
+    once = FileNames()
     for name, values in zip(motion.output_names, motion.outputs.T, strict=True):
-        columns["output_" + re.sub(r"[\s:,]", "_", name)] = values
+        columns[once.of_column("output_" + re.sub(r"[\s:,]", "_", name))] = values
     for kind, names in (("force", motion.constraint_names), ("moment", motion.moment_names)):
         values = getattr(motion, f"constraint_{kind}")
         columns |= {f"constraint_{kind}_{name.replace(':', '_')}": values[:, i] for i, name in enumerate(names)}

@@ -189,6 +189,9 @@ def _check_writable(path):
             raise InputError(f"output {path}: this is a pipe or a device, expected a file name")
         if not mode & 0o222 or not os.access(real, os.W_OK):
             raise InputError(f"output {path}: it is read-only; choose another name")
+        if is_of_another_user(real):
+            raise InputError(f"output {path}: it belongs to another user, and the folder {folder} lets nobody else "
+                             "replace it; choose another name")  # fmt: skip
     try:
         probe = Path(f"{temporary_name(real)}.h5")  # no name is longer
         begin(probe)
@@ -197,6 +200,13 @@ def _check_writable(path):
         raise InputError(
             f"output {path}: the folder {folder} cannot be written ({error.strerror}); choose another"
         ) from error
+
+
+def is_of_another_user(path) -> bool:
+    """Whether the system lets only another user remove what has a name: in a folder with the sticky bit, such as /tmp.
+    """
+    folder = os.stat(os.path.dirname(os.path.abspath(path)))
+    return bool(folder.st_mode & stat.S_ISVTX) and os.geteuid() not in (0, folder.st_uid, os.lstat(path).st_uid)
 
 
 def check_kind(path, kind: str | Told | None):

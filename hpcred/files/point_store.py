@@ -145,7 +145,7 @@ def about_of(file) -> dict:
     """What an open entry says of itself. Raises InputError, or ValueError where it has no checksums."""
     if not file.complete:
         raise ValueError("it has no checksums")
-    return json.loads(file["about"][()])
+    return file.table("about")
 
 
 def entries_of(folder) -> list[Path]:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,6 +22,7 @@ import numpy as np
 from ..parallel.failures import InputError, agreed
 from .checked import Array
 from .hdf5 import atomic_output, reading, texts, writing
+from .names import FileNames
 from .outputs import CSV_OF_RESPONSES, hdf5_kind
 
 FORMAT, VERSION = "hpcred-response", 1
@@ -89,16 +89,16 @@ def write_responses(path, responses: Responses, comm, polar=False):
 
 def _write_csv(path, responses, polar):
     found = [key for key in RESPONSES if getattr(responses, key) is not None]
-    columns = {"f_hz": responses.frequencies}
+    columns, once = {"f_hz": responses.frequencies}, FileNames()
     for key in found:
         values = getattr(responses, key)
         tail = "" if len(found) == 1 else f"_{key}"
         for name, i, j in responses.pairs:
-            H = values[:, i, j]
+            name, H = once.of_column(f"{name}{tail}"), values[:, i, j]
             if polar:
-                columns |= {f"abs_{name}{tail}": np.abs(H), f"deg_{name}{tail}": np.angle(H, deg=True)}
+                columns |= {f"abs_{name}": np.abs(H), f"deg_{name}": np.angle(H, deg=True)}
             else:
-                columns |= {f"re_{name}{tail}": H.real, f"im_{name}{tail}": H.imag}
+                columns |= {f"re_{name}": H.real, f"im_{name}": H.imag}
     if responses.eps is not None:
         columns["eps"] = responses.eps
     head = io.StringIO()
@@ -111,7 +111,7 @@ def read_responses(path) -> Responses:
     """Read an HDF5 file of responses, on this rank. Raises InputError."""
     with reading(path, FORMAT, VERSION, SCHEMA) as file:
         return Responses(
-            frequencies=file["frequencies"][...], record=json.loads(file["record"][()]),
+            frequencies=file["frequencies"][...], record=file.table("record"),
             input_names=tuple(texts(file["input_names"])), output_names=tuple(texts(file["output_names"])),
             **{key: file[key][...] for key in ARRAYS if key in file},
         )  # fmt: skip

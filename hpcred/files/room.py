@@ -15,7 +15,7 @@ from contextlib import suppress
 from math import inf
 from pathlib import Path
 
-from ..parallel.failures import ComputationError, HpcredError, agreed, common_to
+from ..parallel.failures import ComputationError, HpcredError, agreed
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 BASE, A_DATASET = 2**18, 2**12  # bytes of HDF5's own, in all and for each dataset
@@ -88,7 +88,7 @@ class Room:
                 raise no_room(self._name(), self._taken)
 
     def _name(self):
-        return self._path.with_name(self._path.name.partition(".tmp-")[0])
+        return self._path.with_name(self._path.name.rpartition(".tmp-")[0])
 
 
 def _allocate(path, size) -> bool:
@@ -105,28 +105,32 @@ def _allocate(path, size) -> bool:
     return free_bytes(path.parent) >= size - there
 
 
-def rescue_places(path) -> list[Path]:
-    """Other names for an output without room: in HPCRED_RESCUE_DIR, or else above the working folder and in TMPDIR."""
+def rescue_places(path):
+    """Yield other names for an output without room, each an empty file that was made for it: in HPCRED_RESCUE_DIR, or
+    else above the working folder and in TMPDIR.
+
+    Names that are taken are passed over, also by links, which others may lay there to lead to other files. Those that
+    are still empty when the next one is asked for are removed. On one rank.
+    """
     chosen = os.environ.get("HPCRED_RESCUE_DIR")
     folders = [chosen] if chosen else [os.path.dirname(os.getcwd()), tempfile.gettempdir()]
-    path, found = Path(path), []
+    path = Path(path)
     for folder in map(Path, folders):
+        names = [folder / path.name, *(folder / f"{path.stem}-{k}{path.suffix}" for k in range(1, 100))]
         with suppress(OSError):
-            names = [folder / path.name, *(folder / f"{path.stem}-{k}{path.suffix}" for k in range(1, 100))]
-            found.append(next(name for name in names if not name.exists()))
-    return found
+            place = next((name for name in names if _made(name)), None)
+            if place is not None:
+                try:
+                    yield place
+                finally:
+                    if place.stat().st_size == 0:
+                        place.unlink()
 
 
-def rescued(write, path, comm):
-    """write(path), or where that fails write(another place), and the error that says so. Collective."""
+def _made(name) -> bool:
+    """Make an empty file; whether there was none. Raises OSError."""
     try:
-        write(path)
-    except NotWritten as error:
-        for place in comm.bcast(rescue_places(path) if comm.rank == 0 else None):
-            try:
-                write(place)
-            except HpcredError:
-                continue
-            place = comm.bcast(os.path.abspath(place))
-            raise common_to(comm, type(error)(f"{error}; what was to be written is in {place}")) from error
-        raise
+        name.open("xb").close()
+    except FileExistsError:
+        return False
+    return True

@@ -47,7 +47,7 @@ def is_broken(path) -> bool:
         file.seek(size - TAIL.size)
         length, crc, mark = TAIL.unpack(file.read())
         if mark != MARK or length > size - TAIL.size:
-            return False
+            return mark == MARK
         file.seek(size - TAIL.size - length)
         text = file.read(length)
     if zlib.crc32(text) != crc:
@@ -57,7 +57,7 @@ def is_broken(path) -> bool:
         return said["end"] != size - TAIL.size - length or said["crc"] != _crc(path, said["data"], said["end"])
     except InputError:
         raise
-    except (ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError):  # OSError: for no place in a file
         return True
 
 

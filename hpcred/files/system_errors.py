@@ -6,6 +6,8 @@ cannot be read.
 
 from __future__ import annotations
 
+import os
+import stat
 from contextlib import contextmanager
 
 import numpy as np
@@ -43,9 +45,19 @@ def writing_to(path, temporary=None):
 
 @contextmanager
 def open_input(path, mode="rb", **options):
-    """As `open`, for reading. Raises InputError for all that the system refuses."""
-    with reading_from(path), open(path, mode, **options) as file:
+    """As `open`, for reading. Raises InputError for all that the system refuses, and for pipes and devices."""
+    with reading_from(path), open(path, mode, opener=_not_waiting, **options) as file:
         yield file
+
+
+def _not_waiting(path, flags) -> int:
+    """An opener that does not wait for a pipe, as `open` does until another process writes to it."""
+    file = os.open(path, flags | os.O_NONBLOCK)
+    mode = os.fstat(file).st_mode
+    if stat.S_ISREG(mode) or stat.S_ISDIR(mode):  # folders are refused by open
+        return file
+    os.close(file)
+    raise InputError(f"{path}: this is a pipe or a device, expected a file")
 
 
 def read_numbers(path, dtype, count: int, offset: int = 0) -> np.ndarray:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..parallel.failures import InputError, agreed, printable
-from .system_errors import open_input, reading_from
+from .system_errors import open_input
 
 PIECE = 2**19  # bytes of text parsed at a time: what is copied on the way stays in the cache
 LONGEST_LINE = 2**26  # bytes; a small gzip file may hold one of any length
@@ -84,8 +84,8 @@ def refuse_packed(path, what=""):
 @contextmanager
 def open_unpacked(path):
     """The file opened for reading bytes, those of the unpacked text where it is gzip."""
-    with reading_from(path), (gzip.open if is_packed(path) else open)(path, "rb") as file:
-        yield file
+    with open_input(path) as file:
+        yield gzip.GzipFile(fileobj=file) if is_packed(path) else file
 
 
 def is_cut_line(path) -> bool:

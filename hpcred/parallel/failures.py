@@ -13,6 +13,7 @@ import errno
 import os
 import pickle
 import re
+import shutil
 import sys
 import time
 import zlib
@@ -27,20 +28,30 @@ GRACE = 4.0  # seconds that a failed rank waits for the others
 
 FINE, FAILED, ELSEWHERE = 0, 1, 2  # what a rank says at the end of a block; from ELSEWHERE on: where it fails
 OFF = ("", "0", "no", "off", "false")  # of HPCRED_TRACEBACK in the environment
+LONG_WORD, LONGEST = re.compile(r"\S{1000,}"), 10_000  # letters of words and of messages
 IN_HDF5 = re.compile(r"errno = (\d+)")
 OUT_OF_MEMORY = 55  # of PETSc
 ENDING = 1  # tag of the message to rank 0 by which a rank that ends the job says that it has spoken
 
-unfinished: set = set()  # files that must not stay when the job is ended
+unfinished: set = set()  # files and folders that must not stay when the job is ended
 
 _unheard: list = []
 _private: list = []  # duplicates of communicators, for messages of this module only
+
+
+def shortened(text: str) -> str:
+    """A message without the middle of words, and of a text, that are longer than anybody reads."""
+    text = LONG_WORD.sub(lambda word: f"{word[0][:200]}...{word[0][-40:]}", text)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1000]} ... {text[-1000:]}"
 
 
 class HpcredError(Exception):
     """Base of the errors whose text is meant for the user; `exit_status` is that of the command line."""
 
     exit_status = 1
+
+    def __str__(self):
+        return shortened(super().__str__())
 
 
 class InputError(HpcredError, ValueError):
@@ -225,7 +236,10 @@ def end_job(error: BaseException):
             _say(error, f" (rank {MPI.COMM_WORLD.rank})" if MPI.COMM_WORLD.size > 1 else "")
         for path in list(unfinished):
             with suppress(OSError):
-                path.unlink(missing_ok=True)
+                if path.is_dir() and not path.is_symlink():
+                    shutil.rmtree(path, ignore_errors=True)
+                else:
+                    path.unlink(missing_ok=True)
         world = _private_of(MPI.COMM_WORLD)
         if world is not None and world.rank:
             world.Isend(bytearray(1), dest=0, tag=ENDING)

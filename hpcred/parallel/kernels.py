@@ -4,9 +4,11 @@ OpenBLAS reads OPENBLAS_CORETYPE when it is loaded, as with numpy. Therefore thi
 `import hpcred` calls `take_saved` before anything else.
 """
 
+import errno
 import json
 import os
 import re
+import stat
 import zlib
 from pathlib import Path
 
@@ -20,6 +22,7 @@ NEEDS = {
     "ARMV8": "asimd", "CortexA57": "asimd", "CortexA72": "asimd", "ThunderX2T99": "asimd", "NeoverseN1": "asimddp",
     "ARMV8SVE": "sve", "A64FX": "sve", "NeoverseV1": "sve", "NeoverseN2": "sve2",
 }  # fmt: skip
+MOST = 2**20  # letters of the file of saved kernels
 PROCESSORS = Path("/proc/cpuinfo")
 
 
@@ -64,7 +67,7 @@ def damage() -> str | None:
 def _read():
     """Saved kernels by kind of processor, and what is wrong with the file, or None."""
     try:
-        found = json.loads(place().read_text(encoding="utf-8"))
+        found = json.loads(_text(place()))
     except FileNotFoundError:
         return {}, None
     except OSError as error:
@@ -77,6 +80,15 @@ def _read():
     if (kind := processor()) in found.keys() - known.keys():
         return known, f"the file of saved kernels is damaged (found {str(found[kind])[:40]!r}, expected kernels)"
     return known, None
+
+
+def _text(path) -> str:
+    """The text of a file, which starts every command: a pipe is not waited for, nor is more read than is saved there.
+    Raises OSError, ValueError."""
+    with open(path, encoding="utf-8", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(errno.ENXIO, "it is a pipe or a device")
+        return file.read(MOST)
 
 
 def take_saved():

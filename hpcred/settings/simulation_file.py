@@ -40,7 +40,7 @@ def read_simulation(path, overrides=()) -> SimulationJob:
     path, table = Path(path), read_table(path, overrides)
     try:
         setup = parse(SimulationJob, table)
-        if Path(setup.output).suffix in (".csv", ".png"):
+        if Path(setup.output).suffix in (".csv", ".png", ".pvd"):
             raise InputError(f"output: found '{setup.output}', expected an HDF5 file such as simulation.h5")
         if Path(setup.output) == Path(setup.body):
             raise InputError(f"output: found '{setup.output}', which is the body; choose another name")

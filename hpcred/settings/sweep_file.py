@@ -373,7 +373,7 @@ def _check_outputs(runs, own, runs_come):
                 f"two runs would write {run.output}: {_changes(seen[run.name.lower()])}, and {_changes(run)}; leave "
                 "one out, or give them names"
             )
-        seen[run.name.lower()] = run
+        seen |= {run.name.lower(): run, f"{run.name.lower()}.not-reached": run}
         reads = {Path(name).absolute() for name in (*run.job.files, *own)}
         for written in (run.output, run.beside(".toml"), run.beside(".log")):
             if written.absolute() in reads:

@@ -24,6 +24,7 @@ else:
 
 CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)  # of the outermost dataclass, which hands it to those inside
 LONGEST_PATH, LONGEST_NAME = 4096, 255  # bytes, of Linux
+STRAY = re.compile("[\ud800-\udfff]")  # bytes of a command line that are no letters, as Python keeps them
 UNKNOWN = "unexpected_keyword_argument"
 
 
@@ -57,6 +58,8 @@ def parse(kind, table: dict):
     try:
         return TypeAdapter(kind).validate_json(text, strict=True)
     except ValidationError as error:
+        if (stray := _stray_text(table)) is not None:
+            raise InputError(f"{stray[0]}: {_not_in_locale(stray[1])}") from error
         # of several mistakes the deepest: of the kinds of value that a key takes, the one that was meant
         meant = (UNKNOWN, "value_error")
         details = max(error.errors(), key=lambda item: (len(item["loc"]), item["type"] in meant))
@@ -79,17 +82,32 @@ def check_file_names(**names):
     """Raise InputError for texts that are no names of files; others are left alone."""
     for key, name in names.items():
         if isinstance(name, str):
-            if not name.strip() or any(ord(sign) < 32 or 0xD800 <= ord(sign) < 0xE000 for sign in name):
+            if not name.strip() or any(ord(sign) < 32 for sign in name):
                 raise InputError(f"{key}: found {name[:40]!r}, expected the name of a file")
             try:
                 os.fsencode(name)
+                name.encode()  # no bytes of a command line that are no letters
             except UnicodeEncodeError as error:
-                raise InputError(
-                    f"{key}: found {ascii(name[:40])}, with letters that names of files do not have in this locale "
-                    f"({sys.getfilesystemencoding()}); set LC_ALL=C.UTF-8, or choose another name"
-                ) from error
+                raise InputError(f"{key}: {_not_in_locale(name)}") from error
             if len(name.encode()) > LONGEST_PATH or max(map(len, name.encode().split(b"/"))) > LONGEST_NAME:
                 raise InputError(f"{key}: found a name of {len(name)} letters, too long for a file: '{name[:40]}...'")
+
+
+def _not_in_locale(name: str) -> str:
+    return (f"found {ascii(name[:40])}, with letters that names of files do not have in this locale "
+            f"({sys.getfilesystemencoding()}); set LC_ALL=C.UTF-8, or choose another name")  # fmt: skip
+
+
+def _stray_text(value, key="") -> tuple[str, str] | None:
+    """The first text, with its key, of a table from a command line in bytes that this locale has no letters for."""
+    if isinstance(value, str):
+        return (key or "--set", value) if STRAY.search(value) else None
+    if isinstance(value, dict):
+        items = [(f"{key}.{name}" if key else name, item) for name, item in value.items()]
+        items += [(key, name) for name in value]
+    else:
+        items = [(f"{key}[{k}]", item) for k, item in enumerate(value)] if isinstance(value, list) else []
+    return next((found for name, item in items if (found := _stray_text(item, name)) is not None), None)
 
 
 _MISSING = object()

@@ -7,7 +7,6 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 from mpi4py import MPI
@@ -16,7 +15,8 @@ from ..files.hdf5 import atomic_output
 from ..parallel.declared import spelled
 from ..parallel.failures import ComputationError, InputError
 from ..settings.sweep_file import read_sweep
-from .sweep import make_folder, refuse_ranks
+from .children import HPCRED
+from .sweep import folder_of, refuse_ranks
 
 SUBMIT = {"slurm": "sbatch", "pbs": "qsub"}
 AGAIN = 10  # times that a job that was stopped is put into the queue again
@@ -50,7 +50,8 @@ PBS = """#!/bin/bash
 index=${{PBS_ARRAY_INDEX{single}}}
 """
 
-BODY = """{setup}export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 HDF5_USE_FILE_LOCKING=FALSE PYTHONUNBUFFERED=1
+BODY = """{setup}export PYTHONSAFEPATH=1  # no modules of the working folder, which may be another user's
+export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 HDF5_USE_FILE_LOCKING=FALSE PYTHONUNBUFFERED=1
 export GLIBC_TUNABLES=${{GLIBC_TUNABLES:-glibc.malloc.hugetlb=1}}  # memory in large pages, where they must be asked for
 
 # SIGTERM comes ahead of the time limit; by USR1 the runs end after the current point, which a store keeps
@@ -82,20 +83,20 @@ def write_script(path, kind: str, *, store=None, submit: bool = False, comm=None
     sweep = read_sweep(path, store)
     if submit and shutil.which(SUBMIT[kind]) is None:
         raise InputError(f"--submit: there is no {SUBMIT[kind]} on this machine")
-    make_folder(sweep)
-    script = sweep.folder / f"{sweep.path.stem}.{kind}"
-    with atomic_output(script, MPI.COMM_SELF) as temporary:
-        temporary.write_text(script_of(sweep, kind, store), encoding="utf-8")
-    command, said = [SUBMIT[kind], str(script)], None
-    if submit:
-        # Python's own environment: MPI has put into that of the process what the ranks of the job must not find
-        found = subprocess.run(
-            command, capture_output=True, text=True, stdin=subprocess.DEVNULL, env=dict(os.environ)
-        )
-        if found.returncode:
-            raise ComputationError(f"{SUBMIT[kind]} {script}: {(found.stderr or found.stdout).strip()}")
-        said = found.stdout.strip()
-    return {"script": str(script), "command": shlex.join(command), "said": said}
+    with folder_of(sweep):
+        script = sweep.folder / f"{sweep.path.stem}.{kind}"
+        with atomic_output(script, MPI.COMM_SELF) as temporary:
+            temporary.write_text(script_of(sweep, kind, store), encoding="utf-8")
+        command, said = [SUBMIT[kind], str(script)], None
+        if submit:
+            # Python's own environment: MPI has put into that of the process what the ranks of the job must not find
+            found = subprocess.run(
+                command, capture_output=True, text=True, stdin=subprocess.DEVNULL, env=dict(os.environ)
+            )
+            if found.returncode:
+                raise ComputationError(f"{SUBMIT[kind]} {script}: {(found.stderr or found.stdout).strip()}")
+            said = found.stdout.strip()
+        return {"script": str(script), "command": shlex.join(command), "said": said}
 
 
 def script_of(sweep, kind, store=None) -> str:
@@ -110,7 +111,7 @@ def script_of(sweep, kind, store=None) -> str:
         lines.insert(0, f"{directive} {'--partition=' if kind == 'slurm' else '-q '}{launch.partition}")
     setup = [f"module load {name}" for name in launch.modules] + list(launch.setup)
     setup += [f"export {name}={shlex.quote(value)}" for name, value in launch.environment.items()]
-    command = [sys.executable, "-m", "hpcred", "sweep", str(sweep.path.absolute())]
+    command = [*HPCRED, "sweep", str(sweep.path.absolute())]
     command += ["--store", str(Path(store).absolute())] if store else []
     folder, each = sweep.folder.absolute(), launch.ranks // launch.nodes
     at_once = f"%{launch.at_once}" if launch.at_once else ""

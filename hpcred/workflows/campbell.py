@@ -17,7 +17,7 @@ from ..files.hdf5 import atomic_output
 from ..files.outputs import check_outputs
 from ..files.response_file import check_response_name
 from ..files.result_file import Result, read_result
-from ..files.room import rescued
+from ..files.together import rescued, together
 from ..linalg.solvers.settings import Factoring
 from ..model.parameters import Parameter
 from ..model.rotation import unit_axis
@@ -74,7 +74,7 @@ def campbell_file(
         told = "the body is stiffened by its centrifugal forces; Coriolis forces are left out"
         diagram = replace(diagram, warnings=(*diagram.warnings, told))
     report = _report(diagram) | {"result": str(result), "output": output and str(output)}
-    with progress.stage("write"):
+    with progress.stage("write"), together(comm):
         if output is not None:
             made = {"result": str(result), "versions": versions()}
             rescued(lambda place: write_campbell(place, diagram, comm, made), output, comm)

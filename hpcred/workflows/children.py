@@ -15,8 +15,9 @@ from pathlib import Path
 import psutil
 
 from ..files.locks import begin
-from ..files.system_errors import writing_to
-from ..parallel.failures import HpcredError
+from ..files.room import DISK_FULL, free_bytes
+from ..files.system_errors import open_input, writing_to
+from ..parallel.failures import HpcredError, InputError
 from ..parallel.signals import heard_by
 from ..parallel.stopping import Stopped
 
@@ -29,13 +30,19 @@ if os.getppid() == int(sys.argv[1]):
     os.execvp(sys.argv[2], sys.argv[2:])
 """
 
+LOG = "# hpcred sweep: what a run of it prints"  # the first line of a log
+A_PAGE = 2**12  # bytes: with less no line more is printed into a file
 PATIENCE = 5.0  # seconds that a process has to end after SIGTERM, before it is killed
 LOOK = 0.05  # seconds between two looks at the processes
 UNBOUND = {  # several launchers at once would each put their ranks on the first cores
     "OMPI_MCA_hwloc_base_binding_policy": "none", "PRTE_MCA_hwloc_default_binding_policy": "none", "I_MPI_PIN": "0",
     "HYDRA_BINDING": "none",
 }  # fmt: skip
-SAFE = {"PYTHONSAFEPATH": "1"}  # modules do not come from the working folder, which may be another user's
+# modules do not come from the working folder, which may be another user's; ranks elsewhere may lack the variable, and
+# Python 3.10 the option
+SAFE = {"PYTHONSAFEPATH": "1"}
+SAFELY = ["-P"] if sys.version_info >= (3, 11) else []
+HPCRED = [sys.executable, *SAFELY, "-m", "hpcred"]
 AS_ROOT = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}  # who is root here wants it there
 
 
@@ -62,10 +69,12 @@ class Child:
     @property
     def last_line(self) -> str:
         """The last sentence of hpcred in the log, or else the last line that has words."""
-        with suppress(OSError):
-            lines = [line.strip() for line in self.log.read_text(encoding="utf-8", errors="replace").splitlines()]
-            lines = [line for line in lines if any(map(str.isalnum, line))]
+        with suppress(OSError, InputError), open_input(self.log, "r", encoding="utf-8", errors="replace") as file:
+            lines = [line.strip() for line in file.read().splitlines()]
+            lines = [line for line in lines if any(map(str.isalnum, line)) and line != LOG]
             said = [line for line in lines if line.startswith("hpcred: ")]
+            if self.status and not said and free_bytes(self.log.parent) < A_PAGE:
+                return f"hpcred: error: {self.log}: {DISK_FULL}what the run printed had no room; make room"
             return (said or lines or [""])[-1]
         return ""
 
@@ -138,13 +147,24 @@ def _noted():
 def _start(child, environment):
     child.begun = time.monotonic()
     with writing_to(child.log):
+        check_log(child.log)
         begin(child.log)
+        child.log.write_text(f"{LOG}\n", encoding="utf-8")
     with open(child.log, "ab") as log:  # of another sweep in this folder nothing is written over
         child.process = subprocess.Popen(
             [*_ending_with_parent(), *child.command], stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
             env=environment, start_new_session=True,
         )  # fmt: skip
     return child
+
+
+def check_log(path):
+    """Raise InputError where a file with the name of a log is none of a sweep."""
+    if os.path.isfile(path) and not os.path.islink(path):  # a link is replaced by a file
+        with open_input(path) as file:
+            start = file.read(len(LOG))
+        if start not in (b"", LOG.encode()):
+            raise InputError(f"output {path}: found a file that is no log of a sweep; move it or choose another output")
 
 
 def _ending_with_parent():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,13 @@ from mpi4py import MPI
 
 from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.frequency_response import frequency_response
+from ..files.folders import folder_for
 from ..files.locks import locks_given_back
 from ..files.outputs import PICTURES, check_outputs
 from ..files.response_file import read_responses
 from ..files.result_file import result_at
 from ..files.sweep_table import check_table_name, write_sweep_table
+from ..files.together import together
 from ..parallel.declared import spelled
 from ..parallel.failures import InputError
 from ..reduction.interface_coordinates import elastic_part
@@ -58,9 +61,11 @@ def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> 
             curves[run.name] = curve
     if lacking := sorted({str(file) for file in full.values() if not file.is_file()}):
         remarks.append(f"the full response {', '.join(lacking)} is not there; `hpcred sweep {path}` computes it")
-    if output is not None:
-        write_sweep_table(output, rows, curves, SELF)
-    drawn = _draw(Path(figures), rows, curves, sweep, remarks) if figures is not None else []
+    folder = nullcontext() if figures is None else folder_for(figures, SELF, "--figures ")
+    with folder, together(SELF):
+        if output is not None:
+            write_sweep_table(output, rows, curves, SELF)
+        drawn = _draw(Path(figures), rows, curves, sweep, remarks) if figures is not None else []
     return {
         "rows": rows,
         "missing": [row["run"] for row in rows if row["size"] is None],
@@ -121,10 +126,6 @@ def _plain(value, label):
 
 
 def _draw(folder, rows, curves, sweep, remarks) -> list[str]:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--figures {folder}: cannot be created ({error.strerror}); choose another") from error
     drawn, error = [], next((key for key in ("eps", "estimate") if any(row[key] is not None for row in rows)), None)
     known = [row for row in rows if error and row[error] is not None and np.isfinite(row[error])]
     if not known:

@@ -12,6 +12,7 @@ from ..analysis.frequency_response import frequency_response
 from ..files.hdf5 import atomic_output
 from ..files.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
 from ..files.result_file import read_basis, result_at
+from ..files.together import together
 from ..linalg.blocks import inner, times
 from ..linalg.solvers.settings import Factoring
 from ..parallel.failures import InputError, agreed
@@ -86,16 +87,17 @@ def compare_results(
     report = {"full": str(full), **({"at": found[0].values} if at else {}),
               "frequencies_hz": grid.tolist(), "rows": rows, "modes": shapes, "notes": notes,
               "eps": {label: eps.tolist() for label, eps in curves}}  # fmt: skip
-    if output is not None:
-        with atomic_output(output, comm) as temporary, agreed(comm):
-            if comm.rank == 0:
-                table = np.array([grid, *(eps for _, eps in curves)]).T
-                head = ",".join(["f_hz", *(f"eps_{label}" for label in labels)])
-                np.savetxt(temporary, table, "%.10e", ",", header=head, comments="")
-    if figure is not None:
-        with agreed(comm):
-            if comm.rank == 0:
-                error_figure(Path(figure).with_suffix(""), grid, curves, first.model)
+    with together(comm):
+        if output is not None:
+            with atomic_output(output, comm) as temporary, agreed(comm):
+                if comm.rank == 0:
+                    table = np.array([grid, *(eps for _, eps in curves)]).T
+                    head = ",".join(["f_hz", *(f"eps_{label}" for label in labels)])
+                    np.savetxt(temporary, table, "%.10e", ",", header=head, comments="")
+        if figure is not None:
+            with agreed(comm):
+                if comm.rank == 0:
+                    error_figure(Path(figure).with_suffix(""), grid, curves, first.model)
     return report
 
 

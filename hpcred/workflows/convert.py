@@ -7,7 +7,7 @@ from pathlib import Path
 from ..analysis.check import check
 from ..files.model_file import FORMAT, write_model
 from ..files.outputs import check_outputs, hdf5_kind
-from ..files.room import rescued
+from ..files.together import rescued
 from ..model.units import SI, in_si, units_of
 from ..parallel.plugins import OWN
 from ..parallel.progress import Progress

@@ -11,10 +11,11 @@ from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.error_check import accuracy_of, check_reduced, estimate_at, measuring_damping
 from ..analysis.frequency_response import checked_frequencies, frequencies_to_draw, frequency_response, resonances_of
 from ..body.preload import Preload
+from ..files.names import in_text
 from ..files.outputs import check_outputs
 from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
 from ..files.result_file import result_at
-from ..files.room import rescued
+from ..files.together import rescued, together
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import NoDamping
 from ..parallel.declared import declared
@@ -94,20 +95,21 @@ def evaluate_result(
             "directions": [asdict(item) for item in errors.directions],
             "direction_rows": rows_of_directions(errors.directions, grid),
         }  # fmt: skip
-    if output is not None:
-        made = {"result": str(result), "model": record.model, "versions": versions()}
-        names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
-        responses = Responses(**arrays, **names, record=made)
-        rescued(lambda place: write_responses(place, responses, comm), output, comm)
-    if figure is not None:
-        names = reduced.output_names, reduced.input_names
-        every = shown or pairs_to_show(arrays["reduced"], *names)
-        shown = shown or pairs_to_show(arrays["reduced"], *names, MOST_FIGURES)
-        fine = frequencies_to_draw((grid[0], grid[-1]), resonances_of(reduced), grid)
-        curves = [("reduced", fine, frequency_response(reduced, fine))]
-        curves += [("full model", grid, arrays["full"])] if full is not None else []
-        report["figures"] = figures_of_pairs(figure, *names, curves, comm, shown)
-        report["responses"] = len(every)
+    with together(comm):
+        if output is not None:
+            made = {"result": str(result), "model": record.model, "versions": versions()}
+            names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
+            responses = Responses(**arrays, **names, record=made)
+            rescued(lambda place: write_responses(place, responses, comm), output, comm)
+        if figure is not None:
+            names = reduced.output_names, reduced.input_names
+            every = shown or pairs_to_show(arrays["reduced"], *names)
+            shown = shown or pairs_to_show(arrays["reduced"], *names, MOST_FIGURES)
+            fine = frequencies_to_draw((grid[0], grid[-1]), resonances_of(reduced), grid)
+            curves = [("reduced", fine, frequency_response(reduced, fine))]
+            curves += [("full model", grid, arrays["full"])] if full is not None else []
+            report["figures"] = figures_of_pairs(figure, *names, curves, comm, shown)
+            report["responses"] = len(every)
     return report
 
 
@@ -209,4 +211,4 @@ def band_of(reduced, others=()) -> tuple[float, float]:
 def short_names(paths) -> list[str]:
     """Return the names of files without folder and suffix, or as they are given where two would be the same."""
     stems = [Path(path).stem for path in paths]
-    return stems if len(set(stems)) == len(stems) else [str(path) for path in paths]
+    return list(map(in_text, stems if len(set(stems)) == len(stems) else paths))

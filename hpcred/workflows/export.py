@@ -15,6 +15,7 @@ from ..files.hdf5 import atomic_output, require_name
 from ..files.result_file import LARGE, Result, read_result, write_result
 from ..files.temporary import folder_of_all
 from ..files.text import absent
+from ..files.together import together
 from ..model.units import SI, units_of
 from ..parallel.declared import as_declared, declared, nearest, spelled, types_of
 from ..parallel.failures import InputError, agreed
@@ -23,7 +24,7 @@ from ..parallel.plugins import blamed
 from ..reduction.parametric.accuracy import in_words
 from ..reduction.reduced_model import ReducedModel
 from ..settings.toml_file import override
-from ..writers.base import ExportSource
+from ..writers.base import OF_NAMES, ExportSource
 from ..writers.registry import WRITERS
 from .workflow import workflow
 
@@ -81,7 +82,7 @@ def export_result(
     existed = comm.bcast(path.exists())
     if progress is not None:
         progress.say(f"export: {path}")
-    with atomic_output(path, comm, told) as temporary:
+    with together(comm), atomic_output(path, comm, told) as temporary:
         report = beside = None
         with agreed(comm), _naming(result):
             if comm.rank == 0:
@@ -107,11 +108,12 @@ def export_result(
             report["files"] = [str(name) for name in names]
         known = {".mtx": outputs.DENSE, ".obj": outputs.SURFACE}
         kinds = {name: known.get(name.suffix, told or outputs.SUPERELEMENT) for name in names or ()}
-        outputs.check_outputs(kinds, comm, [result], progress=progress)
+        outputs.check_outputs(kinds, comm, [result, path], progress=progress)
         for name in kinds:  # before the file that takes them
             with atomic_output(name, comm, told) as other, agreed(comm):
                 if comm.rank == 0:
-                    other.write_bytes(beside[name] if isinstance(beside[name], bytes) else beside[name].encode())
+                    text = beside[name]
+                    other.write_bytes(text if isinstance(text, bytes) else text.encode(errors=OF_NAMES))
     if existed and progress is not None:  # said at the end: what cannot be written replaces nothing
         progress.tell(f"{path} existed and was replaced")
     return {"output": str(path), "format": kind, **report}

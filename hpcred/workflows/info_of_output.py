@@ -12,7 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files import model_file, motion_file, outputs, recovered_file, response_file, result_file
+from ..files import (
+    campbell_file,
+    model_file,
+    motion_file,
+    outputs,
+    point_store,
+    recovered_file,
+    response_file,
+    result_file,
+    sweep_table,
+)
 from ..files.hdf5 import kind_of_file, reading, require_whole, texts
 from ..model.parameters import rows_of_parameters
 from ..parallel.failures import InputError, agreed
@@ -84,7 +94,7 @@ def response(path, comm) -> dict:
 def simulation(path, comm) -> dict:
     """Describe a file of a simulation. Raises InputError."""
     with reading(path, motion_file.FORMAT, motion_file.VERSION, motion_file.SCHEMA) as file:
-        record = json.loads(file["provenance"][()])
+        record = file.table("provenance")
         report = {
             "format": "hpcred simulation",
             "times": file["t"].shape[0],
@@ -103,7 +113,7 @@ def simulation(path, comm) -> dict:
 def recovery(path, comm) -> dict:
     """Describe a file of recovered motion. Raises InputError."""
     with reading(path, recovered_file.FORMAT, recovered_file.VERSION, recovered_file.SCHEMA) as file:
-        record = json.loads(file["record"][()])
+        record = file.table("record")
         report = {
             "format": "hpcred recovered motion",
             "times": file["t"].shape[0],
@@ -114,7 +124,22 @@ def recovery(path, comm) -> dict:
     return report | {key: record[key] for key in ("result", "motion", "axes")} | {"warnings": record["remarks"]}
 
 
+def diagram(path, comm) -> dict:
+    """Describe a file of a Campbell diagram. Raises InputError."""
+    found = campbell_file.read_campbell(path)
+    report = {
+        "format": "hpcred Campbell diagram",
+        "parameter": f"{found.parameter} in {found.unit}" if found.unit else found.parameter,
+        "from_to": [float(found.values[0]), float(found.values[-1])],
+        "values": len(found.values),
+        "modes": found.poles.shape[1],
+        "critical_speeds": [item.value for item in found.critical_speeds],
+    }
+    return report | {"stability_limit": found.stability_limit, "warnings": list(found.warnings)}
+
+
 OUTPUTS = {
+    campbell_file.FORMAT: diagram,
     result_file.FORMAT: result,
     response_file.FORMAT: response,
     motion_file.FORMAT: simulation,
@@ -122,12 +147,14 @@ OUTPUTS = {
 }
 
 
-FORMATS = {item.FORMAT: item for item in (model_file, result_file, response_file, motion_file, recovered_file)}
+CHECKED = (model_file, result_file, response_file, motion_file, recovered_file, campbell_file, point_store, sweep_table)
+FORMATS = {item.FORMAT: (item.VERSION, getattr(item, "SCHEMA", None)) for item in CHECKED}
 
 
 @workflow
 def verify_file(path, *, comm=None) -> dict:
-    """Read all of a model, result, file of responses or of a simulation, on all ranks; what was checked, in numbers.
+    """Read all of a file of hpcred that has checksums, such as a model or a result, on all ranks; what was checked, in
+    numbers.
 
     Collective. Raises InputError at the first dataset that is damaged, and where there are no
     checksums, or those of earlier versions.
@@ -135,10 +162,9 @@ def verify_file(path, *, comm=None) -> dict:
     with agreed(comm):
         require_whole(path)
         kind = kind_of_file(path)
-        if kind not in FORMATS:
-            raise InputError(f"{path}: found no HDF5 file of hpcred that has checksums, expected such as model.h5")
-        room = FORMATS[kind]
-        with reading(path, kind, room.VERSION, room.SCHEMA) as file:
+        if kind is None:
+            raise InputError(f"{path}: found no HDF5 file of hpcred, expected one such as model.h5")
+        with reading(path, kind, *FORMATS.get(kind, ())) as file:  # of all that it writes, formats without table too
             if not file.complete:
                 raise InputError(f"{path}: has no checksums, or other ones, made by an older hpcred; make it again")
             count = file.verify(lambda rows: row_range(comm, rows))

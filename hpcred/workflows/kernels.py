@@ -21,13 +21,15 @@ from ..parallel import kernels, processor, startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI, PETSc
 from ..report.tables import write_json
+from .children import SAFELY
 from .workflow import workflow
 
 SIZE, REPEATS = 1000, 3  # of the dense product; the best of so many counts
 PATIENCE = 600.0  # seconds that a process may take
 WORTH = 0.95  # of the time of OpenBLAS's own choice, below which another is worth it
 LAUNCHERS = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "SLURM_", "I_MPI_", "MPI_", "HYDRA_")  # what ranks have of them
-PROGRAM = "import sys; sys.path.insert(0, {root!r}); from hpcred.workflows.kernels import measure; measure({cells})"
+PROGRAM = ("import sys; sys.path[:] = [{root!r}, *filter(None, sys.path)]; "
+           "from hpcred.workflows.kernels import measure; measure({cells})")  # fmt: skip
 
 
 @workflow
@@ -122,7 +124,7 @@ def _measured(cells, name):
     environment[kernels.CORETYPE] = name or ""  # empty: OpenBLAS finds none of this name, and chooses
     program = PROGRAM.format(root=str(Path(__file__).parents[2]), cells=tuple(map(int, cells)))
     try:
-        run = subprocess.run([sys.executable, "-c", program], env=environment, stdin=subprocess.DEVNULL,
+        run = subprocess.run([sys.executable, *SAFELY, "-c", program], env=environment, stdin=subprocess.DEVNULL,
                              capture_output=True, text=True, timeout=PATIENCE)  # fmt: skip
     except subprocess.TimeoutExpired:
         return f"no result after {PATIENCE:.0f} s"

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..files.hdf5 import atomic_output
+from ..files.names import FileNames
 from ..files.outputs import PICTURES, check_outputs
 from ..parallel.failures import InputError, agreed
 from ..report.figures import FIGURES, kind_of_figure, pair_figure, pyplot
@@ -34,11 +35,11 @@ def figures_of_pairs(path, outputs, inputs, responses, comm, pairs) -> list[str]
     some of its frequencies, the difference of the two relative to the second is drawn too. A single pair is
     drawn as `path`, several under names with the pair in them. Returns the names of the files.
     """
-    path, written = Path(path), []
+    path, written, names = Path(path), [], FileNames()
     alone = len(pairs) == 1
     for i, j in pairs:
         name = f"{outputs[i]}-{inputs[j]}"
-        target = path if alone else path.with_name(f"{path.stem}_{in_file_name(name)}{path.suffix}")
+        target = path if alone else path.with_name(f"{path.stem}_{names.of(name)}{path.suffix}")
         with atomic_output(target, comm) as temporary, agreed(comm):
             if comm.rank == 0:
                 curves = [(label, f, values[:, i, j]) for label, f, values in responses]
@@ -70,11 +71,6 @@ def pairs_to_show(H, outputs, inputs, most=None) -> list[tuple[int, int]]:
              if size[i, j] > ZERO * size.max() and (i <= j or not reciprocal)]  # fmt: skip
     largest = set(sorted(pairs, key=lambda pair: -size[pair])[:most])
     return [pair for pair in pairs if pair in largest]
-
-
-def in_file_name(name: str) -> str:
-    """Return a name with only letters, digits, dots, hyphens and underscores."""
-    return "".join(letter if letter.isalnum() or letter in ".-_" else "_" if letter != ":" else "" for letter in name)
 
 
 def _errors(reduced, full=None):

@@ -8,10 +8,12 @@ import numpy as np
 
 from ..examples.linkage import linkage
 from ..examples.section5 import FREQUENCIES, MIMO, SISO, compare, deviations, lateral, table, time_response
+from ..files.folders import folder_for
 from ..files.hdf5 import writing
 from ..files.outputs import JSON, PICTURES, check_outputs, hdf5_kind
+from ..files.together import together
 from ..parallel import startup
-from ..parallel.failures import InputError, agreed
+from ..parallel.failures import agreed
 from ..parallel.progress import Progress
 from ..report.figures import cut_figure, error_figure
 from ..report.tables import write_json
@@ -26,12 +28,12 @@ def reproduce(folder="paper", *, comm=None, progress: Progress | None = None) ->
     """
     startup.start(preferred="complex")
     folder = Path(folder)
-    with agreed(comm):
-        if comm.rank == 0:
-            try:
-                folder.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise InputError(f"output {folder}: cannot be created ({error.strerror}); choose another") from error
+    with folder_for(folder, comm, "output "), together(comm):
+        return _reproduced(folder, comm, progress)
+
+
+def _reproduced(folder, comm, progress):
+    """Compute and write everything into a folder. Collective."""
     written = {folder / "section5.h5": hdf5_kind("hpcred-section5"), folder / "section5.json": JSON}
     written |= {folder / f"figure_{number}{suffix}": PICTURES[suffix] for suffix in (".png", ".svg")
                 for number in (SISO.figure, MIMO.figure, 5)}  # fmt: skip

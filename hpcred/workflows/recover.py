@@ -19,6 +19,7 @@ from ..readers.motions.source import read_coordinates
 from ..reduction.record import versions
 from ..writers.fmu import output_rows
 from ..writers.recovered import kind_of_recovery, write_recovered
+from ..writers.vtk_series import check_series
 from .workflow import workflow
 
 
@@ -78,6 +79,8 @@ def recover(
     if every < 1:
         raise InputError(f"every: found {every}, expected at least 1")
     check_outputs({output: kind_of_recovery(output)}, comm, [source, motion], progress=progress)
+    if output.suffix.lower() == ".pvd":
+        check_series(output, comm, progress)
     with progress.stage("read", str(source)):
         taken = read_result(source, comm)
         whole = coordinates_of(taken, motion, comm, first)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,10 +10,11 @@ from ..body.geometric_stiffness import VELOCITIES
 from ..body.spin_stress import REMEDY, lacks_spin
 from ..body.stress import stress_modes
 from ..files.checksums import content_of
-from ..files.outputs import check_outputs, check_room, hdf5_kind
+from ..files.folders import folder_for
+from ..files.outputs import HTML, check_outputs, check_room, hdf5_kind
 from ..files.point_store import PointStore
 from ..files.result_file import FORMAT, write_result
-from ..files.room import rescued
+from ..files.together import rescued
 from ..model.solids import Solids
 from ..parallel import startup
 from ..parallel.failures import ComputationError, agreed
@@ -66,10 +68,18 @@ def reduce_job(
     startup.start(preferred=job.preferred_scalar, low_rank=job.low_rank is not None)
     if job.solver.kind != "multigrid":
         job.factoring.package.check_build(comm)
+    with folder_for(job.store, comm, "store ") if job.store is not None else nullcontext():
+        return _reduced(job, basis, reads, comm, progress)
+
+
+def _reduced(job, basis, reads, comm, progress) -> Reduced:
+    """Reduce a job, and write its result and report. Collective."""
     store = PointStore(job.store, comm) if job.store is not None else None
     check_outputs({job.output: hdf5_kind(FORMAT)}, comm, [*reads, *job.files], progress=progress)
     if job.search is not None and job.unreached == "mark":
         check_outputs({_not_reached(job.output): hdf5_kind(FORMAT)}, comm, [*reads, *job.files])
+    if job.report:
+        check_outputs({_report_of(job.output): HTML}, comm, [*reads, *job.files])
     with progress.stage("read", str(job.model)):
         model = model_of_job(job, comm)
     with model, at_reference(model) as reference:
@@ -113,7 +123,7 @@ def reduce_job(
         from .report import report_file  # which most jobs do without
 
         with progress.stage("report"):
-            report_file([output], output=Path(output).with_suffix(".html"), comm=comm)
+            report_file([output], output=_report_of(output), comm=comm)
     return found
 
 
@@ -129,6 +139,10 @@ def _name_of(job, accuracy) -> str:
 def _not_reached(output) -> str:
     path = Path(output)
     return str(path.with_name(f"{path.stem}.not-reached{path.suffix}"))
+
+
+def _report_of(output) -> Path:
+    return Path(output).with_suffix(".html")
 
 
 def _bytes(job, model) -> int:

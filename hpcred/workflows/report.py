@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 
+from ..files.folders import folder_for
 from ..files.hdf5 import atomic_output
 from ..files.outputs import HTML, check_outputs
+from ..files.together import together
 from ..linalg.solvers.settings import Factoring
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..report.figures import has_matplotlib
 from ..report.page import MOST_POINTS, body_for_page, drawn_for_page, render_page
 from .pair_figures import check_drawing, pairs_by_name, pairs_to_show
-from .report_files import draw_files, make_folder, stress_pictures, write_tables
+from .report_files import draw_files, stress_pictures, write_tables
 from .report_page import page_of
 from .report_sheets import Sheet, sheets_of
 from .stress_state import stress_of_motion
@@ -40,37 +43,39 @@ def report_file(
         raise InputError(f"output {output}: found a name that ends in {ending or 'nothing'}, expected .html; figures "
                          "as files are written by --png and --svg")  # fmt: skip
     check_outputs({output: HTML}, comm, [*results, full, motion], progress=progress)
-    for folder in (png, svg, csv):
-        if folder is not None:
-            make_folder(folder, comm)
     if png is not None or svg is not None:
         check_drawing(comm)
-    sheets = sheets_of(
-        results, full, band=band, solves=solves, groups=groups, factoring=factoring, at=at, comm=comm,
-        progress=progress,
-    )  # fmt: skip
-    chosen = [choose_pairs(sheet, pairs) for sheet in sheets]
-    if motion is not None:
-        if len(sheets) > 1:
-            raise InputError(
-                f"--motion: found {len(sheets)} results, expected the one that moved so; report on it alone"
-            )
-        with progress.stage("motion", str(motion)):
-            sheets[0].moved = stress_of_motion(sheets[0].result, motion, comm)
-    report = None
-    with atomic_output(output, comm) as temporary, agreed(comm):
-        if comm.rank == 0:
-            for sheet in sheets:
-                _take_body(sheet, modes, MOST_POINTS // len(sheets))
-            text = render_page(*page_of(sheets, chosen, full))
-            temporary.write_text(text, encoding="utf-8")
-            notes = list(dict.fromkeys(note for sheet in sheets for note in sheet.notes))
-            report = {"output": str(output), "megabytes": len(text.encode()) / 1e6, "notes": notes, "files": []}
-            for kind, folder in (("png", png), ("svg", svg)):
-                report["files"] += draw_files(folder, kind, sheets, chosen) if folder is not None else []
-            if csv is not None:
-                report["files"] += write_tables(csv, sheets)
-    return comm.bcast(report)
+    with ExitStack() as stack:
+        for folder in (png, svg, csv):
+            if folder is not None:
+                stack.enter_context(folder_for(folder, comm))
+        sheets = sheets_of(
+            results, full, band=band, solves=solves, groups=groups, factoring=factoring, at=at, comm=comm,
+            progress=progress,
+        )  # fmt: skip
+        chosen = [choose_pairs(sheet, pairs) for sheet in sheets]
+        if motion is not None:
+            if len(sheets) > 1:
+                raise InputError(
+                    f"--motion: found {len(sheets)} results, expected the one that moved so; report on it alone"
+                )
+            with progress.stage("motion", str(motion)):
+                sheets[0].moved = stress_of_motion(sheets[0].result, motion, comm)
+        report = None
+        with together(comm), atomic_output(output, comm) as temporary, agreed(comm):
+            if comm.rank == 0:
+                for sheet in sheets:
+                    _take_body(sheet, modes, MOST_POINTS // len(sheets))
+                text = render_page(*page_of(sheets, chosen, full))
+                temporary.write_text(text, encoding="utf-8", errors="backslashreplace")  # of names in other bytes
+                notes = list(dict.fromkeys(note for sheet in sheets for note in sheet.notes))
+                size = temporary.stat().st_size / 1e6
+                report = {"output": str(output), "megabytes": size, "notes": notes, "files": []}
+                for kind, folder in (("png", png), ("svg", svg)):
+                    report["files"] += draw_files(folder, kind, sheets, chosen) if folder is not None else []
+                if csv is not None:
+                    report["files"] += write_tables(csv, sheets)
+        return comm.bcast(report)
 
 
 def _take_body(sheet, modes, most):

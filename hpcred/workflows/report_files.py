@@ -8,32 +8,21 @@ from pathlib import Path
 
 from ..files.campbell_file import write_campbell
 from ..files.hdf5 import atomic_output
+from ..files.names import FileNames
 from ..files.response_file import Responses, write_responses
-from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..report.figures import errors_figure, pair_figure, time_figure
 from ..report.mode_pictures import draw_shapes, draw_state
-from .pair_figures import in_file_name
 from .report_campbell import pictures_of_diagrams
 from .report_page import directions_of, frequency_rows
 
 
-def make_folder(folder, comm):
-    """Make a folder unless it is there. Collective. Raises InputError."""
-    with agreed(comm):
-        if comm.rank == 0:
-            try:
-                Path(folder).mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise InputError(f"{folder}: cannot be made ({error.strerror}), expected a folder") from error
-
-
 def draw_files(folder, kind, sheets, chosen) -> list[str]:
     """Draw responses of every pair, errors, and shapes of every result with nodes, on one rank; return the names."""
-    written = []
+    written, once = [], FileNames()
 
     def into(name, draw):
-        path = Path(folder) / f"{in_file_name(name)}.{kind}"
+        path = Path(folder) / f"{once.of(name)}.{kind}"
         with atomic_output(path, MPI.COMM_SELF) as temporary:
             draw(temporary)
         written.append(str(path))
@@ -96,7 +85,11 @@ def _errors_of(sheets):
 
 def write_tables(folder, sheets) -> list[str]:
     """Write responses, errors, points and frequencies of every result as .csv, on one rank; return the names."""
-    written = []
+    written, once = [], FileNames()
+
+    def target(key, sheet):
+        return str(Path(folder) / f"{once.of(f'{key}_{sheet.name}')}.csv")
+
     for sheet in sheets:
         accuracy, reduced = sheet.record.accuracy, sheet.reduced
         tables = {"frequencies": frequency_rows(sheet)}
@@ -110,24 +103,23 @@ def write_tables(folder, sheets) -> list[str]:
             rows = zip(sheet.full.frequencies.tolist(), sheet.errors.eps.tolist(), strict=True)
             tables["error_measured"] = [{"f_hz": f, "eps": eps} for f, eps in rows]
         for found in sheet.diagrams:
-            written.append(str(Path(folder) / f"{in_file_name(f'poles_over_{found.parameter}_{sheet.name}')}.csv"))
+            written.append(target(f"poles_over_{found.parameter}", sheet))
             write_campbell(written[-1], found, MPI.COMM_SELF)
         for key, rows in tables.items():
-            written.append(_write_table(folder, f"{key}_{sheet.name}", rows))
+            written.append(target(key, sheet))
+            _write_table(written[-1], rows)
         names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
         responses = {"response": (sheet.frequencies, {"reduced": sheet.response})}
         if sheet.full is not None:
             responses["response_full"] = sheet.full.frequencies, {"full": sheet.full.response}
         for key, (frequencies, arrays) in responses.items():
-            written.append(str(Path(folder) / f"{key}_{in_file_name(sheet.name)}.csv"))
+            written.append(target(key, sheet))
             write_responses(written[-1], Responses(frequencies=frequencies, **arrays, **names), MPI.COMM_SELF)
     return written
 
 
-def _write_table(folder, name, rows):
-    target = str(Path(folder) / f"{in_file_name(name)}.csv")
+def _write_table(target, rows):
     with atomic_output(target, MPI.COMM_SELF) as path, open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
-    return target

@@ -12,7 +12,7 @@ from ..files.hdf5 import atomic_output
 from ..files.model_file import read_model
 from ..files.outputs import check_outputs
 from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
-from ..files.room import rescued
+from ..files.together import rescued, together
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import NoDamping
 from ..model.parameters import checked_values
@@ -76,7 +76,7 @@ def response_file(
             warnings.append(f"the damping matrix of {loaded.name} is not used; --damping given takes it")
         size = loaded.size
     report = _report(found, size) | {"model": str(model), "warnings": warnings, "output": output and str(output)}
-    with progress.stage("write"):
+    with progress.stage("write"), together(comm):
         if output is not None:
             _write(output, found, report, comm, polar)
         if figure is not None:

@@ -14,7 +14,7 @@ from ..files.motion_file import FORMAT, coordinates_of, write_motion, write_moti
 from ..files.outputs import CSV_OF_MOTION, PNG, VTK, check_outputs, hdf5_kind
 from ..files.result_file import result_at
 from ..files.result_points import read_points
-from ..files.room import rescued
+from ..files.together import rescued, together
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..reduction.record import versions
@@ -22,6 +22,7 @@ from ..report.figures import has_matplotlib, motion_figure
 from ..settings.simulation_file import read_simulation
 from ..simulation.simulation import simulate
 from ..writers.recovered import write_recovered
+from ..writers.vtk_series import check_series
 from .workflow import workflow
 
 
@@ -43,6 +44,8 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
     if setup.paraview:
         written[output.with_suffix(".pvd")] = VTK
     check_outputs(written, comm, [path, setup.body], progress=progress)
+    if setup.paraview:
+        check_series(output.with_suffix(".pvd"), comm, progress)
     motion = basis = None
     # the stage on all ranks, because the first one starts PETSc, which is collective
     with progress.stage("simulate", setup.body), agreed(comm):
@@ -68,7 +71,7 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
         notes.append("no picture was drawn, which needs matplotlib: pip install 'hpcred[plots]'")
     report = {"output": [str(output), *(str(name) for name, _ in files)], **_figures(motion), "notes": notes,
               "warnings": list(motion.warnings)}
-    with progress.stage("write", str(output)):
+    with together(comm), progress.stage("write", str(output)):
         record = {"versions": versions(), "setup": asdict(setup), "basis": basis, **report,
                   "timing": asdict(progress.timing())}  # fmt: skip
         rescued(lambda place: write_motion(place, motion, record, comm), output, comm)
@@ -76,11 +79,11 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
             with atomic_output(target, comm) as temporary, agreed(comm):
                 if comm.rank == 0:
                     write(temporary, motion)
-    if setup.paraview:
-        target = output.with_suffix(".pvd")
-        with progress.stage("write", str(target)):
-            report["output"].append(str(target))
-            _write_paraview(target, setup.body, motion, comm)
+        if setup.paraview:
+            target = output.with_suffix(".pvd")
+            with progress.stage("write", str(target)):
+                report["output"].append(str(target))
+                _write_paraview(target, setup.body, motion, comm)
     return report
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import shutil
+import re
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from ..body.stress import StressModes
+from ..files.folders import atomic_folder, check_folder, folder_for
 from ..files.hdf5 import reading, require_name
 from ..files.outputs import check_outputs, hdf5_kind
 from ..files.result_copy import copy_with_stress
@@ -69,32 +69,22 @@ def write_deck(result, program: str, original, folder, *, units: str = "SI", com
     deck, source, folder = deck_called(program), result.path if isinstance(result, Result) else result, Path(folder)
     require_name(source)
     with agreed(comm):
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise InputError(f"output {folder}: it exists and is not an empty folder; choose another name")
+        check_folder(folder, None)
         count = _check_rows(source)
         names = [deck.column % number for number in range(1, count + 1)]
         main = _main_text(deck, Path(original), names) if comm.rank == 0 else ""
     with progress.stage("read", str(original)):
         nodes = read_nodes(original, comm, calculix=isinstance(deck, CalculixDeck))
         require_places(comm, original, nodes, system, *_places(source, comm), str(source))
-    fresh = folder.with_name(f".{folder.name}-{comm.bcast(os.getpid())}")
-    try:
-        with agreed(comm), writing_to(folder, fresh):
+    with folder_for(folder.parent, comm, "output "), atomic_folder(folder, comm, _is_of(deck), False) as made:
+        with agreed(comm), writing_to(folder):
             if comm.rank == 0:
-                fresh.mkdir(parents=True)
-                (fresh / deck.job).write_text(main, encoding="latin-1")
+                (made / deck.job).write_text(main, encoding="latin-1")
         comm.Barrier()
-        with agreed(comm), progress.stage("write", str(folder)), writing_to(folder, fresh):
-            _write_columns(source, range(comm.rank, count, comm.size), system.length, deck, fresh)
+        with agreed(comm), progress.stage("write", str(folder)), writing_to(folder):
+            _write_columns(source, range(comm.rank, count, comm.size), system.length, deck, made)
             if deck.supports and comm.rank == comm.size - 1:
-                _write_supports(source, deck, fresh / deck.supports)
-        comm.Barrier()
-        with agreed(comm), writing_to(folder, fresh):
-            if comm.rank == 0:
-                fresh.replace(folder)
-    finally:
-        if comm.rank == 0:
-            shutil.rmtree(fresh, ignore_errors=True)
+                _write_supports(source, deck, made / deck.supports)
     return {"folder": str(folder), "files": [deck.job, *names], "columns": count, "run": deck.run}
 
 
@@ -143,6 +133,13 @@ def add_stresses(result, answers, output, *, units: str = "SI", comm=None, progr
         modes = StressModes(found.node, found.stress * pascal, found.source)
         copy_with_stress(source, output, modes, comm)
     return {"output": str(output), "columns": count, "nodes": comm.allreduce(len(found.node)), "source": found.source}
+
+
+def _is_of(deck):
+    """Return a function that tells whether a file has a name of those that are written for a program."""
+    column = re.escape(deck.column).replace("%04d", r"\d+")
+    names = re.compile("|".join([re.escape(deck.job), re.escape(deck.supports or deck.job), column]))
+    return lambda path: bool(names.fullmatch(path.name))
 
 
 def _check_rows(source) -> int:

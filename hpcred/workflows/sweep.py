@@ -7,9 +7,8 @@ import json
 import os
 import shlex
 import shutil
-import sys
 import time
-from contextlib import suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -17,6 +16,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from ..files.checksums import content_of
+from ..files.folders import folder_for
 from ..files.hdf5 import atomic_output, check_writable, reading
 from ..files.locks import UNDER_WAY, holder_of, lock, locks_given_back, unlock
 from ..files.outputs import check_kept
@@ -28,7 +28,7 @@ from ..parallel.progress import MINUTE, Progress, in_time
 from ..parallel.stopping import Stopped
 from ..settings.job_file import plain
 from ..settings.sweep_file import Sweep, SweepRun, read_sweep
-from .children import Child, run_all
+from .children import HPCRED, Child, check_log, run_all
 from .shared_basis import job_of_ranges
 
 SELF = MPI.COMM_SELF
@@ -68,8 +68,8 @@ def _state(run, content):
             continue
         try:
             with reading(path, FORMAT, VERSION) as file:
-                record = json.loads(file["record"][()]) or {}
-        except (InputError, OSError, KeyError, ValueError):
+                record = file.table("record")
+        except (InputError, OSError):
             found.append(State("damaged", path))
             continue
         same = run.same_job(record.get("job"), record.get("contents"), content)
@@ -105,11 +105,16 @@ def run_sweep(
         return _report(sweep, chosen, before, skipped, {})
     _launcher(sweep)  # refused early
     left = [run for run in chosen if run.name not in skipped]
-    if left:
-        make_folder(sweep)  # what is finished may be read-only
+    with folder_of(sweep) if left else nullcontext():  # what is finished may be read-only
+        return _run(sweep, chosen, left, before, skipped, at_once, progress)
+
+
+def _run(sweep, chosen, left, before, skipped, at_once, progress) -> dict:
+    """Run what is `left` of the `chosen` runs; see run_sweep."""
     for run in left:
         for path in (run.output, run.beside(".not-reached.h5")):
             check_kept(path)
+        check_log(run.beside(".log"))
     for run in left:
         if before[run.name].file is not None:
             progress.say(f"{before[run.name].file}: {before[run.name].word}, made again")
@@ -193,13 +198,13 @@ def share(sweep, index, of) -> list[SweepRun]:
     return list(sweep.runs[index - 1 :: of])
 
 
-def make_folder(sweep):
-    """Create the folder of the results. Raises InputError."""
-    try:
-        sweep.folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"output {sweep.folder}: cannot be created ({error.strerror}); choose another") from error
-    check_writable(sweep.folder / "x.h5", SELF)
+@contextmanager
+def folder_of(sweep):
+    """The folder of the results, which is made, and goes again where the block fails and nothing is in it. Raises
+    InputError."""
+    with folder_for(sweep.folder, SELF, "output "):
+        check_writable(sweep.folder / "x.h5", SELF)
+        yield
 
 
 def _launcher(sweep) -> list[str]:
@@ -216,7 +221,7 @@ def _launcher(sweep) -> list[str]:
 
 def _child(sweep, name, *arguments, log):
     """Return a command of hpcred on the ranks of the sweep."""
-    return Child(name, [*_launcher(sweep), sys.executable, "-m", "hpcred", *arguments], log)
+    return Child(name, [*_launcher(sweep), *HPCRED, *arguments], log)
 
 
 def _beside_others(progress, done, output, begin=lambda child: None):
@@ -233,8 +238,9 @@ def _beside_others(progress, done, output, begin=lambda child: None):
             try:
                 lock(child.log)  # several that begin it at once would write it together
             except InputError as error:
-                if UNDER_WAY in str(error):
-                    holder = holder_of(child.log) or "another process"
+                if UNDER_WAY not in str(error):
+                    raise
+                holder = holder_of(child.log) or "another process"
         if holder is None:
             if done(child):
                 unlock(child.log)
@@ -370,8 +376,6 @@ def _full_responses(sweep, chosen, states, at_once, progress):
         given = [str(result.absolute()), "--full", full, "-o", str(file.absolute()), *grid]
         outputs[file.stem] = file
         children.append(_child(sweep, file.stem, "evaluate", *given, log=file.with_suffix(".log")))
-    if children:
-        make_folder(sweep)
     others = _beside_others(progress, lambda child: outputs[child.name].exists(), lambda child: outputs[child.name])
     run_all(children, at_once, sweep.launch.environment, **others, **_told(progress, len(children)))
     return {child.name: child for child in children}

@@ -19,6 +19,8 @@ from ..reduction.parametric.reduced import ParametricReducedModel
 from ..reduction.reduced_model import ReducedModel
 from .superelement import Superelement, superelement
 
+OF_NAMES = "surrogateescape"  # for texts with names of files, whose bytes need not be UTF-8
+
 
 @dataclass
 class ExportSource:
@@ -158,7 +160,7 @@ class SuperelementWriter(Writer):
 
     def write(self, target, source):
         content, source.beside, remarks = self.make(source.superelement, source.stem)
-        target.write_bytes(content if isinstance(content, bytes) else content.encode())
+        target.write_bytes(content if isinstance(content, bytes) else content.encode(errors=OF_NAMES))
         return list(remarks)
 
     def begins(self, start):

@@ -19,7 +19,7 @@ from ..files.outputs import SUPERELEMENT
 from ..parallel.failures import InputError
 from ..readers.motions.columns import read_columns
 from ..readers.motions.table import TIMES, head_of
-from .base import Writer
+from .base import OF_NAMES, Writer
 
 BEGIN = "! ExtPtfm"  # of each file, by which it may be replaced
 LINE = 4096  # characters that OpenFAST reads of a line of loads
@@ -96,7 +96,7 @@ class ExtPtfm(Writer):
                  "!Connections (m)", *_lines([item.position for item in points], 16), "", "!Displacement (m)",
                  *_lines(np.concatenate([item.phi for item in points]), 16), ""]
             )  # fmt: skip
-        target.write_text("\n".join([*text, ""]))
+        target.write_text("\n".join([*text, ""]), encoding="utf-8", errors=OF_NAMES)
         floats = element.is_free
         source.beside["_input.dat"] = _module_input(stem, flex, bool(points), bool(options.loads), floats)
         return [*element.remarks, *_remarks(flex, floats, points)]

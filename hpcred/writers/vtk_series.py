@@ -5,8 +5,7 @@ All ranks write: rank 0 the XML, each rank its rows of the arrays, which are app
 
 from __future__ import annotations
 
-import shutil
-import tempfile
+import re
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +13,17 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from ..files.folders import atomic_folder, check_folder
 from ..files.hdf5 import atomic_output
 from ..files.result_points import Points
-from ..files.system_errors import writing_to
-from ..parallel.failures import Owned, agreed
+from ..files.system_errors import open_input, writing_to
+from ..parallel.failures import InputError, agreed
 from .vtk import TYPES
 
 KINDS = {"<f8": "Float64", "<f4": "Float32", "<i8": "Int64", "<i4": "Int32", "|u1": "UInt8"}
+BEGIN = (b'<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
+         b'header_type="UInt64">\n<UnstructuredGrid>\n')  # fmt: skip
+NOT_IN_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 LENGTH = 8  # bytes of the number of bytes in front of an array
 
 
@@ -35,21 +38,42 @@ class Rows:
     total: int
 
 
+def folder_of(path) -> Path:
+    """The folder of the .vtu of a .pvd."""
+    return Path(path).with_name(f"{Path(path).stem}_vtu")
+
+
+def is_of_series(path: Path) -> bool:
+    """Whether a file is a .vtu of a series in its folder: by its name, and by its beginning unless it is empty."""
+    begin, folder = path.name.rpartition("_")[0], path.parent.name.partition(".tmp-")[0]
+    if not re.fullmatch(r".*_\d+\.vtu", path.name, re.DOTALL) or begin not in (path.parent.name, folder):
+        return False
+    with open_input(path) as file:
+        return file.read(len(BEGIN)) in (b"", BEGIN)
+
+
+def check_series(path, comm, progress=None):
+    """Raise InputError where the folder of a .pvd has other files than those of a series, or where XML has no letters
+    for its name. Collective."""
+    folder = folder_of(path)
+    if NOT_IN_XML.search(folder.name):
+        raise InputError(f"output {path}: found a name with signs that XML does not have, by which the .pvd would name "
+                         "its files; choose another name")  # fmt: skip
+    with agreed(comm):
+        if comm.rank == 0:
+            check_folder(folder, is_of_series)
+            if progress is not None and folder.exists():
+                progress.tell(f"{folder} exists and will be replaced")
+
+
 @contextmanager
 def series(path, points: Points, t, comm, dtype):
     """Write a .pvd. The block gets a function that takes the fields of the next instants (b, k, ...); collective."""
-    path = Path(path)
-    folder, digits, done = path.with_name(f"{path.stem}_vtu"), len(str(len(t))), 0
+    path, folder = Path(path), folder_of(path)
+    check_series(path, comm)
+    digits, done = len(str(len(t))), 0
     names = [f"{folder.name}_{i:0{digits}d}.vtu" for i in range(len(t))]
-    with atomic_output(path, comm) as temporary, Owned(comm) as owned, writing_to(path, temporary):
-        fresh = None
-        with agreed(comm), writing_to(path, temporary):
-            if comm.rank == 0:
-                fresh = owned.enter_context(tempfile.TemporaryDirectory(dir=path.parent))
-        made = Path(comm.bcast(fresh)) / folder.name
-        with agreed(comm), writing_to(path, temporary):
-            if comm.rank == 0:
-                made.mkdir()
+    with atomic_folder(folder, comm, is_of_series) as made, atomic_output(path, comm) as temporary:
         mesh = _mesh(points, comm, dtype)
 
         def put(fields):
@@ -62,8 +86,6 @@ def series(path, points: Points, t, comm, dtype):
         with agreed(comm), writing_to(path, temporary):
             if comm.rank == 0:
                 _write_collection(temporary, t, [f"{folder.name}/{name}" for name in names])
-                shutil.rmtree(folder, ignore_errors=True)
-                made.rename(folder)
 
 
 @contextmanager
@@ -133,9 +155,7 @@ def _row_bytes(item) -> int:
 def _head(rows) -> tuple[bytes, list[int], int]:
     """Return the XML in front of the numbers, the byte where each array begins, and that behind the last one."""
     counts = {item.name: item.total for item in rows}
-    text = ('<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
-            'header_type="UInt64">\n<UnstructuredGrid>\n'
-            f'<Piece NumberOfPoints="{counts["points"]}" NumberOfCells="{counts["types"]}">\n')  # fmt: skip
+    text = BEGIN.decode() + f'<Piece NumberOfPoints="{counts["points"]}" NumberOfCells="{counts["types"]}">\n'
     offsets = np.cumsum([0, *(LENGTH + item.total * _row_bytes(item) for item in rows)])
     for group in ("PointData", "Points", "Cells"):
         text += f"<{group}>\n"

@@ -110,6 +110,53 @@ def test_a_file_system_without_locks(tmp_path, monkeypatch, comm):
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
 
+def test_a_host_whose_name_begins_alike_is_another_one(tmp_path):
+    """Its temporary files stay, whatever the numbers in its name."""
+    path = tmp_path / "a.h5"
+    others = [temporary_name(path, 2**22 - 1, f"{HOST}{tail}") for tail in ("-1", "-1-2", "-1.foo", "1", ".h5")]
+    others += [temporary_name(path, f"{2**22 - 1}-2"), temporary_name(path, "9" * 30)]
+    mine = [temporary_name(path, 2**22 - 1), temporary_name(path, f"{2**22 - 1}.h5")]
+    for other in (*others, *mine):
+        other.touch()
+    lock(path)
+    unlock(path)
+    assert sorted(tmp_path.iterdir()) == sorted(others)
+
+
+def test_hosts_that_differ_have_names_that_differ():
+    long = "n" * 60
+    hosts = ["a", "a-1", "A", "a.b", "a/b", "a b", long, f"{long}1", f"{long}2", "\udcff", "ü"]
+    found = [locks.host_in_names(host) for host in hosts]
+    assert len(set(found)) == len(hosts) and max(map(len, found)) <= 40
+    assert not set("".join(found)) & set("/ ")
+
+
+@pytest.mark.parametrize("content", ["notes\n", "process 1 on here\nnotes\n", "process 1 on " + "x" * 400])
+def test_a_file_that_is_no_lock_is_refused(tmp_path, content):
+    """A file of the user with the name of a lock is neither emptied nor removed."""
+    own = lock_name(tmp_path / "a.h5")
+    own.write_text(content)
+    with pytest.raises(InputError, match="which no run wrote and which has the name of its lock"):
+        lock(tmp_path / "a.h5")
+    assert own.read_text() == content
+
+
+def test_a_lock_with_another_name_is_refused(tmp_path):
+    """Others may lay a second name of an empty file of the user."""
+    (tmp_path / "mine").touch()
+    os.link(tmp_path / "mine", lock_name(tmp_path / "a.h5"))
+    with pytest.raises(InputError, match="which no run wrote"):
+        lock(tmp_path / "a.h5")
+    assert (tmp_path / "mine").read_bytes() == b""
+
+
+def test_a_pipe_is_neither_a_lock_nor_waited_for(tmp_path):
+    os.mkfifo(lock_name(tmp_path / "a.h5"))
+    assert locks.holder_of(tmp_path / "a.h5") is None
+    with pytest.raises(InputError, match="cannot be opened .this is a pipe or a device."):
+        lock(tmp_path / "a.h5")
+
+
 def test_a_name_with_signs_of_patterns(tmp_path):
     path = tmp_path / "a[1]*.h5"
     temporary_name(path, 2**22 - 1).touch()

@@ -15,7 +15,8 @@ from launch import mpi_environment
 import hpcred as package
 from hpcred.cli.main import run as command
 from hpcred.files.hdf5 import atomic_output, writing
-from hpcred.files.room import BASE, NoRoom, rescue_places, rescued
+from hpcred.files.room import BASE, NoRoom, rescue_places
+from hpcred.files.together import rescued
 from hpcred.parallel.failures import agreed
 
 MB = 10**6
@@ -136,7 +137,10 @@ def test_places_for_what_has_no_room(tmp_path, monkeypatch, comm):
     monkeypatch.chdir(tmp_path / "work")
     monkeypatch.delenv("HPCRED_RESCUE_DIR", raising=False)
     (tmp_path / "r.h5").touch()
-    assert rescue_places("r.h5")[0] == tmp_path / "r-1.h5"
+    assert next(rescue_places("r.h5")) == tmp_path / "r-1.h5"
+    assert not (tmp_path / "r-1.h5").exists()
+    (tmp_path / "r-1.h5").symlink_to(tmp_path / "victim")  # laid by others
+    assert next(rescue_places("r.h5")) == tmp_path / "r-2.h5"
     tried = []
 
     def write(path):

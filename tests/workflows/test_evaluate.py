@@ -13,9 +13,10 @@ from helpers import CHORD_JOB, refused
 import hpcred as package
 from hpcred.cli.main import run
 from hpcred.examples.beam import Rod
+from hpcred.files.names import FileNames
 from hpcred.parallel.petsc import is_complex
 from hpcred.workflows import evaluate, pair_figures
-from hpcred.workflows.pair_figures import in_file_name, pairs_to_show
+from hpcred.workflows.pair_figures import pairs_to_show
 
 
 @pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.slow)])
@@ -313,4 +314,6 @@ def test_pairs_worth_a_figure():
     assert pairs_to_show(H, ("a", "b"), ("a", "b"), 2) == [(0, 1), (1, 1)]
     H[:, 0, 1] = H[:, 1, 0] = 1e-14
     assert pairs_to_show(H, ("a", "b"), ("a", "b"), 9) == [(0, 0), (1, 1)]
-    assert in_file_name("output 3:z/a b") == "output_3z_a_b"
+    names = FileNames()
+    found = [names.of(name) for name in ("output 3:z/a b", "output_3z_A_b", "c", "output_3z_a_b_2")]
+    assert found == ["output_3z_a_b", "output_3z_A_b_2", "c", "output_3z_a_b_2_2"]

@@ -1,6 +1,7 @@
 """`hpcred bench --save`: the quickest kernels of OpenBLAS are found, kept, taken by later runs, and forgotten."""
 
 import json
+import os
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -97,6 +98,15 @@ def test_a_damaged_file_is_no_choice(machine, text):
     machine.save("{")
     workflow._keep({kernels.processor(): "Haswell"}, MPI.COMM_SELF)
     assert kernels.damage() is None and taken() == "Haswell"
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero"), lambda path: path.mkdir()])
+def test_a_pipe_or_a_device_is_not_read(machine, make):
+    """Each start of a command reads the file of saved kernels."""
+    kernels.place().parent.mkdir(parents=True)
+    make(kernels.place())
+    assert taken() is None
+    assert "the saved kernels cannot be read (" in kernels.damage()
 
 
 def test_what_is_saved_for_others_outlives_damage(machine):

@@ -106,11 +106,8 @@ def test_tables_of_chosen_nodes_and_instants(simulated):
 @pytest.mark.parametrize("moved", [False, True])
 def test_files_of_paraview(simulated, comm, moved):
     """The cells and places of the model, and what is written as HDF5; old files of the folder go."""
-    if comm.rank == 0:
-        (simulated / "out_vtu").mkdir()
-        (simulated / "out_vtu" / "old.vtu").write_text("of an earlier run")
-    comm.Barrier()
     from_to = (simulated / "result.h5", simulated / "simulation.h5")
+    hpcred.recover(*from_to, simulated / "out.pvd", every=2)
     hpcred.recover(*from_to, simulated / "out.pvd", every=5, inertial=moved, single=moved)
     hpcred.recover(*from_to, simulated / "out.h5", every=5, inertial=moved)
     expected = arrays(simulated / "out.h5")
@@ -129,6 +126,26 @@ def test_files_of_paraview(simulated, comm, moved):
     hpcred.recover(*from_to, simulated / "one.vtu", start=0.025, end=0.025)
     one = vtu_reading.read(simulated / "one.vtu")
     assert one.point_data["displacement"].shape == (20, 3)
+
+
+def test_a_folder_with_files_of_the_user_is_not_replaced(simulated, capsys):
+    """Neither by recover nor by simulate, also with the inputs of the run in it; nothing else is written."""
+    out, job = simulated / "out_vtu", simulated / "sim.toml"
+    from_to = [str(simulated / name) for name in ("result.h5", "simulation.h5")]
+    out.mkdir()
+    for name, text in (("thesis.txt", "years"), ("out_vtu_0.vtu", "<VTKFile>"), ("q.h5", "")):
+        (out / name).write_text(text)
+        before = {path: path.read_bytes() for path in simulated.rglob("*") if path.is_file()}
+        assert run(["recover", *from_to, "-o", str(simulated / "out.pvd")]) == 2
+        assert f"out_vtu: found '{name}' in this folder" in capsys.readouterr().err
+        assert run(["simulate", str(job), "--set", "paraview=true", "--set", "output=out.h5"]) == 2
+        assert f"out_vtu: found '{name}' in this folder" in capsys.readouterr().err
+        assert {path: path.read_bytes() for path in simulated.rglob("*") if path.is_file()} == before
+        (out / name).unlink()
+    assert run(["recover", *from_to, "-o", str(simulated / "out.pvd"), "--every", "20"]) == 0
+    assert run(["recover", *from_to, "-o", str(simulated / "out.pvd"), "--keep"]) == 2
+    assert run(["recover", *from_to, "-o", str(simulated / "a\udcff.pvd")]) == 2
+    assert "signs that XML does not have" in capsys.readouterr().err
 
 
 @pytest.mark.mpi

@@ -72,7 +72,7 @@ def test_the_job_names_the_store(linkage_folder, capsys):
     output = capsys.readouterr().out
     assert "0 factorisations, 3 saved by the store, 0 analyses" in output and output.count(" store") >= 4
     Path("file").touch()
-    assert "/file: no folder that can be written" in refused(capsys, "reduce", "job.toml", "--store", "file")
+    assert "/file: cannot be created (it is not a folder)" in refused(capsys, "reduce", "job.toml", "--store", "file")
 
 
 @pytest.mark.skipif(not TWO_BUILDS, reason="only one PETSc build")

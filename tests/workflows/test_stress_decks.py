@@ -184,7 +184,7 @@ def test_answers_that_do_not_fit_are_refused(tmp_path, change, says):
     ("nastran", DECK, "new", "found no GRID in the bulk data"),
     ("calculix", "GRID,1,,0.,0.,0.\n", "new", "deck.inp: found no keyword .NODE"),
     ("calculix", DECK, "new", r"deck.inp: found node 1 at \(10, 0, 0\) m .units: SI., expected it at \(0.01, 0, 0\)"),
-    ("calculix", DECK, ".", "it exists and is not an empty folder"),
+    ("calculix", DECK, ".", "in this folder, which is not replaced with it"),
 ])  # fmt: skip
 def test_decks_that_cannot_be_written_are_refused(tmp_path, program, deck, target, says):
     with hpcred.solid((1, 1, 1), inputs=1) as model:
