@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, inner, times, view_of
-from ...model.second_order_model import SYMMETRIC_TO
 from ...model.viscoelastic import Viscoelastic, matrices_by_key, parts_from, transformed
 from ..tolerance.independent_loads import independent_columns
 from ..tolerance.projections import extended
@@ -36,10 +35,10 @@ class AffineForm:
         model, self.restore = parametric.model, framed.restore
         self.parametric, self.framed = parametric, framed
         terms = [(1 + k, item) for k, item in enumerate(parametric.terms)]
-        defects = (0.0, *parametric.symmetry_defects)
+        symmetric = (True, *parametric.symmetric_terms)
         self.parts: dict[str, list[Part]] = {"M": [], "K": [], "D": []}
         for of, mat in (("M", model.M), ("K", model.K), ("D", model.D)):
-            own = [Part(k, item.matrix, defects[k] <= SYMMETRIC_TO) for k, item in terms if item.of == of]
+            own = [Part(k, item.matrix, symmetric[k]) for k, item in terms if item.of == of]
             if of == "K" or (of == "M" and own) or (of == "D" and damped):
                 self.parts[of] = [Part(0, mat, model.is_symmetric(of)), *own]
         self.parts |= {key: [Part(0, mat)] for key, mat in matrices_by_key(model.viscoelastic).items()}

@@ -16,7 +16,7 @@ from ...model.frames import Buckens, apply_frame
 from ...model.load_columns import resultants
 from ...model.parametric_model import ParametricModel
 from ...model.rigid_body_modes import acts_on_free_motions
-from ...model.second_order_model import SYMMETRIC_TO
+from ...model.second_order_model import SYMMETRIC_TO, defect_in_words
 from ...model.term_matrices import FIELD
 from ...parallel.declared import declared
 from ...parallel.failures import InputError, Owned
@@ -193,13 +193,14 @@ def check_parametric(model, frame, damping, coordinates):
     """Refuse a parametric model that cannot be reduced: unsymmetric terms, terms that the frame or the damping leaves
     out. Collective."""
     declared("model", model, ParametricModel)
-    for item, defect in zip(model.terms, model.symmetry_defects, strict=True):
-        unsymmetric = item.of in ("M", "K") and defect > SYMMETRIC_TO
+    known = zip(model.terms, model.symmetry_defects, model.symmetric_terms, strict=True)
+    for item, defect, symmetric in known:
+        unsymmetric = item.of in ("M", "K") and not symmetric
         if unsymmetric and not (item.of == "K" and model.model.circulatory):
             more = " or a skew-symmetric matrix; of K that has circulatory forces say circulatory = true"
             raise InputError(
                 f"{model.name}: the term of {item.of} with the factor '{item.factor}' is not symmetric: "
-                f"||A - A^T|| / ||A|| = {defect:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
+                f"{defect_in_words(defect)}, expected round-off (below {SYMMETRIC_TO:g})"
                 + (more if item.of == "K" else "")
             )
         if unsymmetric:
