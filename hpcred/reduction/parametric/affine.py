@@ -10,7 +10,7 @@ from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, in
 from ...model.viscoelastic import Viscoelastic, matrices_by_key, parts_from, transformed
 from ..tolerance.independent_loads import independent_columns
 from ..tolerance.projections import extended
-from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
+from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, congruent, diagonalised
 from .singular import factor_of_mass
 
 
@@ -135,7 +135,7 @@ class AffineProjections:
     def turn(self, factor: np.ndarray):
         """Follow a basis V that has become V factor; local."""
         self.L = factor.T @ self.L
-        self.small = {of: [factor.T @ part @ factor for part in parts] for of, parts in self.small.items()}
+        self.small = {of: [congruent(part, factor) for part in parts] for of, parts in self.small.items()}
 
     def at(self, point) -> PointModels:
         """Return the projections at a point; local. Raises InputError where M is not positive definite."""
@@ -144,7 +144,7 @@ class AffineProjections:
         M, L, turn = summed.pop("M", None), self.L, np.eye(len(self.L))
         if M is not None:
             turn = np.linalg.inv(factor_of_mass(M, self.form.values(point))).T
-            summed, L = {of: turn.T @ part @ turn for of, part in summed.items()}, turn.T @ L
+            summed, L = {of: congruent(part, turn) for of, part in summed.items()}, turn.T @ L
         symmetric = all(part.symmetric for part in self.form.parts["K"])
         parts = parts_from(self.form.parametric.model.viscoelastic, summed)
         size = sum(abs(theta[part.place]) * np.linalg.norm(small)
