@@ -233,8 +233,7 @@ class ReducedModel:
     def poles(self) -> np.ndarray:
         """Return the 2m roots of det A(s) in rad/s, by imaginary part, without structural damping.
 
-        With viscoelastic parts of Maxwell's law also those of their states; of fractional laws those that oscillate, up
-        to the highest of `frequencies`.
+        With viscoelastic parts of Maxwell's law also those of their states; of fractional laws those that oscillate.
         """
         if any(not isinstance(part.law, Maxwell) for part in self.viscoelastic):
             from scipy.linalg import eigh  # which most models do without

@@ -38,8 +38,11 @@ def oscillating_poles(eigenvalues: np.ndarray, D: np.ndarray, parts, eta: float 
     x = vectors[node, :, mode]  # (k, m)
     loss = added.imag[node] + at[:, None, None] * D + eta * np.diag(eigenvalues)
     first = 1j * at * np.sqrt(1 + 1j * np.einsum("ki,kij,kj->k", x, loss, x) / at**2)
-    few = np.argsort(at)[:MOST]
-    first[few] = _by_newton(eigenvalues, D, parts, eta, first[few], x[few])
+    left = np.argsort(at)[:MOST]
+    for guess in (first.copy(), 1j * at):  # the damping of a single mode may say too much
+        found = _by_newton(eigenvalues, D, parts, eta, guess[left], x[left])
+        near = found != guess[left]
+        first[left[near]], left = found[near], left[~near]
     return first[np.argsort(first.imag)]
 
 
