@@ -19,8 +19,7 @@ def symmetry_defect(mat: PETSc.Mat, skew=False) -> float:
     Collective.
 
     Entry by entry, so that neither units nor the mesh nor stiff parts elsewhere hide a difference. Round-off in entries
-    that nearly cancel is some 1e-15 of the diagonal, which stands for them there; a row with a zero on the diagonal has
-    its largest entry for it.
+    that nearly cancel is some 1e-15 of the diagonal, which stands for them there.
     """
     indptr, indices, ours = mat.getValuesCSR()
     other = mat.transpose(PETSc.Mat())
@@ -35,17 +34,14 @@ def symmetry_defect(mat: PETSc.Mat, skew=False) -> float:
         pattern.data[:] = 1.0
         indptr, indices = pattern.tocsr().indptr, pattern.col
         ours, theirs = (np.asarray(part[pattern.row, pattern.col]).ravel() for part in (one, two))
-    # the diagonal of the row and of the column of each entry
-    rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+    # the diagonal entries of the row and of the column of each
     root = mat.getDiagonal()
-    size = np.abs(root.getArray(readonly=True).real)
-    lacking = size[rows] == 0
-    np.maximum.at(size, rows[lacking], np.abs(ours[lacking]))
-    root.setArray(np.sqrt(size))
-    scale = np.sqrt(size)[rows] * _entries_of(root, indices)
+    root.setArray(np.sqrt(np.abs(root.getArray(readonly=True).real)))
+    scale = np.repeat(root.getArray(readonly=True).real, np.diff(indptr))
+    scale *= _entries_of(root, indices)
     # the comparison
-    difference = np.abs(ours + theirs if skew else ours - theirs)
     scale = np.maximum(np.maximum(np.abs(ours), np.abs(theirs)), OF_DIAGONAL * scale)
+    difference = np.abs(ours + theirs if skew else ours - theirs)
     largest = np.divide(difference, scale, out=np.zeros(len(scale)), where=difference > 0).max(initial=0.0)
     return float(max(mat.comm.tompi4py().allgather(largest)))
 

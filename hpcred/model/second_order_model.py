@@ -21,7 +21,7 @@ from .checked_arrays import check_finite
 from .construction import Labels
 from .cut_outputs import CutOutput
 from .derivatives import Derivatives, check_names
-from .digests import digest_of
+from .digests import PARTS, digest_of
 from .dofs import SCALAR, Dofs
 from .interface_motion import with_interfaces
 from .interfaces import Interface, InterfaceNode
@@ -272,8 +272,9 @@ class SecondOrderModel:
         other = self.assembled(**{item.name: getattr(self, item.name) for item in fields(self)} | kept | changed)
         for name in ("_digests", "_defects", "_signs"):
             known, shared = getattr(self, name), getattr(other, name)
+            other_parts = {*changed, "labels" if "dofs" in changed else "", "interfaces" if "Gt" in changed else ""}
             shared.update({key: value for key, value in known.items()
-                           if key not in changed and not key.startswith(KEY)})  # fmt: skip
+                           if key not in other_parts and not key.startswith(KEY)})  # fmt: skip
         return other
 
     @cached_property
@@ -361,15 +362,22 @@ class SecondOrderModel:
         return {}
 
     def digest_of(self, key: str) -> str | None:
-        """Return a digest of the content of M, K, D, B, Ct or dofs, or of node and direction of all rows ("labels").
+        """Return a digest of the content of a matrix or field (see digests), or of node and direction of all rows
+        ("labels").
 
         None if the model has no such part. The digest is the same on any number of ranks and in both builds of PETSc.
         Collective.
         """
         if key not in self._digests:
-            there = key in self.matrices or getattr(self, "dofs" if key == "labels" else key, None) is not None
-            self._digests[key] = digest_of(self, key) if there else None
+            self._digests[key] = digest_of(self, key)
         return self._digests[key]
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """What tells the model from others: digests of all that its numbers depend on, by name of the part. Collective.
+        """
+        found = {key: self.digest_of(key) for key in PARTS}
+        return {key: value for key, value in found.items() if value is not None}
 
     @cached_property
     def mean_diagonal_of_k(self) -> float:

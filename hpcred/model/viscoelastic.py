@@ -326,8 +326,8 @@ def _check(model, part):
         raise InputError(f"{part.name}: K_v is zero, expected the stiffness of the viscoelastic parts of {model.name}")
     if (defect := symmetry_defect(part.matrix)) > SYMMETRIC_TO:
         raise InputError(
-            f"{part.name}: found an unsymmetric K_v (a_ij and a_ji differ by {defect:.1e} of them), expected a symmetric "
-            "one, as stiffness of a material is"
+            f"{part.name}: found an unsymmetric K_v (a_ij and a_ji differ by {defect:.1e} of them), expected a "
+            "symmetric one, as stiffness of a material is"
         )
     low, high = extreme_quotients(part.matrix)
     if low < -NEGATIVE * max(high, 1.0):

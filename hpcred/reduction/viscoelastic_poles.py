@@ -1,8 +1,8 @@
 """Find the poles of small models with viscoelastic parts, s^2 + s D + K(s) in modal coordinates, that oscillate.
 
 No linear eigenproblem has them where a law is fractional. The eigenvalues of K(i omega), sorted, cross omega^2 at
-most once each, since the parts stiffen with frequency, but less than omega^2; there Newton's method begins (Guettel and Tisseur, Acta Numerica 26, 2017,
-section 4).
+most once each, since the parts stiffen with frequency, but less than omega^2; there Newton's method begins (Guettel and
+Tisseur, Acta Numerica 26, 2017, section 4).
 """
 
 from __future__ import annotations

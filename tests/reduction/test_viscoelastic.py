@@ -149,7 +149,8 @@ def test_poles_of_a_fractional_law_are_zeros_of_a():
 
 @pytest.mark.parametrize(
     "static, matrix, factor, time",
-    [((0.0, 100.0), (10.0, 0.0), 1.0, 100.0), ((1.0, 3.0), (1.0, 1.0), 400.0, 100.0), ((0.0, 0.0), (4.0, 50.0), 1.0, 1.0)],
+    [((0.0, 100.0), (10.0, 0.0), 1.0, 100.0), ((1.0, 3.0), (1.0, 1.0), 400.0, 100.0),
+     ((0.0, 0.0), (4.0, 50.0), 1.0, 1.0)],
 )  # fmt: skip
 def test_poles_outside_of_the_static_frequencies(static, matrix, factor, time):
     """Of masses that a Maxwell element alone holds, and of stiffening beyond the highest static one (Hz)."""
