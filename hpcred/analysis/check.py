@@ -19,7 +19,7 @@ from ..model.rigid_body_modes import (
     rigid_body_residuals,
     warnings_of_nodes,
 )
-from ..model.second_order_model import DEFECT, massless, require_model
+from ..model.second_order_model import massless, require_model
 from ..model.units import SI, UNITS, Units, units_of
 from ..parallel.lookup import sort_over_ranks
 from ..parallel.petsc import MPI
@@ -109,8 +109,8 @@ def _on_symmetry(model):
         return f"{', '.join(model.matrices)} are symmetric"
     listed = ", ".join(f"{key} {defect:.1e}" for key, defect in worst.items())
     if model.symmetric:
-        return f"{', '.join(model.matrices)} are symmetric to round-off: {DEFECT} is {listed}"
-    return f"not all of {', '.join(model.matrices)} are symmetric: {DEFECT} is {listed}"
+        return f"{', '.join(model.matrices)} are symmetric to round-off: max |a_ij - a_ji| / |a_ij| is {listed}"
+    return f"not all of {', '.join(model.matrices)} are symmetric: max |a_ij - a_ji| / |a_ij| is {listed}"
 
 
 def _on_signs(model):

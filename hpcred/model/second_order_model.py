@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     OutputTargets: TypeAlias = Iterable[int | str | Sequence[int | str] | MotionOutput | StressOutput | CutOutput]
 
 SYMMETRIC_TO = 1e-10  # symmetry_defect above which a matrix counts as unsymmetric
-DEFECT = "max |a_ij - a_ji| / |a_ij|"  # see symmetry_defect
 DECLARED = 1e-12  # the same of a K that may be so: what is more is not round-off of a few sums
 
 
@@ -53,11 +52,6 @@ def is_symmetric_to(defect: float, of: str, circulatory: bool) -> bool:
     """Test whether the symmetry defect of a matrix `of` a model, or of a term of it, is round-off; in K, and what
     damping makes of it, less is where it is declared `circulatory`."""
     return defect <= (DECLARED if circulatory and of != "M" else SYMMETRIC_TO)
-
-
-def defect_in_words(defect: float) -> str:
-    """Return a symmetry defect for messages."""
-    return f"{DEFECT} = {defect:.1e}"
 
 
 def sizes_of_sets(sets: dict, comm) -> dict[str, int]:

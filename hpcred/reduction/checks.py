@@ -10,7 +10,7 @@ from ..model.definiteness import check_definite, warnings_of_definiteness
 from ..model.frames import Buckens, refuse_circulatory
 from ..model.interfaces import warnings_of_interfaces
 from ..model.rigid_body_modes import exchange_of_matrices, misfit_of_nodes, soft_supports, warnings_of_nodes
-from ..model.second_order_model import SYMMETRIC_TO, defect_in_words, require_inputs
+from ..model.second_order_model import SYMMETRIC_TO, require_inputs
 from ..model.viscoelastic import Maxwell
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
@@ -34,8 +34,8 @@ def check_symmetric(model, circulatory=False):
     for key in ("M", "K"):
         if not model.is_symmetric(key) and not (circulatory and key == "K"):
             raise InputError(
-                f"{model.name}: matrix {key} is not symmetric: {defect_in_words(model.symmetry_defects[key])}, "
-                f"expected round-off (below {SYMMETRIC_TO:g})"
+                f"{model.name}: matrix {key} is not symmetric: max |a_ij - a_ji| / |a_ij| = "
+                f"{model.symmetry_defects[key]:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
                 + (hint if key == "K" else "")
             )
 

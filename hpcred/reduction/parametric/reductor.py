@@ -17,7 +17,7 @@ from ...model.frames import Buckens, apply_frame
 from ...model.load_columns import resultants
 from ...model.parametric_model import ParametricModel
 from ...model.rigid_body_modes import acts_on_free_motions
-from ...model.second_order_model import SYMMETRIC_TO, defect_in_words
+from ...model.second_order_model import SYMMETRIC_TO
 from ...model.term_matrices import FIELD
 from ...parallel.declared import declared
 from ...parallel.failures import InputError, Owned
@@ -203,7 +203,7 @@ def check_parametric(model, frame, damping, coordinates):
             more = " or a skew-symmetric matrix; of K that has circulatory forces say circulatory = true"
             raise InputError(
                 f"{model.name}: the term of {item.of} with the factor '{item.factor}' is not symmetric: "
-                f"{defect_in_words(defect)}, expected round-off (below {SYMMETRIC_TO:g})"
+                f"max |a_ij - a_ji| / |a_ij| = {defect:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
                 + (more if item.of == "K" else "")
             )
         if unsymmetric:
