@@ -11,7 +11,7 @@ from ..parallel.petsc import MPI
 from .viscoelastic import laws_of, matrices_by_key
 
 # all that responses and reduced models of a model depend on, by field; elements and node sets by what is made of them
-PARTS = ("M", "K", "D", "viscoelastic", "B", "Ct", "derivatives", "interfaces", "dofs")
+PARTS = ("viscoelastic", "M", "K", "D", "B", "Ct", "derivatives", "interfaces", "dofs")
 DIGITS = np.pi * 1e7  # no decimal ones, near whose ends round numbers are
 SMALL = 1e-5  # of the largest entry of a column, from which on digits of entries count, not of the largest one
 
