@@ -109,8 +109,8 @@ def _on_symmetry(model):
         return f"{', '.join(model.matrices)} are symmetric"
     listed = ", ".join(f"{key} {defect:.1e}" for key, defect in worst.items())
     if model.symmetric:
-        return f"{', '.join(model.matrices)} are symmetric to round-off: ||A - A^T|| / ||A|| is {listed}"
-    return f"not all of {', '.join(model.matrices)} are symmetric: ||A - A^T|| / ||A|| is {listed}"
+        return f"{', '.join(model.matrices)} are symmetric to round-off: max |a_ij - a_ji| / |a_ij| is {listed}"
+    return f"not all of {', '.join(model.matrices)} are symmetric: max |a_ij - a_ji| / |a_ij| is {listed}"
 
 
 def _on_signs(model):

@@ -50,7 +50,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..reduction.parametric.accuracy import in_words
 from ..reduction.parametric.reduced import ParametricReducedModel
-from ..reduction.record import Record, difference_of, signature_of
+from ..reduction.record import Record, difference_of
 from ..reduction.reduced_model import ReducedModel
 from .checked import Array, damaged
 from .hdf5 import ALSO, reading, texts, writing
@@ -419,7 +419,7 @@ def write_result(
     declared("reduced", reduced, ReducedModel)
     if model is not None:
         require_model(model)
-        key = reduced.record and difference_of(signature_of(model), reduced.record)
+        key = reduced.record and difference_of(model.digests, reduced.record)
         if key in ("M", "K"):
             raise InputError(f"model: found another {key} than that which was reduced; give the model that was")
     comm = model.comm if model is not None else reduced.columns.comm.tompi4py() if reduced.columns else MPI.COMM_WORLD

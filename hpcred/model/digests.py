@@ -1,30 +1,65 @@
 """Compute digests of the contents of a model: the same on any number of ranks and in both builds of PETSc."""
 
+import json
+from dataclasses import asdict, replace
+
 import numpy as np
+from xxhash import xxh3_128
 
 from ..parallel.digest import digest, digest_of_block
 from ..parallel.petsc import MPI
+from .viscoelastic import laws_of, matrices_by_key
+
+# all that responses and reduced models of a model depend on, by field; elements and node sets by what is made of them
+PARTS = ("viscoelastic", "M", "K", "D", "B", "Ct", "derivatives", "interfaces", "dofs")
+DIGITS = np.pi * 1e7  # no decimal ones, near whose ends round numbers are
+SMALL = 1e-5  # of the largest entry of a column, from which on digits of entries count, not of the largest one
 
 
-def digest_of(model, key: str) -> str:
+def digest_of(model, key: str) -> str | None:
     """Return the digest that SecondOrderModel.digest_of keeps. Collective."""
+    field = "dofs" if key == "labels" else key
+    item = model.matrices[key] if key in model.matrices else getattr(model, field)
+    if item is None or item == ():
+        return None
     first = model.first_row
-    if key in ("dofs", "labels"):
-        labels = [model.dofs.node, model.dofs.direction, *([model.dofs.position] if key == "dofs" else [])]
+    if field == "dofs":
+        labels = [item.node, item.direction, *([item.position] if key == "dofs" else [])]
         return digest_of_block(model.comm, first, np.column_stack(labels).astype("<f8"))
-    item = model.matrices[key] if key in model.matrices else getattr(model, key)
+    if key == "derivatives":
+        return digest_of_plain(item.parts.tolist())
+    if key == "viscoelastic":
+        laws = [asdict(law) for law in laws_of(item)]
+        return digest_of_plain([laws, [model.digest_of(each) for each in matrices_by_key(item)]])
+    if key == "interfaces":  # what set, bore, pin, weights, elements and places come to
+        asked = [asdict(replace(node, position=None, count=0, warnings=())) for node in item]
+        return digest_of_plain([asked, model.digest_of("Gt")])
     if key in ("B", "Ct"):
-        columns = np.ascontiguousarray(item.getDenseArray().real, "<f8") + 0.0
-        return digest_of_block(model.comm, first, _rounded(model, columns) if model.interfaces else columns)
+        columns = np.ascontiguousarray(item.getDenseArray().real, "<f8")
+        scale, values = _rounded(model.comm, columns, np.arange(columns.shape[1]))
+        return digest_of_plain([scale, digest_of_block(model.comm, first, values)])
     indptr, indices, values = item.getValuesCSR()
     number = "<u4" if model.size < 2**32 else "<u8"
-    # adding zero makes -0.0 the same as 0.0
-    return digest(model.comm, first, [(indptr, indices.astype(number)), (indptr, values.real.astype("<f8") + 0.0)])
+    if key == "Gt":
+        scale, values = _rounded(model.comm, values.real, indices, item.getSize()[1])
+        return digest_of_plain([scale, digest(model.comm, first, [(indptr, indices.astype(number)), (indptr, values)])])
+    kept = np.flatnonzero(values)  # the patterns of other matrices leave zeros
+    starts = np.searchsorted(kept, indptr)
+    parts = [(starts, indices[kept].astype(number, copy=False)), (starts, values[kept].real)]
+    return digest(model.comm, first, parts)
 
 
-def _rounded(model, columns):
-    """Return columns without the last digits, which depend on the number of ranks where interface nodes made them."""
-    most = np.zeros(columns.shape[1])
-    model.comm.Allreduce(np.abs(columns).max(axis=0, initial=0.0), most, MPI.MAX)
-    # by pi, since what comes of a division by 2, 4, 8, ... lies between two decimals
-    return np.round(columns * (np.pi * 1e7 / np.where(most > 0, most, 1.0))).astype("<i8")
+def digest_of_plain(value) -> str:
+    """Return the digest of plain data."""
+    return xxh3_128(json.dumps(value, sort_keys=True).encode()).hexdigest()
+
+
+def _rounded(comm, values, columns, count=None):
+    """Return seven digits of the largest entry of each column, and of the entries relative to it: where interfaces,
+    elements and loads made them the last ones depend on the number of ranks. Of small entries fewer count."""
+    most = np.zeros(count or len(columns))
+    np.maximum.at(most, np.broadcast_to(columns, values.shape), np.abs(values))
+    comm.Allreduce(MPI.IN_PLACE, most, MPI.MAX)
+    most[most == 0] = 1.0
+    rounded = np.round(np.arcsinh(values / (SMALL * most)[columns]) * DIGITS).astype("<i8")
+    return np.round(np.log(most) * DIGITS).tolist(), rounded

@@ -19,7 +19,7 @@ from ..parallel.petsc import PETSc
 from .cut_outputs import cut_output_of
 from .parameters import Parameter, Term, check_terms, checked_values, factors_of, in_words
 from .petsc_matrices import on_one_pattern
-from .second_order_model import SYMMETRIC_TO, SecondOrderModel, listed, require_model
+from .second_order_model import SYMMETRIC_TO, SecondOrderModel, is_symmetric_to, listed, require_model
 from .term_matrices import FIELD, term_matrix
 from .viscoelastic import parts_from
 
@@ -153,8 +153,15 @@ class ParametricModel:
 
     @cached_property
     def symmetry_defects(self) -> tuple[float, ...]:
-        """Estimated ||A - A^T||_F / ||A||_F of the terms of M, D and K in their order, 0 for others. Collective."""
+        """Symmetry defects of the terms of M, D and K in their order (see SecondOrderModel), 0 for others. Collective.
+        """
         return tuple(symmetry_defect(item.matrix) if item.of in "MDK" else 0.0 for item in self.terms)
+
+    @property
+    def symmetric_terms(self) -> tuple[bool, ...]:
+        """Whether the terms, in their order, are symmetric but for round-off. Collective."""
+        return tuple(is_symmetric_to(defect, item.of, self.model.circulatory)
+                     for item, defect in zip(self.terms, self.symmetry_defects, strict=True))  # fmt: skip
 
     @property
     def reference(self) -> dict[str, float]:
@@ -197,8 +204,9 @@ class ParametricModel:
             negative diagonal.
         """
         values = self.checked(values)
+        factors = self.factors(values)
         changed: dict[str, Any] = {"name": f"{self.name} at {', '.join(f'{k} = {v:g}' for k, v in values.items())}"}
-        for item, theta in zip(self.terms, self.factors(values), strict=True):
+        for item, theta in zip(self.terms, factors, strict=True):
             key = FIELD[item.of]
             if key not in changed:
                 changed[key] = getattr(self.model, key).copy()
@@ -213,11 +221,11 @@ class ParametricModel:
             changed["loads"] = ()  # their sums are those of the constant part
         there = self.model.with_fields(**changed)
         known = self.model.symmetry_defects
-        for key in changed.keys() & {"M", "D", "K"}:  # of symmetric parts, the sum is
-            parts = [known[key], *(defect for item, defect in zip(self.terms, self.symmetry_defects, strict=True)
-                                   if item.of == key)]  # fmt: skip
-            if max(parts) <= SYMMETRIC_TO:
-                there.take_symmetry(key, max(parts))
+        for key in changed.keys() & {"M", "D", "K"}:  # a sum is as symmetric as its parts, however small they are in it
+            there.take_symmetry(key, max(known[key], *(
+                defect for item, theta, defect in zip(self.terms, factors, self.symmetry_defects, strict=True)
+                if item.of == key and theta
+            ), 0.0))  # fmt: skip
         return there
 
     def with_inputs(self, targets) -> ParametricModel:

@@ -21,7 +21,7 @@ from .checked_arrays import check_finite
 from .construction import Labels
 from .cut_outputs import CutOutput
 from .derivatives import Derivatives, check_names
-from .digests import digest_of
+from .digests import PARTS, digest_of
 from .dofs import SCALAR, Dofs
 from .interface_motion import with_interfaces
 from .interfaces import Interface, InterfaceNode
@@ -44,7 +44,14 @@ if TYPE_CHECKING:
     Targets: TypeAlias = Iterable[int | str | Sequence[int | str]]  # dofs, names of interfaces, (node, direction)
     OutputTargets: TypeAlias = Iterable[int | str | Sequence[int | str] | MotionOutput | StressOutput | CutOutput]
 
-SYMMETRIC_TO = 1e-10  # ||A - A^T|| / ||A|| above which a matrix counts as unsymmetric
+SYMMETRIC_TO = 1e-10  # symmetry_defect above which a matrix counts as unsymmetric
+DECLARED = 1e-12  # the same of a K that may be so: what is more is not round-off of a few sums
+
+
+def is_symmetric_to(defect: float, of: str, circulatory: bool) -> bool:
+    """Test whether the symmetry defect of a matrix `of` a model, or of a term of it, is round-off; in K, and what
+    damping makes of it, less is where it is declared `circulatory`."""
+    return defect <= (DECLARED if circulatory and of != "M" else SYMMETRIC_TO)
 
 
 def sizes_of_sets(sets: dict, comm) -> dict[str, int]:
@@ -259,8 +266,9 @@ class SecondOrderModel:
         other = self.assembled(**{item.name: getattr(self, item.name) for item in fields(self)} | kept | changed)
         for name in ("_digests", "_defects", "_signs"):
             known, shared = getattr(self, name), getattr(other, name)
+            other_parts = {*changed, "labels" if "dofs" in changed else "", "interfaces" if "Gt" in changed else ""}
             shared.update({key: value for key, value in known.items()
-                           if key not in changed and not key.startswith(KEY)})  # fmt: skip
+                           if key not in other_parts and not key.startswith(KEY)})  # fmt: skip
         return other
 
     @cached_property
@@ -311,19 +319,19 @@ class SecondOrderModel:
 
     @property
     def symmetry_defects(self) -> dict[str, float]:
-        """Estimated ||A - A^T||_F / ||A||_F of M, K and D, from two random vectors. Collective."""
+        """Largest |a_ij - a_ji| of M, K and D, over the larger of both or 1e-3 (a_ii a_jj)^(1/2). Collective."""
         for key, mat in self.matrices.items():
             if key not in self._defects:
                 self._defects[key] = symmetry_defect(mat)
         return {key: self._defects[key] for key in self.matrices}
 
     def take_symmetry(self, key: str, defect: float):
-        """Take over what is known of ||A - A^T||_F / ||A||_F of M, K or D."""
+        """Take over what is known of the symmetry defect of M, K or D."""
         self._defects[key] = defect
 
     def is_symmetric(self, key: str) -> bool:
         """Test whether M, K or D is symmetric, or not there. Collective."""
-        return self.symmetry_defects.get(key, 0.0) <= SYMMETRIC_TO
+        return is_symmetric_to(self.symmetry_defects.get(key, 0.0), key, self.circulatory)
 
     def extreme_quotients(self, key: str) -> tuple[float, float]:
         """Return the smallest and the largest x^T A x / x^T |D| x that is found for K or M. Collective."""
@@ -333,7 +341,7 @@ class SecondOrderModel:
 
     @property
     def symmetric(self) -> bool:
-        return all(defect <= SYMMETRIC_TO for defect in self.symmetry_defects.values())
+        return all(map(self.is_symmetric, self.matrices))
 
     @cached_property
     def _digests(self):
@@ -348,15 +356,22 @@ class SecondOrderModel:
         return {}
 
     def digest_of(self, key: str) -> str | None:
-        """Return a digest of the content of M, K, D, B, Ct or dofs, or of node and direction of all rows ("labels").
+        """Return a digest of the content of a matrix or field (see digests), or of node and direction of all rows
+        ("labels").
 
         None if the model has no such part. The digest is the same on any number of ranks and in both builds of PETSc.
         Collective.
         """
         if key not in self._digests:
-            there = key in self.matrices or getattr(self, "dofs" if key == "labels" else key, None) is not None
-            self._digests[key] = digest_of(self, key) if there else None
+            self._digests[key] = digest_of(self, key)
         return self._digests[key]
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """What tells the model from others: digests of all that its numbers depend on, by name of the part. Collective.
+        """
+        found = {key: self.digest_of(key) for key in PARTS}
+        return {key: value for key, value in found.items() if value is not None}
 
     @cached_property
     def mean_diagonal_of_k(self) -> float:
@@ -624,12 +639,15 @@ class SecondOrderModel:
         It takes the matrices over. Collective.
         """
         B, Ct, Gt = (None if mat is None else T.transposeMatMult(mat) for mat in (self.B, self.Ct, self.Gt))
-        return self.assembled(
+        moved = self.assembled(
             matrices["M"], matrices["K"], matrices.get("D"), B=B, Ct=Ct, dofs=dofs, input_names=self.input_names,
             own_output_names=self.own_output_names, name=self.name, Gt=Gt, interfaces=self.interfaces,
             derivatives=self.derivatives, viscoelastic=parts_from(self.viscoelastic, matrices),
             circulatory=self.circulatory,
         )  # fmt: skip
+        for key, defect in self.symmetry_defects.items():  # T^T A T is symmetric where A is, whatever its round-off
+            moved.take_symmetry(key, defect)
+        return moved
 
     def frequency_response(self, frequencies: ArrayLike, *, frame=None, damping=None, **more) -> np.ndarray:
         """Return the frequency response H(i omega) = C A(i omega)^-1 B, as hpcred.frequency_response.

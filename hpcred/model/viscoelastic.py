@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from scipy.sparse import sparray, spmatrix
 
 FACTOR, TIME, EXPONENT = (0.0, 1e30, ""), (1e-30, 1e30, "s"), (1e-3, 1.0, "")
-SYMMETRIC_TO, NEGATIVE = 1e-10, 1e-7  # ||K_v - K_v^T|| / ||K_v||; x^T K_v x of its diagonal, by round-off of files
+SYMMETRIC_TO, NEGATIVE = 1e-10, 1e-7  # symmetry defect of K_v; x^T K_v x of its diagonal, by round-off of files
 KEY = "Kv"  # of the matrices K_v of a model by name: Kv1, Kv2, ...
 
 
@@ -326,8 +326,8 @@ def _check(model, part):
         raise InputError(f"{part.name}: K_v is zero, expected the stiffness of the viscoelastic parts of {model.name}")
     if (defect := symmetry_defect(part.matrix)) > SYMMETRIC_TO:
         raise InputError(
-            f"{part.name}: found an unsymmetric K_v (||K_v - K_v^T|| / ||K_v|| = {defect:.1e}), expected a symmetric "
-            "one, as stiffness of a material is"
+            f"{part.name}: found an unsymmetric K_v (a_ij and a_ji differ by {defect:.1e} of them), expected a "
+            "symmetric one, as stiffness of a material is"
         )
     low, high = extreme_quotients(part.matrix)
     if low < -NEGATIVE * max(high, 1.0):

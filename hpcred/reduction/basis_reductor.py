@@ -27,7 +27,7 @@ from .components.component import Component, PointComponent
 from .components.groups import blocks_in_groups, number_of_groups
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
 from .projection import diagonalise, everywhere, project, project_columns
-from .record import make_record, signature_of
+from .record import make_record
 from .reduced_damping import reduced_damping
 from .reduced_model import ReducedModel
 from .reductor import Reductor
@@ -67,7 +67,7 @@ class BasisReductor(Reductor):
             reduced.Cv, reduced.Ca = (part if part is None else part * outputs for part in (reduced.Cv, reduced.Ca))
             accuracy = reduced.record.accuracy
             reduced.record = replace(
-                reduced.record, signature=signature_of(model), loads=loads_of(model),
+                reduced.record, digests=model.digests, loads=loads_of(model),
                 accuracy=accuracy and accuracy.times(inputs, outputs),
             )  # fmt: skip
         reduced.resultants = resultants(model)

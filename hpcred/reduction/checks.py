@@ -34,7 +34,7 @@ def check_symmetric(model, circulatory=False):
     for key in ("M", "K"):
         if not model.is_symmetric(key) and not (circulatory and key == "K"):
             raise InputError(
-                f"{model.name}: matrix {key} is not symmetric: ||A - A^T|| / ||A|| = "
+                f"{model.name}: matrix {key} is not symmetric: max |a_ij - a_ji| / |a_ij| = "
                 f"{model.symmetry_defects[key]:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
                 + (hint if key == "K" else "")
             )

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
-
-from ..linalg.blocks import apply, create_block, from_dense, inner, random_block
 from ..linalg.solvers.base import FactorRecord
 from ..model.damping import Damping
-from ..model.frames import Frame
+from ..model.digests import PARTS
+from ..model.frames import Frame, NoFrame
 from ..model.interfaces import Interface, InterfaceNode
 from ..model.load_columns import loads_of
 from ..model.loads import LoadColumn
@@ -27,7 +24,7 @@ from .components.component import AnyKind
 from .notes import ComponentRecord
 from .tolerance.accuracy import Accuracy
 
-SAME = 1e-8  # relative difference of signatures of the same matrices, written and read on other ranks
+TERMS = "terms"  # key of the digest of the terms of parameters
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,12 +32,13 @@ class Record:
     """What made a reduced model.
 
     Of the full model: its name, `size` n, `free_size` in the frame, nonzeros, rigid-body modes, inputs and outputs
-    by name, interfaces and their nodes, loads with their sums, and `signature` (see signature_of), by which it is known
-    again. Of the reduction: frame, damping, basis and settings; what each component brought; every factorisation, and
-    how many more a store saved; max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings; where the time went, and
-    hints at what would take less; of an automatic one its accuracy. `viscoelastic`: the laws of such parts. `job`: the
-    job file with its overrides, file names absolute, and `contents` of the files that it names, by name. `basis_of`:
-    the result over ranges of parameters whose basis it is at the values `at` of the job, "" for a basis of its own.
+    by name, interfaces and their nodes, loads with their sums, and its `digests`, by which it is known again; none in
+    results of earlier versions. Of the reduction: frame, damping, basis and settings; what each component brought;
+    every factorisation, and how many more a store saved; max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings;
+    where the time went, and hints at what would take less; of an automatic one its accuracy. `viscoelastic`: the laws
+    of such parts. `job`: the job file with its overrides, file names absolute, and `contents` of the files that it
+    names, by name. `basis_of`: the result over ranges of parameters whose basis it is at the values `at` of the job, ""
+    for a basis of its own.
     """
 
     date: str
@@ -54,7 +52,6 @@ class Record:
     nonzeros: int
     rigid_body_modes: int
     symmetry_defects: dict[str, float]
-    signature: dict[str, tuple[float, ...]]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     frame: Frame
@@ -82,6 +79,7 @@ class Record:
     hints: tuple[str, ...] = ()
     viscoelastic: tuple[NamedLaw, ...] = ()
     basis_of: str = ""
+    digests: dict[str, str] = field(default_factory=dict)
 
     def away_from_reference(self) -> Record:
         """Return the record of the model at other values of its parameters, where of the error over the frequencies no
@@ -148,49 +146,22 @@ def version_of(package: str) -> str:
         return str(getattr(__import__(package), "__version__", "unknown"))
 
 
-def _terms_of(record) -> list[dict]:
-    """Return the terms of the job of a record, with the names of their files in any folder."""
-    terms = (record.job or {}).get("term", ())
-    return [{key: Path(value).name if key == "file" and value else value for key, value in item.items()}
-            for item in terms]  # fmt: skip
+def difference_of(digests: dict[str, str], record) -> str | None:
+    """Return the first part in which the digests of a model differ from those of a record, None where none does.
 
-
-def signature_of(model) -> dict[str, tuple[float, ...]]:
-    """Return z^T A z of M, K and D, w^T A z of D and of an unsymmetric K, since skew-symmetric parts have no other, and
-    z^T B, z^T C^T, for fixed random z and w (n,): the same model has the same. Collective."""
-    found = {}
-    z, w = (random_block(model.K, 1, seed=seed) for seed in (1, 2))
-    product = create_block(model.K, 1)
-    for key, mat in model.matrices.items():
-        apply(mat, z, product)
-        skew = key == "D" or not model.is_symmetric(key)
-        found[key] = np.append(inner(z, product), inner(w, product) if skew else [])
-    for key, mat in (("B", model.B), ("C", model.Ct)):
-        if mat is not None:
-            found[key] = inner(z, from_dense(mat))
-    if model.derivatives is not None:
-        found["C"] = np.concatenate([found["C"].ravel(), model.derivatives.parts.ravel()])
-    return model.comm.bcast({key: tuple(values.ravel().tolist()) for key, values in found.items()})
-
-
-def difference_of(signature, record) -> str | None:
-    """Return the first of M, K, D, B, C in which a signature differs from that of a record; D counts where it was used.
+    D counts where it was used, nodes where a frame or interfaces were made from them, and terms of parameters where
+    both have some.
     """
-    for key, expected in record.signature.items():
-        if key == "D" and record.damping.kind != "given":
-            continue
-        values = np.array(signature.get(key, ()))
-        values = values[: len(expected)] if key == "D" else values  # earlier versions had z^T D z only
-        scale = np.abs(expected).max(initial=0.0)
-        if values.shape != np.shape(expected) or np.abs(values - expected).max(initial=0.0) > SAME * scale:
-            return key
-    return None
+    unused = {"D"} if record.damping.kind != "given" else set()
+    unused |= {"dofs"} if isinstance(record.frame, NoFrame) and not record.interfaces else set()
+    unused |= set() if TERMS in digests and TERMS in record.digests else {TERMS}
+    parts = (key for key in (*PARTS, TERMS) if key not in unused)
+    return next((key for key in parts if digests.get(key) != record.digests.get(key)), None)
 
 
 def difference_between(one, other) -> str | None:
-    """Return in what the full models of two records differ: a key of the signature, or "term"; None where they do not.
-    """
-    return difference_of(one.signature, other) or (None if _terms_of(one) == _terms_of(other) else "term")
+    """Return the part in which the full models of two records differ, None where they do not."""
+    return difference_of(one.digests, other)
 
 
 def make_record(model, framed, runs, progress, **known) -> Record:
@@ -208,7 +179,7 @@ def make_record(model, framed, runs, progress, **known) -> Record:
         nonzeros=framed.model.nonzeros,
         rigid_body_modes=framed.rigid_size,
         symmetry_defects=model.symmetry_defects,
-        signature=signature_of(model),
+        digests=model.digests,
         inputs=model.input_names,
         outputs=model.output_names,
         interfaces=tuple(item.definition for item in model.interfaces),

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
 ROUND_OFF = 1e-13
+SPREAD = 1e-12  # of the largest pole, by which round-off moves others
 DOUBLE_ZERO = 1e-7  # of the largest pole: rigid-body motions have double zeros, which round-off spreads by its root
 
 
@@ -232,8 +233,7 @@ class ReducedModel:
     def poles(self) -> np.ndarray:
         """Return the 2m roots of det A(s) in rad/s, by imaginary part, without structural damping.
 
-        With viscoelastic parts of Maxwell's law also those of their states; of fractional laws those that oscillate, up
-        to the highest of `frequencies`.
+        With viscoelastic parts of Maxwell's law also those of their states; of fractional laws those that oscillate.
         """
         if any(not isinstance(part.law, Maxwell) for part in self.viscoelastic):
             from scipy.linalg import eigh  # which most models do without
@@ -248,13 +248,14 @@ class ReducedModel:
     def unstable_poles(self) -> np.ndarray:
         """Return the poles in the right half-plane, beyond round-off; none where M, D and K are symmetric and
         semidefinite."""
-        parts = self.viscoelastic
-        if all(_semidefinite(matrix) for matrix in (self.M, self.D, self.K, *matrices_by_key(parts).values())):
+        matrices = (self.M, self.D, self.K, *matrices_by_key(self.viscoelastic).values())
+        if np.array_equal(self.K, self.K.T) and all(map(_semidefinite, matrices)):
             return np.zeros(0, dtype=complex)
         roots = self.poles()
         size = np.abs(roots).max(initial=0.0)
         rigid = DOUBLE_ZERO * size if self.rigid_size else 0.0
-        return roots[(roots.real > 1e-9 * size) & (np.abs(roots) > rigid)]
+        # round-off is one of the largest pole, which grows with the mesh: what the user cares for lies far below it
+        return roots[(roots.real > 1e-9 * np.abs(roots) + SPREAD * size) & (np.abs(roots) > rigid)]
 
     def close(self) -> None:
         """Free the basis, and let go of the model. Collective."""

@@ -14,8 +14,7 @@ from ..linalg.free_motions import check_free_motions
 from ..linalg.solvers.base import DoesNotFit, FactorRecord
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import GivenDamping
-from ..model.frames import FramedModel, NoFrame
-from ..model.viscoelastic import laws_of, matrices_by_key
+from ..model.frames import FramedModel
 from ..parallel.decisions import decided
 from ..parallel.memory import MB
 from ..parallel.petsc import PETSc
@@ -205,16 +204,10 @@ def identity_of_model(model, framed, **known) -> dict:
 
     Digests of the framed model would not do: where nodes are turned its last digits depend on the number of ranks.
     """
-    found = {key: model.digest_of(key) for key in ("M", "K")}
-    found |= {"inputs": model.digest_of("B"), "outputs": model.digest_of("Ct"), "transposed": False}
-    found["D"] = model.digest_of("D") if isinstance(framed.damping, GivenDamping) else None
-    if model.viscoelastic:  # they count wherever D does
-        laws = [asdict(item) for item in laws_of(model.viscoelastic)]
-        found["D"] = [found["D"], laws, [model.digest_of(key) for key in matrices_by_key(model.viscoelastic)]]
-    # frames and interface nodes are made from the nodes
-    found["nodes"] = None
-    if model.interfaces or not isinstance(known["frame"], NoFrame):
-        made_of = [asdict(item.definition) for item in model.interfaces]
-        found["nodes"] = [model.digest_of("dofs"), framed.model.digest_of("labels"), made_of]
+    of = model.digests.get
+    found = {"M": of("M"), "K": of("K"), "inputs": of("B"), "outputs": [of("Ct"), of("derivatives")]}
+    found["D"] = [of("D") if isinstance(framed.damping, GivenDamping) else None, of("viscoelastic")]
+    found["nodes"] = [of("dofs"), framed.model.digest_of("labels"), of("interfaces")]
+    found["transposed"] = False
     found["symmetric"] = bool(framed.model.symmetric)
     return found | {key: asdict(value) if is_dataclass(value) else value for key, value in known.items()}

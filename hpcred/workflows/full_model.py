@@ -25,11 +25,16 @@ from ..parallel import startup
 from ..parallel.failures import InputError
 from ..reduction.components.modes import Modes
 from ..reduction.parametric.accuracy import in_words
-from ..reduction.record import Record, difference_of, signature_of
+from ..reduction.record import Record, difference_of
 from ..reduction.reduce import reduce
 from ..settings.term_table import TermTable
 from ..settings.viscoelastic import viscoelastic_from
 from .model_of_job import declared_circulatory, with_interfaces, with_targets, with_terms, with_viscoelastic
+
+WORDS = {
+    "B": "inputs differ", "Ct": "outputs differ", "derivatives": "outputs differ", "dofs": "nodes differ",
+    "interfaces": "interfaces, or their nodes, differ", "viscoelastic": "viscoelastic laws or matrices differ",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -89,6 +94,9 @@ def factoring_of(record) -> Factoring:
 def _model_of_record(path, record, result, at, comm):
     """Return the model of a model file with the inputs and outputs of a reduction, checked to be the one that was
     reduced."""
+    if not record.digests:
+        raise InputError(f"{result}: an earlier version wrote it, which did not keep what tells its model from others; "
+                         "reduce again")  # fmt: skip
     model = read_model(path, comm)
     if model.size != record.size:  # before interfaces are looked for, which another model does not have
         with model:
@@ -104,13 +112,10 @@ def _model_of_record(path, record, result, at, comm):
     parametric = with_terms_of_record(model, record)
     if parametric is not None:
         model = parametric.at(**(record.job.get("at") or parametric.reference))
-    key = difference_of(signature_of(model), record)
-    if [part.law for part in model.viscoelastic] != [part.law for part in record.viscoelastic]:
-        key = "laws"
+    key = difference_of(model.digests, record)
     if key is not None:
         with model:
-            what = {"B": "inputs differ", "C": "outputs differ", "laws": "viscoelastic laws differ"}
-            what = what.get(key, f"matrix {key} differs")
+            what = WORDS.get(key, f"matrix {key} differs")
             raise InputError(f"{path}: its {what} from what {result} was reduced from; take that model, or "
                              "reduce this one again")  # fmt: skip
     if parametric is None and at:
@@ -146,7 +151,7 @@ def with_terms_of_record(model, record) -> ParametricModel | None:
 
 def _as_recorded(model, key, names, record, path):
     """Return the model with the inputs or outputs of a reduction, from their names or from the file of the job."""
-    if key == "output" and names == record.inputs and "C" not in record.signature:
+    if key == "output" and names == record.inputs and not {"Ct", "derivatives"} & record.digests.keys():
         with model:
             return model.with_output_columns(None, ())
     if getattr(model, f"{key}_names") == names:

@@ -17,7 +17,7 @@ from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..reduction.projection import project
-from ..reduction.record import signature_of, versions
+from ..reduction.record import versions
 from ..reduction.reduced_model import ReducedModel
 from ..settings.job_file import Job
 from ..settings.sweep_file import SweepRun
@@ -62,7 +62,7 @@ def reduced_from_ranges(path, job: Job, model, contents) -> ReducedModel:
     reduced.record = model.comm.bcast(replace(
         reduced.record, date=datetime.now(timezone.utc).isoformat(timespec="seconds"), versions=versions(),
         scalar="complex" if is_complex() else "real", ranks=model.comm.size, model=model.name,
-        signature=signature_of(model), loads=loads_of(model), factorisations=(), factorisations_saved=0,
+        digests=model.digests, loads=loads_of(model), factorisations=(), factorisations_saved=0,
         symbolic_analyses=0, orthonormality_defect=defect, basis_of=str(Path(path).absolute()),
         unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
         warnings=tuple(dict.fromkeys([*record.warnings, *([told] if told else [])])),

@@ -340,7 +340,7 @@ def response_of(sweep, run, content) -> Path:
     job, asked = plain(run.job), sweep.evaluate
     full = os.path.abspath(asked.full or run.job.model)
     settings = [job[key] for key in ("inputs", "outputs", "interface", "frame", "damping")]
-    settings += [job[key] for key in ("load", "viscoelastic", "parameter", "term", "at") if job[key]]
+    settings += [job[key] for key in ("load", "viscoelastic", "parameter", "term", "at", "circulatory") if job[key]]
     grid = asked.frequencies or [asked.band or run.job.band, asked.points]
     what = [content(full), [content(name) for name in run.job.files[1:]], *settings, grid]
     digest = hashlib.blake2b(json.dumps(what).encode(), digest_size=6).hexdigest()

@@ -7,6 +7,7 @@ from helpers import dense_model, to_dense
 
 import hpcred
 from hpcred import Dofs, InputError, SecondOrderModel
+from hpcred.linalg.matrix_estimates import symmetry_defect
 from hpcred.parallel.shares import row_range
 
 pytestmark = pytest.mark.mpi
@@ -175,3 +176,24 @@ def test_one_rank_alone_may_show_a_model(comm):
         assert repr(model) == "<SecondOrderModel linkage: 120 dofs, 1 inputs, 1 outputs>"
     model.close()
     assert "closed" in repr(model)
+
+
+@pytest.mark.mpi
+def test_symmetry_is_free_of_units_and_of_the_mesh(comm):
+    """The largest difference of two entries beside them or their diagonal, against a loop over entries."""
+    rng = np.random.default_rng(5)
+    n = 23
+    A = np.diag(rng.uniform(1, 2, n)) + np.where(rng.random((n, n)) < 0.2, 1e-5 * rng.standard_normal((n, n)), 0.0)
+    A[3, 3] = 0.0
+    B = np.zeros((n, n))
+    B[4, 15], B[15, 4] = 1e-11, -1e-11
+    symmetric = (A + A.T) / 2
+    for matrix, skew in ((A, 1), (symmetric, 1), (symmetric + B, 1), (A - A.T, -1)):
+        size = np.abs(np.diag(matrix))
+        scale = np.maximum(np.maximum(np.abs(matrix), np.abs(matrix.T)), 1e-3 * np.sqrt(np.outer(size, size)))
+        expected = (np.abs(matrix - skew * matrix.T) / np.where(scale > 0, scale, 1.0)).max()
+        units = 10.0 ** rng.integers(-12, 12, n)
+        for each in (matrix, units[:, None] * matrix * units):
+            with hpcred.SecondOrderModel.from_scipy(np.eye(n), np.eye(n), each, comm=comm) as model:
+                assert symmetry_defect(model.D, skew=skew < 0) == pytest.approx(expected, rel=1e-9, abs=1e-14)
+                assert skew < 0 or model.is_symmetric("D") == (matrix is symmetric)

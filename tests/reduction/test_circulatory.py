@@ -251,3 +251,46 @@ def test_a_free_body_is_not_sent_to_the_buckens_frame(comm):
                 turning.at(omega=1.0) as there, pytest.raises(InputError, match=message),
             ):  # fmt: skip
                 hpcred.reduce(there, **more)
+
+
+def seal(stiff, strength=2e3, n=20):
+    """Two planes of a chain on bearings with a cross-coupled seal in the middle, and a stiff connection elsewhere."""
+    K = 1e6 * (np.diag(np.full(n, 2.0)) - np.eye(n, k=1) - np.eye(n, k=-1))
+    K[0, 0] = K[-1, -1] = 1.1e6
+    K = np.kron(np.eye(2), K)
+    K[np.ix_([1, 2], [1, 2])] += stiff * np.array([[1, -1], [-1, 1]])
+    N = np.zeros((2 * n, 2 * n))
+    N[n // 2, n + n // 2], N[n + n // 2, n // 2] = strength, -strength
+    return K, N, np.eye(2 * n), 0.1 * np.eye(2 * n), unit(2 * n, 3, n + 3)
+
+
+@pytest.mark.mpi
+def test_circulatory_forces_beside_a_stiff_connection_count(comm):
+    """2 kN/m beside 1e14 N/m, by which no norm of K shows them: the model stays as unstable as it is."""
+    K, N, M, D, B = seal(1e14)
+    exact = poles_of(M, D, K + N)
+    growing = exact[exact.real > 1e-3]
+    assert len(growing) and np.abs(N).max() < 1e-10 * np.linalg.norm(K)
+    with SecondOrderModel.from_scipy(K + N, M, D, comm, inputs=B, circulatory=True) as model:
+        assert not model.is_symmetric("K") and model.is_symmetric("D") and model.is_symmetric("M")
+        with hpcred.reduce(model, [Krylov(f, 2) for f in (8.0, 16.0)], allow_unstable=True) as rom:
+            found = rom.unstable_poles()
+            assert np.abs(found[:, None] - growing).min(axis=0).max() < 1e-4 * np.abs(growing).max()
+    with SecondOrderModel.from_scipy(K, M, D, comm, inputs=B) as constant, hpcred.ParametricModel(
+        constant, [Parameter("p", (0.0, 1.0))], [hpcred.Term("K", 1e-9 * N, "1e9*p")]
+    ) as terms, terms.at(p=1.0) as there, terms.at(p=0.0) as without:
+        assert not there.is_symmetric("K") and without.is_symmetric("K")
+
+
+def test_a_slow_growth_beside_high_frequencies_is_unstable():
+    """0.02 1/s at 31 rad/s, in a model that goes up to 1e8 rad/s."""
+    K = np.diag([1e3, 1e3, 1e12, 1e16])
+    K[0, 1], K[1, 0] = 2.0, -2.0
+    B = np.ones((4, 1))
+    rom = hpcred.ReducedModel(
+        M=np.eye(4), D=1e-2 * np.eye(4), K=K, B=B, C=B.T, frequencies=np.sqrt(np.diag(K)), input_names=("in",),
+        output_names=("out",),
+    )  # fmt: skip
+    assert rom.unstable_poles().real == pytest.approx(1 / np.sqrt(1e3) - 5e-3, rel=1e-3)
+    rom.K = np.diag(np.diag(K))
+    assert not rom.unstable_poles().size

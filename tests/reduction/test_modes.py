@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse
 from helpers import dense_model
 
 import hpcred
@@ -87,3 +88,28 @@ def test_no_mode_of_a_repeated_pair_is_left_out(comm, cells):
         for count in range(1, 13):
             with hpcred.reduce(model, [Modes(count=count)], Buckens()) as rom:
                 assert np.allclose(rom.frequencies, expected[:count], rtol=1e-8), count
+
+
+def blades(count, of=4, k=4e4):
+    """K and M of equal chains of so many masses on a hub, which a spring holds; the hub is the last row."""
+    one = scipy.sparse.diags([[2 * k] * (of - 1) + [k], [-k] * (of - 1), [-k] * (of - 1)], [0, 1, -1])
+    K = scipy.sparse.block_diag([one] * count + [[[count * k + 1e6]]]).tolil()
+    K[-1, :-1:of] = K[:-1:of, -1] = -k
+    return K.tocsr(), scipy.sparse.diags([1.0] * (count * of) + [1e3])
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    "asked", [Modes(count=50), Modes(band=(0.0, 32.0)), Modes(index=tuple(range(20, 51)))],
+    ids=["lowest", "band", "listed"],
+)  # fmt: skip
+def test_every_mode_of_equal_blades_is_found(comm, asked):
+    """39 of 40 blades vibrate against each other with the same frequency, of which a Krylov sequence knows one."""
+    K, M = blades(40)
+    exact = np.sqrt(scipy.linalg.eigh(K.toarray(), M.toarray(), eigvals_only=True)) / (2 * np.pi)
+    chosen = exact[:50] if asked.count else exact[19:50] if asked.index else exact[exact < 32.0]
+    assert np.ptp(exact[1:40]) < 1e-9 * exact[1]
+    with hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, inputs=np.eye(K.shape[0])[:, :1]) as model:
+        with hpcred.reduce(model, [asked]) as reduced:
+            assert reduced.frequencies == pytest.approx(chosen, rel=1e-9)
+        assert hpcred.natural_modes(model, 50).frequencies == pytest.approx(exact[:50], rel=1e-9)

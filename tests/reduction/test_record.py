@@ -11,27 +11,37 @@ from pydantic import TypeAdapter
 
 import hpcred
 from hpcred import GivenDamping, NoDamping
-from hpcred.reduction.record import SAME, difference_of
+from hpcred.reduction.record import difference_of
 from hpcred.reduction.tolerance.accuracy import Point
 
 
-@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
-def test_signatures_differ_where_their_largest_part_would_notice(size):
-    expected = {"M": (size, 1e-3 * size), "K": (1e6 * size,)}
-    record = SimpleNamespace(signature=expected, damping=NoDamping())
-    near, far = size * (1e-3 + 0.5 * SAME), size * (1e-3 + 2 * SAME)
-    assert difference_of({**expected, "M": (size, near)}, record) is None
-    assert difference_of({**expected, "M": (size, far)}, record) == "M"
-    assert difference_of({**expected, "K": (1e6 * size * (1 - 2 * SAME),)}, record) == "K"
-    assert difference_of({"M": expected["M"]}, record) == "K"
-    assert difference_of({**expected, "M": (size,)}, record) == "M"
+def test_a_record_knows_the_model_by_what_was_used_of_it():
+    known = {"M": "m", "K": "k", "D": "d", "B": "b", "dofs": "n", "terms": "t"}
+    frames, dampings = (hpcred.NoFrame(), hpcred.Buckens()), (NoDamping(), GivenDamping())
+    for changed, frame, damping, found in (
+        ("K", 0, 0, "K"), ("D", 0, 0, None), ("D", 0, 1, "D"), ("dofs", 0, 0, None), ("dofs", 1, 0, "dofs"),
+        ("terms", 0, 0, "terms"), ("Ct", 0, 0, "Ct"),
+    ):  # fmt: skip
+        record = SimpleNamespace(digests=known, damping=dampings[damping], frame=frames[frame], interfaces=())
+        assert difference_of(known, record) is None
+        assert difference_of(known | {changed: "other"}, record) == found
+        without = {key: value for key, value in known.items() if key != "terms"}
+        assert difference_of(without, record) is None
 
 
-def test_damping_counts_where_it_was_used():
-    expected = {"M": (1.0,), "D": (2.0,)}
-    for damping, found in ((NoDamping(), None), (GivenDamping(), "D")):
-        record = SimpleNamespace(signature=expected, damping=damping)
-        assert difference_of({"M": (1.0,), "D": (np.pi,)}, record) == found
+def test_a_soft_spring_beside_stiff_ones_tells_models_apart(comm, folder):
+    """1 N/m beside 1e10 N/m, which products with random vectors do not show."""
+    k = np.array([1e10, 1e10, 1.0, 2.0])
+    K = np.diag(k + np.roll(k, -1)) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
+    models = [hpcred.SecondOrderModel.from_scipy(item, np.eye(4), comm=comm, inputs=np.eye(4)[:, 2:3])
+              for item in (K, K + np.diag([0.0, 0.0, 1.0, 0.0]))]  # fmt: skip
+    for name, model in zip("ab", models, strict=True):
+        hpcred.write_model(folder / f"{name}.h5", model)
+    with hpcred.reduce(models[0], [hpcred.Modes(count=1)]) as rom:
+        rom.save(folder / "r.h5")
+    hpcred.evaluate_result(folder / "r.h5", folder / "a.h5", frequencies=[0.01], comm=comm)
+    with pytest.raises(hpcred.InputError, match="b.h5: its matrix K differs"):
+        hpcred.evaluate_result(folder / "r.h5", folder / "b.h5", frequencies=[0.01], comm=comm)
 
 
 def test_what_a_search_may_take_and_what_older_records_leave_out():

@@ -100,6 +100,34 @@ def test_entries_are_those_of_any_number_of_ranks(comm, folder, frame):
     assert same(alone, found, 1e-10)
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize("kind", ["set", "area", "rigid", "at"])
+def test_interfaces_of_other_nodes_have_columns_of_their_own(comm, folder, kind):
+    """Of a set with other members, of one with weights by the faces around it, and of a reference node elsewhere."""
+    models = []
+    with package.solid((4, 2, 2), comm=comm) as block:
+        labels, places = block.dofs.node, block.dofs.position
+        nodes = [np.unique(labels[mask]) for mask in (places[:, 0] > 0.039, places[:, 1] > places[:, 1].max() - 1e-9)]
+        for number in range(2):
+            fields = {"sets": {"bearing": nodes[number if kind in ("set", "rigid") else 0]}}
+            if kind == "area" and number:  # without the faces of half of the elements
+                fields["elements"] = {key: part[::2] for key, part in block.elements.items()}
+            asked = package.Interface(
+                name="b", nodes=package.Nodes(set="bearing"), kind="rigid" if kind == "rigid" else "averaging",
+                weights="area" if kind == "area" else "equal", at=(0.04, 0.0, 0.01 * number) if kind == "at" else None,
+            )  # fmt: skip
+            with block.with_fields(**fields) as other:
+                models.append(other.with_interfaces([asked]).with_inputs([20]))
+    store, basis = PointStore(folder, comm), [package.CraigBampton(count=3)]
+    for model in models:
+        found, record = reduced(model, store, basis)
+        assert not any(item.from_store for item in record.components)
+        assert same(found, reduced(model, None, basis)[0], 1e-9)
+    assert models[0].digest_of("B") == models[1].digest_of("B")
+    again, record = reduced(models[0], store, basis)
+    assert all(item.from_store for item in record.components)
+
+
 class Killed(ComputationError):
     pass
 

@@ -131,7 +131,7 @@ def test_poles_are_those_of_maxwell_states(damped):
     found = found[np.abs(found.real) < 0.3 * np.abs(found)]
     assert len(found) > 25
     assert (np.abs(found[:, None] - exact).min(axis=1) <= 1e-8 * np.abs(found)).mean() > 0.9
-    sharp = exact[(np.abs(exact.real) < 0.05 * np.abs(exact)) & (exact.imag < np.sqrt(values[-1]))]
+    sharp = exact[np.abs(exact.real) < 0.05 * np.abs(exact)]
     assert (np.abs(sharp[:, None] - found).min(axis=1) <= 1e-6 * np.abs(sharp)).all()
 
 
@@ -147,8 +147,30 @@ def test_poles_of_a_fractional_law_are_zeros_of_a():
     assert max(left[:5]) <= 1e-12
 
 
+@pytest.mark.parametrize(
+    "static, matrix, factor, time",
+    [((0.0, 100.0), (10.0, 0.0), 1.0, 100.0), ((1.0, 3.0), (1.0, 1.0), 400.0, 100.0),
+     ((0.0, 0.0), (4.0, 50.0), 1.0, 1.0)],
+)  # fmt: skip
+def test_poles_outside_of_the_static_frequencies(static, matrix, factor, time):
+    """Of masses that a Maxwell element alone holds, and of stiffening beyond the highest static one (Hz)."""
+    values, Kv = ((2 * np.pi * np.array(item)) ** 2 for item in (static, matrix))
+    law = hpcred.Maxwell(factors=(factor,), times=(time,))
+    exact = np.concatenate([np.roots([time, 1.0, time * (value + factor * k), value])
+                            for value, k in zip(values, Kv, strict=True)])  # fmt: skip
+    exact = exact[exact.imag > 1e-3 * np.abs(exact)]
+    found = oscillating_poles(values, np.zeros((2, 2)), [Viscoelastic(np.diag(Kv), law)])
+    assert found == pytest.approx(exact[np.argsort(exact.imag)], rel=1e-7)
+
+
+def test_a_springpot_alone_has_poles():
+    found = oscillating_poles(np.zeros(2), np.zeros((2, 2)), [Viscoelastic(np.diag([1e8, 0.0]), ZENER)])
+    assert len(found) == 1 and abs(found[0] ** 2 + 1e8 * ZENER.excess(found[0])) < 1e-9 * abs(found[0]) ** 2
+
+
 def test_no_poles_without_stiffness():
-    assert not len(oscillating_poles(np.zeros(2), np.zeros((2, 2)), [Viscoelastic(np.eye(2), ZENER)]))
+    part = Viscoelastic(np.zeros((2, 2)), ZENER)
+    assert not len(oscillating_poles(np.zeros(2), np.zeros((2, 2)), [part]))
 
 
 @pytest.mark.parametrize("outputs", [0, 2])

@@ -49,7 +49,7 @@ class Group:
 
 
 def _copy(model, group, number, groups):
-    comm = model.comm
+    comm, symmetry = model.comm, model.symmetry_defects
     mats = {key: mat.getRedundantMatrix(groups, subcomm=PETSc.Comm(group)) for key, mat in model.matrices.items()}
     # rows of B, C^T and the labels go to the rank that has the row, in every group
     starts = np.array(mats["K"].getOwnershipRanges()[:-1], dtype=np.int64)
@@ -77,12 +77,15 @@ def _copy(model, group, number, groups):
     dofs = None
     if model.dofs is not None:
         dofs = Dofs(received[0], received[1], np.array(received[2:]).T.reshape(-1, 3))
-    return SecondOrderModel.assembled(
+    copied = SecondOrderModel.assembled(
         mats["M"], mats["K"], mats.get("D"), B=blocks[0] if model.B is not None else None,
         Ct=blocks[-1] if model.Ct is not None else None, dofs=dofs, input_names=model.input_names,
         own_output_names=model.own_output_names, name=model.name, derivatives=model.derivatives,
-        viscoelastic=parts_from(model.viscoelastic, mats),
+        viscoelastic=parts_from(model.viscoelastic, mats), circulatory=model.circulatory,
     )  # fmt: skip
+    for key, defect in symmetry.items():
+        copied.take_symmetry(key, defect)
+    return copied
 
 
 def number_of_groups(wanted, run, points: int) -> int:

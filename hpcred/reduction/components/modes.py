@@ -22,6 +22,7 @@ from .component import Component
 
 INDEPENDENT = 1e-6  # weight of a direction of modes found that is not round-off
 MIXED = 0.01  # share of rigid-body motions in a mode, and weight of what is left of it, that are not round-off
+SAME = 1e-7  # relative difference of eigenvalues that is none
 AT_FIRST = 16  # modes that are looked for where nobody knows how many lie in a band
 
 
@@ -192,45 +193,58 @@ def lowest(run, count, shift=0.0):
     Found by solves with K + shift M. Raises SingularMatrix.
     """
     solver = run.solvers.factored(shift, "0 Hz" if not shift else "a shift")
-    return lowest_modes_by(run, count, run.model.size - run.framed.rigid_size, solver.solve)
+    return lowest_modes_by(run, count, run.model.size - run.framed.rigid_size, solver.solve, shift)
 
 
-def lowest_modes_by(run, count, most, solve):
+def lowest_modes_by(run, count, most, solve, shift=0.0):
     """Return the `count` lowest modes, omega^2 (count,) and a block, on the space of dimension `most` in which
-    `solve(load, solution, steps)` inverts K.
+    `solve(load, solution, steps)` inverts K + shift M.
 
+    A Krylov sequence from one vector has one mode of a repeated eigenvalue, and others of it by round-off alone. Beside
+    the modes found another sequence therefore begins from another vector, until it finds none below the last of them.
     Collective. Raises ComputationError.
     """
     right, left = (create_block(run.model.K, 1) for _ in range(2))
+    vectors = Basis(run.mass, tolerance=INDEPENDENT, room=count + 1)
+    values = np.zeros(0)
 
     def invert(x, y):
         with local_rows(right) as rows:
             rows[:, 0] = x.getArray(readonly=True)
         solve(right, left)
+        if vectors.size:
+            add_product(left, vectors.columns, vectors.coefficients(left), alpha=-1.0)
         with local_rows(left) as rows:
             y.setArray(rows[:, 0])
 
-    values, block = lowest_modes(
-        run.model.K, run.model.M, count, most, invert,
-        monitor=lambda found: run.progress.step("modes", found, count),
-    )  # fmt: skip
-    return _polish(run, block, count, solve) if count else (values, block)
+    wanted = count
+    while wanted:
+        found = lowest_modes(
+            run.model.K, run.model.M, wanted, most - vectors.size, invert,
+            monitor=lambda more, known=vectors.size: run.progress.step("modes", min(known + more, count), count),
+        )[1]  # fmt: skip
+        known, before = vectors.size, values[:count]
+        values = values if found is None else _with_modes(run, vectors, found, solve)
+        if vectors.size == known < count:
+            raise ComputationError(f"only {known} of the {count} modes found are independent")
+        if known >= count and not (values[:count] < before - SAME * (np.abs(before) + shift)).any():
+            break
+        # one more tells whether there are others; where there are, they may be many
+        wanted = min(max(count - vectors.size, 2 * wanted if known else 1), most - vectors.size)
+    return values[:count], copy_of(vectors.columns_between(0, count), run.model.K) if count else None
 
 
-def _polish(run, block, count, solve):
-    """Improve modes by a refined step of inverse iteration; return Rayleigh-Ritz values and vectors.
+def _with_modes(run, vectors, block, solve):
+    """Add modes to others, improved by a refined step of inverse iteration; return Rayleigh-Ritz values, ascending, as
+    the vectors are.
 
     What follows modes in a basis is the small rest that they leave, and shares their round-off. The columns of the
     block span the modes; there may be more of them, dependent ones.
     """
     load = run.times_mass(block)
     solve(load, block, steps=1)
-    vectors = Basis(run.mass, tolerance=INDEPENDENT, room=block.getSizes()[1])
     vectors.extend(block)
-    if vectors.size < count:
-        raise ComputationError(f"only {vectors.size} of the {count} modes found are independent")
-    values = diagonalise(vectors, project(run.model.K, vectors.columns))
-    return values[:count], copy_of(vectors.columns_between(0, count), run.model.K)
+    return diagonalise(vectors, project(run.model.K, vectors.columns))
 
 
 def _dominant(run, values, block, count):

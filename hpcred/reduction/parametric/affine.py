@@ -7,11 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, inner, times, view_of
-from ...model.second_order_model import SYMMETRIC_TO
 from ...model.viscoelastic import Viscoelastic, matrices_by_key, parts_from, transformed
 from ..tolerance.independent_loads import independent_columns
 from ..tolerance.projections import extended
-from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
+from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, congruent, diagonalised
 from .singular import factor_of_mass
 
 
@@ -36,10 +35,10 @@ class AffineForm:
         model, self.restore = parametric.model, framed.restore
         self.parametric, self.framed = parametric, framed
         terms = [(1 + k, item) for k, item in enumerate(parametric.terms)]
-        defects = (0.0, *parametric.symmetry_defects)
+        symmetric = (True, *parametric.symmetric_terms)
         self.parts: dict[str, list[Part]] = {"M": [], "K": [], "D": []}
         for of, mat in (("M", model.M), ("K", model.K), ("D", model.D)):
-            own = [Part(k, item.matrix, defects[k] <= SYMMETRIC_TO) for k, item in terms if item.of == of]
+            own = [Part(k, item.matrix, symmetric[k]) for k, item in terms if item.of == of]
             if of == "K" or (of == "M" and own) or (of == "D" and damped):
                 self.parts[of] = [Part(0, mat, model.is_symmetric(of)), *own]
         self.parts |= {key: [Part(0, mat)] for key, mat in matrices_by_key(model.viscoelastic).items()}
@@ -136,7 +135,7 @@ class AffineProjections:
     def turn(self, factor: np.ndarray):
         """Follow a basis V that has become V factor; local."""
         self.L = factor.T @ self.L
-        self.small = {of: [factor.T @ part @ factor for part in parts] for of, parts in self.small.items()}
+        self.small = {of: [congruent(part, factor) for part in parts] for of, parts in self.small.items()}
 
     def at(self, point) -> PointModels:
         """Return the projections at a point; local. Raises InputError where M is not positive definite."""
@@ -145,7 +144,7 @@ class AffineProjections:
         M, L, turn = summed.pop("M", None), self.L, np.eye(len(self.L))
         if M is not None:
             turn = np.linalg.inv(factor_of_mass(M, self.form.values(point))).T
-            summed, L = {of: turn.T @ part @ turn for of, part in summed.items()}, turn.T @ L
+            summed, L = {of: congruent(part, turn) for of, part in summed.items()}, turn.T @ L
         symmetric = all(part.symmetric for part in self.form.parts["K"])
         parts = parts_from(self.form.parametric.model.viscoelastic, summed)
         size = sum(abs(theta[part.place]) * np.linalg.norm(small)

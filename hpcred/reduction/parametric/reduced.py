@@ -12,14 +12,11 @@ from numpy.typing import ArrayLike
 from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, caughey_terms
 from ...model.expressions import Expression
 from ...model.parameters import Parameter, checked_values
-from ...model.second_order_model import SYMMETRIC_TO
 from ...model.viscoelastic import transformed
 from ..projection import project, project_columns
 from ..reduced_damping import reduced_damping
 from ..reduced_model import ReducedModel
 from .singular import factor_of_mass
-
-ROUND_OFF = 1e-14  # of the largest entry of K: what a skew-symmetric part may have
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +110,8 @@ class ParametricReducedModel(ReducedModel):
         frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
         if not self.interfaces:
             outputs = {key: found[key] @ X for key in ("C", "Cv", "Ca") if key in found}
-            found = {"M": np.eye(self.size), "K": np.diag(eigenvalues) + X.T @ skew_part(found["K"]) @ X,
+            skew = (found["K"] - found["K"].T) / 2  # none of symmetric parts, which are so exactly
+            found = {"M": np.eye(self.size), "K": np.diag(eigenvalues) + X.T @ skew @ X,
                      "D": X.T @ found["D"] @ X,
                      "B": X.T @ found["B"], **outputs,
                      "viscoelastic": transformed(self.viscoelastic, lambda matrix: X.T @ matrix @ X)}  # fmt: skip
@@ -152,9 +150,9 @@ def projected_parts(parametric, reduced: ReducedModel, damping) -> dict:
     if model.derivatives is not None:
         small |= dict(zip(("C", "Cv", "Ca"), model.derivatives.of(small["C"]), strict=True))
     terms = []
-    for item, defect in zip(parametric.terms, parametric.symmetry_defects, strict=True):
+    for item, symmetric in zip(parametric.terms, parametric.symmetric_terms, strict=True):
         if item.of in "MDK":
-            terms.append((item.of, item.factor, _projected(item.matrix, columns, defect <= SYMMETRIC_TO)))
+            terms.append((item.of, item.factor, _projected(item.matrix, columns, symmetric)))
         else:
             part = project_columns(columns, item.matrix)
             terms.append((item.of, item.factor, part if item.of == "B" else part.T.copy()))
@@ -172,12 +170,6 @@ def _projected(mat, columns, symmetric):
     """Return V^T A V (m, m), exactly symmetric where A is `symmetric` but for round-off."""
     small = project(mat, columns)
     return (small + small.T) / 2 if symmetric else small
-
-
-def skew_part(K: np.ndarray) -> np.ndarray:
-    """Return (K - K^T) / 2 (m, m), zero where it is round-off."""
-    skew = (K - K.T) / 2
-    return skew if np.abs(skew).max(initial=0.0) > ROUND_OFF * np.abs(K).max(initial=0.0) else np.zeros_like(K)
 
 
 def _of_matrices(damping):

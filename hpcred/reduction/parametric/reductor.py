@@ -12,6 +12,7 @@ from ...linalg.basis import Basis
 from ...linalg.blocks import copy_of
 from ...model.damping import GivenDamping
 from ...model.definiteness import check_definite
+from ...model.digests import digest_of_plain
 from ...model.frames import Buckens, apply_frame
 from ...model.load_columns import resultants
 from ...model.parametric_model import ParametricModel
@@ -25,6 +26,7 @@ from ...parallel.progress import counted
 from ..basis_reductor import BasisReductor, extend_by_all
 from ..checks import check_viscoelastic, require_no_frequencies
 from ..notes import Notes
+from ..record import TERMS
 from ..run import Run, identity_of_model
 from ..tolerance.outcome import accuracy_of
 from ..tolerance.reductor import ToleranceReductor
@@ -146,7 +148,8 @@ def reduced_with_terms(reductor, model) -> ParametricReducedModel:
     free_dropped(model.comm)
     found = ParametricReducedModel(**known, parameters=model.parameters, **parts)
     warnings = (*found.record.warnings, *warnings_of_stability(found, model.comm))
-    return replace(found, record=replace(found.record, warnings=warnings))
+    digests = found.record.digests | {TERMS: digest_of_plain(digests_of_terms(model))}
+    return replace(found, record=replace(found.record, warnings=warnings, digests=digests))
 
 
 @contextmanager
@@ -181,7 +184,7 @@ def run_at(reductor, first, point, asked=()):
 
 def digests_of_terms(parametric) -> list:
     """Return what tells the constant part and the terms of a model from others. Collective."""
-    found = [parametric.model.digest_of(key) for key in ("M", "K", "D", "B", "Ct")]
+    found: list = [parametric.model.digests]
     for item in parametric.terms:
         key = FIELD[item.of]
         with parametric.model.with_fields(**{key: copy(item.matrix)}) as other:
@@ -193,13 +196,14 @@ def check_parametric(model, frame, damping, coordinates):
     """Refuse a parametric model that cannot be reduced: unsymmetric terms, terms that the frame or the damping leaves
     out. Collective."""
     declared("model", model, ParametricModel)
-    for item, defect in zip(model.terms, model.symmetry_defects, strict=True):
-        unsymmetric = item.of in ("M", "K") and defect > SYMMETRIC_TO
+    known = zip(model.terms, model.symmetry_defects, model.symmetric_terms, strict=True)
+    for item, defect, symmetric in known:
+        unsymmetric = item.of in ("M", "K") and not symmetric
         if unsymmetric and not (item.of == "K" and model.model.circulatory):
             more = " or a skew-symmetric matrix; of K that has circulatory forces say circulatory = true"
             raise InputError(
                 f"{model.name}: the term of {item.of} with the factor '{item.factor}' is not symmetric: "
-                f"||A - A^T|| / ||A|| = {defect:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
+                f"max |a_ij - a_ji| / |a_ij| = {defect:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
                 + (more if item.of == "K" else "")
             )
         if unsymmetric:

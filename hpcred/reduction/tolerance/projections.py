@@ -17,12 +17,14 @@ HELD_BACK = 3  # columns at least that an estimate sees the model from
 
 
 def extended(small, mat, new, columns, symmetric=True) -> np.ndarray:
-    """Return V^T A V (m, m) of `columns` V, of which the last are the block `new`, from that of the others, `small`.
-    Collective."""
+    """Return V^T A V (m, m) of `columns` V, of which the last are the block `new`, from that of the others, `small`;
+    exactly symmetric where A is `symmetric` but for round-off. Collective."""
     start = len(small)
     right = project(mat, new, columns)
     left = right[:start].T if symmetric or not start else project(mat, columns.between(0, start), new)
-    return np.block([[small, right[:start]], [left, right[start:]]])
+    corner = right[start:]
+    corner = (corner + corner.T) / 2 if symmetric else corner
+    return np.block([[small, right[:start]], [left, corner]])
 
 
 class Projections:

@@ -128,9 +128,7 @@ class PseudoModal:
     @property
     def is_reciprocal(self) -> bool:
         """Whether C = B^T and A(s) is symmetric."""
-        return self.io.are_same and self.N is None and (
-            self.D is None or np.abs(self.D - self.D.T).max(initial=0.0) <= 1e-10 * np.abs(self.D).max(initial=0.0)
-        )
+        return self.io.are_same and self.N is None and (self.D is None or np.array_equal(self.D, self.D.T))
 
     @property
     def is_diagonal(self) -> bool:
@@ -268,6 +266,12 @@ class PseudoModal:
         return np.concatenate(H), np.concatenate(drive)
 
 
+def congruent(matrix: np.ndarray, X: np.ndarray) -> np.ndarray:
+    """Return X^T A X, exactly symmetric where the matrix A is."""
+    found = X.T @ matrix @ X
+    return (found + found.T) / 2 if np.array_equal(matrix, matrix.T) else found
+
+
 def diagonalised(
     K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, damping: Proportional = UNDAMPED,
     io: InputsOutputs | None = None, viscoelastic: tuple[Viscoelastic, ...] = (), symmetric=True,
@@ -278,13 +282,12 @@ def diagonalised(
     io = io or InputsOutputs(*[np.eye(L.shape[1])] * 2)
     eigenvalues, vectors = np.linalg.eigh((K + K.T) / 2)
     N = None if symmetric else vectors.T @ ((K - K.T) / 2) @ vectors
+    D = None if D is None else congruent(D, vectors)
     if viscoelastic:
-        D = None if D is None else vectors.T @ D @ vectors
         parts = transformed(viscoelastic, lambda matrix: vectors.T @ matrix @ vectors)
         return PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, D, viscoelastic=parts, N=N)
     if D is None and N is None:
         return PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping)
-    D = None if D is None else vectors.T @ D @ vectors
     model = PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, D, N=N)
     try:
         return replace(model, poles=poles_of(model))
