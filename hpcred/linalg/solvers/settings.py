@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import Literal
 
@@ -11,6 +11,7 @@ from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
 from ...parallel.memory import available_mb
 from ...parallel.ranges import within
+from ..known import Source
 
 # Direct solvers by name: a class that derives from base.Factorisation, or where it is; a program may add its own
 PACKAGES: dict[str, str | type] = {
@@ -104,8 +105,16 @@ class Factoring:
         return self.solver.precision == "single"
 
     def counts(self) -> bool:
-        """Whether factors count negative eigenvalues of symmetric matrices: round-off of single precision may not."""
+        """Whether factors may count negative eigenvalues of symmetric matrices, which single precision does not."""
         return self.package.counts() and not self.single
+
+    def source(self, prefix: str) -> Source:
+        """The source of values that factors tell which have a prefix of PETSc options."""
+        return self.package.source_of(self, prefix)
+
+    def exact(self) -> Factoring:
+        """The same with full factors in double precision."""
+        return replace(self, low_rank=None, solver=replace(self.solver, precision="double"))
 
     def approximate(self) -> str | None:
         """The key that makes factors approximate, and what to do where solutions stay so; None for full factors."""
