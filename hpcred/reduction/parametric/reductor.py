@@ -128,11 +128,14 @@ class ParametricReductor(ToleranceReductor):
             worst=dict(zip(names, found.points[worst], strict=True)),
         )  # fmt: skip
         searches = greedy.searches
-        missing = max(search.missing_modes for search in searches)
+        counts = [search.expansion.highest_count for search in searches]
+        weakest = None if None in counts else min(counts, key=lambda item: item.below)
+        missing = None if weakest is None else max(0, *(search.missing_modes for search in searches))
         return found.factor, replace(
             accuracy, worst=float(found.worst[worst]), parameters=of_parameters, uncompressed_size=greedy.basis.size,
             points=tuple(point for search in searches for point in search.expansion.points),
-            proofs=tuple(proof for search in searches for proof in search.proofs), missing_modes=max(missing, 0),
+            proofs=tuple(proof for search in searches for proof in search.proofs), missing_modes=missing,
+            counted=weakest,
         )  # fmt: skip
 
 def reduced_with_terms(reductor, model) -> ParametricReducedModel:
