@@ -49,7 +49,7 @@ def find_hidden(
         if is_over():
             break
     run.note("modes that no load moves", used, projections.basis.size - size)
-    return decided(run.model.comm, _change, judge, np.arange(size), lack_of)
+    return lack, decided(run.model.comm, _change, judge, np.arange(size))
 
 
 def _extend_by_modes(solver, factor):
@@ -69,10 +69,8 @@ def _moving(projections, before, band, lack_of):
     return model.vectors[:, which] if len(which) else None, lack
 
 
-def _change(judge, before, lack_of):
-    """Return how many modes are missing, and what the columns that were not there `before` have changed of the response
-    over the band."""
+def _change(judge, before) -> float:
+    """Return what the columns that were not there `before` have changed of the response over the band."""
     model, old = judge.projections.model(), judge.projections.model(before)
     S = grid([model], judge.settings.band)
-    lack = 0 if lack_of is None else lack_of(None)
-    return lack, float(judge.compare(old, model, nested(old, model)).curve(S).max())
+    return float(judge.compare(old, model, nested(old, model)).curve(S).max())
