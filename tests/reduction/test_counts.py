@@ -62,7 +62,8 @@ def test_modes_that_are_not_found_are_said_and_the_tolerance_is_not_reached(comm
     assert not accuracy.reached and 0 < accuracy.missing_modes < 70
     lack = f"{accuracy.missing_modes} modes of the band"
     assert accuracy.stopped == f"since {lack} are missing with 90 columns" and f"{lack} not found" in accuracy.unproven
-    assert f"NOT REACHED: eps is about {accuracy.largest:.1e} or more" in record.warnings[0] and lack in record.warnings[0]
+    warning = record.warnings[0]
+    assert f"NOT REACHED: eps is about {accuracy.largest:.1e} or more" in warning and lack in warning
     assert accuracy.modes_in_words.endswith(f"{accuracy.missing_modes} missing") and accuracy.counted.modes == below(30)
 
 
@@ -152,12 +153,12 @@ def test_factors_that_are_too_rough_to_count_need_a_second_proof(comm, monkeypat
 
 
 def test_low_rank_factors_count_right_or_not_at_all(hpcred, tmp_path):
-    """In a program of its own, since MUMPS must be without Scotch there: 7 and 17 were counted in place of 9 and 19."""
+    """In a program of its own, since MUMPS must be without Scotch there."""
     script = """
 import json, numpy as np, hpcred
 from hpcred.linalg.solvers.shifted import ShiftedSolver
-model, found = hpcred.solid((20, 10, 10), size=(1.0, 0.3, 0.3)), []
-for low_rank in (None, 1e-6, 1e-3, 5e-3, 9e-3):
+model, found = hpcred.solid((12, 6, 6), size=(1.0, 0.3, 0.3)), []
+for low_rank in (None, 1e-6, 9e-3):
     solver = ShiftedSolver(model, inertia=True, factoring=hpcred.Factoring(low_rank=low_rank))
     found.append([solver.factor(-(2 * np.pi * f) ** 2) or solver.inertia for f in (3000.0, 6000.0, 9000.0)])
 print(json.dumps(found))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from adaptive_models import chain, membrane, unit
 
-from hpcred.reduction.measure import MEASURES
 from hpcred.linalg.known import ModeCount
+from hpcred.reduction.measure import MEASURES
 from hpcred.reduction.tolerance.error_estimate import (
     FINE,
     PLACES,

@@ -232,7 +232,8 @@ def off_poles(f: float, model: PseudoModal, band, outwards=0) -> float | None:
     poles = model.frequencies
     steps = np.array([0, 1, -1, 2, -2, 3, -3, 5, -5, 8, -8])
     for trial in f * (1 + gap * (np.unique(np.abs(steps)) * outwards if outwards else steps)):
-        if (outwards or band[0] <= trial <= band[1]) and trial > 0 and (np.abs(poles - trial) >= 0.999 * gap * trial).all():
+        free = trial > 0 and (np.abs(poles - trial) >= 0.999 * gap * trial).all()
+        if free and (outwards or band[0] <= trial <= band[1]):
             return float(trial)
     return None
 
@@ -281,9 +282,9 @@ def is_silent(model: PseudoModal, frequencies) -> bool:
 
 
 def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, bottom=0.0, still=2e-5) -> np.ndarray:
-    """Return up to `most` pseudo-modes (indices) from `bottom` to `top` Hz whose frequency was not there before, to `still`.
+    """Return up to `most` pseudo-modes (indices) from `bottom` to `top` Hz whose frequency was not there before.
 
-    Largest change first; rigid-body modes and others far below the top are judged by their absolute change.
+    To a relative difference `still`, largest change first; rigid-body modes and others far below the top are judged by their absolute change.
     """
     f, old = model.frequencies, before.frequencies
     f = f[f < top]

@@ -55,7 +55,8 @@ class Expansion:
         """With which damping responses are measured, in words."""
         found, eta = self._measured, self.projections.damping.eta
         if not self.solver.counts or (self.is_at_end and not self.is_counted):
-            found += "; modes cannot be counted here, a second proof stands for that"
+            rough = f" by such factors ({self.run.solvers.source.in_words})" if self.solver.counts else ""
+            found += f"; modes cannot be counted here{rough}, a second proof stands for that"
         if eta == self._asked_damping.eta:
             return found
         leave = "viscoelastic parts leave" if self.projections.viscoelastic else "damping matrix leaves"
@@ -144,8 +145,8 @@ class Expansion:
         return low <= FEW_BELOW * high
 
     def _look_at_count(self, found: ModeCount | None):
-        """Refuse a band with more modes than the basis may have, once a point has counted them, and warn of one of which
-        the first point has counted a large part of all modes."""
+        """Refuse a band with more modes than the basis may have, once a point has counted them, and warn where those are
+        a large part of all modes."""
         if found is None or not self.few_below:
             return
         size, name, count, f = self.run.model.size, self.run.model.name, found.modes, found.below

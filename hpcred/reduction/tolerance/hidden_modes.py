@@ -20,8 +20,9 @@ FEW, MOST = (2, 4), 16  # columns of a block, random ones and modes, if few are 
 
 
 def find_hidden(
-    solver: PointSolver, judge: Judge, band, lack_of: Callable[[np.ndarray | None], int] | None, is_over: Callable[[], bool]
-) -> tuple[int, float]:
+    solver: PointSolver, judge: Judge, band, lack_of: Callable[[np.ndarray | None], int] | None,
+    is_over: Callable[[], bool],
+) -> tuple[int, float]:  # fmt: skip
     """Add random columns, and A^-1 M x of pseudo-modes x that still move, until no mode is missing or the search
     `is_over`; returns how many still are, and how far the response over the band has moved. Collective. Raises
     InputError.

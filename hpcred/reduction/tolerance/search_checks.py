@@ -73,8 +73,8 @@ def check_motions(projections, among):
 
 
 def extend_by_random(solver, judge, width=2) -> int:
-    """Add so many random columns; returns how many are new. Refuse a basis that they add nothing to and that has lost part of
-    the responses.
+    """Add `width` random columns; returns how many are new. Refuse a basis that they add nothing to and that has lost
+    part of the responses.
 
     Where M is singular, round-off on dofs without mass may hide what is new, and what the basis has of their static
     deflection is an accident of its columns: both are decided on smooth ones.
