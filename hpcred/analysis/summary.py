@@ -120,7 +120,8 @@ def inspect(
         if set(counts.values()) - {None}:
             report["modes_counted_by"] = source.in_words
         if None in counts.values():
-            warnings.append(f"modes are not counted: factors are too rough for that ({source.in_words}); leave low_rank out")
+            rough = f"factors are too rough for that ({source.in_words})"
+            warnings.append(f"modes are not counted: {rough}; leave low_rank out")
     else:
         counts = dict.fromkeys(limits)
     for limit, count in counts.items():

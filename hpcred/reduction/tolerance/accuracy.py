@@ -187,6 +187,8 @@ class Accuracy:
     def modes_in_words(self) -> str:
         """Which modes were counted, and how many of them are missing."""
         lack = f"{self.missing_modes or 'none'} missing"
+        if self.parameters is not None:
+            lack += f" at any of {len(self.parameters.points)} values"
         if self.counted is not None:
             return f"{self.counted.in_words}, {lack}"
         return "modes not counted" if self.missing_modes is None else f"modes: {lack}"

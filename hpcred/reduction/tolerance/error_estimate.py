@@ -284,7 +284,8 @@ def is_silent(model: PseudoModal, frequencies) -> bool:
 def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, bottom=0.0, still=2e-5) -> np.ndarray:
     """Return up to `most` pseudo-modes (indices) from `bottom` to `top` Hz whose frequency was not there before.
 
-    To a relative difference `still`, largest change first; rigid-body modes and others far below the top are judged by their absolute change.
+    Those whose relative change is above `still`, the largest first; rigid-body modes and others far below the top are
+    judged by their absolute change.
     """
     f, old = model.frequencies, before.frequencies
     f = f[f < top]

@@ -145,8 +145,8 @@ class Expansion:
         return low <= FEW_BELOW * high
 
     def _look_at_count(self, found: ModeCount | None):
-        """Refuse a band with more modes than the basis may have, once a point has counted them, and warn where those are
-        a large part of all modes."""
+        """Refuse a band with more modes than the basis may have, once a point has counted them, and warn once of one
+        that has a large part of all modes."""
         if found is None or not self.few_below:
             return
         size, name, count, f = self.run.model.size, self.run.model.name, found.modes, found.below
