@@ -165,7 +165,7 @@ def test_modes_that_are_missing_and_modes_that_move():
 
     def lack(*counts, low=0.0):
         found = [ModeCount(modes=modes, below=f) for f, modes in counts]
-        return missing(model, found, (low, 8.0), before)
+        return missing(model, found, (low, 8.0), lambda: before)
 
     assert lack() == 0
     assert lack((6.0, 2), (8.0, 3)) == 0

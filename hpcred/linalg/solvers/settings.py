@@ -71,9 +71,9 @@ class Factoring:
     `out_of_core`: a folder for the factors, on a fast local disk, instead of memory. `low_rank`: relative accuracy of
     block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019); solutions are refined to the residual
     of full factors, and the run fails if that is not reached; modes are counted where refinement with them converges.
-    `memory_mb`: what a rank may take for a factor, by
-    default what the machine and the batch system leave. These three need MUMPS. `solver`: the package that makes
-    factors, and what a reduction does where there shall be no factor, or where it does not fit.
+    `memory_mb`: what a rank may take for a factor, by default what the machine and the batch system leave. These three
+    need MUMPS. `solver`: the package that makes factors, and what a reduction does where there shall be no factor, or
+    where it does not fit.
     """
 
     out_of_core: str | None = None

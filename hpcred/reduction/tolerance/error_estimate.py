@@ -6,6 +6,7 @@ their distance is a fraction of that to the nearest pole.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -247,12 +248,12 @@ def rounded(f: float, band, inside=True) -> float:
     return float(np.clip(found, low, high)) if inside else found
 
 
-def missing(model: PseudoModal, counts: list[ModeCount], band, before: PseudoModal) -> int:
+def missing(model: PseudoModal, counts: list[ModeCount], band, before: Callable[[], PseudoModal]) -> int:
     """Return the number of modes of the band (Hz) that are counted below points and the model misses; 0 or less where
     it misses none.
 
     Pseudo-frequencies lie above the frequencies that they stand for, one by one. Where modes below the band may be
-    missing, counted up to its lower end, those of the band are the pseudo-frequencies that were there `before` too.
+    missing, counted up to its lower end, those of the band are pseudo-frequencies that the model `before()` has too.
     """
     poles, (low, high) = model.frequencies, band
     end = min((item.below for item in counts if item.below >= high), default=high)
@@ -261,7 +262,8 @@ def missing(model: PseudoModal, counts: list[ModeCount], band, before: PseudoMod
     bottom = max((item for item in counts if item.below <= low), key=lambda item: item.below, default=None)
     if found <= 0 or bottom is None:
         return found
-    poles = poles[(poles >= bottom.below) & ~np.isin(np.arange(len(poles)), unsettled(model, before, end, len(poles)))]
+    moving = unsettled(model, before(), end, len(poles))
+    poles = poles[(poles >= bottom.below) & ~np.isin(np.arange(len(poles)), moving)]
     return max(item.modes - bottom.modes - int((poles < item.below).sum()) for item in counts)
 
 

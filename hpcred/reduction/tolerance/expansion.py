@@ -88,9 +88,9 @@ class Expansion:
     def missing_modes(self, among=None) -> int:
         """Return how many modes of the band that points have counted the basis misses; local. `among`: the columns of
         the model before, by default those that are not held back."""
-        projections, columns = self.projections, np.arange(self.projections.first_held_back)
-        before = projections.model(columns if among is None else among)
-        return missing(projections.model(), self.counts, self.settings.band, before)
+        projections = self.projections
+        before = np.arange(projections.first_held_back) if among is None else among
+        return missing(projections.model(), self.counts, self.settings.band, lambda: projections.model(before))
 
     def at(self, f, proving=False, nearby: float | None = None) -> Judgement:
         """Add blocks of a point (Hz) until the estimate over the band is small; returns what was judged last.

@@ -25,7 +25,7 @@ from .projections import Projections
 from .residual_blocks import residual_block
 
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
-TRIES = (0, 1, -1, 3)  # how often, in turn; points at the ends of a band, out of it
+TRIES, OUTWARDS = (0, 1, -1, 3), (0, 1, 2, 3)  # how often, in turn; points at the ends of a band out of it
 # of its first residual may be left by multigrid, of loads, and of what a basis leaves of them
 ROUGH_LOADS, ROUGH = 1e-4, 3e-3
 
@@ -90,7 +90,8 @@ class PointSolver:
             self.go_to(f)
             return float(f), None
         outwards = self._outwards(f)
-        for trial in (f * (1 + (abs(k) * outwards or k) * POLE_GAP) for k in TRIES):
+        for steps in [outwards * k for k in OUTWARDS] if outwards else TRIES:
+            trial = f * (1 + steps * POLE_GAP)
             self.go_to(trial)
             try:
                 pivots = self._pivots()
