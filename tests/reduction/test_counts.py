@@ -179,3 +179,25 @@ def test_results_keep_counts(tmp_path):
     found = hpcred.read_result(tmp_path / "result.h5").reduced.record.accuracy
     assert found.counted == accuracy.counted and (accuracy.counted is None) == is_complex()
     assert [point.source for point in found.points] == [point.source for point in accuracy.points]
+
+
+def test_counts_of_a_model_with_parameters_are_those_at_the_visited_values(comm):
+    K, B, _ = beside([12.0])
+    soft = np.zeros_like(K)
+    soft[SIZE, SIZE] = K[SIZE, SIZE]
+    with (
+        hpcred.SecondOrderModel.from_scipy(K - soft, np.eye(len(K)), inputs=B, comm=comm) as constant,
+        hpcred.ParametricModel(
+            constant, [hpcred.Parameter("k", (0.5, 2.0), 1.0)], [hpcred.Term("K", soft, "k")]
+        ) as model,
+        hpcred.reduce(model, tolerance=1e-3, band=(0.0, 30.0), damping=Rayleigh(2.0, 1e-5)) as rom,
+    ):
+        accuracy = rom.record.accuracy
+        elsewhere = rom.at(k=0.7).record.accuracy
+    assert accuracy.reached and elsewhere.reached and elsewhere.counted is None and elsewhere.missing_modes is None
+    if is_complex():
+        assert accuracy.counted is None
+        return
+    true = int((frequencies_of(K) < accuracy.counted.below).sum())
+    assert accuracy.counted.below >= 30.0 and accuracy.counted.modes == true and accuracy.missing_modes == 0
+    assert accuracy.modes_in_words.endswith(f", none missing at any of {len(accuracy.parameters.points)} values")
