@@ -67,7 +67,6 @@ def test_modes_that_are_not_found_are_said_and_the_tolerance_is_not_reached(comm
     assert accuracy.modes_in_words.endswith(f"{accuracy.missing_modes} missing") and accuracy.counted.modes == below(30)
 
 
-@pytest.mark.mpi
 @needs_counts
 @pytest.mark.parametrize("points", [(0.92,), (0.5, 0.97), (0.3,), ()])
 def test_modes_are_counted_up_to_the_end_of_the_band(comm, points):
@@ -115,11 +114,10 @@ class TestStores:
     def accuracy(comm, folder):
         return reduced(comm, [29.5], (0.0, 30.0), store=PointStore(folder, comm))[0].accuracy
 
-    @pytest.mark.mpi
     @needs_counts
     @pytest.mark.parametrize("source", [None, ROUGH])
-    def test_a_weaker_count_serves_no_full_factor(self, comm, folder, monkeypatch, source):
-        expected = self.accuracy(comm, folder / "none")
+    def test_a_weaker_count_serves_no_full_factor(self, comm, tmp_path, monkeypatch, source):
+        expected = self.accuracy(comm, tmp_path / "none")
         with monkeypatch.context() as patch:
             if source is None:  # of an earlier version
                 patch.setattr("hpcred.reduction.tolerance.point_solver.asdict", lambda _: None)
@@ -127,15 +125,15 @@ class TestStores:
                 patch.setattr(Mumps, "source_of", lambda *_: source)
             patch.setattr("hpcred.linalg.solvers.base.Factorisation.inertia", property(lambda _: 2))
             patch.setattr("hpcred.linalg.solvers.base.refinement_converges", lambda *_: True)
-            assert self.accuracy(comm, folder / "store").counted.modes == 2
+            assert self.accuracy(comm, tmp_path / "store").counted.modes == 2
             if source:
-                assert self.accuracy(comm, folder / "store").points[0].from_store
-        found = self.accuracy(comm, folder / "store")
+                assert self.accuracy(comm, tmp_path / "store").points[0].from_store
+        found = self.accuracy(comm, tmp_path / "store")
         assert found.counted == expected.counted and not found.points[0].from_store
-        assert self.accuracy(comm, folder / "store").points[0].from_store
+        assert self.accuracy(comm, tmp_path / "store").points[0].from_store
         with monkeypatch.context() as patch:  # a stronger count serves a weaker claim
             patch.setattr(Mumps, "source_of", lambda *_: ROUGH)
-            again = self.accuracy(comm, folder / "store")
+            again = self.accuracy(comm, tmp_path / "store")
         assert again.points[0].from_store and again.counted == expected.counted
 
 
