@@ -48,7 +48,8 @@ def inspect(
     Returns
     -------
     dict
-        Counts are None without a real build and a package that tells the inertia. `sets`: number of nodes by name of
+        Counts are None without a real build and a package that tells the inertia, and where factors are too rough for
+        that; `modes_counted_by`: the source of counts, where there are any. `sets`: number of nodes by name of
         the node set. `warnings` lists what looks wrong.
     """
     require_model(model)
@@ -113,11 +114,18 @@ def inspect(
                 # without nodes: eigenvalues that are zero to round-off
                 rigid_count = _count_below(solver, model.mean_eigenvalue * ZERO)
                 report["modes_at_zero"] = rigid_count
-            counts = {limit: _count_below(solver, (2 * np.pi * limit) ** 2) - rigid_count for limit in limits}
+            below = {limit: _count_below(solver, (2 * np.pi * limit) ** 2) for limit in limits}
+            counts = {f: None if None in (rigid_count, count) else count - rigid_count for f, count in below.items()}
+            source = solver.source
+        if set(counts.values()) - {None}:
+            report["modes_counted_by"] = source.in_words
+        if None in counts.values():
+            rough = f"factors are too rough for that ({source.in_words})"
+            warnings.append(f"modes are not counted: {rough}; leave low_rank out")
     else:
         counts = dict.fromkeys(limits)
     for limit, count in counts.items():
-        if progress is not None:
+        if progress is not None and count is not None:
             progress.say(f"{count} elastic modes below {limit:g} Hz")
     if limits:
         report["elastic_modes_below_hz"] = [[limit, counts[limit]] for limit in limits]
@@ -128,7 +136,9 @@ def inspect(
 
 def _definiteness(mass, factoring):
     """ "positive definite", "singular" or "indefinite", by the inertia of M; what the digits of files and round-off can
-    have made negative, as where dofs have no mass or were condensed, counts as zero."""
+    have made negative, as where dofs have no mass or were condensed, counts as zero. Factors are full ones, since an
+    approximate one tells nothing of a singular M."""
+    factoring = factoring.exact()
     if not factoring.counts():
         return f"not known ({'complex PETSc' if is_complex() else factoring.solver.package})"
     found = _inertia_of(mass, factoring)
@@ -151,14 +161,16 @@ def _inertia_of(mass, factoring):
             factors.factor(mass="1", damping="0", inertia_relief=False)
         except SingularMatrix:
             return "singular"
+        if factors.inertia is None:  # by PETSc options of a user
+            return f"not known ({factors.source.in_words})"
         if factors.inertia:
             return "indefinite"
         return "singular" if factors.records[-1].null_pivots else "positive definite"
 
 
-def _count_below(solver, square) -> int:
-    """Return the number of eigenvalues of (K, M) below a square of rad/s: negative pivots of K - square M (Sylvester).
-    """
+def _count_below(solver, square) -> int | None:
+    """Return the number of eigenvalues of (K, M) below a square of rad/s: negative pivots of K - square M (Sylvester),
+    None where the factor is too rough to tell."""
     for nudge in (1.0, 1 + 2e-9, 1 - 2e-9):
         try:
             solver.factor(-square * nudge)

@@ -61,7 +61,7 @@ def reduce(
              "estimate after it": in_words(item.estimate), "factor": item.factor_in_words} for item in accuracy.points
         ])  # fmt: skip
         show_table("Each new point checks the model before it", [asdict(item) for item in accuracy.proofs])
-        print(f"{accuracy.measured}; {accuracy.missing_modes} modes missing; round-off {accuracy.noise:.0e}; "
+        print(f"{accuracy.measured}; {accuracy.modes_in_words}; round-off {accuracy.noise:.0e}; "
               f"{accuracy.uncompressed_size} columns before the compression")  # fmt: skip
     residual = max((item.residual for item in record.factorisations), default=0.0)
     print(

@@ -159,11 +159,8 @@ class Result:
             found = f"it is at {in_words(self.values)} already" if self.values else "it has no parameters"
             raise InputError(f"{self.path}: {found}; read a result of a job with [[parameter]] and [[term]]")
         values, X = checked_values(self.reduced.parameters, values), self.reduced.turn(values)
-        reduced = self.reduced.at(**values)
-        if values != self.reduced.reference and reduced.record is not None:
-            reduced = replace(reduced, record=reduced.record.away_from_reference())
         return replace(
-            self, reduced=reduced, values=values, turn=X,
+            self, reduced=self.reduced.at(**values), values=values, turn=X,
             floating_frame=self.floating_frame and turned_frame(self.floating_frame, X),
             nodes=[turned_node(node, X) for node in self.nodes],
             geometric_stiffness=self.geometric_stiffness and turned_stiffness(self.geometric_stiffness, X),

@@ -7,11 +7,12 @@ import numpy as np
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import PETSc
 from ..parallel.sums import summed
-from .blocks import add_product, apply, column_norms, create_block, local_rows, times
+from .blocks import add_product, apply, column_norms, create_block, local_rows, random_block, times
 
 REFINE_ABOVE = 1e-10  # relative residual above which a step is made
 STEPS = 2  # at most, with a full factor
 APPROXIMATE_STEPS = 20  # at most, when the factor is approximate
+SURE, SURE_STEPS, COLUMNS = 1e-6, 20, 4  # what is left of random columns, after so many steps, if they converge
 KEPT = 4  # of the last corrections, beside which the next one is chosen then
 
 
@@ -64,6 +65,29 @@ def refine(matrix, back_substitute, load, solution, scale=None, steps=0, approxi
             "the matrix is too ill-conditioned to be solved"
         )
     return relative
+
+
+def refinement_converges(matrix, back_substitute) -> bool:
+    """Test whether plain refinement converges on random columns: then a symmetric factor F has the inertia of A.
+
+    The errors of refinement are multiplied by F^-1 (F - A). Where all eigenvalues of that are below 1, no matrix
+    F - t (F - A), 0 <= t <= 1, is singular, so that no eigenvalue changes its sign from F to A. F^-1 of random columns
+    has most of the eigenvectors that F is nearly singular for, where signs change first. Collective.
+    """
+    load, error, image = random_block(matrix, COLUMNS), create_block(matrix, COLUMNS), create_block(matrix, COLUMNS)
+    back_substitute(load, error)
+    first = column_norms(error)
+    for _ in range(SURE_STEPS):
+        apply(matrix, error, image)
+        back_substitute(image, load)
+        with local_rows(load) as rows, local_rows(error) as errors:
+            errors -= rows
+        left = float((column_norms(error) / first).max())
+        if not left < 1.0 / SURE:  # it grows, or has become NaN
+            return False
+        if left <= SURE:
+            return True
+    return False
 
 
 def _least_residual(matrix, correction, residual, solution, kept):

@@ -88,7 +88,8 @@ class Record:
             return self
         low, high = self.accuracy.band
         largest = self.accuracy.largest
-        known = replace(self.accuracy, frequencies=(low, high), eps=(largest, largest), mean=largest, directions=())
+        known = replace(self.accuracy, frequencies=(low, high), eps=(largest, largest), mean=largest, directions=(),
+                        counted=None, missing_modes=None)  # fmt: skip
         return replace(self, accuracy=known)
 
     @property

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from ..linalg.known import Source
 from ..linalg.solvers.base import DoesNotFit, FactorRecord, Solver
 from ..linalg.solvers.complex import ComplexSolver
 from ..linalg.solvers.multigrid import MultigridSolver, TooSlow, not_definite
 from ..linalg.solvers.shifted import ShiftedSolver
 from ..model.node_blocks import NodeBlocks
 from ..parallel.failures import InputError
+
+REAL = "shift_"  # prefix of the PETSc options of factors at real points
 
 
 class RunSolvers:
@@ -32,7 +35,7 @@ class RunSolvers:
         if self._real is None and self._factoring.solver.kind == "multigrid":
             self._take_multigrid()
         if self._real is None:
-            self._real = ShiftedSolver(self.model, self.rigid, inertia=self._inertia, **self._memory())
+            self._real = ShiftedSolver(self.model, self.rigid, REAL, inertia=self._inertia, **self._memory())
         if self._complex is not None:
             self._complex.release()
         return self._real
@@ -100,6 +103,11 @@ class RunSolvers:
     def counts(self) -> bool:
         """Whether factors at real points tell how many modes lie below: an LU of an unsymmetric model does not."""
         return self.model.symmetric and not self.multigrid and self._factoring.counts()
+
+    @property
+    def source(self) -> Source:
+        """The source of what factors at real points tell."""
+        return self._factoring.source(REAL)
 
     def _take_multigrid(self):
         blocks = NodeBlocks(self.model)

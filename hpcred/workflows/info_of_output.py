@@ -64,6 +64,7 @@ def result(path, comm) -> dict:
         report["basis_of"] = record.basis_of
     if record.accuracy is not None:
         report["accuracy"] = record.accuracy.sentence
+        report["modes_of_the_band"] = record.accuracy.modes_in_words
     if chosen_by := record.versions.get("blas_kernels_chosen_by"):
         report["blas"] = f"{record.versions['blas']} (kernels chosen by {chosen_by})"
     if record.interface_rows:

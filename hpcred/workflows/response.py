@@ -131,6 +131,7 @@ def _report(found: FullResponse, size: int) -> dict:
         "noise": accuracy.noise,
         "measured": accuracy.measured,
         "missing_modes": accuracy.missing_modes,
+        "counted": None if accuracy.counted is None else asdict(accuracy.counted),
         "frequencies_hz": found.frequencies.tolist(),
         "norm": np.linalg.norm(found.response, axis=(1, 2)).tolist(),
         "eps": found.eps.tolist(),

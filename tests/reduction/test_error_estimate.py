@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from adaptive_models import chain, membrane, unit
 
+from hpcred.linalg.known import ModeCount
 from hpcred.reduction.measure import MEASURES
 from hpcred.reduction.tolerance.error_estimate import (
     FINE,
@@ -160,11 +161,20 @@ def test_next_point_is_the_largest_estimate_off_the_points_and_poles():
 def test_modes_that_are_missing_and_modes_that_move():
     f = np.array([2.0, 5.0, 7.0])
     model = diagonalised(np.diag((2 * np.pi * f) ** 2), np.ones((3, 1)))
-    assert missing(model, []) == 0
-    assert missing(model, [(6.0, 2), (8.0, 3)]) == 0
-    assert missing(model, [(6.0, 4), (8.0, 4)]) == 2
-    assert missing(model, [(6.995, 3)]) == 1 and missing(model, [(7.005, 3)]) == 0  # below means below
     before = diagonalised(np.diag((2 * np.pi * np.array([2.0, 5.01, 7.3])) ** 2), np.ones((3, 1)))
+
+    def lack(*counts, low=0.0):
+        found = [ModeCount(modes=modes, below=f) for f, modes in counts]
+        return missing(model, found, (low, 8.0), lambda: before)
+
+    assert lack() == 0
+    assert lack((6.0, 2), (8.0, 3)) == 0
+    assert lack((6.0, 4), (8.0, 4)) == 2
+    assert lack((6.995, 3)) == 1 and lack((7.005, 3)) == 0  # below means below
+    assert lack((8.0, 3), (9.0, 40)) == 0  # beyond the band
+    # those below a band do not count, and of the model only what was there before
+    assert lack((1.0, 30), (8.0, 33), low=1.0) == 2
+    assert lack((1.0, 30), (8.0, 33)) == 30 and lack((6.5, 30), (8.0, 30), low=6.5) == 0
     assert unsettled(model, before, 8.0).tolist() == [2, 1]
     assert unsettled(model, before, 8.0, most=1).tolist() == [2]
     assert unsettled(model, before, 6.0).tolist() == [1]

@@ -5,42 +5,48 @@ from types import SimpleNamespace
 import pytest
 
 from hpcred.reduction.tolerance import hidden_modes
-from hpcred.reduction.tolerance.hidden_modes import HIDDEN, find_hidden
+from hpcred.reduction.tolerance.hidden_modes import UNCOUNTED, find_hidden
 
 
-def rounds(monkeypatch, counts, answers):
-    """How many times columns were added, and how many of these were random; `answers`: (moving, missing) a time."""
-    basis, taken = SimpleNamespace(size=0), []
+def rounds(monkeypatch, counts, answers, room):
+    """Which columns were added, and their numbers; `answers`: (moving, missing) a time, before the first too."""
+    basis, taken, first = SimpleNamespace(size=0), [], answers[0][1] if answers else 1
 
     def extend(kind):
-        def add(*_):
-            taken.append(kind)
-            basis.size += 2
-            return 2
+        def add(*arguments):
+            width = arguments[2] if kind == "random" else 2
+            taken.append((kind, width))
+            basis.size += width
+            return width
 
         return add
 
-    answers = iter(answers)
+    answers = iter(answers[1:])
     monkeypatch.setattr(hidden_modes, "extend_by_random", extend("random"))
     monkeypatch.setattr(hidden_modes, "_extend_by_modes", extend("modes"))
     monkeypatch.setattr(hidden_modes, "_moving", lambda *_: next(answers, (None, 1)))
-    monkeypatch.setattr(hidden_modes, "_change", lambda *_: (0, 0.0))
+    monkeypatch.setattr(hidden_modes, "_change", lambda *_: 0.0)
     run = SimpleNamespace(note=lambda *_: None, model=SimpleNamespace(comm=SimpleNamespace(size=1)))
-    solver = SimpleNamespace(projections=SimpleNamespace(basis=basis), run=run, counts=counts)
-    find_hidden(solver, None, [(10.0, 3)])
+    solver = SimpleNamespace(projections=SimpleNamespace(basis=basis), run=run)
+    find_hidden(solver, None, (0.0, 10.0), (lambda _: first) if counts else None, lambda: basis.size >= room)
     return taken
+
+
+PAIR, MODES = ("random", 2), ("modes", 2)
 
 
 @pytest.mark.parametrize(
     "counts, answers, taken",
     [
-        (True, [(None, 0)], ["random"]),
-        (True, [(None, 1), (None, 0)], ["random"] * 2),
-        (True, [("V", 0), (None, 0)], ["random", "modes"]),
-        (False, [(None, 0)] * 9, ["random"] * 2),
-        (False, [(None, 0), ("V", 0), (None, 0), (None, 0), (None, 0)], ["random", "random", "modes"] + ["random"] * 2),
-        (False, [], ["random"] * (HIDDEN // 2)),
+        (True, [(None, 1), (None, 0)], [PAIR]),
+        (True, [(None, 2), (None, 1), (None, 0)], [PAIR] * 2),
+        (True, [(None, 1), ("V", 0), (None, 0)], [PAIR, MODES]),
+        (True, [(None, 9), (None, 5), (None, 0)], [("random", 9), ("random", 5)]),
+        (True, [(None, 40), (None, 1)], [("random", 16)] + [PAIR] * 42),  # to the limit
+        (False, [(None, 0)] * 9, [PAIR] * 2),
+        (False, [(None, 0)] * 2 + [("V", 0)] + [(None, 0)] * 3, [PAIR, PAIR, MODES] + [PAIR] * 2),
+        (False, [("V", 0)] * 99, [PAIR] + [MODES] * (UNCOUNTED // 2 - 1)),
     ],
 )
 def test_rounds_of_columns(monkeypatch, counts, answers, taken):
-    assert rounds(monkeypatch, counts, answers) == taken
+    assert rounds(monkeypatch, counts, answers, room=100) == taken

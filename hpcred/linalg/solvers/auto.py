@@ -34,7 +34,7 @@ class Auto(Factorisation):
         return found
 
     def __init__(self, matrix, symmetric, prefix, factoring=None, *arguments, **keywords):
-        super().__init__(matrix, symmetric, prefix, factoring)
+        super().__init__(matrix, symmetric, prefix, factoring, *arguments, **keywords)
         self._by_mumps = partial(Mumps, matrix, symmetric, prefix, factoring, *arguments, **keywords)
         self._factors: Factorisation = Cudss(matrix, symmetric, prefix, factoring, *arguments, **keywords)
         self._factors.because = "there is a GPU that the factor fits"
@@ -42,6 +42,10 @@ class Auto(Factorisation):
     @classmethod
     def check(cls, factoring):
         Mumps.check(factoring)
+
+    @classmethod
+    def source_of(cls, factoring, prefix):
+        return Mumps.source_of(factoring, prefix)
 
     @classmethod
     def check_build(cls, comm):
@@ -63,6 +67,7 @@ class Auto(Factorisation):
 
     def factor(self, **labels):
         self._on_gpu_or_not(lambda: self._factors.factor(**labels))
+        self.source = self._factors.source
         self.records.append(self._factors.records[-1])
 
     def _on_gpu_or_not(self, function):

@@ -15,6 +15,8 @@ from ...parallel.failures import ComputationError, InputError
 from ...parallel.petsc import PETSc, SLEPc, is_complex
 from ..blocks import column_norms, dense, local_rows, packed
 from ..conjugate_gradients import NotSolved
+from ..known import EXACT, Source
+from ..refinement import refinement_converges
 from .settings import Factoring
 
 
@@ -42,6 +44,8 @@ class FactorRecord:
     (or "diagonal", for M) there is no factor: `levels` of the hierarchy, `factor_entries` in all of them, and
     `iterations` of conjugate gradients, the most that a column took; `expected_iterations`, predicted by a trial.
     `package_because`: why package = "auto" took this one.
+    `source`: what values have for a source that the factor tells, None in files of earlier versions; `negative_pivots`
+    of an approximate one are those of A, or None.
     """
 
     mass: str
@@ -70,6 +74,7 @@ class FactorRecord:
     levels: int = 0
     iterations: int = 0
     expected_iterations: int = 0
+    source: Source | None = None
 
     @property
     def direct(self) -> bool:
@@ -153,7 +158,14 @@ class Factorisation(ABC):
         self.check_build(matrix.comm.tompi4py())
         self.matrix, self.factoring, self.prefix = matrix, factoring or Factoring(), prefix
         self.kind = "LDL^T" if symmetric and self.uses_symmetry else "LU"
+        self.source = self.source_of(self.factoring, prefix)
+        self._asked_inertia = inertia
         self.records: list[FactorRecord] = []
+
+    @classmethod
+    def source_of(cls, factoring: Factoring, prefix: str) -> Source:
+        """Return the source of values that factors with these settings, and the PETSc options of a prefix, tell."""
+        return EXACT
 
     @classmethod
     def check(cls, factoring: Factoring):
@@ -209,7 +221,8 @@ class Factorisation(ABC):
 
     @property
     def inertia(self) -> int | None:
-        """Number of negative eigenvalues by Sylvester's law, or None; on several ranks if it was to be asked for."""
+        """Number of negative eigenvalues by Sylvester's law, or None; on several ranks, and of approximate factors, if
+        it was to be asked for."""
         return self.records[-1].negative_pivots if self.factoring.counts() and self.kind == "LDL^T" else None
 
     def factor(self, **labels):
@@ -224,8 +237,17 @@ class Factorisation(ABC):
         seconds = round(time.perf_counter() - start - found["analysis_seconds"], 4)
         self.records.append(
             FactorRecord(**labels, kind=self.kind, package=self.name, factor_seconds=seconds,
-                         precision=self.factoring.solver.precision, package_because=self.because, **found)
+                         precision=self.factoring.solver.precision, package_because=self.because,
+                         source=self.source, **found)
         )  # fmt: skip
+        if self.source != EXACT:
+            self._confirm_inertia()
+
+    def _confirm_inertia(self):
+        """Forget the negative pivots of an approximate factor that may not be those of A."""
+        asked = self._asked_inertia and self.inertia is not None
+        if not (asked and refinement_converges(self.matrix, self.back_substitute)):
+            self.records[-1].negative_pivots = self.records[-1].null_pivots = None
 
     def back_substitute(self, load: SLEPc.BV, solution: SLEPc.BV):
         """solution = A^-1 load, all active columns at once, unchecked."""

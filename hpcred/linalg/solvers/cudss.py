@@ -25,6 +25,7 @@ from ...parallel.decisions import decided
 from ...parallel.failures import ComputationError, HpcredError, InputError, agreed
 from ...parallel.memory import MB
 from ...parallel.petsc import MPI, PETSc
+from ..known import EXACT, Source
 from .base import DoesNotFit, Factorisation
 
 WIDTH = 12  # columns of a solve, fixed at the start: so many take little longer than one
@@ -32,6 +33,7 @@ HELP = "`pip install 'hpcred[cuda13]'` (cuda12 for older drivers) brings nvmath-
 NO_MEMORY = ("alloc_failed", "out of memory", "out_of_memory", "memory_allocation")  # in errors of the library
 LOGGER = logging.getLogger("hpcred.cudss")
 LOGGER.setLevel(logging.ERROR)  # its warnings tell programmers what a call costs
+PERTURBED = Source(kind="approximate factor", accuracy=1e-8)  # with pivots that were too small
 SPARE_MB = 512  # of the GPU, beside what the analysis says that the factor takes
 
 
@@ -47,13 +49,18 @@ class Cudss(Factorisation):
     has_single = True
 
     def __init__(self, matrix, symmetric, prefix, factoring=None, reserved_mb=0.0, inertia=False, null_pivots=False):
-        super().__init__(matrix, symmetric, prefix, factoring)
+        super().__init__(matrix, symmetric, prefix, factoring, reserved_mb, inertia, null_pivots)
         self._comm = matrix.comm.tompi4py()
         self._solver = self._pattern = self._kept = None
         self._scalar = np.dtype(PETSc.ScalarType)
         if self.factoring.single:
             self._scalar = np.dtype(np.complex64 if self._scalar.kind == "c" else np.float32)
         self._rank_mb = max(self.factoring.limit_mb(self._comm) - reserved_mb, 1.0)  # of the memory of the host
+
+    @classmethod
+    def source_of(cls, factoring, prefix):
+        accuracy = float(np.finfo(np.float32).eps)
+        return Source(kind="approximate factor", accuracy=accuracy) if factoring.single else EXACT
 
     def approximate(self):
         return super().approximate() or "solver.package: {} by cuDSS; take 'mumps', whose pivots are more stable"
@@ -89,6 +96,7 @@ class Cudss(Factorisation):
             raise
         found = self._comm.bcast(found)
         self.analyses += found.pop("analyses")
+        self.source = PERTURBED if found.get("null_pivots") else self.source_of(self.factoring, self.prefix)
         return found
 
     def _factored(self, matrix):

@@ -15,6 +15,7 @@ from ...parallel import startup
 from ...parallel.failures import ComputationError, InputError
 from ...parallel.memory import MB
 from ...parallel.petsc import PETSc, is_complex
+from ..known import EXACT, Source
 from ..options import temporary_options
 from .base import DoesNotFit, SingularMatrix
 from .petsc import PetscFactorisation
@@ -42,7 +43,7 @@ class Mumps(PetscFactorisation):
 
     def __init__(self, matrix, symmetric, prefix, factoring: Factoring | None = None, reserved_mb=0.0, inertia=False,
                  null_pivots=False, settings: dict | None = None):  # fmt: skip
-        super().__init__(matrix, symmetric, prefix, factoring)
+        super().__init__(matrix, symmetric, prefix, factoring, inertia=inertia)
         self._ksp.setErrorIfNotConverged(False)  # for codes of MUMPS say more
         self._chosen = False
         if self.factoring.single:
@@ -62,6 +63,16 @@ class Mumps(PetscFactorisation):
                 f"out_of_core: the name of the folder has {len(os.fsencode(folder))} bytes, MUMPS takes "
                 f"{LONGEST_FOLDER}; name another: {folder}"
             )
+
+    @classmethod
+    def source_of(cls, factoring, prefix):
+        """See Factorisation; options of users count too."""
+        options = PETSc.Options(prefix)
+        low_rank = options.getInt("mat_mumps_icntl_35", int(factoring.low_rank is not None))
+        accuracy = options.getReal("mat_mumps_cntl_7", factoring.low_rank or 0.0) if low_rank else 0.0
+        if factoring.single or options.getString("pc_precision", "double") == "single":
+            accuracy = max(accuracy, float(np.finfo(np.float32).eps))
+        return Source(kind="approximate factor", accuracy=accuracy) if accuracy else EXACT
 
     @classmethod
     def slicing(cls, factoring, comm):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import Literal
 
@@ -11,6 +11,7 @@ from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
 from ...parallel.memory import available_mb
 from ...parallel.ranges import within
+from ..known import Source
 
 # Direct solvers by name: a class that derives from base.Factorisation, or where it is; a program may add its own
 PACKAGES: dict[str, str | type] = {
@@ -73,9 +74,10 @@ class Factoring:
 
     `out_of_core`: a folder for the factors, on a fast local disk, instead of memory. `low_rank`: relative accuracy of
     block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019); solutions are refined to the residual
-    of full factors, and the run fails if that is not reached. `memory_mb`: what a rank may take for a factor, by
-    default what the machine and the batch system leave. These three take MUMPS. `solver`: the package that makes
-    factors, and what a reduction does where there shall be no factor, or where it does not fit.
+    of full factors, and the run fails if that is not reached; modes are counted where refinement with them converges.
+    `memory_mb`: what a rank may take for a factor, by default what the machine and the batch system leave. These three
+    take MUMPS. `solver`: the package that makes factors, and what a reduction does where there shall be no factor, or
+    where it does not fit.
     """
 
     out_of_core: str | None = None
@@ -108,8 +110,16 @@ class Factoring:
         return self.solver.precision == "single"
 
     def counts(self) -> bool:
-        """Whether factors count negative eigenvalues of symmetric matrices: round-off of single precision may not."""
+        """Whether factors may count negative eigenvalues of symmetric matrices, which single precision does not."""
         return self.package.counts() and not self.single
+
+    def source(self, prefix: str) -> Source:
+        """The source of values that factors tell which have a prefix of PETSc options."""
+        return self.package.source_of(self, prefix)
+
+    def exact(self) -> Factoring:
+        """The same with full factors in double precision."""
+        return replace(self, low_rank=None, solver=replace(self.solver, precision="double"))
 
     def approximate(self) -> str | None:
         """The key that makes factors approximate, and what to do where solutions stay so; None for full factors."""

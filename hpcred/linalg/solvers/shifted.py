@@ -68,6 +68,11 @@ class ShiftedSolver(DirectSolver):
     def inertia(self):
         return self.factors.inertia
 
+    @property
+    def source(self):
+        """The source of the inertia."""
+        return self.factors.source
+
     def _begin_with(self, mat):
         self.factored = None
         mat.copy(self.matrix, structure=SAME)

@@ -227,7 +227,7 @@ class Greedy:
 
     def _counted(self, model):
         """The modes of the band that factors count."""
-        count = int((model.frequencies < self.goal.band[1]).sum()) if self.first.expansion.solver.counts else 0
+        count = int((model.frequencies < self.goal.band[1]).sum()) if self.first.expansion.is_counted else 0
         return slice(count)
 
     def _spread(self):

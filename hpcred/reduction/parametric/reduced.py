@@ -117,7 +117,11 @@ class ParametricReducedModel(ReducedModel):
                      "viscoelastic": transformed(self.viscoelastic, lambda matrix: X.T @ matrix @ X)}  # fmt: skip
         if any(item.of == "B" for item in self.terms) and checked_values(self.parameters, values) != self.reference:
             found["resultants"] = None  # those of the columns at the reference
-        return replace(self.base, **found, frequencies=frequencies, columns=None, left_columns=None, model=None)
+        record = self.base.record
+        if record is not None and checked_values(self.parameters, values) != self.reference:
+            record = record.away_from_reference()
+        return replace(self.base, **found, frequencies=frequencies, columns=None, left_columns=None, model=None,
+                       record=record)  # fmt: skip
 
     def to_pymor(self) -> Any:
         """Return the model for all values of the parameters: see ReducedModel.to_pymor."""

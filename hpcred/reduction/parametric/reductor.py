@@ -130,11 +130,15 @@ class ParametricReductor(ToleranceReductor):
             worst=dict(zip(names, found.points[worst], strict=True)),
         )  # fmt: skip
         searches = greedy.searches
-        missing = max(search.missing_modes for search in searches)
+        counted_modes = missing = None
+        if all(search.expansion.highest_count for search in searches):
+            counted_modes = greedy.first.expansion.highest_count
+            missing = max(0, *(search.missing_modes for search in searches))
         return found.factor, replace(
             accuracy, worst=float(found.worst[worst]), parameters=of_parameters, uncompressed_size=greedy.basis.size,
             points=tuple(point for search in searches for point in search.expansion.points),
-            proofs=tuple(proof for search in searches for proof in search.proofs), missing_modes=max(missing, 0),
+            proofs=tuple(proof for search in searches for proof in search.proofs), missing_modes=missing,
+            counted=counted_modes,
         )  # fmt: skip
 
 def reduced_with_terms(reductor, model) -> ParametricReducedModel:

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
+from ...linalg.known import ModeCount, Source
 from ...model.damping import Caughey, GivenDamping, ModalDamping, NoDamping, Rayleigh, Structural
 from ...parallel.declared import as_declared, renamed
 from ...parallel.failures import InputError
@@ -85,7 +86,7 @@ class Point:
     """An expansion point (Hz) of the search: columns that it brought, the `factors` that were made for it and their
     seconds, modes below it (by the negative pivots, None where there are none), and the estimate over the band after
     it, None without one. `factor_of`: the point (Hz) whose factor it was solved with, if not its own. `from_store`: its
-    own would have served, but all was there."""
+    own would have served, but all was there. `source`: of the count of modes, None in files of earlier versions."""
 
     frequency: float
     columns: int
@@ -95,6 +96,14 @@ class Point:
     factors: int | None = None
     from_store: bool = False
     factor_of: float | None = None
+    source: Source | None = None
+
+    @property
+    def count(self) -> ModeCount | None:
+        """The count of modes below it, None without one whose source is known."""
+        if self.modes_below is None or self.source is None:
+            return None
+        return ModeCount(modes=self.modes_below, below=self.frequency, source=self.source)
 
     @property
     def factor_in_words(self) -> str:
@@ -124,7 +133,8 @@ class Accuracy:
     `unproven`: why no measured error supports the estimate, "" where one does. `measured`: with which damping, as text;
     `loss_factor`: that of (1 + i eta) K where the response is not measured with the damping of the model alone, else 0;
     `beside_damping`: whether the damping matrix counts too. `uncompressed_size`: columns before the compression;
-    `highest`: pseudo-frequency (Hz); `missing_modes`: of the band that inertia counts and the model has not.
+    `highest`: pseudo-frequency (Hz); `missing_modes`: of the band that inertia counts and the uncompressed model
+    has not, None where nothing was counted; `counted`: how many were counted, up to where, and what counted them.
     `measure`: what eps is, with its floors; `directions`: of every output, the worst first, against the uncompressed
     model. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: estimated errors beside measured ones. `points`: in
     order. `multigrid`: whether there was no factor. `parameters`: of a model that depends on parameters, over whose
@@ -142,7 +152,7 @@ class Accuracy:
     measured: str
     uncompressed_size: Annotated[int, renamed("uncompressed_size", "big_size")]
     highest: float
-    missing_modes: int
+    missing_modes: int | None
     points: tuple[Point, ...]
     proofs: tuple[Proof, ...]
     frequencies: tuple[float, ...] = field(repr=False)
@@ -154,6 +164,7 @@ class Accuracy:
     measure: AnyMeasure = PAPER
     directions: tuple[Direction, ...] = ()
     parameters: ParameterAccuracy | None = None
+    counted: ModeCount | None = None
 
     def with_noise(self, noise: float) -> Accuracy:
         """Return the same with so much round-off, which may be more than the claim bears."""
@@ -171,6 +182,16 @@ class Accuracy:
         """Factors that were made."""
         made = (not point.from_store if point.factors is None else point.factors for point in self.points)
         return 0 if self.multigrid else sum(made)
+
+    @property
+    def modes_in_words(self) -> str:
+        """Which modes were counted, and how many of them are missing."""
+        lack = f"{self.missing_modes or 'none'} missing"
+        if self.parameters is not None:
+            lack += f" at any of {len(self.parameters.points)} values"
+        if self.counted is not None:
+            return f"{self.counted.in_words}, {lack}"
+        return "modes not counted" if self.missing_modes is None else f"modes: {lack}"
 
     @property
     def sentence(self) -> str:

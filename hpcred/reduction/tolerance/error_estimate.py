@@ -6,10 +6,12 @@ their distance is a fraction of that to the nearest pole.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...linalg.known import ModeCount
 from ..measure import Measure, Paper, drive_points, silent_outputs
 from ..viscoelastic_poles import oscillating_poles
 from .pseudo_modal import Proportional, PseudoModal, difference
@@ -224,31 +226,45 @@ def next_point(frequencies, curve, taken, model: PseudoModal, band) -> float | N
     return None
 
 
-def off_poles(f: float, model: PseudoModal, band) -> float | None:
+def off_poles(f: float, model: PseudoModal, band, outwards=0) -> float | None:
     """Return f, or the nearest frequency of the band that is GAP f away from all pseudo-frequencies, less in narrow
-    bands."""
+    bands; or one out of it in the direction `outwards` (1, -1)."""
     gap = min(GAP, NARROW * (band[1] - band[0]) / band[1])
     poles = model.frequencies
-    tries = f * (1 + gap * np.array([0, 1, -1, 2, -2, 3, -3, 5, -5, 8, -8]))
-    for trial in tries:
-        if band[0] <= trial <= band[1] and trial > 0 and (np.abs(poles - trial) >= 0.999 * gap * trial).all():
+    steps = np.array([0, 1, -1, 2, -2, 3, -3, 5, -5, 8, -8])
+    for trial in f * (1 + gap * (np.unique(np.abs(steps)) * outwards if outwards else steps)):
+        free = trial > 0 and (np.abs(poles - trial) >= 0.999 * gap * trial).all()
+        if free and (outwards or band[0] <= trial <= band[1]):
             return float(trial)
     return None
 
 
-def rounded(f: float, band) -> float:
+def rounded(f: float, band, inside=True) -> float:
     """Return a frequency that a search chose, to six digits, of the band (Hz) if that is narrow: the same on any number
-    of ranks, whose last digits differ."""
+    of ranks, whose last digits differ; `inside` of the band."""
     low, high = band
     digits = 6 + max(0, int(np.ceil(-np.log10((high - low) / high))))
-    return float(np.clip(float(f"{f:.{digits}g}"), low, high))
+    found = float(f"{f:.{digits}g}")
+    return float(np.clip(found, low, high)) if inside else found
 
 
-def missing(model: PseudoModal, counts) -> int:
-    """Return the number of modes that inertia counts below points and the model misses; `counts`: (f, number of modes
-    below f)."""
-    poles = model.frequencies
-    return max((count - int((poles < f).sum()) for f, count in counts), default=0)
+def missing(model: PseudoModal, counts: list[ModeCount], band, before: Callable[[], PseudoModal]) -> int:
+    """Return the number of modes of the band (Hz) that are counted below points and the model misses; 0 or less where
+    it misses none.
+
+    Pseudo-frequencies lie above the frequencies that they stand for, one by one. Where modes below the band may be
+    missing, counted up to its lower end, those of the band are pseudo-frequencies that the model `before()` has too.
+    """
+    poles, (low, high) = model.frequencies, band
+    end = min((item.below for item in counts if item.below >= high), default=high)
+    counts = [item for item in counts if item.below <= end]
+    found = max((item.modes - int((poles < item.below).sum()) for item in counts), default=0)
+    bottom = max((item for item in counts if item.below <= low), key=lambda item: item.below, default=None)
+    if found <= 0 or bottom is None:
+        return found
+    moving = unsettled(model, before(), end, len(poles))
+    poles = poles[(poles >= bottom.below) & ~np.isin(np.arange(len(poles)), moving)]
+    return max(item.modes - bottom.modes - int((poles < item.below).sum()) for item in counts)
 
 
 def is_free(model: PseudoModal, frequencies, zero: float) -> bool:
@@ -267,13 +283,14 @@ def is_silent(model: PseudoModal, frequencies) -> bool:
     return len(_silent(model, frequencies)) == model.io.output_count
 
 
-def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, still=2e-5) -> np.ndarray:
-    """Return up to `most` pseudo-modes (indices) below `top` Hz whose frequency was not there before, to `still`.
+def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, bottom=0.0, still=2e-5) -> np.ndarray:
+    """Return up to `most` pseudo-modes (indices) from `bottom` to `top` Hz whose frequency was not there before.
 
-    Largest change first; rigid-body modes and others far below the top are judged by their absolute change.
+    Those whose relative change is above `still`, the largest first; rigid-body modes and others far below the top are
+    judged by their absolute change.
     """
     f, old = model.frequencies, before.frequencies
     f = f[f < top]
     moved = np.abs(f[:, None] - old).min(axis=1, initial=np.inf) / np.maximum(f, 0.01 * top)
     order = np.argsort(-moved, kind="stable")
-    return order[moved[order] > still][:most]
+    return order[(moved[order] > still) & (f[order] >= bottom)][:most]

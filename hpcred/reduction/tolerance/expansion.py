@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...linalg.basis import Basis
+from ...linalg.known import ModeCount
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError
 from ..components.point_blocks import Part, PointBlocks
@@ -22,7 +23,7 @@ BLOCK = 16  # columns of a block that is made from residuals
 FEW_BELOW = 0.1  # of the upper end of a band: a lower end up to it leaves few modes below the band
 HOPELESS = 300  # modes in the band, beyond which a search that may have fewer columns is not begun
 MANY, LARGE_PART = 30, 0.2  # modes in the band, and of all modes: beyond both the band looks wrong
-AT_END = 0.9  # of the band: above it a point counts the modes of the band
+NEAR_END = 0.9  # of the band: where a point that does not count modes is to be
 
 
 class Expansion:
@@ -52,21 +53,44 @@ class Expansion:
     @property
     def measured(self) -> str:
         """With which damping responses are measured, in words."""
-        counts = "" if self.solver.counts else "; modes cannot be counted here, a second proof stands for that"
-        found, eta = self._measured + counts, self.projections.damping.eta
+        found, eta = self._measured, self.projections.damping.eta
+        if not self.solver.counts or (self.is_at_end and not self.is_counted):
+            rough = f" by such factors ({self.run.solvers.source.in_words})" if self.solver.counts else ""
+            found += f"; modes cannot be counted here{rough}, a second proof stands for that"
         if eta == self._asked_damping.eta:
             return found
         leave = "viscoelastic parts leave" if self.projections.viscoelastic else "damping matrix leaves"
         return f"{found} and the loss factor {eta:g}, since the {leave} modes of the band without damping"
 
     @property
-    def counted(self) -> list[tuple[float, int]]:
-        """The points whose factor has told how many modes lie below them, with these numbers."""
-        return [(point.frequency, point.modes_below) for point in self.points if point.modes_below is not None]
+    def counts(self) -> list[ModeCount]:
+        """What the factors of points have told of the modes below them."""
+        return [point.count for point in self.points if point.count is not None]
 
-    def missing_modes(self) -> int:
-        """Return how many modes that points have counted the basis misses."""
-        return decided(self.run.model.comm, lambda: missing(self.projections.model(), self.counted))
+    @property
+    def highest_count(self) -> ModeCount | None:
+        """The count at the end of the band or the next above it, else that nearest to the end; None without one."""
+        high = self.settings.band[1]
+        return min(self.counts, key=lambda item: (item.below < high, abs(item.below - high)), default=None)
+
+    @property
+    def is_at_end(self) -> bool:
+        """Whether a point counts all modes of the band, or lies near its end where points do not count."""
+        end = self.settings.band[1] * (1.0 if self.solver.counts else NEAR_END)
+        return any(point.frequency >= end for point in self.points)
+
+    @property
+    def is_counted(self) -> bool:
+        """Whether all modes of the band are counted."""
+        found = self.highest_count
+        return found is not None and found.below >= self.settings.band[1]
+
+    def missing_modes(self, among=None) -> int:
+        """Return how many modes of the band that points have counted the basis misses; local. `among`: the columns of
+        the model before, by default those that are not held back."""
+        projections = self.projections
+        before = np.arange(projections.first_held_back) if among is None else among
+        return missing(projections.model(), self.counts, self.settings.band, lambda: projections.model(before))
 
     def at(self, f, proving=False, nearby: float | None = None) -> Judgement:
         """Add blocks of a point (Hz) until the estimate over the band is small; returns what was judged last.
@@ -76,7 +100,7 @@ class Expansion:
         run, solver, before = self.run, self.solver, self.projections.basis.size
         run.progress.step("points", len(self.points))
         f, count = solver.open(f, nearby)
-        self._look_at_count(f, count)
+        self._look_at_count(count)
         blocks, sequence = Blocks(f, proving), None
         if self.by_mass and solver.nearby is None:
             sequence = solver.sequence(f)
@@ -88,7 +112,8 @@ class Expansion:
         run.notes.needs(str(solver.factored), "0.0")
         run.note(f"adaptive {f:.6g} Hz, {blocks.order + 1} blocks", columns, columns, from_store=stored)
         self.points.append(Point(
-            frequency=f, columns=columns, modes_below=count, factors=len(made), factor_seconds=_seconds(made),
+            frequency=f, columns=columns, modes_below=None if count is None else count.modes,
+            source=None if count is None else count.source, factors=len(made), factor_seconds=_seconds(made),
             estimate=judged.estimate if np.isfinite(judged.estimate) else None, from_store=stored,
             factor_of=solver.nearby,
         ))  # fmt: skip
@@ -113,20 +138,25 @@ class Expansion:
         made, self._accounted = records[self._accounted :], len(records)
         return made
 
-    def _look_at_count(self, f, count):
-        """Warn of a band with a large part of all modes, and refuse one with more than the basis may have, once the
-        first point has counted them."""
+    @property
+    def few_below(self) -> bool:
+        """Whether few modes lie below the band, so that a count of those below its end is one of the band."""
         low, high = self.settings.band
-        if self.points or not count or low > FEW_BELOW * high or f < AT_END * high:
+        return low <= FEW_BELOW * high
+
+    def _look_at_count(self, found: ModeCount | None):
+        """Refuse a band with more modes than the basis may have, once a point has counted them, and warn once of one
+        that has a large part of all modes."""
+        if found is None or not self.few_below:
             return
-        size, name = self.run.model.size, self.run.model.name
+        size, name, count, f = self.run.model.size, self.run.model.name, found.modes, found.below
         if count > max(self.settings.columns, HOPELESS):
             raise InputError(
                 f"band: {count} of the {size} modes of {name} lie below {f:g} Hz, by the inertia of K - omega^2 M, and "
                 f"the basis of a search has at most {self.settings.columns} columns (adaptive.columns); is the band in "
                 "Hz, and are M and K in the units of one system? Ask for a lower band"
             )
-        if count > MANY and count > LARGE_PART * size:
+        if not self.points and count > MANY and count > LARGE_PART * size:
             self.run.remark(
                 f"band: {count} of the {size} modes of {name} lie below {f:g} Hz, by the inertia of K - omega^2 M, so "
                 "that the reduced model cannot be small; no mesh follows so many of its modes"

@@ -2,39 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ...linalg.blocks import add_product, create_block
 from ...parallel.decisions import decided
-from .error_estimate import grid, missing, unsettled
+from .error_estimate import grid, unsettled
 from .judging import Judge
 from .point_solver import PointSolver
 from .pseudo_modal import nested
 from .search_checks import extend_by_random
 
-HIDDEN = 60  # random columns at most
+UNCOUNTED = 60  # random columns at most where no count tells that modes are missing
 QUIET = 2  # pairs of random columns that show nothing new, after which all is found that there is no count for
+FEW, MOST = (2, 4), 16  # columns of a block, random ones and modes, if few are missing, and at most
 
 
-def find_hidden(solver: PointSolver, judge: Judge, counted) -> tuple[int, float]:
-    """Add random columns, and A^-1 M x of pseudo-modes x that still move, until no mode is missing; returns how many
-    still are, and how far the response over the band has moved. Collective. Raises InputError.
+def find_hidden(
+    solver: PointSolver, judge: Judge, band, lack_of: Callable[[np.ndarray | None], int] | None,
+    is_over: Callable[[], bool],
+) -> tuple[int, float]:  # fmt: skip
+    """Add random columns, and A^-1 M x of pseudo-modes x that still move, until no mode is missing or the search
+    `is_over`; returns how many still are, and how far the response over the band has moved. Collective. Raises
+    InputError.
 
-    `counted`: points (Hz) with the number of modes below each; `solver`: at one of them, or at 0 Hz.
+    `band`: frequencies (Hz) between which modes are looked for; `lack_of(before)`: how many of those that are counted
+    the basis misses, seen from a model of the columns `before`, or None where nothing is counted; `solver`: at a point
+    of the band or above it, or at 0 Hz.
     """
     projections, run = solver.projections, solver.run
     size, used, moving, quiet = projections.basis.size, 0, None, 0
-    while used < HIDDEN:
-        before, by_random = projections.basis.size, moving is None
-        used += extend_by_random(solver, judge) if moving is None else _extend_by_modes(solver, moving)
+    lack = decided(run.model.comm, lack_of, None) if lack_of is not None else 0
+    while used < UNCOUNTED or lack_of is not None:
+        before = projections.basis.size
+        if moving is None:
+            used += extend_by_random(solver, judge, min(max(FEW[0], lack), MOST))
+        else:
+            used += _extend_by_modes(solver, moving)
         if projections.basis.size == before:
             break
-        moving, lack = decided(run.model.comm, _moving, projections, before, counted)
-        quiet = quiet + 1 if by_random and moving is None else 0
-        if moving is None and lack <= 0 and (solver.counts or quiet == QUIET):
+        quiet = quiet + 1 if moving is None else 0
+        moving, lack = decided(run.model.comm, _moving, projections, np.arange(before), band, lack_of)
+        quiet = quiet if moving is None else 0
+        if moving is None and (lack <= 0 if lack_of is not None else quiet == QUIET):
+            break
+        if is_over():
             break
     run.note("modes that no load moves", used, projections.basis.size - size)
-    return decided(run.model.comm, _change, judge, size, counted)
+    return lack, decided(run.model.comm, _change, judge, np.arange(size))
 
 
 def _extend_by_modes(solver, factor):
@@ -45,17 +61,17 @@ def _extend_by_modes(solver, factor):
     return solver.extend_by_basis(lambda: run.times_mass(x))
 
 
-def _moving(projections, before, counted):
-    """Return the pseudo-modes that were not there with the first `before` columns, or None, and how many modes are
-    missing."""
-    model, old = projections.model(), projections.model(np.arange(before))
-    which = unsettled(model, old, max(f for f, _ in counted))
-    return model.vectors[:, which] if len(which) else None, missing(model, counted)
+def _moving(projections, before, band, lack_of):
+    """Return the pseudo-modes of the band that were not there with the columns `before`, or None, and how many modes
+    are missing."""
+    lack = 0 if lack_of is None else lack_of(before)
+    model, old = projections.model(), projections.model(before)
+    which = unsettled(model, old, band[1], min(max(FEW[1], lack), MOST), band[0])
+    return model.vectors[:, which] if len(which) else None, lack
 
 
-def _change(judge, before, counted):
-    """Return how many modes are missing, and what the columns from `before` on have changed of the response over the
-    band."""
-    model, old = judge.projections.model(), judge.projections.model(np.arange(before))
+def _change(judge, before) -> float:
+    """Return what the columns that were not there `before` have changed of the response over the band."""
+    model, old = judge.projections.model(), judge.projections.model(before)
     S = grid([model], judge.settings.band)
-    return missing(model, counted), float(judge.compare(old, model, nested(old, model)).curve(S).max())
+    return float(judge.compare(old, model, nested(old, model)).curve(S).max())

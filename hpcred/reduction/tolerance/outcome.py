@@ -78,11 +78,13 @@ def accuracy_of(search: Search, reason, pair, frequencies, curve, *, largest, no
     `pair`: it and what its error is seen from; `curve` (S,): its error at frequencies (S,) in Hz, with the `largest` to
     be claimed.
     """
-    settings, expansion, missing = search.settings, search.expansion, search.missing_modes
+    settings, expansion = search.settings, search.expansion
+    counted_modes = expansion.highest_count
+    missing = None if counted_modes is None else max(search.missing_modes, 0)
     multigrid, unproven = expansion.solver.multigrid, []
     if not search.proofs and (multigrid or reason):  # no measured error stands behind the estimate
         unproven.append(UNPROVEN if multigrid else ENDED)
-    if reason and missing > 0:
+    if reason and missing:
         unproven.append(f"{counted(missing, 'mode')} of the band not found")
     low, high = settings.band
     found = Accuracy(
@@ -90,8 +92,9 @@ def accuracy_of(search: Search, reason, pair, frequencies, curve, *, largest, no
         largest=largest, worst=float(frequencies[curve.argmax()]), noise=noise, measured=expansion.measured,
         highest=float(pair.inner.frequencies.max()),
         mean=float(((curve[1:] + curve[:-1]) / 2 * np.diff(frequencies)).sum() / (high - low)),
-        uncompressed_size=search.projections.basis.size, missing_modes=max(missing, 0), points=tuple(expansion.points),
-        proofs=tuple(search.proofs), frequencies=tuple(frequencies.tolist()), eps=tuple(curve.tolist()),
+        uncompressed_size=search.projections.basis.size, missing_modes=missing,
+        counted=counted_modes, points=tuple(expansion.points), proofs=tuple(search.proofs),
+        frequencies=tuple(frequencies.tolist()), eps=tuple(curve.tolist()),
         loss_factor=pair.outer.damping.eta, beside_damping=search.projections.D is not None, multigrid=multigrid,
         unproven="; ".join(unproven), measure=pair.measure,
         directions=directions_of(pair, frequencies, settings.band, search.run.model) if np.isfinite(largest) else (),

@@ -7,12 +7,13 @@ factor.
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from ...linalg.blocks import copy_of, create_block, random_block
 from ...linalg.conjugate_gradients import NegativeCurvature, NotSolved
+from ...linalg.known import ModeCount, Source
 from ...linalg.solvers.base import SingularMatrix
 from ...parallel.decisions import decided
 from ...parallel.failures import ComputationError, InputError
@@ -24,6 +25,7 @@ from .projections import Projections
 from .residual_blocks import residual_block
 
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
+TRIES, OUTWARDS = (0, 1, -1, 3), (0, 1, 2, 3)  # how often, in turn; points at the ends of a band out of it
 # of its first residual may be left by multigrid, of loads, and of what a basis leaves of them
 ROUGH_LOADS, ROUGH = 1e-4, 3e-3
 
@@ -74,20 +76,22 @@ class PointSolver:
         """Whether solves at the point are by conjugate gradients beside the basis."""
         return self._mass != self.factored
 
-    def open(self, f, nearby: float | None = None) -> tuple[float, int | None]:
-        """Begin a point off the poles; return its place and the number of modes below it. It is factored here unless
+    def open(self, f, nearby: float | None = None) -> tuple[float, ModeCount | None]:
+        """Begin a point off the poles; return its place and the count of modes below it. It is factored here unless
         the store knows that it can be and how many those are, else when a solve needs it, or with the factor of the
-        point `nearby`. Raises InputError, NoRegularPoint."""
+        point `nearby`. A point at an end of the band leaves no mode of it uncounted. Raises InputError, NoRegularPoint.
+        """
         run = self.run
         if not self.multigrid:
             self.nearby = nearby
         if self.projections.basis.size:
-            moved = decided(run.model.comm, lambda: off_poles(f, self.projections.model(), self._settings.band))
-            f = f if moved in (None, f) else rounded(moved, self._settings.band)
+            f = decided(run.model.comm, self._off_poles, f)
         if self.nearby:
             self.go_to(f)
             return float(f), None
-        for trial in (f, f * (1 + POLE_GAP), f * (1 - POLE_GAP), f * (1 + 3 * POLE_GAP)):
+        outwards = self._outwards(f)
+        for steps in [outwards * k for k in OUTWARDS] if outwards else TRIES:
+            trial = f * (1 + steps * POLE_GAP)
             self.go_to(trial)
             try:
                 pivots = self._pivots()
@@ -99,11 +103,23 @@ class PointSolver:
                     ) from error
                 continue
             rigid = run.framed.rigid_size if trial else 0
-            return float(trial), pivots - rigid if self.counts else None
+            count = pivots and replace(pivots, modes=pivots.modes - rigid, below=float(trial))
+            return float(trial), count
         raise NoRegularPoint(
             f"no point near {f:g} Hz could be factored: it is among many eigenfrequencies, or the body is nearly free, "
             "so that round-off of K hides where its lowest ones are"
         )
+
+    def _outwards(self, f) -> int:
+        """Return the direction (1, -1) out of the band for a point (Hz) at one of its ends, else 0."""
+        low, high = self._settings.band
+        return 1 if f >= high else -1 if f <= low else 0
+
+    def _off_poles(self, f) -> float:
+        """Return a place beside f (Hz) off the pseudo-frequencies, f where there is none; local."""
+        band, outwards = self._settings.band, self._outwards(f)
+        moved = off_poles(f, self.projections.model(), band, outwards)
+        return f if moved in (None, f) else rounded(moved, band, inside=not outwards)
 
     def go_to(self, f):
         """Have solves be at a point, which a solve factors where that is not done."""
@@ -114,17 +130,21 @@ class PointSolver:
         if not self.multigrid:
             self.nearby = None
 
-    def _pivots(self):
-        """Return the negative pivots at the point, None where there are none; from the store where that has them."""
-        run = self.run
+    def _pivots(self) -> ModeCount | None:
+        """Return the negative pivots at the point, None where they do not count modes; from the store where that has
+        them from a source as good as that of a factor made now."""
+        run, claim = self.run, self.run.solvers.source if self.counts else None
         key = {"kind": "count", "square": self._mass, **run.identity_of("M", "K")}
         known = run.stored(key)
-        pivots = None if known is None else known.facts["negative_pivots"]
-        if known is None or (self.counts and pivots is None):
-            solver = self._factor()
-            pivots = solver.inertia
-            run.keep(key, Entry({"negative_pivots": pivots}))
-        return pivots
+        if known is not None:
+            facts = known.facts
+            source = facts.get("source") and Source(**facts["source"])
+        if known is None or (claim is not None and not (source and source.serves(claim))):
+            source, facts = claim, {"negative_pivots": self._factor().inertia, "source": claim and asdict(claim)}
+            run.keep(key, Entry(facts))
+        if claim is None or facts["negative_pivots"] is None:
+            return None
+        return ModeCount(modes=facts["negative_pivots"], below=0.0, source=source)
 
     def _factor(self):
         """Return the solver with the factor of K - omega^2 M at the point, or at the one near it."""
@@ -197,11 +217,11 @@ class PointSolver:
 
         return self.extend_by_basis(make_load, ROUGH)
 
-    def extend_by_random(self) -> int:
-        """extend_by() M times two random columns, others each time."""
+    def extend_by_random(self, width=2) -> int:
+        """extend_by() M times random columns, others each time."""
         self._random += 1
-        x = random_block(self.run.model.K, 2, seed=self._random)
-        return self.extend_by({"random": self._random}, lambda: self.run.times_mass(x))
+        x = random_block(self.run.model.K, width, seed=self._random)
+        return self.extend_by({"random": self._random, "width": width}, lambda: self.run.times_mass(x))
 
     def smooth(self) -> bool:
         """Replace the basis by A^-1 M times its pseudo-modes, which spans the same where it can hold nothing more, but

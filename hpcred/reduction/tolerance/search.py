@@ -26,11 +26,12 @@ from ...linalg.solvers.multigrid import not_definite
 from ...model.second_order_model import massless
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError
+from ...parallel.progress import counted
 from ...parallel.stopping import stop_if_asked
 from ..run import Run
 from .accuracy import Adaptive, Proof
 from .error_estimate import apart, rounded
-from .expansion import AT_END, Expansion
+from .expansion import Expansion
 from .hidden_modes import find_hidden
 from .judging import Candidate, Judgement
 from .point_solver import NoRegularPoint
@@ -127,10 +128,18 @@ class Search:
         judge, proving = self.judge, self.state is State.PROVING
         fine = judge.is_fine(judged.estimate)
         proven = proving and fine and judge.is_fine(judged.measured)
-        if hidden := self._seeks_hidden(fine, proven):
+        hidden = self._seeks_hidden(fine, proven)
+        if hidden and self._lacks_lower_count():
+            hidden, proven = False, False
+            self._next.insert(0, self.settings.band[0])
+        if hidden:
             proven = self._find_hidden() and proven
             self._check_motions()
-        again = proven and not self._solver.counts and not self._is_proven_twice()
+            if self.missing_modes > 0:
+                lack, are = counted(self.missing_modes, "mode"), "is" if self.missing_modes == 1 else "are"
+                self._end(f"since {lack} of the band {are} missing {self._columns_or_time_met()}".rstrip())
+                return
+        again = proven and not self.expansion.is_counted and not self._is_proven_twice()
         if not proven or again:
             self.state = State.PROVING if fine else State.SEEKING
             judge.check_next(judged.columns)
@@ -161,7 +170,7 @@ class Search:
         else:
             self._sought_unmoved = True
             solver.go_to(0.0)
-            find_hidden(solver, self.judge, [(ABOVE * self.settings.band[1], 0)])
+            find_hidden(solver, self.judge, (0.0, ABOVE * self.settings.band[1]), None, self._is_over)
             self._next.insert(0, f)
 
     def _choose_next(self, again) -> bool:
@@ -175,7 +184,7 @@ class Search:
             second = decided(comm, self.judge.next_points, taken, self._groups, (low, (low + high) / 2))
             self._next = second[:1] + self._next
             return bool(second)
-        if proving and max(taken) < AT_END * high:
+        if proving and not self.expansion.is_at_end and high not in self._next:
             self._next.insert(0, high)
         elif proving and not self._next and self._may_prove_nearby() and apart([first_proof], taken, band):
             self._next = [rounded(first_proof, band)]
@@ -185,18 +194,28 @@ class Search:
 
     def _limit_met(self) -> str:
         """Return the limit that ends the search, in words, or ""."""
-        settings, size = self.settings, self.projections.basis.size
+        settings = self.settings
         own = sum(self._solver.multigrid or point.factor_of is None for point in self._points)
         if own >= settings.factorisations:
             return f"after {settings.factorisations} factorisations"
         if len(self._points) >= 2 * settings.factorisations:
             return f"after {len(self._points)} points"
-        if size >= settings.columns:
+        return self._columns_or_time_met()
+
+    def _columns_or_time_met(self) -> str:
+        """Return the limit of columns or time that is met, in words, or ""."""
+        settings = self.settings
+        if self.projections.basis.size >= settings.columns:
             return f"with {settings.columns} columns"
         elapsed = self.run.progress.elapsed()
         if settings.seconds is not None and decided(self.run.model.comm, lambda: elapsed > settings.seconds):
             return f"after {settings.seconds:g} s"
         return ""
+
+    def _is_over(self) -> bool:
+        """Test whether no more columns may join the basis."""
+        stop_if_asked(self.run.model.comm, f"point {len(self._points)}")
+        return bool(self._columns_or_time_met())
 
     def _is_proven_twice(self):
         low, high = self.settings.band
@@ -213,7 +232,7 @@ class Search:
         else:
             proving = self.state is State.PROVING
             judged = self.expansion.at(points[0], proving, self._point_of_factor(points[0]))
-        self.missing_modes = self.expansion.missing_modes()
+        self.missing_modes = decided(self.run.model.comm, self.expansion.missing_modes)
         if self._points[-1].frequency or not self._solver.multigrid:  # whose models are all exact at 0 Hz
             self.proofs += judged.proofs
         self._check_motions()
@@ -226,7 +245,7 @@ class Search:
         """Test whether the factor of the last point may serve the next one: where it is known that no mode is missing.
         """
         solver = self._solver
-        return solver.counts and self.expansion.by_mass and self._groups == 1 and not solver.failed_nearby
+        return self.expansion.is_counted and self.expansion.by_mass and self._groups == 1 and not solver.failed_nearby
 
     def _point_of_factor(self, f) -> float | None:
         """Return the point whose factor serves a point f that is to prove the candidate, where it may, else None."""
@@ -241,19 +260,26 @@ class Search:
     def _seeks_hidden(self, fine, proven):
         """Test whether modes are missing and it is time to look for them: where the model is good else, or before the
         first proof, which then takes no factor."""
-        at_end = max(point.frequency for point in self._points) >= AT_END * self.settings.band[1]
-        before_proof = fine and at_end and self.state is State.SEEKING and self._may_prove_nearby()
+        before_proof = fine and self.state is State.SEEKING and self._may_prove_nearby()
         return self.missing_modes > 0 and (proven or before_proof)
 
     def _find_hidden(self) -> bool:
         """Add modes that no load moves until none is missing; whether the model stays what it was."""
-        counted = self.expansion.counted
+        found, low = self.expansion.highest_count, self.settings.band[0]
         if self._groups > 1:  # whose factors are gone
-            self._solver.go_to(max(f for f, _ in counted))
+            self._solver.go_to(found.below)
             self.run.notes.needs(str(self._solver.factored), "0.0", again=True)
-        self.missing_modes, change = find_hidden(self._solver, self.judge, counted)
+        band = (low if any(item.below <= low for item in self.expansion.counts) else 0.0, found.below)
+        self.missing_modes, change = find_hidden(
+            self._solver, self.judge, band, self.expansion.missing_modes, self._is_over
+        )
         self.expansion.account()
         return self.judge.is_fine(change)
+
+    def _lacks_lower_count(self) -> bool:
+        """Test whether the missing modes may lie below the band, where a point at its lower end would tell."""
+        low = self.settings.band[0]
+        return not self.expansion.few_below and all(point.frequency > low for point in self._points)
 
     def _check_massless(self):
         """Refuse a basis that has lost solutions on dofs without mass; one that can hold nothing more is smoothed."""

@@ -72,16 +72,16 @@ def check_motions(projections, among):
         run.check_free_motions(lowest, among)
 
 
-def extend_by_random(solver, judge) -> int:
-    """Add random columns; returns how many are new. Refuse a basis that they add nothing to and that has lost part of
-    the responses.
+def extend_by_random(solver, judge, width=2) -> int:
+    """Add `width` random columns; returns how many are new. Refuse a basis that they add nothing to and that has lost
+    part of the responses.
 
     Where M is singular, round-off on dofs without mass may hide what is new, and what the basis has of their static
     deflection is an accident of its columns: both are decided on smooth ones.
     """
-    new, projections = solver.extend_by_random(), solver.projections
+    new, projections = solver.extend_by_random(width), solver.projections
     if not new and is_singular(projections.run) and not solver.is_smooth and solver.smooth():
-        new = solver.extend_by_random()
+        new = solver.extend_by_random(width)
         if new:  # the first columns are no longer the model that the next point was to check
             judge.forget()
     if not new:
