@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...model.viscoelastic import excesses
 from ..measure import Measure, Paper, drive_points, silent_outputs
 from ..viscoelastic_poles import oscillating_poles
 from .pseudo_modal import Proportional, PseudoModal, difference
@@ -22,6 +23,9 @@ ROUNDOFF = 1e-14  # of the measure: what two computers need not agree on
 STEP, FINE = 1.0, 0.4  # between frequencies of a grid, in distances from the nearest pole
 SAME_POLE = 0.3  # of its distance from the axis, within which a pole needs no frequencies of its own
 SHARPEST = 1e-9  # of its frequency: the least distance of a pole from the axis that a grid resolves
+SMALL = 0.1  # of the static stiffness: what viscoelastic parts add to it where the response is linear in that
+LOWEST = 200  # decades below the band, in which that is sought
+WIDE = 4.0  # ratio of the ends of an interval that is parted on a logarithmic scale
 PLACES = 1000  # of a curve that are refined at once; one of round-off has maxima everywhere, and grids must end
 
 
@@ -130,10 +134,13 @@ def at_poles(poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def grid(models, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray:
     """Return S: `uniform` points over the band (Hz), and around every pole of the models as many as let the distance of
-    two frequencies be `step` times that to the nearest pole; without a step the places of the poles alone."""
+    two frequencies be `step` times that to the nearest pole; without a step the places of the poles alone. With
+    viscoelastic parts also points towards 0 Hz (see towards_zero)."""
     low, high = band
     points = [np.linspace(low, high, uniform)]
     for model in models:
+        if model.viscoelastic:
+            points.append(towards_zero(model, high, step or STEP))
         poles = upper_poles(model) / (2 * np.pi)
         poles = poles[np.argsort(poles.imag)]
         at, width = poles.imag, np.maximum(np.abs(poles.real), SHARPEST * np.abs(poles))
@@ -157,12 +164,42 @@ def grid(models, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray
     return points[np.diff(points, prepend=-1.0) > 1e-13 * points]
 
 
+def towards_zero(model: PseudoModal, high: float, step: float) -> np.ndarray:
+    """Return frequencies (k,) from close to 0 up to `high` Hz on a logarithmic scale, for a model with viscoelastic
+    parts.
+
+    Of these the real poles, which oscillating_poles leaves out, and the branch point at 0 Hz of fractional laws are at
+    and below 0 on the axis of (i omega)^exponent, where the response is analytic otherwise. The lowest frequency is
+    that below which what is added to the static stiffness is SMALL, so that the response is linear in it.
+    """
+    # every part over the static stiffness, mode by mode
+    least = model.eigenvalues[model.eigenvalues > 0].min(initial=np.inf)
+    scale = 1 / np.sqrt(np.maximum(model.eigenvalues, least))
+    sizes = np.array([np.linalg.norm(scale[:, None] * part.matrix * scale) for part in model.viscoelastic])
+    D = np.diag(model.damping.at(model.eigenvalues)) + (0.0 if model.D is None else model.D)
+    # the highest decade in which their sum is small
+    decades = high * 10.0 ** -np.arange(LOWEST)
+    omega = 2 * np.pi * decades
+    added = sizes @ np.abs(excesses(model.viscoelastic, 1j * omega))
+    added += omega * np.linalg.norm(scale[:, None] * D * scale)
+    lowest = decades[min(int((added > SMALL).sum()), LOWEST - 1)]
+    exponent = max(getattr(part.law, "exponent", 1.0) for part in model.viscoelastic)
+    return np.geomspace(lowest, high, 1 + int(np.ceil(exponent * np.log(high / lowest) / step)))
+
+
 def beside(frequencies: np.ndarray, places, parts=4) -> np.ndarray:
     """Return new frequencies in the two intervals beside the frequencies at `places`."""
     intervals = np.unique(np.concatenate([places - 1, places]))
     intervals = intervals[(intervals >= 0) & (intervals < len(frequencies) - 1)]
-    steps = np.arange(1, parts) / parts
-    return (frequencies[intervals, None] + np.diff(frequencies)[intervals, None] * steps).ravel()
+    lower, upper = frequencies[intervals, None], frequencies[intervals + 1, None]
+    return between(lower, upper, np.arange(1, parts) / parts).ravel()
+
+
+def between(lower, upper, part):
+    """Return frequencies that part intervals; where one is wide beside its lower end, on a logarithmic scale."""
+    wide = (lower > 0) & (upper > WIDE * lower)
+    ratio = np.divide(upper, lower, out=np.ones_like(upper), where=wide)
+    return np.where(wide, lower * ratio**part, lower + (upper - lower) * part)
 
 
 def maxima(values: np.ndarray) -> np.ndarray:
@@ -200,7 +237,7 @@ def resolved(pair: Comparison, frequencies, curve, above: float, step=1.5, round
         halved &= np.diff(frequencies) > SHARPEST * frequencies[1:]
         if not halved.any():
             break
-        more = ((frequencies[:-1] + frequencies[1:]) / 2)[halved]
+        more = between(frequencies[:-1], frequencies[1:], 0.5)[halved]
         frequencies, curve = np.append(frequencies, more), np.append(curve, pair.curve(more))
         order = np.argsort(frequencies)
         frequencies, curve = frequencies[order], curve[order]
