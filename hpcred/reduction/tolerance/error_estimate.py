@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...model.viscoelastic import excesses
-from ..measure import Measure, Paper, drive_points, silent_outputs
+from ..measure import Measure, Paper, drive_points
 from ..viscoelastic_poles import oscillating_poles
 from .pseudo_modal import Proportional, PseudoModal, difference
 
@@ -23,6 +23,7 @@ ROUNDOFF = 1e-14  # of the measure: what two computers need not agree on
 STEP, FINE = 1.0, 0.4  # between frequencies of a grid, in distances from the nearest pole
 SAME_POLE = 0.3  # of its distance from the axis, within which a pole needs no frequencies of its own
 SHARPEST = 1e-9  # of its frequency: the least distance of a pole from the axis that a grid resolves
+SILENT = 1e-12  # see quietness: below it a response counts as round-off where that was not computed
 SMALL = 0.1  # of the static stiffness: what viscoelastic parts add to it where the response is linear in that
 LOWEST = 200  # decades below the band, in which that is sought
 WIDE = 4.0  # ratio of the ends of an interval that is parted on a logarithmic scale
@@ -95,13 +96,33 @@ def measure_over(measure: Measure, band, model: PseudoModal, uniform=UNIFORM) ->
     if (derivatives := model.io.derivatives) is not None:
         columns = columns @ derivatives.static().T
     of = drive_points(model.io.inputs, columns)
-    silent = _silent(model, frequencies) if (of[0] < 0).any() else ()
+    silent = _silent(model, band) if (of[0] < 0).any() else ()
     return measure.over(frequencies, *model.responses(frequencies), of, silent)
 
 
-def _silent(model, frequencies) -> list[int]:
-    columns = silent_outputs(model.Ct.T, (model.solve(part, model.B) for part in model.parts_of(frequencies)))
-    return columns if model.io.derivatives is None else model.io.derivatives.outputs_of_only(columns)
+def _silent(model, band) -> list[int]:
+    """Return the outputs whose responses over a band (Hz) are round-off: as it is known of the model, or by a bound
+    that serves any."""
+    columns = model.io.silent
+    if columns is None:
+        columns = np.flatnonzero(quietness(model, grid([model], band, UNIFORM // 4, None)).max(axis=(0, 2)) < SILENT)
+    return list(columns) if model.io.derivatives is None else model.io.derivatives.outputs_of_only(columns)
+
+
+def quietness(model: PseudoModal, frequencies) -> np.ndarray:
+    """Return |c^T x| / (||y|| ||x||) (S, k, p) of the columns c of C^T and the states x = A^-1 b and y = A^-T c, in the
+    norm of the energies of the band: by how much more responses may change than A does; 0 for 0 / 0.
+
+    Free of units, as pseudo-modal coordinates are.
+    """
+    energy = np.sqrt(np.abs(model.eigenvalues) + (2 * np.pi * frequencies[-1]) ** 2)[:, None]
+    found = []
+    for part in model.parts_of(frequencies):
+        x, y = model.solve(part, model.B), model.solve(part, model.Ct, transposed=True)
+        size = np.linalg.norm(energy * y, axis=1)[:, :, None] * np.linalg.norm(energy * x, axis=1)[:, None, :]
+        response = np.abs(model.Ct.T @ x)
+        found.append(np.divide(response, size, out=np.zeros_like(size), where=(size > 0) & np.isfinite(size)))
+    return np.concatenate(found)
 
 
 def upper_poles(model: PseudoModal) -> np.ndarray:
@@ -299,9 +320,9 @@ def is_free(model: PseudoModal, frequencies, zero: float) -> bool:
     return not size[0] < 1e6 * size[1]
 
 
-def is_silent(model: PseudoModal, frequencies) -> bool:
-    """Test whether the outputs do not feel the inputs."""
-    return len(_silent(model, frequencies)) == model.io.output_count
+def is_silent(model: PseudoModal, band) -> bool:
+    """Test whether the outputs do not feel the inputs over a band (Hz)."""
+    return len(_silent(model, band)) == model.io.output_count
 
 
 def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, still=2e-5) -> np.ndarray:
