@@ -230,12 +230,15 @@ def maxima(values: np.ndarray) -> np.ndarray:
     return (values >= padded[:-2]) & (values >= padded[2:])
 
 
-def largest(pair: Comparison, frequencies, rounds=4):
+def largest(pair: Comparison, frequencies, little=0.0, rounds=4):
     """Return grid and error of a model on it, refined `rounds` times around the highest maxima, and where a scale of
-    the measure dips, as at zeros of a response, if the error may grow to be one of them there."""
+    the measure dips, as at zeros of a response, if the error may grow to be one of them there.
+
+    What is below `little` is not looked at again: the error of a complete model is round-off, with maxima everywhere.
+    """
     curve, dips = pair.curve_and_dips(frequencies)
     for _ in range(rounds):
-        high = curve.max() / 3
+        high = max(curve.max() / 3, little)
         places = np.flatnonzero((maxima(curve) & (curve > high)) | (dips > high))
         places = places[np.argsort(-np.maximum(curve, dips)[places], kind="stable")[:PLACES]]
         more = np.setdiff1d(beside(frequencies, places), frequencies)
@@ -256,6 +259,8 @@ def resolved(pair: Comparison, frequencies, curve, above: float, step=1.5, round
         halved = np.abs(change) > np.log(step)
         halved[extremum] = halved[extremum + 1] = True
         halved &= np.diff(frequencies) > SHARPEST * frequencies[1:]
+        if halved.sum() > PLACES:  # those that change most
+            halved[np.argsort(np.where(halved, np.abs(change), -1.0), kind="stable")[:-PLACES]] = False
         if not halved.any():
             break
         more = between(frequencies[:-1], frequencies[1:], 0.5)[halved]
