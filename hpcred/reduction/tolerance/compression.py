@@ -35,8 +35,9 @@ def snapshots(model: PseudoModal, frequencies, measure: Measure) -> np.ndarray:
     if model.io.derivatives is not None:
         left = left @ model.io.derivatives.measured_at(2j * np.pi * frequencies).transpose(0, 2, 1)
     left *= _inverse(h)[:, None, :]
-    # only the product of the two scales has a meaning: equal parts
-    balance = (np.linalg.norm(left) / np.linalg.norm(right)) ** 0.5 or 1.0
+    # only the product of the two scales has a meaning: equal parts, unless there is nothing of one
+    sizes = np.linalg.norm(left), np.linalg.norm(right)
+    balance = (sizes[0] / sizes[1]) ** 0.5 if all(sizes) else 1.0
     return np.concatenate([right * balance, left / balance], axis=2)
 
 

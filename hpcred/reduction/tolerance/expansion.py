@@ -48,7 +48,6 @@ class Expansion:
         coupled = self.projections.is_damped or not self.projections.symmetric
         self.by_mass = not coupled and inputs <= BLOCK
         self._width = min(4 * inputs if coupled else inputs, BLOCK)
-        self._felt: set[int] = set()  # columns of C^T that are known to feel the inputs
         self._accounted = len(run.factorisations)  # those that belong to a point, or to what was before the search
 
     @property
@@ -197,7 +196,7 @@ class Expansion:
     def look_at_outputs(self):
         """Find the outputs whose responses are round-off."""
         if self.projections.basis.size:
-            self.projections.note_silent(silent_columns(self.projections, self.settings.band, self._felt))
+            self.projections.note_silent(silent_columns(self.projections, self.settings.band))
 
     def _has_undamped(self):
         low, high = self.settings.band
