@@ -66,7 +66,7 @@ class EdgeCase:
 
     def largest_error(self, rom, rng) -> tuple[float, str]:
         """Return the largest error by directions, of outputs that are not left out, and where it is."""
-        silent = {name for name in rom.record.accuracy.silent}
+        silent = set(rom.record.accuracy.silent)
         kept = [j for j, name in enumerate(rom.output_names) if name not in silent]
         worst = 0.0, ""
         for values in self._values(rng):
@@ -97,10 +97,7 @@ class EdgeCase:
     def _at_values(self, rom, values, kept, rng):
         low, high = self.band
         full = self.at(values)
-        if values:
-            small = rom.matrices(values)
-        else:
-            small = {"K": rom.K, "M": rom.M, "D": rom.D, "B": rom.B, "C": rom.C}
+        small = rom.matrices(values) if values else {key: getattr(rom, key) for key in "KMDBC"}
         laws = [(K_v, lambda s, law=law: law.static + law.excess(s)) for K_v, law in self.parts]
         small_laws = [(part.matrix, part.law.excess) for part in rom.viscoelastic]
         # scales, by the definition of docs/theory/error.md
