@@ -64,8 +64,8 @@ def test_an_isolated_output_is_no_round_off(comm, tie):
     H = np.array([(C[1:] @ np.linalg.solve(x * x * np.eye(24) + full * K, unit(24, 2))).item() for x in s])
     small = np.array([(rom.C[1:] @ np.linalg.solve(x * x * rom.M + full * rom.K, rom.B)).item() for x in s])
     error = (np.abs(H - small) / np.maximum(np.abs(H), np.median(np.abs(H)))).max()
-    assert error <= 1.02 * (accuracy.largest + accuracy.noise)
-    assert tie < 1e-11 or accuracy.reached
+    assert not accuracy.reached or error <= 1.02 * accuracy.largest + accuracy.noise
+    assert accuracy.reached or (tie < 1e-11 and accuracy.stopped == "limited by round-off")
 
 
 def test_between_the_tie_and_nothing_all_outputs_count(comm):

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from ...parallel.decisions import shared_out
-from ..measure import STATIC, drive_points
+from ..measure import STATIC
 from ..tolerance.error_estimate import UNIFORM
 from .training import place_of, point_at
 
@@ -38,17 +38,13 @@ def beside_static_zeros(projections, points, band) -> list[tuple[float, ...]]:
 
 
 def _static(projections, point, frequencies=(0.0,)) -> list[np.ndarray]:
-    """Return for each output without an input at its place the responses (S, p) over the drive points of the inputs,
-    and the drive-point response (S, 1) of each input; those at 0 Hz alone (p,) and (1,)."""
+    """Return for each output the responses (S, p) over the drive points of the inputs, and the drive-point response
+    (S, 1) of each input; those at 0 Hz alone (p,) and (1,)."""
     model = projections.at(point).model()
-    columns = model.io.outputs
-    if model.io.derivatives is not None:
-        columns = columns @ model.io.derivatives.static().T
     H, drive = model.responses(np.array(frequencies))
-    at = np.flatnonzero(drive_points(model.io.inputs, columns)[0] < 0)
     g = np.sqrt(np.abs(drive))
     over = np.divide(H, g[:, None, :], out=np.zeros_like(H), where=g[:, None, :] > 0)
-    found = [over[:, j] for j in at] if not model.io.are_same else []
+    found = [] if model.io.are_same else list(over.transpose(1, 0, 2))
     found += [drive[:, [i]] for i in range(drive.shape[1])]
     return found if len(frequencies) > 1 else [np.where(np.isfinite(each[0]), each[0].real, 0.0) for each in found]
 
@@ -77,8 +73,6 @@ def _beside(projections, band, one, other, k) -> list[tuple[float, ...]]:
 
     # where the part along the difference of both ends is zero, by bisection and the rule of false position in turn
     ends = value(0.0), value(1.0)
-    if ends[0].shape != ends[1].shape:
-        return []
     along = (ends[0] - ends[1]) / np.linalg.norm(ends[0] - ends[1])
     low, high, (at_low, at_high) = 0.0, 1.0, (float(each @ along) for each in ends)
     for step in range(STEPS):
