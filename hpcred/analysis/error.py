@@ -103,11 +103,7 @@ def errors_of(
         by = known
     else:
         nothing = np.flatnonzero((full == 0).all(axis=(0, 2)))
-        count = 1 + len(frequencies) * reduced.size**2 // NUMBERS_AT_A_TIME
-        states = (reduced.states(2j * np.pi * part) for part in np.array_split(frequencies, count))
-        parts = np.concatenate(reduced.output_parts)
-        quiet = np.isin(np.arange(len(parts)), silent_outputs(parts, states)).reshape(-1, len(reduced.C)).all(axis=0)
-        silent = {*known.silent, *np.flatnonzero(quiet).tolist(), *nothing.tolist()}
+        silent = {*_silent(reduced, frequencies, known), *nothing.tolist()}
         by = directions(frequencies, full, drive, _places(reduced), sorted(silent))
         floors = known.inputs if isinstance(known, Directions) else ()
         idle = [k < len(floors) and floors[k] == IDLE for k in range(len(by.inputs))]
@@ -118,6 +114,17 @@ def errors_of(
         by, [(frequencies, by.each(full - found, full, drive), full)], reduced.output_names, reduced.input_names
     )
     return Errors(relative_error(full, found, used, drive=drive), used, table)
+
+
+def _silent(reduced, frequencies, known):
+    """Return the outputs that the reduction found to be round-off, or where it did not look, those that seem so."""
+    if isinstance(known, Directions):
+        return known.silent
+    count = 1 + len(frequencies) * reduced.size**2 // NUMBERS_AT_A_TIME
+    states = (reduced.states(2j * np.pi * part) for part in np.array_split(frequencies, count))
+    parts = np.concatenate(reduced.output_parts)
+    quiet = np.isin(np.arange(len(parts)), silent_outputs(parts, states)).reshape(-1, len(reduced.C)).all(axis=0)
+    return np.flatnonzero(quiet).tolist()
 
 
 def _of_displacements(reduced, frequencies, H):

@@ -30,6 +30,7 @@ from ..parallel.progress import Progress, Timing
 from ..reduction.checks import check_circulatory, check_model, warnings_of
 from ..reduction.run import Run
 from ..reduction.tolerance.accuracy import Accuracy, Adaptive
+from ..reduction.tolerance.compression import LITTLE
 from ..reduction.tolerance.error_estimate import FINE, Comparison, grid, largest, resonances
 from ..reduction.tolerance.outcome import accuracy_of
 from ..reduction.tolerance.pseudo_modal import UNDAMPED, Proportional, nested
@@ -317,7 +318,7 @@ def _accuracy(search, models) -> Accuracy:
     pair = models.pair
     S = grid([pair.outer], search.settings.band, step=FINE)
     if models.known:
-        S, _ = largest(pair, S)
+        S, _ = largest(pair, S, LITTLE * search.settings.tolerance)
     curve, roundoff = models.curve(pair.outer.damping, S)
     noise = max(search.judge.noise, float(roundoff.max()))
     return accuracy_of(search, search.reason, pair, S, curve, largest=float(curve.max()), noise=noise)

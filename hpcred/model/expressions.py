@@ -23,6 +23,9 @@ SIGNS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.USub: "-",
 LONGEST = 500  # letters
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 STRANGE = re.compile(r"[^A-Za-z0-9_ .()*/^+-]")  # a comment, for one, would be read over
+# what C and Python take for one number, and what is one in a formula: no 0x10, no 1_000
+WRITTEN = re.compile(r"(?<![A-Za-z0-9_.])\.?[0-9](?:[eE][+-]|[A-Za-z0-9_.])*")
+NUMBER = re.compile(r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 EXPECTED = f"expected numbers, parameters, + - * / ^, parentheses, pi, {', '.join(FUNCTIONS)}"
 
 
@@ -72,6 +75,8 @@ class Expression:
         """The expression as Python parses it."""
         if found := STRANGE.search(self.text):
             raise self._refused(repr(found[0]), found.start())
+        for found in WRITTEN.finditer(self.text):
+            self._check_number(found[0], found.start())
         source = self.text.strip(" ").replace("^", "**")
         if not source:
             raise InputError(f"expression: found an empty text, {EXPECTED}")
@@ -82,10 +87,18 @@ class Expression:
         except (ValueError, MemoryError, RecursionError):  # numbers of thousands of digits, hundreds of signs
             raise self._refused("what cannot be read", 0) from None
 
+    def _check_number(self, text, place):
+        """Refuse what is no decimal number, or one that a double has not: it would be infinite, or zero."""
+        if not NUMBER.fullmatch(text):
+            raise self._refused(f"'{text[:40]}', which is no decimal number,", place)
+        value, has_digits = float(text), re.search("[1-9]", re.split("[eE]", text)[0])
+        if math.isinf(value) or (value == 0 and has_digits):
+            raise self._refused(f"'{text[:40]}', a number beyond those of double precision,", place)
+
     def at(self, values: Mapping[str, float]) -> float:
         """Return the value at values of the parameters. Raises InputError where it is not a finite number."""
         try:
-            value = float(self.value_of(self.tree, values))
+            value = float(value_of(self.tree, values))
         except (ArithmeticError, ValueError):
             value = math.nan
         if not math.isfinite(value):
@@ -113,20 +126,6 @@ class Expression:
                   or isinstance(node, ast.Constant) and type(node.value) in (int, float)):  # fmt: skip
             raise self._refused("what is no part of a formula", self._place(node.col_offset))
 
-    def value_of(self, node: ast.expr, values: Mapping[str, float]) -> float:
-        """Return the value of a part of the tree; raises ArithmeticError or ValueError where it has none."""
-        match node:
-            case ast.Constant():
-                return float(node.value)
-            case ast.Name():
-                return CONSTANTS.get(node.id) or values[node.id]
-            case ast.UnaryOp():
-                return OPERATORS[type(node.op)](self.value_of(node.operand, values))
-            case ast.BinOp():
-                return OPERATORS[type(node.op)](self.value_of(node.left, values), self.value_of(node.right, values))
-            case ast.Call():
-                return FUNCTIONS[node.func.id](self.value_of(node.args[0], values))
-
     def _place(self, offset):
         """The place in the text of one in the source, where ^ is **."""
         stripped = len(self.text) - len(self.text.lstrip(" "))
@@ -135,6 +134,24 @@ class Expression:
 
     def _refused(self, what, place):
         return InputError(f"expression '{self.text}': found {what} at letter {place + 1}; {EXPECTED}")
+
+
+def value_of(node: ast.expr, values: Mapping[str, float]) -> float:
+    """Return the value of a part of an expression; raises ArithmeticError or ValueError where it has none."""
+    match node:
+        case ast.Constant():
+            return float(node.value)
+        case ast.Name():
+            return CONSTANTS.get(node.id) or values[node.id]
+        case ast.UnaryOp():
+            value = OPERATORS[type(node.op)](value_of(node.operand, values))
+        case ast.BinOp():
+            value = OPERATORS[type(node.op)](value_of(node.left, values), value_of(node.right, values))
+        case ast.Call():
+            value = FUNCTIONS[node.func.id](value_of(node.args[0], values))
+    if not math.isfinite(value):  # sums and products overflow without an exception, and 1 / inf is a number
+        raise OverflowError
+    return value
 
 
 def in_c(expression: Expression, places: Mapping[str, str]) -> str:

@@ -10,7 +10,7 @@ from ..parallel.declared import as_declared, declared, nearest
 from ..parallel.failures import InputError
 from ..parallel.ranges import ANYTHING, within
 from .expressions import Expression, check_name
-from .factor_ranges import without_value
+from .factor_ranges import possible_pole, without_value
 
 NARROW = 1e-9  # of the values: ranges that are not wider are those of one value
 
@@ -130,11 +130,14 @@ def check_terms(parameters: tuple[Parameter, ...], terms):
                              f"expected the parameters {', '.join(names)}")  # fmt: skip
     ranges = {item.name: item.range for item in parameters}
     for item in terms:
-        if (values := without_value(item.expression, ranges)) is not None:
+        values, found = without_value(item.expression, ranges), f"no number of {ANYTHING[0]:g} to {ANYTHING[1]:g} at"
+        if values is None:
+            values, found = possible_pole(item.expression, ranges), "a pole, or what cannot be told from one, near"
+        if values is not None:
             where = ", ".join(f"{name} = {value:g}" for name, value in values.items()) or "any values"
             raise InputError(
-                f"term of {item.of}: factor '{item.factor}': found no number of {ANYTHING[0]:g} to {ANYTHING[1]:g} at "
-                f"{where}, expected one in all of the ranges ({in_words(parameters)}); change the range or the factor"
+                f"term of {item.of}: factor '{item.factor}': found {found} {where}, expected a number in all of the "
+                f"ranges ({in_words(parameters)}); change the range or the factor"
             )
     for name in names:
         if not any(name in item.expression.names for item in terms):

@@ -280,6 +280,10 @@ def with_viscoelastic(model, parts):
     if any(cut_output_of(name) for name in model.own_output_names):
         raise cuts_refused(model)
     named = tuple(replace(part, name=part.name or f"{KEY}{number}") for number, part in enumerate(parts, 1))
+    names = [part.name for part in named]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise InputError(f"{model.name}: found two viscoelastic parts with the name '{twice}', expected one of each "
+                         "name; give another one a name of its own")  # fmt: skip
     given = {key: _of_rows(model, mat, part.name)
              for part, (key, mat) in zip(named, matrices_by_key(named).items(), strict=True)}  # fmt: skip
     mats, _ = taken(model.matrices | given, None, model.name)

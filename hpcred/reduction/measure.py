@@ -25,7 +25,7 @@ from .kinds import UnknownKind, from_table, table_of
 
 PARALLEL = 1e-9  # sine of the angle between a load and a measure of the same direction
 STATIC = 1e-3  # of the median, below which a response at 0 Hz is a zero and no floor
-SILENT = 1e-10  # of |C_j| |x|, below which an output does not feel the states x, but for round-off
+SILENT = 1e-13  # of |C_j| |x|, below which an output does not feel the states x, but for round-off
 TINY = 1e-300  # least floor
 IDLE = 1e300  # floor of an input that moves nothing, beside which no error counts
 NO_INPUT, FEELS_NOTHING = -1, -2  # of an output that no input acts at, and of one that feels no input

@@ -25,6 +25,7 @@ VALUES = {"omega": 3.0, "e": -0.5, "a_1": 2.0}
         ("sqrt(omega^2 + 16)*cos(pi/3)", 2.5),
         ("exp(log(omega)) + sin(pi/2) + tan(0) + abs(e)", 4.5),
         ("7", 7.0),
+        ("2.*a_1 + .5e+1 - 5.e-1 + 0.0e-999", 8.5),
     ],
 )
 def test_values(text, value):
@@ -61,14 +62,22 @@ def test_names():
         ("omega if e else 1", "found what is no part of a formula at letter 1"),
         ("omega // 2", "found what is no part of a formula"),
         ("True", "found what is no part of a formula"),
-        ("2j", "found what is no part of a formula"),
         ("omega[0]", r"found '\[' at letter 6"),
         ("'a'", 'found "\'" at letter 1'),
         ("e\n+1", r"found '\\n' at letter 2"),
         ("Ω", "found 'Ω' at letter 1"),
         ("(" * 300 + "e" + ")" * 300, f"found 601 letters, expected at most {LONGEST}"),
         ("(" * 240 + "e" + ")" * 240, "found"),
-        ("9" * 450, "no finite number"),
+        ("9" * 450, "found '9{40}', a number beyond those of double precision, at letter 1"),
+        ("omega/1e400", "found '1e400', a number beyond those of double precision, at letter 7"),
+        ("omega + 0*(1e400^-1)", "found '1e400', a number beyond"),
+        ("omega*1e-400", "found '1e-400', a number beyond"),
+        ("0x10*omega", "found '0x10', which is no decimal number, at letter 1"),
+        ("omega + 1_000*e", "found '1_000', which is no decimal number, at letter 9"),
+        ("1e1_0*omega", "found '1e1_0', which is no decimal number"),
+        ("0b1*omega", "found '0b1', which is no decimal number"),
+        ("2omega", "found '2omega', which is no decimal number"),
+        ("2j", "found '2j', which is no decimal number"),
     ],
 )
 def test_what_is_no_formula_is_refused(text, message):
@@ -76,7 +85,11 @@ def test_what_is_no_formula_is_refused(text, message):
         Expression(text).at({"e": 1.0, "omega": 1.0})
 
 
-@pytest.mark.parametrize("text", ["1/(omega - 3)", "log(e)", "e^0.5", "sqrt(e)", "exp(1000*omega)", "0^-1", "10^400"])
+@pytest.mark.parametrize(
+    "text",
+    ["1/(omega - 3)", "log(e)", "e^0.5", "sqrt(e)", "exp(1000*omega)", "0^-1", "10^400", "omega/(1e300*1e300)",
+     "exp(-1e300*1e300)"],
+)  # fmt: skip
 def test_values_that_are_no_finite_numbers_are_refused(text):
     with pytest.raises(InputError, match="^expression '.*': found no finite number at "):
         Expression(text).at(VALUES)

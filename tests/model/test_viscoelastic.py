@@ -57,6 +57,16 @@ def test_matrices_that_are_refused(comm, change, message):
         wrong.model(comm)
 
 
+@pytest.mark.parametrize("names", [("rubber", "rubber"), ("", "Kv1"), ("Kv2", "")])
+def test_two_parts_of_one_name_are_refused(comm, names):
+    case = sandwich()
+    K_v = case.parts[0][0]
+    parts = [Viscoelastic(K_v, ZENER, name=name) for name in names]
+    with (hpcred.SecondOrderModel.from_scipy(case.K, case.M, None, comm, inputs=case.B) as elastic,
+          pytest.raises(InputError, match="two viscoelastic parts with the name '(rubber|Kv[12])'")):  # fmt: skip
+        elastic.with_viscoelastic(parts)
+
+
 def test_what_is_no_law_is_refused():
     with pytest.raises(InputError, match="law: found 'rubber'"):
         Viscoelastic(np.eye(3), "rubber")

@@ -67,6 +67,11 @@ class AffineForm:
         outputs = inputs if self.outputs is None else sum(theta[k] * factor for k, factor in self.outputs)
         return InputsOutputs(inputs, outputs, self.parametric.model.derivatives)
 
+    def has_responses(self, point) -> bool:
+        """Test whether factors of loads or outputs leave any response at a point; local."""
+        io = self.io(self.theta(point))
+        return bool(io.inputs.any() and io.outputs.any())
+
     def in_all_dofs(self, block: Block) -> Block:
         """Return columns in all dofs of the model, which those of the matrices are."""
         return view_of(block if self.restore is None else times(self.restore, block))

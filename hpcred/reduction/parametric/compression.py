@@ -13,7 +13,7 @@ import numpy as np
 from ...parallel.decisions import decided, shared_out
 from ...parallel.failures import agreed
 from ...parallel.petsc import MPI
-from ..tolerance.compression import BALANCES, Snapshots, fewest, joined
+from ..tolerance.compression import BALANCES, LITTLE, SHOWN, Snapshots, fewest, joined
 from ..tolerance.error_estimate import FINE, UNIFORM, Comparison, grid, largest, measure_over, resolved, upper_poles
 from .affine import AffineProjections
 from .estimate import COARSE, coarsely
@@ -220,7 +220,7 @@ def _look_closely(inside, points, band, errors, worst) -> float:
 
     def finely(point):
         found = inside(point)
-        S, curve = largest(found, grid([found.outer, found.inner], band), rounds=2)
+        S, curve = largest(found, grid([found.outer, found.inner], band), LITTLE * float(errors.max()), rounds=2)
         return float(curve.max()), float(S[curve.argmax()]), float(found.noise(S).max())
 
     high = [k for k in np.argsort(-errors, kind="stable")[:LOOKED_AT] if errors[k] >= CLOSE * errors.max()]
@@ -264,6 +264,7 @@ def _worst_apart(parameters, points, errors):
 def _at_reference(projections, reference, settings, U):
     pair, _, inward = turned(projections, reference, settings)
     found = pair.within(np.linalg.qr(inward @ U)[0])
-    S, curve = largest(found, grid([found.outer, found.inner], settings.band, 2 * UNIFORM, FINE))
-    S, curve = resolved(found, S, curve, 3 * float(found.noise(S).max()))
+    grid_of_both = grid([found.outer, found.inner], settings.band, 2 * UNIFORM, FINE)
+    S, curve = largest(found, grid_of_both, LITTLE * settings.tolerance)
+    S, curve = resolved(found, S, curve, max(3 * float(found.noise(S).max()), SHOWN * settings.tolerance))
     return found, S, curve

@@ -32,6 +32,7 @@ from .compression import RangeSnapshots
 from .estimate import Estimate, estimate, residual_block
 from .settings import ParameterSearch
 from .singular import check_static
+from .static_zeros import beside_static_zeros
 from .training import corner_points, distances, fresh_points, training_points
 
 WIDTH = 16  # columns of a block for all values
@@ -77,6 +78,7 @@ class Greedy:
         self.reason = ""
         self.estimated = Estimate(np.zeros(0), np.zeros(0))
         self.ratio = 1.0  # by how much measured errors exceed estimated ones
+        self._zeros: list[tuple[float, ...]] = []  # points beside zeros of static responses
         self._count = 0  # columns of the model that the next point checks
         self._proofs = 0  # new points in a row that have proven it
 
@@ -132,6 +134,7 @@ class Greedy:
             self.ratio = max(1.0, checked.measured / checked.estimated)
         self._join(search, before)
         self.visited.append(point)
+        self._look_at_zeros()
         self._extend_everywhere(search)
         values = self._values(point)
         self.known.append(ParameterPoint(
@@ -162,6 +165,13 @@ class Greedy:
             self.projections.restart()
         else:
             self.projections.extend()
+
+    def _look_at_zeros(self):
+        """Estimate errors beside zeros of static responses, too, where these are as the basis knows them now."""
+        with self.run.progress.stage("parameters"):
+            points = [point for point in self.points if point not in self._zeros]
+            self._zeros = beside_static_zeros(self.projections, points, self.goal.band)
+            self.points = list(dict.fromkeys([*points, *self._zeros]))
 
     def _extend_everywhere(self, search):
         """Add blocks that serve all values, with the factor of a search, while they make the error smaller fast."""
@@ -262,7 +272,7 @@ class Greedy:
         if len(self.visited) >= self.search.most:
             return None
         away = distances(self.parametric.parameters, self.points, self.visited)
-        free = np.flatnonzero(away > 1e-6)
+        free = np.flatnonzero((away > 1e-6) & [self.form.has_responses(point) for point in self.points])
         if not len(free):
             return fresh_points(self.parametric.parameters, FRESH * len(self.visited), 1)[0]
         errors = self.estimated.errors[free]

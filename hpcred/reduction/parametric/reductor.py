@@ -21,7 +21,7 @@ from ...model.second_order_model import SYMMETRIC_TO
 from ...model.term_matrices import FIELD
 from ...parallel.declared import declared
 from ...parallel.failures import InputError, Owned
-from ...parallel.petsc import free_dropped
+from ...parallel.petsc import PETSc, free_dropped
 from ...parallel.progress import counted
 from ..basis_reductor import BasisReductor, extend_by_all
 from ..checks import check_viscoelastic, require_no_frequencies
@@ -30,7 +30,7 @@ from ..record import TERMS
 from ..run import Run, identity_of_model
 from ..tolerance.outcome import accuracy_of
 from ..tolerance.reductor import ToleranceReductor
-from .accuracy import ParameterAccuracy
+from .accuracy import ParameterAccuracy, in_words
 from .compression import at_ends_of_band, compress
 from .greedy import Greedy
 from .reduced import ParametricReducedModel, projected_parts
@@ -145,6 +145,7 @@ def reduced_with_terms(reductor, model) -> ParametricReducedModel:
     """Return the model that a reductor makes at the reference, with the terms on its basis. Collective."""
     check_parametric(model, reductor.frame, reductor.damping, reductor.settings.coordinates)
     with model.at() as reference:
+        check_reference(model, reference)
         reduced = replace(reductor, parametric=model)._reduce(reference)
         parts = projected_parts(model, reduced, reductor.damping)
         known = {item.name: getattr(reduced, item.name) for item in fields(reduced)}
@@ -154,6 +155,17 @@ def reduced_with_terms(reductor, model) -> ParametricReducedModel:
     warnings = (*found.record.warnings, *warnings_of_stability(found, model.comm))
     digests = found.record.digests | {TERMS: digest_of_plain(digests_of_terms(model))}
     return replace(found, record=replace(found.record, warnings=warnings, digests=digests))
+
+
+def check_reference(parametric, reference):
+    """Refuse loads or outputs that are all zero at the reference values. Collective."""
+    for mat, of, what in ((reference.B, "B", "loads"), (reference.Ct, "C", "outputs")):
+        terms = any(item.of == of for item in parametric.terms)
+        if terms and mat is not None and not mat.norm(PETSc.NormType.FROBENIUS) > 0:
+            raise InputError(
+                f"{parametric.name}: all {what} are zero at the reference values, {in_words(parametric.reference)}, by "
+                f"the factors of the terms of {of}; give a parameter a `reference` at which they are not"
+            )
 
 
 @contextmanager

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...linalg.known import ModeCount, Source
 from ...model.damping import Caughey, GivenDamping, ModalDamping, NoDamping, Rayleigh, Structural
+from ...model.second_order_model import listed
 from ...parallel.declared import as_declared, renamed
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, FREQUENCY, require_band, within
@@ -137,7 +138,8 @@ class Accuracy:
     has not, None where nothing was counted; `counted`: how many were counted, up to where, and what counted them.
     `measure`: what eps is, with its floors; `directions`: of every output, the worst first, against the uncompressed
     model. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: estimated errors beside measured ones. `points`: in
-    order. `multigrid`: whether there was no factor. `parameters`: of a model that depends on parameters, over whose
+    order. `silent`: outputs that no input moves but for round-off, which do not count. `multigrid`: whether there was
+    no factor. `parameters`: of a model that depends on parameters, over whose
     ranges `largest` holds, while the curve and the directions belong to the reference values.
     """
 
@@ -163,6 +165,7 @@ class Accuracy:
     multigrid: bool = False
     measure: AnyMeasure = PAPER
     directions: tuple[Direction, ...] = ()
+    silent: tuple[str, ...] = ()
     parameters: ParameterAccuracy | None = None
     counted: ModeCount | None = None
 
@@ -229,6 +232,10 @@ class Accuracy:
     def warnings(self) -> tuple[str, ...]:
         """What a user of the result has to know: a tolerance that was not reached, and what the measure hides."""
         found = () if self.reached else (self.sentence,)
+        if self.silent:
+            found += (
+                f"outputs: {listed(self.silent)}: no input moves them but for round-off, so that eps leaves them out",
+            )
         if isinstance(self.measure, Paper) and self.beyond:
             named = [f"{item.output} {item.largest:.1g} at {item.frequency:.4g} Hz" for item in self.beyond]
             found += (

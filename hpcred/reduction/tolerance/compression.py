@@ -17,6 +17,8 @@ from .pseudo_modal import PseudoModal, columns, times
 TRIALS = 8  # compressions, each with the frequencies where the one before was too bad, until nothing is compressed
 LARGE = 1e6  # error that counts as any other above it
 BALANCES = (1.0, 0.1, 10.0, 0.01, 100.0)  # of the states of inputs beside those of outputs, where these are others
+LITTLE = 1e-3  # of the goal: errors that are no matter
+SHOWN = 1e-6  # of the tolerance: what a curve that is kept shows
 WIDE = 0.1  # of the goal: error of the columns that a refinement combines
 TIE = 0.01  # by how much the first input or output counts less than the last, so that equal directions have an order
 
@@ -33,8 +35,9 @@ def snapshots(model: PseudoModal, frequencies, measure: Measure) -> np.ndarray:
     if model.io.derivatives is not None:
         left = left @ model.io.derivatives.measured_at(2j * np.pi * frequencies).transpose(0, 2, 1)
     left *= _inverse(h)[:, None, :]
-    # only the product of the two scales has a meaning: equal parts
-    balance = (np.linalg.norm(left) / np.linalg.norm(right)) ** 0.5 or 1.0
+    # only the product of the two scales has a meaning: equal parts, unless there is nothing of one
+    sizes = np.linalg.norm(left), np.linalg.norm(right)
+    balance = (sizes[0] / sizes[1]) ** 0.5 if all(sizes) else 1.0
     return np.concatenate([right * balance, left / balance], axis=2)
 
 
@@ -190,7 +193,7 @@ def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarr
     found, frequencies, curve, limited = _reach(judge, whole, goal, fixed, beside)
     reason = reason or limited
     if drop_above is not None and found.inner.frequencies[-1] > drop_above:
-        found, frequencies, curve = _without_modes_above(drop_above, found, frequencies)
+        found, frequencies, curve = _without_modes_above(drop_above, found, frequencies, goal)
         if not reason and curve.max() + est + noise > eps:
             reason = f"without the pseudo-frequencies above {drop_above:g} Hz (drop_above)"
     noise = max(noise, float(found.noise(frequencies).max()))
@@ -211,17 +214,17 @@ def _reach(judge, whole: Comparison, goal, fixed, beside):
             limited = f"with {settings.size} coordinates"
             U = compressed(whole, S, 0.0, fixed, most=most)
         found = whole.within(U)
-        fine, curve = largest(found, grid([outer, found.inner], settings.band, 2 * UNIFORM, FINE))
+        fine, curve = largest(found, grid([outer, found.inner], settings.band, 2 * UNIFORM, FINE), LITTLE * goal)
         if curve.max() <= 1.02 * goal or (most is not None and U.shape[1] >= most):
             break
         S = np.unique(np.concatenate([S, fine[curve > 0.8 * goal]]))
-    return found, *resolved(found, fine, curve, 3 * judge.noise), limited
+    return found, *resolved(found, fine, curve, max(3 * judge.noise, SHOWN * settings.tolerance)), limited
 
 
-def _without_modes_above(limit, found: Comparison, frequencies):
+def _without_modes_above(limit, found: Comparison, frequencies, goal):
     kept = found.inner.frequencies <= limit
     if not kept.any():
         raise InputError(f"drop_above: no pseudo-frequency lies below {limit:g} Hz")
     inner, turn = found.inner.restricted(np.eye(len(kept))[:, kept])
     fewer = replace(found, inner=inner, embedding=found.embedding @ turn)
-    return fewer, *largest(fewer, frequencies)
+    return fewer, *largest(fewer, frequencies, LITTLE * goal)

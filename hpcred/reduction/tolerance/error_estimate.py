@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...linalg.known import ModeCount
-from ..measure import Measure, Paper, drive_points, silent_outputs
+from ...model.viscoelastic import excesses
+from ..measure import Measure, Paper, drive_points
 from ..viscoelastic_poles import oscillating_poles
 from .pseudo_modal import Proportional, PseudoModal, difference
 
@@ -24,6 +25,10 @@ ROUNDOFF = 1e-14  # of the measure: what two computers need not agree on
 STEP, FINE = 1.0, 0.4  # between frequencies of a grid, in distances from the nearest pole
 SAME_POLE = 0.3  # of its distance from the axis, within which a pole needs no frequencies of its own
 SHARPEST = 1e-9  # of its frequency: the least distance of a pole from the axis that a grid resolves
+SILENT = 1e-12  # see quietness: below it a response counts as round-off where that was not computed
+SMALL = 0.1  # of the static stiffness: what viscoelastic parts add to it where the response is linear in that
+LOWEST = 200  # decades below the band, in which that is sought
+WIDE = 4.0  # ratio of the ends of an interval that is parted on a logarithmic scale
 PLACES = 1000  # of a curve that are refined at once; one of round-off has maxima everywhere, and grids must end
 
 
@@ -93,13 +98,33 @@ def measure_over(measure: Measure, band, model: PseudoModal, uniform=UNIFORM) ->
     if (derivatives := model.io.derivatives) is not None:
         columns = columns @ derivatives.static().T
     of = drive_points(model.io.inputs, columns)
-    silent = _silent(model, frequencies) if (of[0] < 0).any() else ()
+    silent = _silent(model, band) if (of[0] < 0).any() else ()
     return measure.over(frequencies, *model.responses(frequencies), of, silent)
 
 
-def _silent(model, frequencies) -> list[int]:
-    columns = silent_outputs(model.Ct.T, (model.solve(part, model.B) for part in model.parts_of(frequencies)))
-    return columns if model.io.derivatives is None else model.io.derivatives.outputs_of_only(columns)
+def _silent(model, band) -> list[int]:
+    """Return the outputs whose responses over a band (Hz) are round-off: as it is known of the model, or by a bound
+    that serves any."""
+    columns = model.io.silent
+    if columns is None:
+        columns = np.flatnonzero(quietness(model, grid([model], band, UNIFORM // 4, None)).max(axis=(0, 2)) < SILENT)
+    return list(columns) if model.io.derivatives is None else model.io.derivatives.outputs_of_only(columns)
+
+
+def quietness(model: PseudoModal, frequencies) -> np.ndarray:
+    """Return |c^T x| / (||y|| ||x||) (S, k, p) of the columns c of C^T and the states x = A^-1 b and y = A^-T c, in the
+    norm of the energies of the band: by how much more responses may change than A does; 0 for 0 / 0.
+
+    Free of units, as pseudo-modal coordinates are.
+    """
+    energy = np.sqrt(np.abs(model.eigenvalues) + (2 * np.pi * frequencies[-1]) ** 2)[:, None]
+    found = []
+    for part in model.parts_of(frequencies):
+        x, y = model.solve(part, model.B), model.solve(part, model.Ct, transposed=True)
+        size = np.linalg.norm(energy * y, axis=1)[:, :, None] * np.linalg.norm(energy * x, axis=1)[:, None, :]
+        response = np.abs(model.Ct.T @ x)
+        found.append(np.divide(response, size, out=np.zeros_like(size), where=(size > 0) & np.isfinite(size)))
+    return np.concatenate(found)
 
 
 def upper_poles(model: PseudoModal) -> np.ndarray:
@@ -132,10 +157,13 @@ def at_poles(poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def grid(models, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray:
     """Return S: `uniform` points over the band (Hz), and around every pole of the models as many as let the distance of
-    two frequencies be `step` times that to the nearest pole; without a step the places of the poles alone."""
+    two frequencies be `step` times that to the nearest pole; without a step the places of the poles alone. With
+    viscoelastic parts also points towards 0 Hz (see towards_zero)."""
     low, high = band
     points = [np.linspace(low, high, uniform)]
     for model in models:
+        if model.viscoelastic:
+            points.append(towards_zero(model, high, step or STEP))
         poles = upper_poles(model) / (2 * np.pi)
         poles = poles[np.argsort(poles.imag)]
         at, width = poles.imag, np.maximum(np.abs(poles.real), SHARPEST * np.abs(poles))
@@ -159,12 +187,42 @@ def grid(models, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray
     return points[np.diff(points, prepend=-1.0) > 1e-13 * points]
 
 
+def towards_zero(model: PseudoModal, high: float, step: float) -> np.ndarray:
+    """Return frequencies (k,) from close to 0 up to `high` Hz on a logarithmic scale, for a model with viscoelastic
+    parts.
+
+    Of these the real poles, which oscillating_poles leaves out, and the branch point at 0 Hz of fractional laws are at
+    and below 0 on the axis of (i omega)^exponent, where the response is analytic otherwise. The lowest frequency is
+    that below which what is added to the static stiffness is SMALL, so that the response is linear in it.
+    """
+    # every part over the static stiffness, mode by mode
+    least = model.eigenvalues[model.eigenvalues > 0].min(initial=np.inf)
+    scale = 1 / np.sqrt(np.maximum(model.eigenvalues, least))
+    sizes = np.array([np.linalg.norm(scale[:, None] * part.matrix * scale) for part in model.viscoelastic])
+    D = np.diag(model.damping.at(model.eigenvalues)) + (0.0 if model.D is None else model.D)
+    # the highest decade in which their sum is small
+    decades = high * 10.0 ** -np.arange(LOWEST)
+    omega = 2 * np.pi * decades
+    added = sizes @ np.abs(excesses(model.viscoelastic, 1j * omega))
+    added += omega * np.linalg.norm(scale[:, None] * D * scale)
+    lowest = decades[min(int((added > SMALL).sum()), LOWEST - 1)]
+    exponent = max(getattr(part.law, "exponent", 1.0) for part in model.viscoelastic)
+    return np.geomspace(lowest, high, 1 + int(np.ceil(exponent * np.log(high / lowest) / step)))
+
+
 def beside(frequencies: np.ndarray, places, parts=4) -> np.ndarray:
     """Return new frequencies in the two intervals beside the frequencies at `places`."""
     intervals = np.unique(np.concatenate([places - 1, places]))
     intervals = intervals[(intervals >= 0) & (intervals < len(frequencies) - 1)]
-    steps = np.arange(1, parts) / parts
-    return (frequencies[intervals, None] + np.diff(frequencies)[intervals, None] * steps).ravel()
+    lower, upper = frequencies[intervals, None], frequencies[intervals + 1, None]
+    return between(lower, upper, np.arange(1, parts) / parts).ravel()
+
+
+def between(lower, upper, part):
+    """Return frequencies that part intervals; where one is wide beside its lower end, on a logarithmic scale."""
+    wide = (lower > 0) & (upper > WIDE * lower)
+    ratio = np.divide(upper, lower, out=np.ones_like(upper), where=wide)
+    return np.where(wide, lower * ratio**part, lower + (upper - lower) * part)
 
 
 def maxima(values: np.ndarray) -> np.ndarray:
@@ -174,12 +232,15 @@ def maxima(values: np.ndarray) -> np.ndarray:
     return (values >= padded[:-2]) & (values >= padded[2:])
 
 
-def largest(pair: Comparison, frequencies, rounds=4):
+def largest(pair: Comparison, frequencies, little=0.0, rounds=4):
     """Return grid and error of a model on it, refined `rounds` times around the highest maxima, and where a scale of
-    the measure dips, as at zeros of a response, if the error may grow to be one of them there."""
+    the measure dips, as at zeros of a response, if the error may grow to be one of them there.
+
+    What is below `little` is not looked at again: the error of a complete model is round-off, with maxima everywhere.
+    """
     curve, dips = pair.curve_and_dips(frequencies)
     for _ in range(rounds):
-        high = curve.max() / 3
+        high = max(curve.max() / 3, little)
         places = np.flatnonzero((maxima(curve) & (curve > high)) | (dips > high))
         places = places[np.argsort(-np.maximum(curve, dips)[places], kind="stable")[:PLACES]]
         more = np.setdiff1d(beside(frequencies, places), frequencies)
@@ -200,9 +261,11 @@ def resolved(pair: Comparison, frequencies, curve, above: float, step=1.5, round
         halved = np.abs(change) > np.log(step)
         halved[extremum] = halved[extremum + 1] = True
         halved &= np.diff(frequencies) > SHARPEST * frequencies[1:]
+        if halved.sum() > PLACES:  # those that change most
+            halved[np.argsort(np.where(halved, np.abs(change), -1.0), kind="stable")[:-PLACES]] = False
         if not halved.any():
             break
-        more = ((frequencies[:-1] + frequencies[1:]) / 2)[halved]
+        more = between(frequencies[:-1], frequencies[1:], 0.5)[halved]
         frequencies, curve = np.append(frequencies, more), np.append(curve, pair.curve(more))
         order = np.argsort(frequencies)
         frequencies, curve = frequencies[order], curve[order]
@@ -278,9 +341,9 @@ def is_free(model: PseudoModal, frequencies, zero: float) -> bool:
     return not size[0] < 1e6 * size[1]
 
 
-def is_silent(model: PseudoModal, frequencies) -> bool:
-    """Test whether the outputs do not feel the inputs."""
-    return len(_silent(model, frequencies)) == model.io.output_count
+def is_silent(model: PseudoModal, band) -> bool:
+    """Test whether the outputs do not feel the inputs over a band (Hz)."""
+    return len(_silent(model, band)) == model.io.output_count
 
 
 def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, bottom=0.0, still=2e-5) -> np.ndarray:

@@ -18,6 +18,7 @@ from .judging import COLUMNS, Blocks, Judge, Judgement
 from .point_solver import PointSolver
 from .projections import Projections
 from .search_checks import check_massless, check_support, extend_by_random, is_singular
+from .silent_outputs import silent_columns
 
 BLOCK = 16  # columns of a block that is made from residuals
 FEW_BELOW = 0.1  # of the upper end of a band: a lower end up to it leaves few modes below the band
@@ -172,6 +173,7 @@ class Expansion:
             blocks.take(new)
             with progress.stage("estimate"):
                 self.look_at_damping()
+                self.look_at_outputs()
                 judged = self._judged(blocks)
             self.judge.keep(judged)
             known = ""
@@ -220,6 +222,11 @@ class Expansion:
         undamped = projections.is_damped and not projections.damping.eta
         if undamped and decided(self.run.model.comm, self._has_undamped):
             projections.add_loss_factor(2 * self.settings.zeta0)
+
+    def look_at_outputs(self):
+        """Find the outputs whose responses are round-off."""
+        if self.projections.basis.size:
+            self.projections.note_silent(silent_columns(self.projections, self.settings.band))
 
     def _has_undamped(self):
         low, high = self.settings.band

@@ -21,6 +21,7 @@ from .search_checks import check_response
 MARGIN = 0.1  # of the tolerance that the basis is made for; the rest is for the compression
 COLUMNS = 128  # columns of a point at most, and
 AHEAD = 32  # as many more when the estimate promises to arrive with them
+LITTLE = 1e-2  # of that: estimates that are no matter
 HAS_MODES = 1e-2  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
 
 
@@ -197,7 +198,7 @@ class Judge:
 
     def _over_band(self, pair, band=None):
         """Return frequencies of the band (S,), and the error of the inner model estimated at them."""
-        return largest(pair, grid([pair.outer, pair.inner], band or self.settings.band), rounds=2)
+        return largest(pair, grid([pair.outer, pair.inner], band or self.settings.band), LITTLE * self.goal, rounds=2)
 
     def _roughly(self, pair) -> float:
         """Return the largest estimate at a few frequencies."""

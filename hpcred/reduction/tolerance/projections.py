@@ -61,6 +61,10 @@ class Projections:
         """Measure responses with a loss factor besides the damping matrix; local."""
         self.damping = self.damping._replace(eta=eta)
 
+    def note_silent(self, columns: tuple[int, ...]):
+        """Keep which columns of C^T have responses that are round-off; local."""
+        self.io = self.io._replace(silent=columns)
+
     def rotate(self, turn):
         """Replace the basis by its combinations `turn` (m, m), orthonormal, and project on these."""
         self.basis.multiply(turn)

@@ -52,11 +52,13 @@ UNDAMPED = Proportional()
 
 class InputsOutputs(NamedTuple):
     """Inputs and outputs in terms of independent loads L: B = L `inputs` (l, p), C^T = L `outputs` (l, r), which are
-    one array where C = B^T; `derivatives`: what the outputs are of them, the same if None."""
+    one array where C = B^T; `derivatives`: what the outputs are of them, the same if None; `silent`: the columns of C^T
+    whose responses are round-off, None where that was not computed."""
 
     inputs: np.ndarray
     outputs: np.ndarray
     derivatives: Derivatives | None = None
+    silent: tuple[int, ...] | None = None
 
     @property
     def output_count(self) -> int:

@@ -25,6 +25,7 @@ def take_round(expansion: Expansion, groups: int, frequencies) -> tuple[Judgemen
     proves = judge.candidate is None and len(frequencies) > 1
     columns, seen = _join(expansion.projections, arrived, proves)
     expansion.look_at_damping()
+    expansion.look_at_outputs()
     fine = None
     if proves:
         judge.check_next(columns[columns < seen], seen)

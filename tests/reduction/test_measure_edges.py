@@ -1,0 +1,137 @@
+"""Edges of the measure: outputs that are round-off, laws with a branch point at 0 Hz, loads and static responses that
+pass zero in ranges of parameters, and complete models."""
+
+import numpy as np
+import pytest
+from adaptive_models import chain, tied_chains, unit, up_to
+from measure_models import random_case
+
+import hpcred
+from hpcred.reduction.measure import Directions
+from hpcred.reduction.parametric.static_zeros import _opposite
+from hpcred.reduction.tolerance.error_estimate import Comparison, grid, largest, measure_over
+from hpcred.reduction.tolerance.pseudo_modal import InputsOutputs, Proportional, diagonalised
+
+
+def clamped_beam(n):
+    """K and M of a beam of n elements, with deflection and rotation of each node in turn."""
+    h, (K, M) = 1.0 / n, np.zeros((2, 2 * n + 2, 2 * n + 2))
+    k = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
+                  [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]) / h**3  # fmt: skip
+    m = h / 420 * np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h],
+                            [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]])  # fmt: skip
+    for i in range(0, 2 * n, 2):
+        K[i : i + 4, i : i + 4] += k
+        M[i : i + 4, i : i + 4] += m
+    return K[2:-2, 2:-2], M[2:-2, 2:-2]
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("factor", [1.0, 1e3])
+def test_what_symmetry_forbids_is_left_out_and_named(comm, factor):
+    """The rotation of the middle, and the difference of two mirrored places; in any unit of rotation."""
+    K, M = clamped_beam(20)
+    units = np.where(np.arange(len(K)) % 2, factor, 1.0)
+    middle = 2 * (20 // 2 - 1)
+    Ct = unit(len(K), middle + 1, middle - 4, middle - 6)
+    Ct[middle + 6, 2] = -1.0
+    with hpcred.SecondOrderModel.from_scipy(
+        K * units[:, None] * units, M * units[:, None] * units, comm=comm, inputs=unit(len(K), middle),
+        outputs=Ct * units[:, None],
+    ) as model, hpcred.reduce(model, tolerance=1e-4, band=(0, 30.0)) as rom:  # fmt: skip
+        accuracy = rom.record.accuracy
+    assert accuracy.reached and accuracy.measure.silent == (0, 2)
+    assert accuracy.silent == tuple(rom.output_names[j] for j in (0, 2))
+    (warning,) = (text for text in rom.record.warnings if text.startswith("outputs: "))
+    assert warning.startswith(f"outputs: {accuracy.silent[0]}, {accuracy.silent[1]}: no input moves them")
+
+
+@pytest.mark.parametrize("tie", [1e-10, 1e-12, 0.0])
+def test_an_isolated_output_is_no_round_off(comm, tie):
+    """A sensor 200 dB away has all its digits; without a tie it has nothing but round-off."""
+    n, K = 12, np.zeros((24, 24))
+    K[:n, :n], K[n:, n:] = chain(n)[0], 1.3 * chain(n)[0]
+    e = unit(24, 7)[:, 0] - unit(24, n + 4)[:, 0]
+    K += tie * np.abs(K).max() * np.outer(e, e)
+    top, C = up_to(K, np.eye(24), 6)[1], unit(24, 5, n + 9).T
+    with (hpcred.SecondOrderModel.from_scipy(K, np.eye(24), comm=comm, inputs=unit(24, 2), outputs=C.T) as model,
+          hpcred.reduce(model, tolerance=1e-3, band=(0.0, top)) as rom):  # fmt: skip
+        accuracy = rom.record.accuracy
+    assert accuracy.silent == (() if tie else (rom.output_names[1],))
+    if not tie:
+        return
+    s, full, small = 2j * np.pi * np.linspace(0, top, 401), 1 + 1j * accuracy.loss_factor, []
+    H = np.array([(C[1:] @ np.linalg.solve(x * x * np.eye(24) + full * K, unit(24, 2))).item() for x in s])
+    small = np.array([(rom.C[1:] @ np.linalg.solve(x * x * rom.M + full * rom.K, rom.B)).item() for x in s])
+    error = (np.abs(H - small) / np.maximum(np.abs(H), np.median(np.abs(H)))).max()
+    assert not accuracy.reached or error <= 1.02 * accuracy.largest + accuracy.noise
+    assert accuracy.reached or (tie < 1e-11 and accuracy.stopped == "limited by round-off")
+
+
+def test_between_the_tie_and_nothing_all_outputs_count(comm):
+    K, M = tied_chains(1e-7)
+    given = {"comm": comm, "inputs": unit(80, 5), "outputs": unit(80, 30, 47)}
+    with (hpcred.SecondOrderModel.from_scipy(K, M, **given) as model,
+          hpcred.reduce(model, tolerance=1e-3, band=(0.0, 8.0)) as rom):  # fmt: skip
+        assert rom.record.accuracy.silent == () and rom.record.warnings == ()
+
+
+@pytest.mark.parametrize("exponent", [0.2, 0.9])
+def test_nothing_is_hidden_between_0_hz_and_the_first_points(exponent):
+    """Where a part with a fractional law is much stiffer than the rest, the response changes far below the band."""
+    rng = np.random.default_rng(3)
+    K, _ = chain(8)
+    X = rng.normal(size=(8, 3))
+    law = hpcred.FractionalKelvinVoigt(low=0.0, rise=1.0, time=1e-3, exponent=exponent)
+    part = hpcred.Viscoelastic(1e6 * K.max() * X @ X.T, law)
+    io = InputsOutputs(np.eye(2)[:, :1], np.eye(2)[:, 1:])
+    outer = diagonalised(K, unit(8, 1, 6), None, Proportional(beta=1e-6), io, (part,))
+    band = (0.0, float(outer.frequencies[4]))
+    measure = measure_over(Directions(), band, outer)
+    pair = Comparison(outer, outer, np.eye(8), measure).within(np.linalg.qr(rng.normal(size=(8, 5)))[0])
+    found = largest(pair, grid([pair.outer, pair.inner], band))[1].max()
+    dense = pair.curve(np.geomspace(1e-60, band[1], 3000))
+    assert dense.max() <= 1.05 * found
+
+
+@pytest.mark.parametrize("outputs", [unit(10, 4, 2).T, None])
+def test_a_load_that_vanishes_somewhere(outputs):
+    e, (K, _) = unit(10, 0), chain(10)
+    top = up_to(K, np.eye(10), 3)[1]
+
+    def reduced(reference):
+        with hpcred.SecondOrderModel(np.eye(10), 1e-4 * K, K, e, outputs) as model:
+            family = hpcred.ParametricModel(
+                model, [hpcred.Parameter("b", (-2.0, 2.0), reference)], [hpcred.Term("B", e, "b")]
+            )
+            return hpcred.reduce(family, tolerance=1e-3, band=(0.0, top), damping=hpcred.GivenDamping())
+
+    assert reduced(None).record.accuracy.reached  # where b = -1 is a training point
+    with pytest.raises(hpcred.InputError, match="all loads are zero at the reference values, b = -1, by the factors"):
+        reduced(-1.0)
+
+
+def test_points_on_both_sides_of_each_zero():
+    """Of values along a line: the two beside each change of sign."""
+    places = np.linspace(0, 1, 11)[:, None]
+    assert _opposite(places, np.cos(2 * np.pi * (places + 0.01))) == [(2, 3), (7, 8)]
+    assert _opposite(places, 1.0 + places) == []
+
+
+def test_a_complete_model_has_few_frequencies():
+    """Its error is round-off, which has maxima everywhere."""
+    K, M = chain(4)
+    damping = hpcred.Caughey((0.1, 1e-5, 1e-12))  # whose error is a plain difference
+    with (hpcred.SecondOrderModel(M, None, K, unit(4, 0)) as model,
+          hpcred.reduce(model, tolerance=1e-4, band=up_to(K, M, 3), damping=damping) as rom):  # fmt: skip
+        assert rom.size == 4 and len(rom.record.accuracy.frequencies) < 1500
+
+
+@pytest.mark.parametrize("kind, seed", [("silent", 1), ("silent", 4), ("vanishing", 1), ("signs", 2)])
+def test_random_models(kind, seed):
+    """A few of benchmarks/hunt_measure.py."""
+    case = random_case(kind, seed)
+    with case.reduced() as rom:
+        accuracy = rom.record.accuracy
+        assert accuracy.reached
+        assert case.largest_error(rom, np.random.default_rng(seed))[0] <= 1.02 * case.tolerance
