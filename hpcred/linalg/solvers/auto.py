@@ -22,7 +22,6 @@ class Auto(Factorisation):
     """
 
     name = "auto"
-    tells_inertia = True
     has_single = True
 
     def __new__(cls, matrix, symmetric, prefix, factoring=None, *arguments, **keywords):
@@ -42,6 +41,10 @@ class Auto(Factorisation):
     @classmethod
     def check(cls, factoring):
         Mumps.check(factoring)
+
+    @classmethod
+    def counts(cls):
+        return Mumps.counts()
 
     @classmethod
     def source_of(cls, factoring, prefix):
