@@ -22,6 +22,7 @@ from .component import Component
 
 INDEPENDENT = 1e-6  # weight of a direction of modes found that is not round-off
 MIXED = 0.01  # share of rigid-body motions in a mode, and weight of what is left of it, that are not round-off
+FAR_SOFTER = 1e-4  # of the eigenvalue of the next mode: solves have lost so many digits for that
 AT_FIRST = 16  # modes that are looked for where nobody knows how many lie in a band
 
 
@@ -192,15 +193,54 @@ def lowest(run, count, shift=0.0):
     Found by solves with K + shift M. Raises SingularMatrix.
     """
     solver = run.solvers.factored(shift, "0 Hz" if not shift else "a shift")
-    return lowest_modes_by(run, count, run.model.size - run.framed.rigid_size, solver.solve)
+    return lowest_modes_by(run, count, run.model.size - run.framed.rigid_size, solver.solve, shift)
 
 
-def lowest_modes_by(run, count, most, solve):
+def lowest_modes_by(run, count, most, solve, shift=0.0):
     """Return the `count` lowest modes, omega^2 (count,) and a block, on the space of dimension `most` in which
-    `solve(load, solution, steps)` inverts K.
+    `solve(load, solution, steps)` inverts K + shift M.
 
-    Collective. Raises ComputationError.
+    Beside far softer modes solves have no digits left for stiff ones: these are looked for again in what is
+    M-orthogonal to the soft ones. Collective. Raises ComputationError.
     """
+    values, block = _lowest_at_once(run, count, most, solve)
+    soft = decided(run.model.comm, _far_softer, values, shift)
+    if not soft:
+        return values, block
+    softer = Basis(run.mass, room=soft)
+    softer.extend(choose(run, block, np.arange(soft)))
+    beside = _SolvesBeside(softer, solve)
+    del block  # its memory is for the next one
+    others, stiffer = lowest_modes_by(run, count - soft, most - soft, beside.solve, shift)
+    both = create_block(run.model.K, count)
+    with local_rows(softer.columns) as first, local_rows(stiffer) as last, local_rows(both) as rows:
+        rows[:, :soft], rows[:, soft:] = first, last
+    return np.append(values[:soft], others), both
+
+
+def _far_softer(values, shift) -> int:
+    """Return how many of the ascending eigenvalues are FAR_SOFTER than the next one."""
+    sizes = np.abs(values + shift)
+    return int(np.argmax(np.append(sizes[:-1] < FAR_SOFTER * sizes[1:], True)) + 1) % len(values) if len(values) else 0
+
+
+class _SolvesBeside:
+    """Solves in the space that is M-orthogonal to the columns of a basis."""
+
+    def __init__(self, basis, solve):
+        self._basis, self._solve = basis, solve
+
+    def solve(self, load, solution, steps=0):
+        """solution = P K^-1 P^T load with P = I - V V^T M. Collective."""
+        basis = self._basis
+        right, images = copy_of(load, basis.mass), times(basis.mass, basis.columns)
+        add_product(right, images, inner(basis.columns, right), alpha=-1.0)
+        self._solve(right, solution, steps=steps)
+        for _ in range(2):  # the second time for what round-off leaves
+            add_product(solution, basis.columns, inner(images, solution), alpha=-1.0)
+
+
+def _lowest_at_once(run, count, most, solve):
     right, left = (create_block(run.model.K, 1) for _ in range(2))
 
     def invert(x, y):
@@ -221,16 +261,23 @@ def _polish(run, block, count, solve):
     """Improve modes by a refined step of inverse iteration; return Rayleigh-Ritz values and vectors.
 
     What follows modes in a basis is the small rest that they leave, and shares their round-off. The columns of the
-    block span the modes; there may be more of them, dependent ones.
+    block span the modes; there may be more of them, dependent ones. They are made orthonormal before the step: it
+    multiplies what a stiff mode has of a soft one by the quotient of their eigenvalues.
     """
-    load = run.times_mass(block)
-    solve(load, block, steps=1)
+    vectors, _ = _separated(run, block, count)
+    step = create_block(run.model.K, count)
+    solve(run.times_mass(vectors.columns_between(0, count)), step, steps=1)
+    vectors, values = _separated(run, step, count)
+    return values[:count], copy_of(vectors.columns_between(0, count), run.model.K)
+
+
+def _separated(run, block, count):
+    """Return Rayleigh-Ritz vectors in the span of a block, as a Basis, and their values. Raises ComputationError for fewer than `count`."""
     vectors = Basis(run.mass, tolerance=INDEPENDENT, room=block.getSizes()[1])
     vectors.extend(block)
     if vectors.size < count:
         raise ComputationError(f"only {vectors.size} of the {count} modes found are independent")
-    values = diagonalise(vectors, project(run.model.K, vectors.columns))
-    return values[:count], copy_of(vectors.columns_between(0, count), run.model.K)
+    return vectors, diagonalise(vectors, project(run.model.K, vectors.columns))
 
 
 def _dominant(run, values, block, count):
