@@ -11,7 +11,7 @@ from ..linalg.solvers.shifted import ShiftedSolver
 from ..model.definiteness import check_definite, growing_in_words, warnings_of_definiteness, zero_of
 from ..model.load_columns import loads_of
 from ..model.materials import properties_in_words
-from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities
+from ..model.rigid_body_modes import RigidBodyModes, remark_on_digits, rigid_body_quantities
 from ..model.second_order_model import require_model
 from ..parallel.declared import declared
 from ..parallel.failures import ComputationError
@@ -104,6 +104,8 @@ def inspect(
         if count := held_count(model):
             report["held_dofs"] = count
         warnings = with_warnings(warnings, model, body, first)
+        if few := remark_on_digits(rigid.support):
+            warnings.append(f"{model.name}: {few}")
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
     if model.symmetric and factoring.counts() and (limits or rigid_count is None):
         with closing(ShiftedSolver(model, prefix="inertia_", inertia=True, factoring=factoring)) as solver:

@@ -68,14 +68,16 @@ def test_soft_modes_stand_beside_stiff_ones(comm, soft):
     n, k = 20, 1e6
     chain = k * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
     chain[0, 0], chain[-1, -1] = k + soft, k
-    with SecondOrderModel.from_scipy(block_diag(*[chain] * 6), np.eye(6 * n), comm=comm) as model:
-        with closing(hpcred.natural_modes(model, 20)) as found:
-            elastic = np.repeat(2 * np.sqrt(k) * np.sin(np.arange(1, 4) * np.pi / (2 * n)), 6)[:14] / (2 * np.pi)
-            assert found.frequencies[6:] == pytest.approx(elastic, rel=3e-7)
-            if found.rigid:
-                assert found.rigid == 6 and soft < 1e-5
-            else:  # the first mode of a rigid mass, but for soft / k n
-                assert found.frequencies[:6] == pytest.approx([np.sqrt(soft / n) / (2 * np.pi)] * 6, rel=1e-5)
+    elastic = np.repeat(2 * np.sqrt(k) * np.sin(np.arange(1, 4) * np.pi / (2 * n)), 6)[:14] / (2 * np.pi)
+    with (
+        SecondOrderModel.from_scipy(block_diag(*[chain] * 6), np.eye(6 * n), comm=comm) as model,
+        closing(hpcred.natural_modes(model, 20)) as found,
+    ):
+        assert found.frequencies[6:] == pytest.approx(elastic, rel=3e-7)
+        if found.rigid:
+            assert found.rigid == 6 and soft < 1e-5
+        else:  # the first mode of a rigid mass, but for soft / k n
+            assert found.frequencies[:6] == pytest.approx([np.sqrt(soft / n) / (2 * np.pi)] * 6, rel=1e-5)
 
 
 def test_fewer_than_the_rigid_body_modes(linkage):

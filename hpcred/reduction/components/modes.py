@@ -272,7 +272,8 @@ def _polish(run, block, count, solve):
 
 
 def _separated(run, block, count):
-    """Return Rayleigh-Ritz vectors in the span of a block, as a Basis, and their values. Raises ComputationError for fewer than `count`."""
+    """Return Rayleigh-Ritz vectors in the span of a block, as a Basis, and their values. Raises ComputationError for
+    fewer than `count`."""
     vectors = Basis(run.mass, tolerance=INDEPENDENT, room=block.getSizes()[1])
     vectors.extend(block)
     if vectors.size < count:
