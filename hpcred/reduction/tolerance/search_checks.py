@@ -14,10 +14,11 @@ from ...model.support import ROUND_OFF
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError
 from .error_estimate import is_free, is_silent
+from .pseudo_modal import NEARLY_ZERO
 from .residual_blocks import largest_residual
 
-ZERO = np.finfo(float).eps  # squared frequencies, relative to the largest, that are round-off, and
-NEARLY_ZERO = 1e-12  # that may be, where round-off shows in the estimate too
+ZERO = np.finfo(float).eps  # squared frequencies, relative to the largest, that are round-off; up to NEARLY_ZERO where
+# round-off shows in the estimate too
 BETWEEN = (0.31, 0.77)  # of the band: where a basis that can hold nothing more is tried, which are no points
 LOST = 1e-2  # residual of such a basis, relative to the loads: round-off has come to 1e-5, what is lost leaves 0.1
 
