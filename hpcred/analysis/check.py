@@ -18,6 +18,7 @@ from ..model.rigid_body_modes import (
     rigid_body_quantities,
     warnings_of_nodes,
 )
+from ..model.rows_alone import warnings_of_rows_alone
 from ..model.second_order_model import massless, require_model
 from ..model.support import support_of
 from ..model.units import SI, UNITS, Units, units_of
@@ -64,7 +65,7 @@ def check(model) -> dict:
             warnings.append(
                 f"{model.name}: {key} is not symmetric, and cannot be reduced{more}; a damaged file looks so too"
             )
-    warnings += _on_signs(model)
+    warnings += [*_on_signs(model), *warnings_of_rows_alone(model)]
     if model.dofs is not None:
         support = support_of(model)
         body = rigid_body_quantities(model)

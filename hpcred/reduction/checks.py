@@ -10,6 +10,7 @@ from ..model.definiteness import check_definite, warnings_of_definiteness
 from ..model.frames import Buckens, refuse_circulatory
 from ..model.interfaces import warnings_of_interfaces
 from ..model.rigid_body_modes import exchange_of_matrices, misfit_of_nodes, remark_on_digits, warnings_of_nodes
+from ..model.rows_alone import warnings_of_rows_alone
 from ..model.second_order_model import SYMMETRIC_TO, require_inputs
 from ..model.support import support_of
 from ..model.viscoelastic import Maxwell
@@ -86,7 +87,7 @@ def require_no_series(model, damping):
 def warnings_of(model, frame, constant=None) -> tuple[str, ...]:
     """Return warnings of the model; those that the frame depends on are refusals. `constant`: the constant part of a
     model with parameters, whose nodes fit if they fit K without terms that resist or push rigid-body motions."""
-    signs = tuple(warnings_of_definiteness(model))
+    signs = (*warnings_of_definiteness(model), *warnings_of_rows_alone(model))
     if model.dofs is None:
         return signs
     exchanged = exchange_of_matrices(model)

@@ -9,7 +9,7 @@ from ...linalg.basis import Basis, Extension
 from ...linalg.blocks import add_product, column_norms, copy_of, create_block, inner, local_rows, times
 from ...linalg.eigensolver import lowest_modes, modes_in_interval
 from ...linalg.free_motions import free_motions_refused
-from ...linalg.solvers.base import DoesNotFit, SingularMatrix
+from ...linalg.solvers.base import MOVES_FREELY, DoesNotFit, SingularMatrix
 from ...model.damping import ModalDamping
 from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
@@ -181,8 +181,7 @@ def _lowest(run, count):
         if run.rigid is not None:
             raise free_motions_refused(run.model, run.rigid) from error
         raise InputError(
-            f"basis: K of {run.model.name} is singular, so the body can move freely; "
-            "take frame kind 'buckens', 'chord' or 'tangent'"
+            f"basis: K of {run.model.name} is singular: {MOVES_FREELY}"
         ) from error
 
 
