@@ -92,7 +92,7 @@ def inspect(
     rigid_count, warnings = None, [*signs, *warnings_of_rows_alone(model), *model.remarks]
     if model.dofs is not None:
         body = rigid_body_quantities(model)
-        rigid = RigidBodyModes(model)
+        rigid = RigidBodyModes(model, soft=True)
         rigid_count = rigid.count
         report |= {
             "mass_kg": body.mass,
@@ -105,7 +105,14 @@ def inspect(
         if count := held_count(model):
             report["held_dofs"] = count
         warnings = with_warnings(warnings, model, body, first)
-        if few := remark_on_digits(rigid.support):
+        support = rigid.support
+        if soft := support.movable.shape[1] - support.free.shape[1]:
+            report["softly_held"] = soft
+            warnings.append(
+                f"{model.name}: {soft} of the {rigid.count} rigid-body motions meet{'s' * (soft == 1)} up to "
+                f"{support.forces.max():.0e} of the stiffness of a row: soft supports, or few digits of K"
+            )
+        if few := remark_on_digits(support):
             warnings.append(f"{model.name}: {few}")
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
     if model.symmetric and factoring.counts() and (limits or rigid_count is None):

@@ -42,17 +42,18 @@ def nodes_that_differ(model, support) -> str | None:
     entries = [model.K.getRow(int(model.first_row + row)) for row in mine]
     resisted = comm.allreduce(met.any(axis=0), op=MPI.LOR)
     given = comm.gather((
-        model.first_row + mine, dofs.node[mine], dofs.direction[mine], rows[np.ix_(mine, resisted)],
+        model.first_row + mine, dofs.node[mine], rows[np.ix_(mine, resisted)],
         [(columns, values.real) for columns, values in entries],
     ))  # fmt: skip
-    return decided(comm, _named, given, model.node_count)
+    # translations do not depend on coordinates
+    return decided(comm, _named, given, model.node_count, bool(resisted[:3].any()))
 
 
-def _named(given, count):
-    """Return the sentence from what the ranks have of the rows: their numbers, nodes, directions, forces, and entries
-    of K; of `count` nodes; local."""
-    row, node, direction, forces = (np.concatenate([part[k] for part in given]) for k in range(4))
-    entries = [entry for part in given for entry in part[4]]
+def _named(given, count, turned):
+    """Return the sentence from what the ranks have of the rows: their numbers, nodes, forces, and entries of K; of
+    `count` nodes; `turned`: whether axes differ, or else places; local."""
+    row, node, forces = (np.concatenate([part[k] for part in given]) for k in range(3))
+    entries = [entry for part in given for entry in part[3]]
     # K E by the symmetry of K, on all rows that it reaches
     reached = np.unique(np.concatenate([row, *[columns for columns, _ in entries]]))
     K = np.zeros((len(reached), len(row)))
@@ -72,12 +73,10 @@ def _named(given, count):
     places = [np.flatnonzero(node == number) for number in np.unique(node)]
     change = unit[:, None] * _on_few(change, null, places) * size
     # nodes whose motion changes
-    sizes = np.array([np.abs(change[place][:, : 3 if (direction[place] < 3).any() else 6]).max() for place in places])
-    whole = np.array([np.linalg.norm(change[place]) for place in places])
-    differ = np.flatnonzero(whole > DIFFERS * whole.max())
+    sizes = np.array([np.linalg.norm(change[place]) for place in places])
+    differ = np.flatnonzero(sizes > DIFFERS * sizes.max())
     if len(differ) > MOST_NODES * count:  # without the others nothing is known of these
         return None
-    turned = bool((sizes[differ] > DIFFERS).any())
     numbers = [str(int(np.unique(node)[k])) for k in differ]
     listed = ", ".join(numbers[:NAMED]) + (f" and {len(numbers) - NAMED} more" if len(numbers) > NAMED else "")
     many, why = len(numbers) > 1, "in other axes" if turned else "those of another place"

@@ -23,13 +23,13 @@ MODES = 12  # that are looked at
 INACCURATE = 1e-5  # relative error of a frequency
 
 
-def digits_of(mat) -> int | None:
-    """Return how many decimal digits the entries of a matrix were rounded to, or None where they have all.
-    Collective."""
+def digits_of(mat, distinct=DISTINCT) -> int | None:
+    """Return how many decimal digits the entries of a matrix were rounded to, or None where they have all, or fewer
+    than `distinct` values. Collective."""
     first, last = mat.getOwnershipRange()
     rows = np.unique(np.linspace(first, last - 1, ROWS).astype(int)) if last > first else []
     values = np.unique(np.abs(np.concatenate([np.zeros(1), *(mat.getRow(int(row))[1].real for row in rows)])))[1:]
-    return digits_of_numbers(mat.comm.tompi4py(), values)
+    return digits_of_numbers(mat.comm.tompi4py(), values, distinct=distinct)
 
 
 def digits_of_numbers(

@@ -13,20 +13,23 @@ from .petsc_matrices import decoupled
 SAME = 1e-9  # relative difference of frequencies that are one
 
 
+def rows_alone(model) -> np.ndarray:
+    """Return the rows of this rank (local, from 0) that no matrix couples with others; none where all are such."""
+    alone = np.arange(model.local_rows)
+    for mat in (*model.matrices.values(), *(part.matrix for part in model.viscoelastic)):
+        indptr, indices, values = mat.getValuesCSR()
+        alone = np.intersect1d(alone, decoupled(indptr, indices, [values], model.first_row))
+    return alone[: 0 if model.comm.allreduce(len(alone)) == model.size else None]
+
+
 def warnings_of_rows_alone(model) -> list[str]:
     """Return a sentence where rows of a body have nothing beside the diagonal in any of its matrices: each is an
     oscillator of its own, with a frequency that the body does not have.
 
     Rows of modal coordinates and scalar points may be so, and those of models that are such oscillators altogether.
     """
-    comm, mats = model.comm, [*model.matrices.values(), *(part.matrix for part in model.viscoelastic)]
-    alone = np.arange(model.local_rows)
-    for mat in mats:
-        indptr, indices, values = mat.getValuesCSR()
-        alone = np.intersect1d(alone, decoupled(indptr, indices, [values], model.first_row))
+    comm, alone = model.comm, rows_alone(model)
     stiffness, mass = diagonal_of(model.K), diagonal_of(model.M)
-    if comm.allreduce(len(alone)) == model.size:
-        return []
     alone = alone[(stiffness[alone] > 0) & (mass[alone] > 0)]
     if model.dofs is not None:
         alone = alone[model.dofs.direction[alone] < SCALAR]

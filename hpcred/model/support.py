@@ -19,11 +19,13 @@ from ..parallel.petsc import MPI, PETSc
 from .digits import digits_of, digits_of_numbers
 from .dofs import SCALAR
 from .rigid_motions import middle, rigid_motions
+from .rows_alone import rows_alone
 
-ROUND_OFF = 2e-11  # of |K| |R|: more than elements leave of motions, where those of most rows leave less
+ROUND_OFF = 5e-11  # of |K| |R|: more than elements leave of motions, where those of most rows leave less
 SOFT = 1e-7  # of |K| |R|: supports that meet less may be left out of a frame, which says so
 MOST_ROUND_OFF = 3e-8  # of |K| |R|, that half of the rows meet a MANY-th of: round-off of a program
-MANY = 30.0
+MANY = 100.0
+FEWEST_ENTRIES = 10  # distinct ones of K that tell its digits
 OF_NODES = {"fewest": 4, "distinct": 10, "nearly_all": 0.8, "many": 0.1}  # digits of coordinates: fewer were chosen
 SINGLE = 2.0**-24  # relative round-off of single precision
 LAST_BITS = 0xFF  # of a number of single precision, which those that were chosen do not need
@@ -80,6 +82,7 @@ def support_of(model) -> Support:
     product = times(model.K, motions)
     with local_rows(product) as rows:
         met = np.abs(rows.real) / _scale_of_rows(model, reach)[:, None]
+        met[rows_alone(model)] = 0.0  # which the body does not feel, such as drilling rotations of flat shells
         signed = np.sign(rows.real) * met
     # what round-off and digits leave
     digits, of_nodes = _error_of_rotations(model, reach)
@@ -136,7 +139,7 @@ def _scale_of_rows(model, reach):
     sizes = np.bincount(rows, np.abs(values) * part.getArray().real[place], len(indptr) - 1)
     for item in (scatter, chosen, part, vector):
         item.destroy()
-    for kind in (moved == 1.0, moved < 1.0) if reach != 1.0 else (model.dofs.direction < 3, _turns(model.dofs)):
+    for kind in (model.dofs.direction < 3, _turns(model.dofs)):
         there = kind & (sizes > 0)
         total, count = model.comm.allreduce(np.array([np.log(sizes[there]).sum(), there.sum()]))
         if count:
@@ -146,7 +149,7 @@ def _scale_of_rows(model, reach):
 
 def _error_of_entries(K) -> float:
     """Return how much of |K| |R| the digits of K may leave."""
-    digits = digits_of(K)
+    digits = digits_of(K, distinct=FEWEST_ENTRIES)
     if digits is not None:
         return 5.0 * 10.0**-digits
     return SINGLE if is_single(K) else 0.0
