@@ -11,7 +11,6 @@ import numpy as np
 
 from ..linalg.blocks import local_rows, times
 from ..parallel.decisions import decided
-from ..parallel.petsc import MPI
 from .dofs import SCALAR
 from .rigid_motions import rigid_motions
 
@@ -40,7 +39,7 @@ def nodes_that_differ(model, support) -> str | None:
     if not 0 < comm.allreduce(len(mine)) <= MOST_ROWS:
         return None
     entries = [model.K.getRow(int(model.first_row + row)) for row in mine]
-    resisted = comm.allreduce(met.any(axis=0), op=MPI.LOR)
+    resisted = np.any(comm.allgather(met.any(axis=0)), axis=0)
     given = comm.gather((
         model.first_row + mine, dofs.node[mine], rows[np.ix_(mine, resisted)],
         [(columns, values.real) for columns, values in entries],
