@@ -60,7 +60,7 @@ class Support:
 
     @property
     def softness(self) -> float:
-        """The largest part of |K| |R| that translations meet of a body that softly held, else 0."""
+        """The largest part of |K| |R| that translations meet of a softly held body, else 0."""
         soft = self.movable.shape[1] > self.free.shape[1]
         return float(self.forces[:3].max()) if soft else 0.0
 
@@ -80,9 +80,12 @@ def support_of(model) -> Support:
     unit = np.repeat([1.0, 1.0 / reach], 3)
     multiply(motions, np.diag(unit))
     product = times(model.K, motions)
-    with local_rows(product) as rows:
+    with local_rows(product) as rows, local_rows(motions) as moved:
         met = np.abs(rows.real) / _scale_of_rows(model, reach)[:, None]
-        met[rows_alone(model)] = 0.0  # which the body does not feel, such as drilling rotations of flat shells
+        # rows by themselves, such as drilling rotations of flat shells, do not hold others
+        alone = np.isin(np.arange(len(met)), rows_alone(model))
+        others = np.any(comm.allgather((np.abs(moved[~alone]) > 0).any(axis=0)), axis=0)
+        met[np.ix_(alone, others)] = 0.0
         signed = np.sign(rows.real) * met
     # what round-off and digits leave
     digits, of_nodes = _error_of_rotations(model, reach)
