@@ -13,13 +13,14 @@ from ..model.dofs import DIRECTIONS, SCALAR
 from ..model.elements import solid_volume
 from ..model.load_columns import loads_of
 from ..model.rigid_body_modes import (
-    FORCE_FREE,
     exchange_of_matrices,
+    remark_on_digits,
     rigid_body_quantities,
-    rigid_body_residuals,
     warnings_of_nodes,
 )
+from ..model.rows_alone import warnings_of_rows_alone
 from ..model.second_order_model import massless, require_model
+from ..model.support import support_of
 from ..model.units import SI, UNITS, Units, units_of
 from ..parallel.lookup import sort_over_ranks
 from ..parallel.petsc import MPI
@@ -31,6 +32,7 @@ FAR = (10.0, 100.0, 100.0)  # beyond these ranges, where neither the estimates n
 POINT_MASS = 30.0  # of the median of the diagonal of M: what is more belongs to no element
 FEW_DIGITS = 13  # decimal ones of K, from which on they are not worth a word
 CLEARLY_FREE, NEARLY_FREE = 1e-12, 1e-5  # ||K R|| / (||K|| ||R||)
+IN_MOST = 0.3  # share of rows that few digits let resist, and supports seldom
 
 
 def check(model) -> dict:
@@ -63,13 +65,13 @@ def check(model) -> dict:
             warnings.append(
                 f"{model.name}: {key} is not symmetric, and cannot be reduced{more}; a damaged file looks so too"
             )
-    warnings += _on_signs(model)
+    warnings += [*_on_signs(model), *warnings_of_rows_alone(model)]
     if model.dofs is not None:
-        residuals, free = rigid_body_residuals(model)
+        support = support_of(model)
         body = rigid_body_quantities(model)
         low, high = extent(model)
         report |= {
-            "rigid_body_residuals": known(residuals),
+            "rigid_body_residuals": known(support.residuals),
             "masses_in_x_y_z": body.masses.tolist(),
             "centre_of_mass": known(body.centre),
             "extent": [low.tolist(), high.tolist()],
@@ -78,7 +80,9 @@ def check(model) -> dict:
         }
         if model.converted_from:
             report["converted_from"] = model.converted_from
-        sentences.append(_on_rigid_motions(residuals, free))
+        sentences.append(_on_rigid_motions(support))
+        if few := remark_on_digits(support):
+            sentences.append(few)
         warnings = with_warnings(warnings, model, body)
         if report["units"]:
             sentences.append(
@@ -127,22 +131,29 @@ def known(values):
     return np.where(np.isnan(values), None, values).tolist()
 
 
-def _on_rigid_motions(residuals, count):
+def _on_rigid_motions(support):
     """Return a sentence on what K says to the rigid-body motions, of which so many combinations meet no force."""
-    worst = np.nanmax(residuals)
-    moving = [name for name, value in zip("xyz", residuals, strict=False) if not np.isnan(value)]
-    still = [name for name in "xyz" if name not in moving]
+    residuals, count = support.residuals, support.free.shape[1]
+    worst, moving = np.nanmax(residuals), np.isfinite(residuals)
+    still = [name for name, moves in zip("xyz", moving, strict=False) if not moves]
     plane = f"; no node has a dof in {' or '.join(still)}" if still else ""
     text = f"||K R|| / (||K|| ||R||) of the rigid-body motions R is at most {worst:.1e}"
-    if worst < FORCE_FREE:
+    if not support.resisting:
         exact = "" if worst < CLEARLY_FREE else ", to the digits of the files"
         return f"{text}: a free body, which no rigid-body motion loads{exact}{plane}"
-    if worst < NEARLY_FREE:
+    if worst < NEARLY_FREE and support.resisting > IN_MOST:
         return (
             f"{text}: neither clearly free nor held; a free body whose K came with few digits looks so, and its "
             f"rigid-body modes are then not at 0 Hz{plane}"
         )
-    free = [name for name, value in zip(DIRECTIONS[:6], residuals, strict=True) if value < FORCE_FREE]
+    if support.movable.shape[1] > count:
+        return (
+            f"{text}: a softly held body, which meets up to {support.forces.max():.0e} of the stiffness of a row, in "
+            f"{100 * support.resisting:.2g} % of the rows{plane}"
+        )
+    round_off = np.repeat(support.round_off, 3)
+    free = [name for name, force, limit, moves in zip(DIRECTIONS[:6], support.forces, round_off, moving, strict=True)
+            if moves and force <= limit]  # fmt: skip
     ways = f", free in {', '.join(free)}" if free else ""
     if count > len(free):
         ways = f", with {count} rigid-body motion{'s' * (count > 1)} that K does not resist"

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from ..linalg.blocks import as_pairs, create_block, from_dense, inner, multiply, times, unfold
 from ..linalg.free_motions import check_free_motions
 from ..linalg.refinement import REFINE_ABOVE
-from ..linalg.solvers.base import SingularMatrix
+from ..linalg.solvers.base import MOVES_FREELY, SingularMatrix
 from ..linalg.solvers.complex import ComplexSolver
 from ..linalg.solvers.settings import Factoring
 from ..linalg.solvers.shifted import ShiftedSolver
@@ -216,9 +216,10 @@ def _full(framed, frequencies, factoring, progress):
             try:
                 response[i] = solvers.response(2 * np.pi * frequency, loads, sensors)
             except SingularMatrix as error:
+                away = "leave it out or add damping" if frequency else f"leave it out, or: {MOVES_FREELY}"
                 raise InputError(
                     f"frequency {frequency:.10g} Hz is a pole of the full model (relative distance of its "
-                    f"square {error.distance:.1e}); leave it out or add damping"
+                    f"square {error.distance:.1e}); {away}"
                 ) from error
             step(done)
     return response

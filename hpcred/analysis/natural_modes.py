@@ -15,6 +15,7 @@ from ..model.definiteness import check_definite, growing, warnings_of_definitene
 from ..model.digits import warnings_of_digits
 from ..model.frames import Buckens, Frame, NoFrame, apply_frame
 from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities, rigid_motions
+from ..model.rows_alone import warnings_of_rows_alone
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import ComputationError, InputError, Owned
@@ -129,7 +130,9 @@ def natural_modes(
         participation, masses = _participation(model, [*found, *([] if shapes is None else [shapes])])
         frequencies = np.sqrt(np.where(still, 0.0, values)) / (2 * np.pi)
         elastic = np.where(still, np.inf, values)
-        warnings = [] if shapes is None else warnings_of_digits(model, model.K, elastic, shapes)
+        warnings = warnings_of_rows_alone(model)
+        if shapes is not None:
+            warnings += warnings_of_digits(model, model.K, elastic, shapes)
         return NaturalModes(
             frequencies=np.append(np.zeros(rigid), frequencies)[:count], rigid=min(rigid + int(still.sum()), count),
             participation=None if participation is None else participation[:count], masses=masses, residual=residual,

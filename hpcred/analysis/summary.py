@@ -11,7 +11,8 @@ from ..linalg.solvers.shifted import ShiftedSolver
 from ..model.definiteness import check_definite, growing_in_words, warnings_of_definiteness, zero_of
 from ..model.load_columns import loads_of
 from ..model.materials import properties_in_words
-from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities
+from ..model.rigid_body_modes import RigidBodyModes, remark_on_digits, rigid_body_quantities
+from ..model.rows_alone import warnings_of_rows_alone
 from ..model.second_order_model import require_model
 from ..parallel.declared import declared
 from ..parallel.failures import ComputationError
@@ -89,10 +90,10 @@ def inspect(
         report["lowest_frequencies_hz"] = found.frequencies.tolist()
         rounded = found.warnings
         first = next(iter(found.frequencies[found.rigid :].tolist()), None)
-    rigid_count, warnings = None, [*signs, *model.remarks]
+    rigid_count, warnings = None, [*signs, *warnings_of_rows_alone(model), *model.remarks]
     if model.dofs is not None:
         body = rigid_body_quantities(model)
-        rigid = RigidBodyModes(model)
+        rigid = RigidBodyModes(model, soft=True)
         rigid_count = rigid.count
         report |= {
             "mass_kg": body.mass,
@@ -105,6 +106,15 @@ def inspect(
         if count := held_count(model):
             report["held_dofs"] = count
         warnings = with_warnings(warnings, model, body, first)
+        support = rigid.support
+        if soft := support.movable.shape[1] - support.free.shape[1]:
+            report["softly_held"] = soft
+            warnings.append(
+                f"{model.name}: {soft} of the {rigid.count} rigid-body motions meet{'s' * (soft == 1)} up to "
+                f"{support.forces.max():.0e} of the stiffness of a row: soft supports, or few digits of K"
+            )
+        if few := remark_on_digits(support):
+            warnings.append(f"{model.name}: {few}")
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
     if model.symmetric and factoring.counts() and (limits or rigid_count is None):
         with closing(ShiftedSolver(model, prefix="inertia_", inertia=True, factoring=factoring)) as solver:

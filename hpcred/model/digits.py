@@ -23,22 +23,35 @@ MODES = 12  # that are looked at
 INACCURATE = 1e-5  # relative error of a frequency
 
 
-def digits_of(mat) -> int | None:
-    """Return how many decimal digits the entries of a matrix were rounded to, or None where they have all.
-    Collective."""
+def digits_of(mat, distinct=DISTINCT) -> int | None:
+    """Return how many decimal digits the entries of a matrix were rounded to, or None where they have all, or fewer
+    than `distinct` values. Collective."""
     first, last = mat.getOwnershipRange()
     rows = np.unique(np.linspace(first, last - 1, ROWS).astype(int)) if last > first else []
     values = np.unique(np.abs(np.concatenate([np.zeros(1), *(mat.getRow(int(row))[1].real for row in rows)])))[1:]
+    return digits_of_numbers(mat.comm.tompi4py(), values, distinct=distinct)
+
+
+def digits_of_numbers(
+    comm, values: np.ndarray, fewest=FEWEST, distinct=DISTINCT, nearly_all=NEARLY_ALL, many=MANY
+) -> int | None:
+    """Return how many decimal digits numbers on all ranks, each rank its own, were rounded to, or None where they have
+    all. Collective.
+
+    Something is said of `distinct` numbers or more, where `nearly_all` have so many digits, the share `many` needs
+    them, and they are `fewest` or more.
+    """
+    values = np.abs(values[values != 0])
     values = values[:: 1 + len(values) // 500]
     needed = np.full(len(values), MOST + 1)
     for digits in range(MOST, 0, -1):
         rounded = np.array([float(f"{value:.{digits - 1}e}") for value in values])
         needed[np.abs(rounded - values) <= SAME * values] = digits
-    counts = mat.comm.tompi4py().allreduce(np.bincount(needed, minlength=MOST + 2))
+    counts = comm.allreduce(np.bincount(needed, minlength=MOST + 2))
     total = counts.sum()
-    digits = int(np.searchsorted(np.cumsum(counts), NEARLY_ALL * total))
-    rounded = FEWEST <= digits <= MOST and total >= DISTINCT and counts[digits] >= MANY * total
-    return digits if rounded else None
+    rounded = (counts >= many * total) & (np.cumsum(counts) >= nearly_all * total)
+    digits = np.flatnonzero(rounded[fewest : MOST + 1])
+    return fewest + int(digits[-1]) if total >= distinct and len(digits) else None
 
 
 def warnings_of_digits(model, K, eigenvalues: np.ndarray, block) -> list[str]:

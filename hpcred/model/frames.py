@@ -191,7 +191,7 @@ def _rows_of_tangent(model, frame):
 def _free_body(model, frame):
     """Return the rigid-body modes of a body in the Buckens frame, with the supports that the user chose."""
     refuse_circulatory(model)
-    rigid = RigidBodyModes(model)
+    rigid = RigidBodyModes(model, soft=True)
     if rigid.count == 0:
         raise InputError(
             f"frame: the Buckens frame needs a free body, but {model.name} is supported "

@@ -10,7 +10,8 @@ from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, sort_over_ranks
 from ..parallel.petsc import PETSc
 from .corner_nodes import corner_interpolation
-from .rigid_body_modes import free_motions, rigid_motions
+from .rigid_motions import rigid_motions
+from .support import support_of
 
 
 class NodeBlocks:
@@ -33,7 +34,7 @@ class NodeBlocks:
         turning = model.comm.allreduce(int(np.isin(direction, (3, 4, 5)).sum()))
         self.size = 6 if 3 * turning >= model.size else 3
         self.motions = rigid_motions(model)
-        self.free = free_motions(model, self.motions)
+        self.free = support_of(model).movable.shape[1]
         self.expansion, blocks = self._expansion(model)
         self.contraction = None
         if self.expansion is not None:

@@ -18,44 +18,21 @@ from ..linalg.blocks import (
     times,
 )
 from ..linalg.csr import diagonal_of
-from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI, PETSc, SLEPc
-from .digits import digits_of
-from .dofs import SCALAR, require_dofs
+from .differing_nodes import nodes_that_differ
+from .rigid_motions import middle, rigid_motions
+from .support import Support, support_of
 
 NO_MASS = 1e-12  # of the largest mass: round-off
 SAME_MASS = 1e-6  # relative difference of the masses in x, y, z that the digits of a text file explain
 ROUND_OFF = 1e-10
-FORCE_FREE = 1e-8  # ||K R|| / (||K|| ||R||) below which a rigid-body motion counts as free of force
 EXACTLY_FREE = 32 * np.finfo(float).eps  # of the entries of a row: what motions that are guessed may meet of force
-SOFTLY = 1e-9  # of the diagonal: more than the round-off of translations in rows of slender and flat elements
 SILENT = 1e-6  # sum of a row over that of its absolute values, below which it is zero to the digits of a file
 ON_DIAGONAL = 0.5  # of the diagonal of a mass matrix: less than any element's mass, more than what supports resist
 FEW = 0.02  # share of rows of a mass matrix that may be so
+FEWEST_NODES = 3  # of a body of which something can be said by the rows that resist
 MOST_ROWS = 0.6  # share of rows in which supports are not believed
-
-
-def rigid_motions(model, centre=(0.0, 0.0, 0.0)) -> SLEPc.BV:
-    """Return unit translations and unit rotations about `centre` as a block (n, 6). Collective.
-
-    Translational dofs move by e x (r - centre), rotational dofs by e, others not at all. Raises InputError without
-    nodes.
-    """
-    dofs = require_dofs(model, "a rigid-body motion")
-    motions = create_block(model.K, 6)
-    with local_rows(motions) as rows:
-        axis = dofs.direction % 3
-        moved, turned = dofs.direction < 3, (dofs.direction >= 3) & (dofs.direction < SCALAR)
-        rows[...] = 0.0
-        arm = dofs.position - np.asarray(centre)
-        for k in range(3):
-            rows[moved & (axis == k), k] = 1.0
-            rows[turned & (axis == k), 3 + k] = 1.0
-            # component `axis` of e_k x arm
-            cross = np.cross(np.eye(3)[k], arm)
-            rows[moved, 3 + k] = cross[moved, axis[moved]]
-    return motions
 
 
 @dataclass(frozen=True)
@@ -130,16 +107,18 @@ class RigidBodyModes:
     """The force-free rigid-body motions of a model, M-orthonormal: R^T M R = I, K R = 0.
 
     `R` (n, count) and `MR` = M R as blocks. `count`: 0 for a supported body to 6 for a free one. `supports`: global
-    rows of this rank, `count` over all ranks, that leave no rigid motion when held. `defect`: largest
-    ||K R|| / (||K|| ||R||) of the six motions. Collective throughout.
+    rows of this rank, `count` over all ranks, that leave no rigid motion when held. `support`: how K resists the six
+    motions; `defect`: their largest ||K R|| / (||K|| ||R||). With `soft` those that meet next to no force count as
+    well. Collective throughout.
     """
 
-    def __init__(self, model):
+    def __init__(self, model, soft=False):
         self._first, self._k = model.first_row, model.K
         self.R = self.MR = None
-        # where the centre is not known along an axis, any point of the axis will do
-        motions = rigid_motions(model, np.nan_to_num(rigid_body_quantities(model).centre))
-        self.defect, free = decided(model.comm, _force_free, *_forces(model, motions))
+        self.support = support_of(model)
+        self.defect = float(np.nanmax(self.support.residuals))
+        free = self.support.movable if soft else self.support.free
+        motions = rigid_motions(model, self.support.centre)
         multiply(motions, free)
         self.count = free.shape[1]
         motions.setActiveColumns(0, self.count)
@@ -187,65 +166,16 @@ class RigidBodyModes:
         return np.array(sorted(taken), dtype=PETSc.IntType)
 
 
-def _forces(model, motions):
-    """Return gram matrices (6, 6) of the forces K R / (||K|| ||R||) and of R / ||R||, and the norms (6,) of the motions
-    R.
-
-    The norm of a rotation that moves no node is infinite: it is no motion.
-    """
-    product = times(model.K, motions)
-    sizes = column_norms(motions)
-    far = model.comm.allreduce(float(np.abs(model.dofs.position).max(initial=0.0)), op=MPI.MAX)
-    nothing = ROUND_OFF * sizes[:3].max()
-    sizes[sizes <= nothing * np.array([1, 1, 1, far, far, far])] = np.inf
-    scale = np.outer(sizes, sizes)
-    norm = model.K.norm(PETSc.NormType.INFINITY)
-    return inner(product, product) / scale / norm**2, inner(motions, motions) / scale, sizes
-
-
-def free_motions(model, motions) -> int:
-    """Return how many independent rigid-body motions (see rigid_motions) meet no force. Collective."""
-    return decided(model.comm, _force_free, *_forces(model, motions))[1].shape[1]
-
-
 def acts_on_free_motions(model, mat) -> bool:
     """Test whether a matrix (n, n), on the pattern of K, resists or pushes rigid-body motions that K leaves free.
     Collective."""
     norm, size = (each.norm(PETSc.NormType.INFINITY) for each in (model.K, mat))
     if not size or model.dofs is None:
         return False
-    motions, both = rigid_motions(model, _middle(model)), model.K.copy()
+    both = model.K.copy()
     both.axpy((norm or 1.0) / size, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
     with model.with_fields(K=both) as other:
-        return free_motions(other, motions) < free_motions(model, motions)
-
-
-def soft_supports(model) -> np.ndarray:
-    """Return the force that each translation in x, y and z that moves the body meets in its worst row, relative to the
-    diagonal of that row; zero where it may be round-off. Collective.
-
-    So springs to the ground show that are too few or too soft for ||K R||, in which all rows of the body have a share.
-    Of a K with fewer digits than a double has nothing is known, and all are zero.
-    """
-    if digits_of(model.K) is not None or _single(model):
-        return np.zeros(1)
-    motions = rigid_motions(model)
-    motions.setActiveColumns(0, 3)
-    size = np.abs(diagonal_of(model.K))[:, None]
-    with local_rows(times(model.K, motions)) as rows, local_rows(motions) as moved:
-        met = (np.abs(rows) / np.where(size > 0, size, np.inf)).max(axis=0, initial=0.0)
-        moves = (moved != 0).any(axis=0)
-    met = np.max(model.comm.allgather(met), axis=0)[np.any(model.comm.allgather(moves), axis=0)]
-    return np.where(met > SOFTLY, met, 0.0)
-
-
-def _single(model) -> bool:
-    """Test whether the entries of K are numbers of single precision. Collective."""
-    rows = range(model.first_row, model.first_row + min(model.local_rows, 16))
-    values = np.concatenate([np.zeros(1), *(model.K.getRow(row)[1].real for row in rows)])
-    with np.errstate(over="ignore"):
-        single = bool((values == values.astype(np.float32)).all())
-    return model.comm.allreduce(single, op=MPI.LAND)
+        return support_of(other).movable.shape[1] < support_of(model).movable.shape[1]
 
 
 def pushed_motions(model, loads) -> np.ndarray:
@@ -259,8 +189,8 @@ def pushed_motions(model, loads) -> np.ndarray:
         motions = _translations_of_rows(model)
         free = _exactly_free(model, motions)
     else:
-        motions = rigid_motions(model, _middle(model))
-        free = decided(model.comm, _force_free, *_forces(model, motions))[1]
+        support = support_of(model)
+        motions, free = rigid_motions(model, support.centre), support.free
     if not free.shape[1]:
         return np.zeros((0, loads.getActiveColumns()[1]))
     mass = free.T @ inner(motions, times(model.M, motions)) @ free
@@ -299,27 +229,6 @@ def _sizes_of_rows(mat):
     return np.bincount(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)), np.abs(values), len(indptr) - 1)
 
 
-def _force_free(forces, overlaps, sizes):
-    """Return ||K R|| / (||K|| ||R||) of the worst motion, and the combinations (6, count) that K does not resist."""
-    # orthonormal combinations; a turn about the line on which all nodes are is none, in whatever direction it lies
-    values, vectors = np.linalg.eigh(overlaps)
-    moving = vectors[:, values > ROUND_OFF] / np.sqrt(values[values > ROUND_OFF])
-    values, vectors = np.linalg.eigh(moving.T @ forces @ moving)
-    free = np.sqrt(np.abs(values)) < FORCE_FREE
-    return float(np.sqrt(np.abs(np.diag(forces)).max())), (moving @ vectors / sizes[:, None])[:, free]
-
-
-def rigid_body_residuals(model) -> tuple[np.ndarray, int]:
-    """Return ||K R|| / (||K|| ||R||) (6,) of the rigid motions R, and how many independent combinations meet no force.
-
-    Rotations are about the middle of the nodes; a turn about a support is a combination. NaN stands for motions that
-    move no dof. Collective.
-    """
-    forces, overlaps, sizes = _forces(model, rigid_motions(model, _middle(model)))
-    free = decided(model.comm, _force_free, forces, overlaps, sizes)[1]
-    return np.where(np.isinf(sizes), np.nan, np.sqrt(np.abs(np.diag(forces)))), free.shape[1]
-
-
 def warnings_of_nodes(model) -> list[str]:
     """Return sentences where the nodes seem not to belong to the rows, or the masses in x, y and z differ. Collective.
 
@@ -347,7 +256,7 @@ def exchange_of_matrices(model) -> str | None:
     A translation loads a stiffness at supports only, and a mass matrix in all rows of its direction: where it loads K
     in nearly all and M in few they have been exchanged.
     """
-    motions = rigid_motions(model, _middle(model))
+    motions = rigid_motions(model, middle(model))
     with local_rows(motions) as rows:
         moved = rows.real[:, :3] > 0
     if _weighs(model, motions, moved):
@@ -380,36 +289,39 @@ def _enumerated(words) -> str:
     return f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def misfit_of_nodes(model) -> str | None:
+def misfit_of_nodes(model, support: Support | None = None) -> str | None:
     """Return a sentence where the nodes seem not to belong to the rows, or None. Collective.
 
     A rigid motion of the nodes meets no force but at supports. Where K resists rotations and no translation, or resists
-    in most rows, the coordinates or the directions are those of other rows, or of other units than K.
+    in most rows, the coordinates or the directions are those of other rows, or of other units than K. Where K has as
+    many motions without force as a free body, these name the nodes that differ.
     """
-    motions = rigid_motions(model, _middle(model))
-    force = np.sqrt(np.abs(np.diag(_forces(model, motions)[0])))
-    with local_rows(times(model.K, motions)) as forces, local_rows(motions) as moved:
-        reach = np.max(model.comm.allgather(np.abs(moved.real).max(axis=0, initial=0.0)), axis=0)
-        norm = model.K.norm(PETSc.NormType.INFINITY)
-        resisted = (np.abs(forces.real) > FORCE_FREE * norm * np.maximum(reach, 1e-300)).any(axis=1)
-    share = model.comm.allreduce(int(resisted.sum())) / model.size
-    translation, rotation = force[:3].max(), force[3:].max()
-    found = f"||K R|| / (||K|| ||R||) = {max(translation, rotation):.1e} for rigid-body motions R of the nodes"
-    if translation < FORCE_FREE <= rotation:
+    support = support or support_of(model)
+    moving = np.isfinite(support.residuals)
+    if support.movable.shape[1] == moving.sum() or not support.resisting:
+        return None
+    found = (f"||K R|| / (||K|| ||R||) = {np.nanmax(support.residuals):.1e} for rigid-body motions R of the nodes")
+    if named := nodes_that_differ(model, support):
+        return f"{model.name}: {found}: {named}"
+    if not support.resists_translations:
         return (
             f"{model.name}: {found}, though K resists no translation: the nodes are not those of the rows; check the "
             "order of nodes against that of rows, and that all coordinates are in one unit and one system of axes"
         )
-    if share > MOST_ROWS:
+    if support.resisting > MOST_ROWS and model.node_count >= FEWEST_NODES:
         return (
-            f"{model.name}: {found}, in {100 * share:.0f} % of the rows: the body is held almost everywhere, or the "
-            "nodes or directions are not those of the rows, or K is that of a preloaded or spinning body"
-            + ("" if model.is_symmetric("K") else ", or circulatory forces act nearly everywhere")
+            f"{model.name}: {found}, in {100 * support.resisting:.0f} % of the rows: the body is held almost "
+            "everywhere, or the nodes or directions are not those of the rows, or K is that of a preloaded or spinning "
+            "body" + ("" if model.is_symmetric("K") else ", or circulatory forces act nearly everywhere")
         )
     return None
 
 
-def _middle(model):
-    """Return the mean position of the rows (3,). Collective."""
-    dofs = require_dofs(model, "a rigid-body motion")
-    return model.comm.allreduce(dofs.position.sum(axis=0)) / model.size
+def remark_on_digits(support: Support) -> str | None:
+    """Return a sentence where a body is free only to the digits of its nodes, or None."""
+    if not support.by_digits:
+        return None
+    return (
+        f"the coordinates of the nodes have {support.node_digits} digits, which is why rotations meet up to "
+        f"{support.forces[3:].max():.0e} of K; take a list with more digits where rigid-body motions matter"
+    )

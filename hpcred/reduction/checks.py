@@ -9,8 +9,10 @@ from ..model.damping import ModalDamping, caughey_terms
 from ..model.definiteness import check_definite, warnings_of_definiteness
 from ..model.frames import Buckens, refuse_circulatory
 from ..model.interfaces import warnings_of_interfaces
-from ..model.rigid_body_modes import exchange_of_matrices, misfit_of_nodes, soft_supports, warnings_of_nodes
+from ..model.rigid_body_modes import exchange_of_matrices, misfit_of_nodes, remark_on_digits, warnings_of_nodes
+from ..model.rows_alone import warnings_of_rows_alone
 from ..model.second_order_model import SYMMETRIC_TO, require_inputs
+from ..model.support import support_of
 from ..model.viscoelastic import Maxwell
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
@@ -85,7 +87,7 @@ def require_no_series(model, damping):
 def warnings_of(model, frame, constant=None) -> tuple[str, ...]:
     """Return warnings of the model; those that the frame depends on are refusals. `constant`: the constant part of a
     model with parameters, whose nodes fit if they fit K without terms that resist or push rigid-body motions."""
-    signs = tuple(warnings_of_definiteness(model))
+    signs = (*warnings_of_definiteness(model), *warnings_of_rows_alone(model))
     if model.dofs is None:
         return signs
     exchanged = exchange_of_matrices(model)
@@ -95,10 +97,14 @@ def warnings_of(model, frame, constant=None) -> tuple[str, ...]:
     if of_nodes and isinstance(frame, Buckens):
         refuse_circulatory(model)  # which pushes rigid-body motions
         raise InputError(of_nodes[0])
-    if isinstance(frame, Buckens) and (soft := soft_supports(model).max(initial=0.0)):
+    support = support_of(model) if isinstance(frame, Buckens) else None
+    if support and (few := remark_on_digits(support)):
+        of_nodes += (f"{model.name}: {few}",)
+    if support and (soft := support.softness):
         of_nodes += (
-            f"frame: {model.name} counts as free, but K resists translations by up to {soft:.1e} of its diagonal: soft "
-            "springs to the ground, which the Buckens frame leaves out, have to be put into the multibody model",
+            f"frame: {model.name} counts as free, but K resists translations by up to {soft:.1e} of the stiffness of a "
+            "row: soft springs to the ground, which the Buckens frame leaves out, have to be put into the multibody "
+            "model",
         )
     of_loads = (note for item in model.loads for note in item.notes)
     return (*signs, *of_nodes, *warnings_of_interfaces(model), *of_loads)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..linalg.known import Source
-from ..linalg.solvers.base import DoesNotFit, FactorRecord, Solver
+from ..linalg.solvers.base import DoesNotFit, FactorRecord, SingularMatrix, Solver
 from ..linalg.solvers.complex import ComplexSolver
 from ..linalg.solvers.multigrid import MultigridSolver, TooSlow, not_definite
 from ..linalg.solvers.shifted import ShiftedSolver
@@ -65,6 +65,9 @@ class RunSolvers:
             with self._progress.stage("factor", name):
                 try:
                     self.real.factor(mass, damping)
+                except SingularMatrix as error:
+                    error.point = name
+                    raise
                 except DoesNotFit as error:
                     if mass < 0 or not may_give_up or not self.give_up_factors(error):
                         raise

@@ -20,6 +20,7 @@ from ..parallel.failures import InputError
 from ..readers.motions.columns import read_columns
 from ..readers.motions.table import TIMES, head_of
 from .base import OF_NAMES, Writer
+from .superelement import check_mass
 
 BEGIN = "! ExtPtfm"  # of each file, by which it may be replaced
 LINE = 4096  # characters that OpenFAST reads of a line of loads
@@ -53,6 +54,7 @@ class ExtPtfm(Writer):
                 f"found {len(element.interfaces)} interface nodes ({names}), expected one, on which the tower stands; "
                 "moorings and other places are inputs or outputs of the reduction"
             )
+        check_mass(element)
         if element.is_free:  # where OpenFAST asks for zeros, not for round-off
             K = element.K.copy()
             K[:6] = K[:, :6] = 0.0

@@ -16,6 +16,7 @@ from ..body.body import check_viscous
 from ..files.outputs import MATLAB
 from ..parallel.failures import InputError
 from .base import SuperelementWriter
+from .superelement import check_mass
 
 
 class FlexibleSolid(SuperelementWriter):
@@ -25,6 +26,7 @@ class FlexibleSolid(SuperelementWriter):
 
     def make(self, element, stem):
         check_viscous(element, "a solid of Simscape")
+        check_mass(element)
         if not element.is_free:
             raise InputError(
                 "found a body that is held (K resists rigid-body motions), expected a free one with six zero "

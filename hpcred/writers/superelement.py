@@ -13,7 +13,7 @@ from ..parallel.failures import InputError
 from ..reduction.reduced_model import ReducedModel, require_finite
 
 SYMMETRIC_ELEMENT = 1e-8  # relative to the largest entry
-FREE = 1e-3  # of the first elastic frequency, below which those of rigid-body motions count as zero
+FREE = 1e-3  # of the first elastic frequency, below which those of rigid-body motions count as zero without a record
 LARGEST_NODE = 99_999_999  # of the eight columns that Nastran has for it
 
 
@@ -23,7 +23,8 @@ class Superelement:
 
     The first rows are x, y, z, rx, ry, rz of each node of `interfaces`, the others modal coordinates. `remarks`: what
     no format of superelements holds. `loads` (m, l): the columns of B, by `load_names`, that are no direction of an
-    interface node.
+    interface node. `is_free`: whether K resists none of the six rigid-body motions, as the reduction found (see
+    model.support).
     """
 
     K: np.ndarray
@@ -34,6 +35,7 @@ class Superelement:
     remarks: tuple[str, ...]
     loads: np.ndarray
     load_names: tuple[str, ...] = ()
+    is_free: bool = False
 
     @property
     def size(self) -> int:
@@ -67,20 +69,11 @@ class Superelement:
         said = "modal coordinates: points {} to {}; the model that takes the file may not use these numbers for others"
         return [said.format(points[0], points[-1])] if len(points) else []
 
-    @property
-    def is_free(self) -> bool:
-        """Whether nothing resists rigid-body motions, by their Rayleigh quotients beside the first elastic mode.
 
-        Raises InputError where M is not positive definite.
-        """
-        if np.linalg.eigvalsh(self.M)[0] <= 0:
-            raise InputError("found a matrix M that is not positive definite, expected a mass for every coordinate")
-        moved = 6 * len(self.interfaces)
-        R = np.concatenate([rigid_motion(item.position, self.centre) for item in self.interfaces])
-        rigid = eigh(R.T @ self.K[:moved, :moved] @ R, R.T @ self.M[:moved, :moved] @ R, eigvals_only=True)
-        if self.size == 6:  # nothing to compare with: 1 rad/s
-            return bool(np.abs(rigid).max() < 1.0)
-        return bool(np.abs(rigid).max() < FREE**2 * eigh(self.K, self.M, eigvals_only=True)[6])
+def check_mass(element: Superelement):
+    """Refuse an M that is not positive definite, for programs that divide by it."""
+    if np.linalg.eigvalsh(element.M)[0] <= 0:
+        raise InputError("found a matrix M that is not positive definite, expected a mass for every coordinate")
 
 
 def fitted(value: float, width: int, letter: str) -> str:
@@ -116,7 +109,21 @@ def superelement(reduced: ReducedModel) -> Superelement:
     return Superelement(
         K, M, D if D.any() else None, float(reduced.loss_factor), reduced.interfaces, tuple(_lost(reduced)),
         reduced.B[:, lost], tuple(np.array(reduced.input_names)[lost].tolist()),
+        _is_free(reduced, K, M),
     )  # fmt: skip
+
+
+def _is_free(reduced, K, M) -> bool:
+    """Test whether the reduction left six rigid-body motions free. Of a model that has no record, by their Rayleigh
+    quotients beside the first elastic one: K of a single node has nothing to compare with, and stays as it is."""
+    if reduced.record is not None:
+        return reduced.rigid_size == 6
+    if len(K) == 6 or np.linalg.eigvalsh(M)[0] <= 0:
+        return False
+    moved, centre = 6 * len(reduced.interfaces), reduced.interfaces[0].position
+    R = np.concatenate([rigid_motion(item.position, centre) for item in reduced.interfaces])
+    rigid = eigh(R.T @ K[:moved, :moved] @ R, R.T @ M[:moved, :moved] @ R, eigvals_only=True)
+    return bool(np.abs(rigid).max() < FREE**2 * eigh(K, M, eigvals_only=True)[6])
 
 
 def _symmetric(key, matrix, floor):

@@ -5,7 +5,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 from helpers import PLACES, bar, dense_model, truss
-from scipy.linalg import eigh
+from scipy.linalg import block_diag, eigh
 
 import hpcred
 from hpcred.model.second_order_model import SecondOrderModel
@@ -59,6 +59,25 @@ def test_null_vectors_that_no_node_tells_of(comm):
             assert found.rigid == 1 and found.masses is None and found.effective_masses is None
         with pytest.raises(hpcred.InputError, match="10 modes asked for, model has 9"):
             hpcred.natural_modes(model, 10)
+
+
+@pytest.mark.parametrize("soft", [1e-1, 1e-3, 1e-4, 1e-6])
+def test_soft_modes_stand_beside_stiff_ones(comm, soft):
+    """Six chains, each on a spring of 1e-7 to 1e-12 of theirs: what a stiff mode has of soft ones would take all
+    digits of its direction in a step of inverse iteration."""
+    n, k = 20, 1e6
+    chain = k * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    chain[0, 0], chain[-1, -1] = k + soft, k
+    elastic = np.repeat(2 * np.sqrt(k) * np.sin(np.arange(1, 4) * np.pi / (2 * n)), 6)[:14] / (2 * np.pi)
+    with (
+        SecondOrderModel.from_scipy(block_diag(*[chain] * 6), np.eye(6 * n), comm=comm) as model,
+        closing(hpcred.natural_modes(model, 20)) as found,
+    ):
+        assert found.frequencies[6:] == pytest.approx(elastic, rel=3e-7)
+        if found.rigid:
+            assert found.rigid == 6 and soft < 1e-5
+        else:  # the first mode of a rigid mass, but for soft / k n
+            assert found.frequencies[:6] == pytest.approx([np.sqrt(soft / n) / (2 * np.pi)] * 6, rel=1e-5)
 
 
 def test_fewer_than_the_rigid_body_modes(linkage):

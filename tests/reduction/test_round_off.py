@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import hpcred
 from hpcred import SecondOrderModel
@@ -106,3 +107,64 @@ def test_the_times_of_the_record_have_it_and_loads_are_made_once(comm, monkeypat
     with nearly_free(comm) as model, hpcred.reduce(model, tolerance=1e-1, band=BAND) as rom:
         assert rom.record.timing.seconds["estimate"] >= 0.1
     assert len(made) == 1
+
+
+def chain(count, *springs):
+    """K of masses in a row, 1e4 N/m between them, and springs to the ground at its ends."""
+    K = 1e4 * (2 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1))
+    K[0, 0] = K[-1, -1] = 1e4
+    for place, spring in zip((0, -1), springs, strict=False):
+        K[place, place] += spring
+    return K
+
+
+@pytest.mark.parametrize("free, tolerance", [(6, 1e-2), (10, 1e-5)])
+def test_a_free_part_under_forces_in_equilibrium_has_a_response_at_rest(comm, free, tolerance):
+    """The pair of forces stretches it; round-off of what pushes it is nothing. Against dense solves above 0 Hz."""
+    held, top = 18, 6.0
+    K, n = scipy.linalg.block_diag(chain(held, 1e4, 1e4), chain(free)), held + free
+    B = np.zeros((n, 2))
+    B[5, 0], B[held, 1], B[-1, 1] = 1.0, 1.0, -1.0
+    with (
+        SecondOrderModel.from_scipy(K, np.eye(n), inputs=B, comm=comm) as model,
+        hpcred.reduce(model, damping=hpcred.Structural(0.02), tolerance=tolerance, band=(0.0, top)) as rom,
+    ):
+        accuracy = rom.record.accuracy
+        assert accuracy.reached and accuracy.noise < 1e-10 and len(rom.frequencies) < 10
+        f = np.linspace(1e-3, top, 100)
+        H = np.array([B.T @ np.linalg.solve((1 + 0.02j) * K - (2 * np.pi * x) ** 2 * np.eye(n), B) for x in f])
+        drive = np.einsum("sii->si", H)
+        assert accuracy.measure.eps(H - rom.frequency_response(f), H, drive).max() <= tolerance
+
+
+def test_a_free_part_without_load_brings_no_round_off(comm):
+    """Beside a held part with both inputs, damped in proportion."""
+    K, n = scipy.linalg.block_diag(100 * chain(12, 1e4, 1e4), 100 * chain(12)), 24
+    B = np.eye(n)[:, [3, 9]]
+    with (
+        SecondOrderModel.from_scipy(K, np.eye(n), 1e-6 * K, inputs=B, comm=comm) as model,
+        hpcred.reduce(model, tolerance=1e-4, band=(0.0, 200.0)) as rom,
+    ):
+        assert rom.record.accuracy.reached and rom.record.accuracy.noise < 1e-8
+        f = np.linspace(0.1, 200.0, 50)
+        H = np.array([B.T @ np.linalg.solve((1 + 2e-6j * np.pi * x) * K - (2 * np.pi * x) ** 2 * np.eye(n), B)
+                      for x in f])  # fmt: skip
+        drive = np.einsum("sii->si", H)
+        assert rom.record.accuracy.measure.eps(H - rom.frequency_response(f), H, drive).max() <= 1e-4
+
+
+def test_a_singular_stiffness_names_the_frequency_and_a_way_out(comm):
+    """As the free axial motion of a rotor has at rest, which damping does not bound."""
+    K, n = scipy.linalg.block_diag(chain(6, 1e4), chain(6)), 12
+    B = np.eye(n)[:, [1]]
+    with SecondOrderModel.from_scipy(K, np.eye(n), 1e-5 * K, inputs=B, comm=comm) as model:
+        for ask in (lambda: hpcred.frequency_response(model, [0.0]), lambda: hpcred.reduce(model, [hpcred.Krylov(0.0)]),
+                    lambda: hpcred.reduce(model, [hpcred.Modes(count=2)]),
+                    lambda: hpcred.reduce(model, [hpcred.SecondOrderKrylov(0.0)])):  # fmt: skip
+            with pytest.raises(hpcred.InputError, match="can move freely; take frame kind 'buckens'.*above 0 Hz"):
+                ask()
+    error = SingularMatrix(1e-14)
+    error.point = "0 Hz"
+    assert str(error).startswith("0 Hz: the matrix is singular") and "above 0 Hz" in str(error)
+    error.point = "12 Hz"
+    assert "12 Hz" in str(error) and "move it a little" in str(error)

@@ -79,6 +79,29 @@ def test_a_floating_body_has_no_stiffness_at_its_interface(tmp_path):
     assert "1                        RBMod" in (tmp_path / "jacket_ExtPtfm_input.dat").read_text()
 
 
+def test_a_moored_platform_keeps_its_stiffness(tmp_path):
+    """A rigid platform whose modes are all far below 1 rad/s."""
+    mass, centre, inertia = 2e7, np.array([0.0, 0.0, -10.0]), np.diag([1.25e10, 1.25e10, 2.37e10])
+    S = np.cross(np.eye(3), -centre)
+    M = np.block([[mass * np.eye(3), -mass * S], [mass * S, inertia - mass * S @ S]])
+    K = np.diag([7e4, 7e4, 4e6, 2e9, 2e9, 1.2e8])
+    K[0, 4] = K[4, 0] = -1e6
+    K[1, 3] = K[3, 1] = 1e6
+    dofs = hpcred.Dofs(np.ones(6, int), np.arange(6, dtype=np.int8), np.zeros((6, 3)))
+    place = [hpcred.Interface(name="tp", nodes=(1,), kind="rigid")]
+    model = hpcred.SecondOrderModel.from_scipy(K, M, dofs=dofs).with_interfaces(place)
+    with model, hpcred.reduce(model, tolerance=1e-4, band=(0.0, 1.0), coordinates="interface") as reduced:
+        # two rows are coupled with no others
+        assert hpcred.check(model)["warnings"] == [] and hpcred.inspect(model)["rigid_body_modes"] == 0
+        report, path = exported(tmp_path, reduced, layout="keywords")
+        assert not any("weight is along" in text for text in report["remarks"])
+        found, _ = sections(path, False)
+        assert np.abs(found["STIFFNESS"] - K).max() < 1e-9 * np.abs(K).max()
+        assert "0                        RBMod" in (tmp_path / "jacket_ExtPtfm_input.dat").read_text()
+        with pytest.raises(InputError, match="found a body that is held"):
+            hpcred.export_result(tmp_path / "jacket.h5", "simscape")
+
+
 def test_the_weight_of_a_floating_body_turns_with_it(tmp_path):
     """W0 - K_W x is g times the mass in axes that small angles have turned, as OpenFAST evaluates it; its own checks of
     the first six rows."""

@@ -19,16 +19,28 @@ from ..known import EXACT, Source
 from ..refinement import refinement_converges
 from .settings import Factoring
 
+AT_REST = "0 Hz"
+MOVES_FREELY = (
+    "the body, or a part of it as along the axis of a rotor, can move freely; take frame kind 'buckens' (inertia "
+    "relief) for a free body, hold what moves ('tangent', 'chord', a soft spring), or take points and bands above 0 Hz"
+)  # where K is singular
+
 
 class SingularMatrix(ComputationError):
-    """The matrix is singular to working precision; `distance` to singularity is relative."""
+    """The matrix is singular to working precision; `distance` to singularity is relative, `point` names where, once
+    that is known."""
 
     def __init__(self, distance=0.0):
         super().__init__(distance)
-        self.distance = distance
+        self.distance, self.point = distance, ""
 
     def __str__(self):
-        return f"the matrix is singular to working precision (relative distance {self.distance:.1e})"
+        text = f"the matrix is singular to working precision (relative distance {self.distance:.1e})"
+        if not self.point:
+            return text
+        pole = "it is an eigenfrequency of the undamped model; move it a little"
+        away = MOVES_FREELY if self.point == AT_REST else pole
+        return f"{self.point}: {text}; {away}"
 
 
 class DoesNotFit(ComputationError):

@@ -33,7 +33,7 @@ class Group:
         self.number = comm.rank * groups // comm.size
         self.comm = comm.Split(self.number, comm.rank)
         model = _copy(framed.model, self.comm, self.number, groups)
-        rigid = RigidBodyModes(model) if framed.rigid is not None else None
+        rigid = RigidBodyModes(model, soft=True) if framed.rigid is not None else None
         self.framed = FramedModel(model, rigid=rigid, damping=framed.damping)
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 from ...linalg.basis import ComplexBasis
 from ...linalg.blocks import as_pairs, copy_of, times
 from ...linalg.free_motions import free_motions_refused
-from ...linalg.solvers.base import SingularMatrix
+from ...linalg.solvers.base import MOVES_FREELY, SingularMatrix
 from ...model.damping import is_proportional
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
@@ -141,8 +141,7 @@ class Krylov(PointComponent):
             if rigid is not None:
                 return free_motions_refused(model, rigid)
             return InputError(
-                f"krylov point 0 Hz: K of {model.name} is singular, so the body can move freely; "
-                "take frame kind 'buckens' (inertia relief), 'chord' or 'tangent', or a point above 0 Hz"
+                f"krylov point 0 Hz: K of {model.name} is singular: {MOVES_FREELY}"
             )
         return InputError(
             f"krylov point {self.point.imag / 2 / np.pi:.10g} Hz is an eigenfrequency of the undamped model "

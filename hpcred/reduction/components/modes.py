@@ -9,7 +9,7 @@ from ...linalg.basis import Basis, Extension
 from ...linalg.blocks import add_product, column_norms, copy_of, create_block, inner, local_rows, times
 from ...linalg.eigensolver import lowest_modes, modes_in_interval
 from ...linalg.free_motions import free_motions_refused
-from ...linalg.solvers.base import DoesNotFit, SingularMatrix
+from ...linalg.solvers.base import MOVES_FREELY, DoesNotFit, SingularMatrix
 from ...model.damping import ModalDamping
 from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
@@ -23,6 +23,7 @@ from .component import Component
 INDEPENDENT = 1e-6  # weight of a direction of modes found that is not round-off
 MIXED = 0.01  # share of rigid-body motions in a mode, and weight of what is left of it, that are not round-off
 SAME = 1e-7  # relative difference of eigenvalues that is none
+FAR_SOFTER = 1e-4  # of the eigenvalue of the next mode: solves have lost so many digits for that
 AT_FIRST = 16  # modes that are looked for where nobody knows how many lie in a band
 
 
@@ -181,8 +182,7 @@ def _lowest(run, count):
         if run.rigid is not None:
             raise free_motions_refused(run.model, run.rigid) from error
         raise InputError(
-            f"basis: K of {run.model.name} is singular, so the body can move freely; "
-            "take frame kind 'buckens', 'chord' or 'tangent'"
+            f"basis: K of {run.model.name} is singular: {MOVES_FREELY}"
         ) from error
 
 
@@ -200,9 +200,51 @@ def lowest_modes_by(run, count, most, solve, shift=0.0):
     """Return the `count` lowest modes, omega^2 (count,) and a block, on the space of dimension `most` in which
     `solve(load, solution, steps)` inverts K + shift M.
 
+    Beside far softer modes solves have no digits left for stiff ones: these are looked for again in what is
+    M-orthogonal to the soft ones. Collective. Raises ComputationError.
+    """
+    values, block = _lowest_at_once(run, count, most, solve, shift)
+    soft = decided(run.model.comm, _far_softer, values, shift)
+    if not soft:
+        return values, block
+    softer = Basis(run.mass, room=soft)
+    softer.extend(choose(run, block, np.arange(soft)))
+    beside = _SolvesBeside(softer, solve)
+    del block  # its memory is for the next one
+    others, stiffer = lowest_modes_by(run, count - soft, most - soft, beside.solve, shift)
+    both = create_block(run.model.K, count)
+    with local_rows(softer.columns) as first, local_rows(stiffer) as last, local_rows(both) as rows:
+        rows[:, :soft], rows[:, soft:] = first, last
+    return np.append(values[:soft], others), both
+
+
+def _far_softer(values, shift) -> int:
+    """Return how many of the ascending eigenvalues are FAR_SOFTER than the next one."""
+    sizes = np.abs(values + shift)
+    return int(np.argmax(np.append(sizes[:-1] < FAR_SOFTER * sizes[1:], True)) + 1) % len(values) if len(values) else 0
+
+
+class _SolvesBeside:
+    """Solves in the space that is M-orthogonal to the columns of a basis."""
+
+    def __init__(self, basis, solve):
+        self._basis, self._solve = basis, solve
+
+    def solve(self, load, solution, steps=0):
+        """solution = P K^-1 P^T load with P = I - V V^T M. Collective."""
+        basis = self._basis
+        right, images = copy_of(load, basis.mass), times(basis.mass, basis.columns)
+        add_product(right, images, inner(basis.columns, right), alpha=-1.0)
+        self._solve(right, solution, steps=steps)
+        for _ in range(2):  # the second time for what round-off leaves
+            add_product(solution, basis.columns, inner(images, solution), alpha=-1.0)
+
+
+def _lowest_at_once(run, count, most, solve, shift):
+    """The same, without a look at how soft they are.
+
     A Krylov sequence from one vector has one mode of a repeated eigenvalue, and others of it by round-off alone. Beside
     the modes found another sequence therefore begins from another vector, until it finds none below the last of them.
-    Collective. Raises ComputationError.
     """
     right, left = (create_block(run.model.K, 1) for _ in range(2))
     vectors = Basis(run.mass, tolerance=INDEPENDENT, room=count + 1)
@@ -239,11 +281,15 @@ def _with_modes(run, vectors, block, solve):
     the vectors are.
 
     What follows modes in a basis is the small rest that they leave, and shares their round-off. The columns of the
-    block span the modes; there may be more of them, dependent ones.
+    block span the modes; there may be more of them, dependent ones. They are separated before the step: it
+    multiplies what a stiff mode has of a soft one by the quotient of their eigenvalues.
     """
-    load = run.times_mass(block)
-    solve(load, block, steps=1)
-    vectors.extend(block)
+    found = Basis(run.mass, tolerance=INDEPENDENT, room=block.getSizes()[1])
+    found.extend(block)
+    diagonalise(found, project(run.model.K, found.columns))
+    step = create_block(run.model.K, found.size)
+    solve(run.times_mass(found.columns), step, steps=1)
+    vectors.extend(step)
     return diagonalise(vectors, project(run.model.K, vectors.columns))
 
 

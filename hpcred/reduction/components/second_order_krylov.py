@@ -13,7 +13,7 @@ import numpy as np
 
 from ...linalg.basis import ComplexBasis
 from ...linalg.blocks import add_product, as_pairs, create_block, inner, times, unfold
-from ...linalg.solvers.base import SingularMatrix
+from ...linalg.solvers.base import MOVES_FREELY, SingularMatrix
 from ...model.damping import caughey_terms
 from ...model.viscoelastic import Maxwell
 from ...parallel.decisions import decided
@@ -80,7 +80,10 @@ class SecondOrderKrylov(PointComponent):
         try:
             return sequence.blocks(self.order + 1, f"second-order krylov {point_name(s)}")
         except SingularMatrix as error:
-            raise InputError(f"second_order_krylov: the point {point_name(s)} is a pole of the model") from error
+            raise InputError(
+                f"second_order_krylov: the point {point_name(s)} is a pole of the model"
+                + (f", whose K is singular: {MOVES_FREELY}" if s == 0 else "")
+            ) from error
 
 
 class SecondOrderSequence(KrylovSequence):

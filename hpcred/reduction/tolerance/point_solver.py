@@ -14,7 +14,7 @@ import numpy as np
 from ...linalg.blocks import copy_of, create_block, random_block
 from ...linalg.conjugate_gradients import NegativeCurvature, NotSolved
 from ...linalg.known import ModeCount, Source
-from ...linalg.solvers.base import SingularMatrix
+from ...linalg.solvers.base import MOVES_FREELY, SingularMatrix
 from ...parallel.decisions import decided
 from ...parallel.failures import ComputationError, InputError
 from ..components.krylov import PencilSequence
@@ -98,8 +98,7 @@ class PointSolver:
             except SingularMatrix as error:
                 if self.multigrid:
                     raise InputError(
-                        f"K of {run.model.name} is singular, so the body can move freely; take frame kind "
-                        "'buckens' (inertia relief), 'chord' or 'tangent'"
+                        f"K of {run.model.name} is singular: {MOVES_FREELY}"
                     ) from error
                 continue
             rigid = run.framed.rigid_size if trial else 0

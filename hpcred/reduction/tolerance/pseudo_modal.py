@@ -24,6 +24,8 @@ from ...model.derivatives import Derivatives
 from ...model.viscoelastic import Viscoelastic, added_stiffness, excesses, transformed
 
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
+NEARLY_ZERO = 1e-12  # eigenvalue, relative to the largest, that round-off may have made of zero
+PUSHED = 1e-11  # of the norm of a load, or of a damping matrix: less on a motion is round-off
 NUMBERS_AT_A_TIME = 2**22  # complex numbers of states held at a time
 NUMBERS_KEPT = 2**24  # complex numbers of inverses that a model keeps
 
@@ -283,18 +285,33 @@ def diagonalised(
     round-off."""
     io = io or InputsOutputs(*[np.eye(L.shape[1])] * 2)
     eigenvalues, vectors = np.linalg.eigh((K + K.T) / 2)
-    N = None if symmetric else vectors.T @ ((K - K.T) / 2) @ vectors
-    D = None if D is None else congruent(D, vectors)
+    still = np.flatnonzero(np.abs(eigenvalues) <= NEARLY_ZERO * np.abs(eigenvalues).max(initial=0.0))
+    L = _settled(vectors.T @ L, still, np.linalg.norm(L, axis=0))
+
+    def turned(matrix):
+        own = _settled(congruent(matrix, vectors), still, size := np.linalg.norm(matrix))
+        return _settled(own.T, still, size).T
+
+    N = None if symmetric else turned((K - K.T) / 2)
+    D = None if D is None else turned(D)
     if viscoelastic:
-        parts = transformed(viscoelastic, lambda matrix: vectors.T @ matrix @ vectors)
-        return PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, D, viscoelastic=parts, N=N)
+        parts = transformed(viscoelastic, turned)
+        return PseudoModal(eigenvalues, L, vectors, io, damping, D, viscoelastic=parts, N=N)
     if D is None and N is None:
-        return PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping)
-    model = PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, D, N=N)
+        return PseudoModal(eigenvalues, L, vectors, io, damping)
+    model = PseudoModal(eigenvalues, L, vectors, io, damping, D, N=N)
     try:
         return replace(model, poles=poles_of(model))
     except np.linalg.LinAlgError:
         return model
+
+
+def _settled(rows, still, size):
+    """Return rows (m, k) with zeros where those of motions without stiffness are round-off of `size` (k,), or one
+    number: nothing but round-off pushes such a motion then, which K does not bound at 0 Hz."""
+    if len(still):
+        rows[still] = np.where(np.abs(rows[still]) <= PUSHED * size, 0.0, rows[still])
+    return rows
 
 
 def poles_of(model: PseudoModal) -> Poles:

@@ -8,15 +8,17 @@ from __future__ import annotations
 import numpy as np
 
 from ...linalg.free_motions import free_motions_refused
-from ...model.rigid_body_modes import SOFTLY, pushed_motions, soft_supports
+from ...model.rigid_body_modes import pushed_motions
 from ...model.second_order_model import massless
+from ...model.support import ROUND_OFF
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError
 from .error_estimate import is_free, is_silent
+from .pseudo_modal import NEARLY_ZERO
 from .residual_blocks import largest_residual
 
-ZERO = np.finfo(float).eps  # squared frequencies, relative to the largest, that are round-off, and
-NEARLY_ZERO = 1e-12  # that may be, where round-off shows in the estimate too
+ZERO = np.finfo(float).eps  # squared frequencies, relative to the largest, that are round-off; up to NEARLY_ZERO where
+# round-off shows in the estimate too
 BETWEEN = (0.31, 0.77)  # of the band: where a basis that can hold nothing more is tried, which are no points
 LOST = 1e-2  # residual of such a basis, relative to the loads: round-off has come to 1e-5, what is lost leaves 0.1
 
@@ -32,11 +34,7 @@ def check_support(run, band):
     loads, io = run.independent_loads
     pushed = pushed_motions(model, loads)
     of_inputs, of_outputs = (pushed @ part for part in io[:2])
-    infinite = np.abs(of_outputs.T @ of_inputs).max(initial=0.0) > 0
-    if not infinite:
-        return
-    soft = soft_supports(model) if model.dofs is not None else np.zeros(0)
-    if not (soft.size and soft.all()):  # free rotations show in the response
+    if np.abs(of_outputs.T @ of_inputs).max(initial=0.0) > 0:
         raise _infinite(model)
 
 
@@ -56,7 +54,7 @@ def check_response(projections, model, frequencies, found):
 def _infinite(model):
     nodes = "" if model.dofs is not None else ", which needs nodes"
     frame = f"take frame 'buckens'{nodes}, " if model.is_symmetric("K") else ""  # which has no circulatory forces
-    by_nodes = f" (or held by springs that meet less than {SOFTLY:g} of K)" if model.dofs is not None else ""
+    by_nodes = f" (or held by springs that meet less than {ROUND_OFF:g} of K)" if model.dofs is not None else ""
     return InputError(
         f"{model.name}: the response at 0 Hz is infinite, for the body is free{by_nodes}; {frame}hold "
         "the body, or give a band that begins above 0"
