@@ -13,10 +13,10 @@ from .options import temporary_options
 TOLERANCE = 1e-10
 
 
-def modes_in_interval(K, M, low, high, package, options):
+def modes_in_interval(K, M, low, high, options):
     """All eigenpairs of (K, M) with low < eigenvalue < high, by spectrum slicing; a real build only. Collective.
 
-    `package`: PETSc's name of what factors; `options`: for its factors, see Factorisation.slicing.
+    `options`: for its factors, see Factorisation.slicing.
     Returns eigenvalues (m,) ascending and eigenvectors as a block (n, m), or None for m = 0. The number found is
     compared with the inertias of K - low M and K - high M; raises ComputationError when they disagree.
     """
@@ -32,7 +32,6 @@ def modes_in_interval(K, M, low, high, package, options):
         ksp = eps.getKrylovSchurKSP()
         ksp.setType("preonly")
         ksp.getPC().setType("cholesky")
-        ksp.getPC().setFactorSolverType(package)
         try:
             with temporary_options("modes_st_", options), petsc_errors():
                 eps.setFromOptions()

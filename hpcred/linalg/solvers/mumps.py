@@ -81,7 +81,7 @@ class Mumps(PetscFactorisation):
         settings = {"icntl_13": 1, "icntl_24": 1, "cntl_3": 1e-12, "icntl_7": nested_dissection(), "icntl_14": 60}
         # low rank is for solutions that are refined
         settings |= controls(Factoring(out_of_core=factoring.out_of_core))
-        return {f"mat_mumps_{key}": value for key, value in settings.items()}
+        return {"pc_factor_mat_solver_type": cls.name} | {f"mat_mumps_{key}": value for key, value in settings.items()}
 
     def expected(self, orderings) -> dict[int, dict]:
         """What a factor with each of the orderings (icntl_7) takes, as MUMPS estimates by analyses alone: `flops`,

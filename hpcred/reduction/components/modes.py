@@ -117,7 +117,7 @@ class Modes(Component):
         package = run.factoring.package
         options = None if is_complex() else package.slicing(run.factoring, run.model.comm)
         if options is not None and _slices(run):
-            values, block = modes_in_interval(run.model.K, run.model.M, low, high, package.name, options)
+            values, block = modes_in_interval(run.model.K, run.model.M, low, high, options)
             return _without_rigid(run, values, block)
         # no inertia in complex builds, of some packages, or by multigrid
         most = run.model.size - run.framed.rigid_size
