@@ -209,13 +209,14 @@ def lowest_modes_by(run, count, most, solve, shift=0.0):
         return values, block
     softer = Basis(run.mass, room=soft)
     softer.extend(choose(run, block, np.arange(soft)))
+    values = diagonalise(softer, project(run.model.K, softer.columns))
     beside = _SolvesBeside(softer, solve)
     del block  # its memory is for the next one
     others, stiffer = lowest_modes_by(run, count - soft, most - soft, beside.solve, shift)
     both = create_block(run.model.K, count)
     with local_rows(softer.columns) as first, local_rows(stiffer) as last, local_rows(both) as rows:
         rows[:, :soft], rows[:, soft:] = first, last
-    return np.append(values[:soft], others), both
+    return np.append(values, others), both
 
 
 def _far_softer(values, shift) -> int:
