@@ -20,7 +20,7 @@ from .equations_of_motion import FlexibleBody, node_motion
 from .joints import AXES, Joint, holds_of
 from .loads import AnyForce, AnyInputLoad, AnyMoment, Vector, load_of, push_of
 from .springs import ZERO, AnySpring, element_of
-from .warnings import Limits, first_frequency, warnings_of_places
+from .warnings import Limits, first_frequency, warnings_of_inputs, warnings_of_places
 
 MOST_STEPS = 1e8  # that a simulation may need; they take weeks
 STEPS_OF_A_TURN = 8
@@ -289,13 +289,15 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         for state in (q, np.zeros(size))
     )
     start = {node: (shapes[node], motion.x, motion.R) for node, motion in first.items()}
+    holds = holds_of(setup.constraint, setup.drive, start)
     system = FlexibleBody(
         body.floating_frame, body.reduced.K, body.reduced.D, setup.gravity,
         [load_of(item, shapes[item.node]) for item in (*setup.force, *setup.moment)],
         [element_of(item, *start[item.node]) for item in setup.spring],
-        holds_of(setup.constraint, setup.drive, start), [push_of(item, body) for item in setup.load], elements,
+        holds, [push_of(item, body) for item in setup.load], elements,
     )  # fmt: skip
     warnings = setup.warnings + warnings_of_places(body, setup, {node: motion.x for node, motion in first.items()})
+    warnings += warnings_of_inputs(body, setup, holds, {node: motion.R for node, motion in first.items()}, A)
     progress = progress or Progress(MPI.COMM_SELF, show=False)
     for warning in warnings:  # before a run that may take long for that reason
         progress.warn(warning)
