@@ -49,8 +49,9 @@ def test_elements_of_a_clamped_block_keep_their_held_nodes(comm, folder):
             columns.destroy()
         assert np.allclose(*stresses, rtol=1e-9, atol=1e-9 * np.abs(stresses[0]).max())
         spinning = preloaded(model, Preload(omega=(0.0, 0.0, 100.0)))
-        with spinning, hpcred.reduce(model, [Modes(count=1)]) as rest, hpcred.reduce(spinning, [Modes(count=1)]) as spun:
-            assert 0 < spun.frequencies[0] / rest.frequencies[0] - 1 < 1e-3
+        basis = [Modes(count=1)]
+        with spinning, hpcred.reduce(model, basis) as still, hpcred.reduce(spinning, basis) as spun:
+            assert 0 < spun.frequencies[0] / still.frequencies[0] - 1 < 1e-3
 
 
 def test_elements_that_are_missing_are_said_where_stresses_need_them(comm):
