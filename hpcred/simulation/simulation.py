@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.body import Body, check_moving, has_no_inertia, remarks
+from ..body.preload import Preload, warning_of_basis
 from ..body.rotations import continuous, quaternion, rotation, vector_of
 from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError
@@ -268,7 +269,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
             "the body has no inertia about one of its axes, as where all masses lie on a line, which a simulation "
             "needs; give the model the rotational inertia of its section"
         )
-    setup = setup.numbered(body)
+    setup, unloaded = setup.numbered(body), body
     if setup.geometric_stiffness:
         body = body.stiffened()
     shapes = {shape.node: shape for shape in body.nodes}
@@ -328,6 +329,11 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         overflown = "the motion has numbers that overflow; loads or drives are too large"
         raise ComputationError("; ".join([*limits.warnings, overflown]))
     motion.warnings += limits.warnings
+    if unloaded.geometric_stiffness is not None and setup.geometric_stiffness:
+        fastest = motion.angular_velocity[np.linalg.norm(motion.angular_velocity, axis=1).argmax()]
+        if told := warning_of_basis(unloaded, Preload(omega=tuple(fastest.tolist()))):
+            progress.warn(told)
+            motion.warnings.append(told)
     return motion
 
 
