@@ -272,4 +272,5 @@ def preloaded(
             mats[key].axpy(1.0, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
     remark = remark_on_supports(model, solids, lambda points: preload.acceleration_at(points - origin))
     fields = {key: mats.get(key) for key in "KMD"} | {"viscoelastic": parts_from(model.viscoelastic, mats)}
-    return model.with_fields(**fields, remarks=(*model.remarks, *([remark] if remark else [])))
+    remarks = (*model.remarks, *solids.warnings(), *([remark] if remark else []))
+    return model.with_fields(**fields, remarks=remarks)

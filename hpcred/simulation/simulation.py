@@ -31,6 +31,7 @@ SPEED = (-3e8, 3e8, "m/s")
 ENERGIES = ("kinetic", "elastic", "gravity", "springs")
 LARGE_GRAVITY = 1e3  # m/s^2: above what is asked for in earnest, below 9810
 POWERS = ("work", "drives", "dissipated")
+FASTEST = 1e9  # rad/s, of a motion that diverges
 MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
 
 
@@ -331,6 +332,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     motion.warnings += limits.warnings
     if unloaded.geometric_stiffness is not None and setup.geometric_stiffness:
         fastest = motion.angular_velocity[np.linalg.norm(motion.angular_velocity, axis=1).argmax()]
+        fastest = fastest.clip(-FASTEST, FASTEST)
         if told := warning_of_basis(unloaded, Preload(omega=tuple(fastest.tolist()))):
             progress.warn(told)
             motion.warnings.append(told)
