@@ -4,6 +4,8 @@ Each rank has the elements that `model.elements` has there; their nodes may have
 nodes meet by number (parallel.lookup), values come by a sparse product.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +41,7 @@ class ElementRows:
         """Which elements have a place for each of their nodes (e,)."""
         return np.isfinite(self.position).all(axis=(1, 2))
 
-    def take(self, chosen) -> "ElementRows":
+    def take(self, chosen) -> ElementRows:
         return ElementRows(self.nodes[chosen], self.position[chosen], self.rows[chosen])
 
 
