@@ -55,8 +55,9 @@ def model_of(comm, points, K, M, clamped=None, **more):
     size = K.shape[0] // len(points)
     dofs = hpcred.Dofs(np.repeat(np.arange(1, len(points) + 1), size), np.tile(np.arange(size), len(points)),
                        np.repeat(points, size, axis=0))  # fmt: skip
-    free = np.flatnonzero(np.repeat(~held, size))
-    model = hpcred.SecondOrderModel.from_scipy(K[free][:, free], M[free][:, free], comm=comm,
+    free, stuck = np.flatnonzero(np.repeat(~held, size)), np.flatnonzero(np.repeat(held, size))
+    stuck = dofs.take(stuck).take(slice(*row_range(comm, len(stuck)))) if len(stuck) else None
+    model = hpcred.SecondOrderModel.from_scipy(K[free][:, free], M[free][:, free], comm=comm, held=stuck,
                                                dofs=dofs.take(free), **more)  # fmt: skip
     far = int(points.sum(axis=1).argmax()) + 1
     return model.with_inputs([(far, name) for name in "xyz"])

@@ -17,7 +17,7 @@ from ..parallel.ranges import ANYTHING, within
 from ..reduction.maxwell_states import maxwell_states
 from .campbell_diagram import SPEEDS, Campbell, CriticalSpeed
 from .pole_tracking import ZERO, PoleTracker, damping_ratios, growth_of
-from .whirl import in_words, orbits
+from .whirl import are_seen, in_words, motions_of, orbits
 
 POINTS = 41  # values over a range
 MODES = 12  # drawn where no highest frequency is given
@@ -87,7 +87,7 @@ def campbell(
     within("highest", highest, (1e-9, 1e12, "Hz"))
     axis = unit_axis("axis", axis)
     matrices = _matrices_of(model, over, dict(at or {}))
-    shapes = np.array([node.phi for node in nodes], dtype=float)
+    shapes = motions_of(list(nodes))
     return decided(MPI.COMM_WORLD, _campbell, matrices, values, shapes, axis, orders, highest, over, unit)
 
 
@@ -179,7 +179,8 @@ def _orbits(part, shapes, axis, speed):
     """Return the orbits (u,) of the poles of a value, in the sense of the rotation where there is one."""
     if not len(shapes):
         return np.full(len(part.poles), np.nan)
-    found = orbits(np.tensordot(shapes, part.shapes, (2, 0)), axis)
+    motions = np.tensordot(shapes, part.shapes, (2, 0))
+    found = np.where(are_seen(motions, part.poles), orbits(motions, axis), np.nan)
     sense = np.sign(part.value) if speed is not None and part.value else 1.0
     # modes of one frequency have no orbits of their own, and what does not vibrate has none
     return np.where(part.single & (part.poles.imag > 0), sense * found, 0.0)

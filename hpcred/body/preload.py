@@ -37,6 +37,7 @@ from .unit_states import displacements_of_states, require_stresses, stresses
 
 Vector = tuple[float, float, float]
 ZERO = (0.0, 0.0, 0.0)
+FAR = 5e-3  # by which a frequency with half of the coordinates may be higher than with all; without load it is not
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +108,8 @@ def reduced_at(body: Body, preload: Preload) -> ReducedModel:
     Returns
     -------
     ReducedModel
-        Without basis, and without the accuracy that is known without load.
+        Without basis, and without the accuracy that is known without load. The record warns of a preload under which
+        the basis, made without it, has not converged.
 
     Raises
     ------
@@ -133,9 +135,7 @@ def reduced_at(body: Body, preload: Preload) -> ReducedModel:
             raise InputError(
                 f"preload.forces: found '{state}', expected nodes with states of load: {', '.join(sorted(known))}"
             )
-    values = preload.values
-    K = reduced.K + np.tensordot(np.array(list(values.values())), stiffness.of(tuple(values)), axes=1)
-    K += softening_of(body, preload)
+    K = _stiffness(body, preload)
     squares = _squares(K, reduced.M)
     rigid = reduced.rigid_size
     if squares[: rigid + 1].min() < 0 and not rigid:
@@ -144,10 +144,47 @@ def reduced_at(body: Body, preload: Preload) -> ReducedModel:
             "(rad/s)^2; it buckles, or flies apart, under a smaller load"
         )
     record = reduced.record and replace(reduced.record, accuracy=None)
+    if record and (told := warning_of_basis(body, preload)):
+        record = replace(record, warnings=(*record.warnings, told))
     return replace(
         reduced, K=(K + K.T) / 2, frequencies=np.sqrt(np.maximum(squares, 0.0)) / 2 / np.pi, record=record,
         columns=None, left_columns=None, model=None,
     )  # fmt: skip
+
+
+def _stiffness(body, preload):
+    """Return the stiffness (m, m) of a reduced model under a preload."""
+    reduced, values = getattr(body.reduced, "base", body.reduced), preload.values
+    added = np.tensordot(np.array(list(values.values())), body.geometric_stiffness.of(tuple(values)), axes=1)
+    return reduced.K + added + softening_of(body, preload)
+
+
+def warning_of_basis(body: Body, preload: Preload) -> str:
+    """Return a sentence where the basis, which was made without load, has not converged under a preload; "" elsewhere.
+
+    The lower half of the modes of the reduced model without load has its own lowest frequencies; how much higher these
+    get under the load than with all modes tells how much the modes that are not in the basis at all would lower them.
+    """
+    from scipy.linalg import eigh  # which few results need
+
+    reduced = getattr(body.reduced, "base", body.reduced)
+    _, modes = eigh((reduced.K + reduced.K.T) / 2, reduced.M)
+    K = modes.T @ _stiffness(body, preload) @ modes
+    rigid, elastic = reduced.rigid_size, reduced.size - reduced.rigid_size
+    half, lowest = rigid + elastic // 2, slice(rigid, rigid + max(elastic // 4, 1))
+    if elastic < 2:
+        return ""
+    few, every = (np.linalg.eigvalsh((part + part.T) / 2)[lowest] for part in (K[:half, :half], K))
+    higher = np.sqrt(np.divide(few, every, out=np.ones(len(every)), where=every > 0).clip(min=1.0)) - 1
+    worst = int(higher.argmax())
+    if higher[worst] < FAR:
+        return ""
+    return (
+        f"preload: the basis was made without {preload.words} and has not converged there: with half of the "
+        f"coordinates the elastic frequency {worst + 1}, {np.sqrt(every[worst]) / 2 / np.pi:.4g} Hz, is "
+        f"{higher[worst]:.1%} higher, and it may be too high by as much; reduce with more modes, or a model at the "
+        "preload (hpcred.preloaded)"
+    )
 
 
 def softening_of(body: Body, preload: Preload) -> np.ndarray:
@@ -235,4 +272,5 @@ def preloaded(
             mats[key].axpy(1.0, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
     remark = remark_on_supports(model, solids, lambda points: preload.acceleration_at(points - origin))
     fields = {key: mats.get(key) for key in "KMD"} | {"viscoelastic": parts_from(model.viscoelastic, mats)}
-    return model.with_fields(**fields, remarks=(*model.remarks, *([remark] if remark else [])))
+    remarks = (*model.remarks, *solids.warnings(), *([remark] if remark else []))
+    return model.with_fields(**fields, remarks=remarks)

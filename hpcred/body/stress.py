@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..linalg.blocks import local_rows, times, view_of
-from ..model.element_rows import ValuesAtRows
+from ..model.element_rows import ValuesAtRows, added_up
 from ..model.solids import Solids
 from ..parallel.lookup import number_over_ranks
 from ..parallel.petsc import PETSc
@@ -73,7 +73,8 @@ def stress_modes(model, columns, nodes: Iterable[int | str] | None = None) -> St
     Notes
     -----
     At a node the mean of all its elements is taken, also of those of different materials. The strain energy of some
-    columns is compared with that of K: where they differ the result has a remark.
+    columns is compared with that of K, and the forces of the elements at each node under uniform strains with those of
+    K: where they differ the result has a remark.
     """
     solids = Solids(model, nodes)
     view = view_of(columns)
@@ -83,16 +84,16 @@ def stress_modes(model, columns, nodes: Iterable[int | str] | None = None) -> St
     stress = np.zeros((count, len(node), 6))
     values = ValuesAtRows(model, solids.rows)
     adding = _adding(model, len(node), np.flatnonzero(used), place, len(solids.number))
-    totals = _added(adding, solids.counts().astype(float)[:, None])
+    totals = added_up(adding, solids.counts().astype(float)[:, None])
     share = _share_of_energy(solids, values, view)
     for low in range(0, count, WIDTH):
         part = view.between(low, min(low + WIDTH, count))
         width = part.stop - part.first
         sums = solids.sums(values.of(part)).reshape(len(solids.number), 6 * width)
-        mean = _added(adding, sums) / totals
+        mean = added_up(adding, sums) / totals
         stress[low : low + width] = mean.reshape(len(node), 6, width).transpose(2, 0, 1)
     view.bv.setActiveColumns(view.first, view.stop)  # which views of parts have moved
-    remarks = list(solids.remarks)
+    remarks = solids.warnings()
     if nodes is None and share is not None and abs(share - 1) > SAME_ENERGY:
         remarks.append(
             f"stress: the strain energy of the solid elements is {share:.4g} of that of K; where the model has no "
@@ -115,16 +116,6 @@ def _adding(model, own, used, place, size) -> PETSc.Mat:
     counts[used + 1] = 1
     csr = (np.cumsum(counts, dtype=PETSc.IntType), place.astype(PETSc.IntType), np.ones(len(used)))
     return PETSc.Mat().createAIJ(((size, None), (own, None)), csr=csr, comm=model.K.comm).transpose(PETSc.Mat())
-
-
-def _added(adding, values) -> np.ndarray:
-    """Return the sums (s, c) over the ranks of values (l, c). Collective."""
-    given = PETSc.Mat().createDense(((len(values), None), (None, values.shape[1])), comm=adding.comm)
-    given.setUp()
-    given.getDenseArray()[...] = values
-    given.assemble()
-    found = adding.matMult(given)  # whose memory the array shares
-    return found.getDenseArray().real.copy()
 
 
 def _share_of_energy(solids, values, view) -> float | None:

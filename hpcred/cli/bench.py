@@ -11,7 +11,7 @@ import hpcred
 from ..parallel import kernels
 from ..parallel.failures import InputError
 from ..report.tables import in_words, show_table, show_timing
-from . import session
+from . import session, values
 from .options import JsonFile
 
 
@@ -58,14 +58,24 @@ def paper(
     output: Annotated[
         str, typer.Option("-o", "--output", metavar="DIR", help="Folder for figures and data.")
     ] = "paper",
+    figures: Annotated[
+        str, typer.Option(metavar="N1,N2,...", help="Figures to draw after the tables, or none; 5 takes minutes.")
+    ] = "3,4,5",
     json: JsonFile = None,
 ):
     """Reproduce Section 5 of the paper on the built-in linkage: Tables 1 and 2, Figures 3 to 5."""
     progress = session.progress()
-    data = hpcred.reproduce(output, progress=progress)
-    show_table("Table 1. SISO: chord frame, force at node 20", data["table_1"])
-    show_table("Table 2. MIMO: Buckens frame, seven inputs and outputs", data["table_2"])
-    show_table("Figure 5. u_y of node 20 in time, against all elastic modes", data["figure_5"][1:])
-    print(f"figures 3 to 5 (png, svg), section5.h5 and section5.json written to {output}")
+    chosen = [] if figures == "none" else [int(part) if part % 1 == 0 else part
+                                           for part in values.numbers(figures, "--figures")]  # fmt: skip
+    data = hpcred.reproduce(output, figures=chosen, show=_show_tables, progress=progress)
+    show_table("Figure 5. u_y of node 20 in time, against all elastic modes", data.get("figure_5", ())[1:])
+    drawn = f"figure{'s' * (len(chosen) > 1)} {', '.join(map(str, chosen))} (png, svg), " if chosen else ""
+    print(f"{drawn}section5.h5 and section5.json written to {output}")
     show_timing(progress.timing())
     session.write_json(json, data)
+
+
+def _show_tables(data):
+    """Print the tables, before the figures."""
+    show_table("Table 1. SISO: chord frame, force at node 20", data["table_1"])
+    show_table("Table 2. MIMO: Buckens frame, seven inputs and outputs", data["table_2"])

@@ -146,6 +146,7 @@ def _show_responses(result, full, **keywords):
     if "pseudo_frequencies_hz" in report:
         found = ", ".join(f"{f:.6g}" for f in report["pseudo_frequencies_hz"])
         print(f"pseudo-frequencies {'at the preload' if 'preload' in report else 'there'} (Hz): {found}")
+    session.warn(report.get("warnings", ()))
     if full:
         show_table(DIRECTIONS, report["direction_rows"])
         paper = " (55)" if report["measure"] == "paper" else ""

@@ -31,7 +31,7 @@ def solid(
     inputs : int, default 6
         Number of forces, in x, y, z at nodes spread over the face at the largest x.
     clamped : bool, default True
-        Whether the nodes at x = 0 are held, and left out.
+        Whether the nodes at x = 0 are held, and have no rows.
     comm : MPI.Comm, default all ranks
     young, poisson, density : float, default 2.1e11 (N/m^2), 0.3 and 7850 (kg/m^3)
         Of the material; by default steel.
@@ -39,7 +39,8 @@ def solid(
     Returns
     -------
     SecondOrderModel
-        Three dofs per node, consistent mass; node numbers run along z first, then y, then x.
+        Three dofs per node, consistent mass; node numbers run along z first, then y, then x, those of held nodes behind
+        all others.
 
     Raises
     ------
@@ -64,27 +65,36 @@ def solid(
     place = np.array(np.unravel_index(nodes, grid)).T
     stiffness, mass = hexahedron(size / cells, young, poisson, density)
     indptr, indices, values = _rows(place, nodes, grid, cells, clamped, skipped, {"K": stiffness, "M": mass})
-    labels = np.repeat(nodes - skipped + 1, 3)
-    position = np.repeat(place * (size / cells), 3, axis=0)
-    dofs = Dofs(labels, np.tile(np.arange(3, dtype=np.int8), len(nodes)), position)
+    dofs = _dofs(nodes, grid, size / cells, skipped)
+    held = _dofs(np.arange(*row_range(comm, skipped)), grid, size / cells, skipped) if clamped else None
     material = Material(name="solid", young=young, poisson=poisson, density=density)
-    elements = {"hexahedron": _hexahedra(comm, cells, grid, clamped, skipped)}
+    elements = {"hexahedron": _hexahedra(comm, cells, grid, skipped)}
     face = np.linspace(0, grid[1] * grid[2] - 1, -(-inputs // 3)).astype(int) + count - grid[1] * grid[2] + 1
     with SecondOrderModel.from_csr(
-        comm, 3 * count, indptr, indices, values, dofs=dofs, name="solid", elements=elements,
+        comm, 3 * count, indptr, indices, values, dofs=dofs, held=held, name="solid", elements=elements,
         properties=ElementProperties.of_one(comm, elements, material),
     ) as model:
         return model.with_inputs([(int(node), direction) for node in face for direction in "xyz"][:inputs])
 
 
-def _hexahedra(comm, cells, grid, clamped, skipped):
-    """Return node numbers (elements of this rank, 8), without elements at clamped nodes, which do not exist."""
-    layers = cells[0] - clamped
-    first, last = row_range(comm, layers * cells[1] * cells[2])
-    x, y, z = np.unravel_index(np.arange(first, last), (max(layers, 1), *cells[1:]))
+def _numbers(nodes, grid, skipped):
+    """Return the numbers from 1 of nodes by their place in the grid, of which the first `skipped` come last."""
+    return (nodes - skipped) % np.prod(grid) + 1
+
+
+def _dofs(nodes, grid, edges, skipped):
+    """Return the dofs of nodes by their place in the grid."""
+    position = np.array(np.unravel_index(nodes, grid)).T * edges
+    direction = np.tile(np.arange(3, dtype=np.int8), len(nodes))
+    return Dofs(np.repeat(_numbers(nodes, grid, skipped), 3), direction, np.repeat(position, 3, axis=0))
+
+
+def _hexahedra(comm, cells, grid, skipped):
+    """Return node numbers (elements of this rank, 8)."""
+    place = np.array(np.unravel_index(np.arange(*row_range(comm, prod(cells))), cells)).T
     corner = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
     stride = np.array([grid[1] * grid[2], grid[2], 1])
-    return (np.array([x + clamped, y, z]).T @ stride)[:, None] + corner @ stride - skipped + 1
+    return _numbers((place @ stride)[:, None] + corner @ stride, grid, skipped)
 
 
 def _rows(place, nodes, grid, cells, clamped, skipped, elements):

@@ -4,6 +4,8 @@ Each rank has the elements that `model.elements` has there; their nodes may have
 nodes meet by number (parallel.lookup), values come by a sparse product.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +41,7 @@ class ElementRows:
         """Which elements have a place for each of their nodes (e,)."""
         return np.isfinite(self.position).all(axis=(1, 2))
 
-    def take(self, chosen) -> "ElementRows":
+    def take(self, chosen) -> ElementRows:
         return ElementRows(self.nodes[chosen], self.position[chosen], self.rows[chosen])
 
 
@@ -102,3 +104,22 @@ class ValuesAtRows:
         """Return the values of the active columns (*shape of rows, columns), real. Collective."""
         with local_rows(times(self._matrix, block)) as values:
             return values.real[self._back]
+
+    def added(self, values: np.ndarray) -> np.ndarray:
+        """Return the sums (rows of this rank, c) over all ranks of values (*shape of rows, c) at their rows.
+        Collective."""
+        count = values.shape[-1]
+        mine = np.zeros((self._matrix.getLocalSize()[0], count))
+        np.add.at(mine, self._back.ravel(), values.reshape(-1, count))
+        return added_up(self._matrix.transpose(PETSc.Mat()), mine)
+
+
+def added_up(adding: PETSc.Mat, values: np.ndarray) -> np.ndarray:
+    """Return the products (rows of this rank, c) of a sparse matrix of ones and values (l, c) of this rank.
+    Collective."""
+    given = PETSc.Mat().createDense(((len(values), None), (None, values.shape[1])), comm=adding.comm)
+    given.setUp()
+    given.getDenseArray()[...] = values
+    given.assemble()
+    found = adding.matMult(given)  # whose memory the array shares
+    return found.getDenseArray().real.copy()

@@ -114,8 +114,8 @@ def _path(model, load, where):
     if isinstance(load.on, tuple):
         nodes = np.array(load.on)
     else:
-        parts = [part for part in (model.dofs, model.held) if part is not None]
-        mine = np.unique(np.concatenate([part.node[part.direction != SCALAR] for part in parts]).astype(np.int64))
+        # a force at a held node deforms nothing
+        mine = np.unique(model.dofs.node[model.dofs.direction != SCALAR].astype(np.int64))
         nodes = np.unique(np.concatenate(model.comm.allgather(mine[_inside(model, load.on, mine, where)])))
     there, points = places_of(model, nodes)
     if not there.all():

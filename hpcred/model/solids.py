@@ -12,15 +12,17 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..linalg.blocks import create_block, local_rows, times
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, number_over_ranks
 from .dofs import require_dofs
-from .element_rows import node_rows
-from .element_rules import Rule, rule_of
+from .element_rows import ValuesAtRows, node_rows
+from .element_rules import UNIFORM, Rule, rule_of
 from .materials import MATERIAL, TYPE, Material
 from .shape_functions import SOLIDS
-from .strain_matrices import elasticity, nodal_stress_matrices, strain_matrices
+from .strain_matrices import SHEAR, elasticity, nodal_stress_matrices, strain_matrices
 
+SAME_FORCE = 1e-2  # of the forces of the elements at a node: a larger difference from those of K is said
 AT_ONCE = 2**22  # numbers of the matrices of elements that are held at a time
 BY_PROGRAM = "let the finite-element program compute the stresses (`hpcred recover --deck`)"
 NO_NODES, NO_TABLE = np.zeros(0, np.int64), np.zeros((0, 3), np.int64)
@@ -189,6 +191,70 @@ class Solids:
                 at = csr_array((np.ones(nodes.size), nodes.ravel(), np.arange(nodes.size + 1)),
                                (nodes.size, len(self.number)))  # fmt: skip
                 total += (at.T @ stress.reshape(nodes.size, -1)).reshape(total.shape)
+        return total
+
+    def warnings(self) -> list[str]:
+        """Return the remarks, with a sentence on wanted nodes where the forces of their elements are not those of K.
+
+        Uniform strains tell of elements that are missing, as beside supports, and of other elements, not of hourglass
+        stiffness. Collective.
+        """
+        # uniform strains about the middle of the body, zero at held dofs
+        model, dofs = self.model, self.model.dofs
+        moved = np.flatnonzero(dofs.direction < 3)
+        middle = model.comm.allreduce(dofs.position[moved].sum(axis=0)) / model.comm.allreduce(len(moved))
+        fields = create_block(model.K, 6)
+        with local_rows(fields) as rows:
+            rows[...] = 0.0
+            for column, (a, b) in enumerate((*((k, k) for k in range(3)), *SHEAR)):
+                for at, along in {(a, b), (b, a)}:
+                    chosen = moved[dofs.direction[moved] == at]
+                    rows[chosen, column] = dofs.position[chosen, along] - middle[along]
+        with local_rows(times(model.K, fields)) as rows:
+            wanted = rows.real.copy()
+        # the forces of the elements, their sizes, and whether they are to be compared, at rows of wanted nodes
+        at_rows = ValuesAtRows(model, self.rows)
+        forces = at_rows.added(self._forces(at_rows.of(fields)))
+        given, size, judged = forces[:, :6], forces[:, 6:12].sum(axis=1), forces[:, 12] > 0
+        judged &= forces[:, 13] == 0
+        size = np.where(size > 0, size, 1.0)
+        # another material throughout, whose forces are in one proportion, is no matter of missing elements
+        sums = (given[judged] * wanted[judged]).sum(), (wanted[judged] ** 2).sum()
+        both, whole = model.comm.allreduce(np.array(sums))
+        apart = np.abs(given - (both / whole if whole > 0 else 1.0) * wanted).max(axis=1, initial=0.0) / size
+        if not any(model.comm.allgather(bool((judged & (apart > SAME_FORCE)).any()))):
+            return list(self.remarks)
+        off = np.abs(given - wanted).max(axis=1, initial=0.0) / size
+        worst = int(np.where(judged, off, 0.0).argmax()) if len(off) else 0
+        bad = judged & (off > SAME_FORCE)
+        nodes = model.comm.allgather((len(np.unique(dofs.node[bad])), *((off[worst], int(dofs.node[worst])) if bad.any()
+                                                                         else (0.0, 0))))  # fmt: skip
+        most = max(nodes, key=lambda item: item[1])
+        if not most[1]:
+            return list(self.remarks)
+        count = sum(count for count, *_ in nodes)
+        return [*self.remarks, (
+            f"stress: the forces of the solid elements of {model.name} are not those of K at {count} "
+            f"node{'s' * (count > 1)}, most at node {most[2]} (by {min(most[1], 1.0):.0%}): elements are missing "
+            "there, as beside supports, or K has springs or other elements; where elements are missing the stress is "
+            "that of the others"
+        )]
+
+    def _forces(self, field) -> np.ndarray:
+        """Return the forces (l, 3, 6) of the elements of this rank for displacements `field` (l, 3, 6), their absolute
+        sums, whether a node is wanted, and whether it has hourglass stiffness beside a support: (l, 3, 14)."""
+        total = np.zeros((len(self.number), 3, 14))
+        for group in self.groups:
+            for nodes in group.pieces():
+                B, volumes = strain_matrices(group.kind, group.rule, self.position[nodes])
+                moved = field[nodes].reshape(len(nodes), B.shape[3], 6)
+                forces = np.einsum("eg,egia,ij,egjb,ebc->eac", volumes, B, group.elastic, B, moved, optimize=True)
+                forces = forces.reshape(*nodes.shape, 3, 6)
+                held = (self.rows[nodes] < 0).any(axis=(1, 2)) & (group.rule == UNIFORM)
+                np.add.at(total, nodes, np.concatenate([
+                    forces, np.abs(forces), np.broadcast_to(self.wanted[nodes][..., None, None], (*nodes.shape, 3, 1)),
+                    np.broadcast_to(held[:, None, None, None], (*nodes.shape, 3, 1)),
+                ], axis=3))  # fmt: skip
         return total
 
     def counts(self) -> np.ndarray:

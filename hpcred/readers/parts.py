@@ -9,9 +9,11 @@ from scipy import sparse
 
 from ..files.text import LARGEST_LABEL
 from ..model.checked_arrays import real_values
+from ..model.dofs import SCALAR
 from ..model.materials import ElementProperties
 from ..parallel.failures import InputError, agreed
-from .entries import Entries, LabelledEntries, label_of
+from ..parallel.lookup import look_up, sort_over_ranks
+from .entries import Entries, LabelledEntries, label_of, node_and_direction
 from .nodes.table import NodeTable
 
 WHOLE = {"number": LARGEST_LABEL, "node": LARGEST_LABEL, "direction": 6}  # the largest of columns of whole numbers
@@ -175,3 +177,19 @@ def labels_in_order(comm, nodes: NodeTable, size: int, name: str) -> tuple[np.nd
     direction = np.tile(np.arange(per_node), len(nodes.label))
     label, row = (np.repeat(item, per_node) for item in (nodes.label, nodes.place * per_node))
     return label_of(label, direction), row + direction
+
+
+def hold_nodes_without_rows(comm, parts: Parts, nodes: str, dofs: str):
+    """Mark nodes of a table or of results without a row as held in the directions that the others have. `nodes`,
+    `dofs`: the files, for a warning. Collective."""
+    node, direction = node_and_direction(parts.row_labels[0])
+    node = np.unique(sort_over_ranks(comm, node)[0])
+    there, _ = look_up(comm, node, [], parts.nodes.label)
+    directions = np.array(sorted(set().union(*comm.allgather(set(direction[direction < SCALAR].tolist())))), np.int8)
+    without = parts.nodes.label[~there]
+    parts.removed = label_of(np.repeat(without, len(directions)), np.tile(directions, len(without)))
+    if count := comm.allreduce(len(without)):
+        parts.warnings.append(
+            f"{nodes}: {count} of {comm.allreduce(len(there))} nodes have no row in {dofs}; they are taken as held at "
+            "zero; leave them out where they move with other nodes"
+        )

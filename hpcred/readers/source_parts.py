@@ -4,19 +4,19 @@ import numpy as np
 
 from ..files.text import first_bytes, warnings_of_end
 from ..parallel.failures import InputError, agreed
-from ..parallel.lookup import look_up, require_once, sort_over_ranks
+from ..parallel.lookup import require_once
 from ..settings.source import Source
 from .abaqus import input_file as abaqus_input
 from .ansys import lists as ansys_lists
 from .ansys import nodes as ansys_nodes
 from .calculix import frd as calculix_frd
 from .calculix import matrix_storage as calculix
-from .entries import LARGEST_VALUE, Entries, LabelledEntries, label_name, label_of, node_and_direction, require_sane
+from .entries import LARGEST_VALUE, Entries, LabelledEntries, label_name, require_sane
 from .matrix_formats import matrix_reader, read_entries
 from .nastran import exports as nastran
 from .nodes import table as node_table
 from .nodes import uff
-from .parts import Parts, common_size, labels_in_order
+from .parts import Parts, common_size, hold_nodes_without_rows, labels_in_order
 from .unread import refuse_unread
 
 HELD_BY, HELD = 1e36, 1e35  # what Abaqus puts on the diagonal of K for supports, and what counts as that
@@ -76,8 +76,10 @@ def read_source(source: Source, comm) -> Parts:
             _require_numbered(parts, source)
         parts.row_labels = _read_row_labels(source.dofs, comm, parts.matrices["K"].shape[0])
         _require_rows(comm, parts, source, parts.row_labels[0])
-        if not is_input_file:
-            _hold_nodes_without_rows(comm, parts, source)
+        if is_input_file:
+            _hold_by_boundary(comm, parts, mesh)
+        else:
+            hold_nodes_without_rows(comm, parts, source.nodes, source.dofs)
         if turned is not None:
             ansys_nodes.turn_found(comm, parts, turned)
     elif turned is not None:
@@ -164,19 +166,12 @@ def _remove_supports(comm, parts):
     parts.warnings.append(f"{what}: {', '.join(names)}{', ...' if len(held) > 4 else ''}")
 
 
-def _hold_nodes_without_rows(comm, parts, source):
-    """Mark nodes of a table without a row as held in the directions that the others have."""
-    node, direction = node_and_direction(parts.row_labels[0])
-    node = np.unique(sort_over_ranks(comm, node)[0])
-    there, _ = look_up(comm, node, [], parts.nodes.label)
-    directions = np.array(sorted(set().union(*comm.allgather(set(direction.tolist())))))
-    without = parts.nodes.label[~there]
-    parts.removed = label_of(np.repeat(without, len(directions)), np.tile(directions, len(without)))
-    if count := comm.allreduce(len(without)):
-        parts.warnings.append(
-            f"{source.nodes}: {count} of {comm.allreduce(len(there))} nodes have no row in {source.dofs}; they are "
-            "taken as held at zero; leave them out where they move with other nodes"
-        )
+def _hold_by_boundary(comm, parts, mesh):
+    """Hold the dofs that *Boundary of an input file names and that have no row. Collective."""
+    try:
+        parts.removed, _ = calculix.held_by_boundary(comm, mesh, {}, parts.row_labels[0])
+    except InputError as reason:  # such as types of supports by name
+        parts.warnings.append(f"{reason}; nodes without rows are not taken as held, and their elements have no stress")
 
 
 def _read_row_labels(path, comm, size):

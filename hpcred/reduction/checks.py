@@ -12,6 +12,8 @@ from ..model.interfaces import warnings_of_interfaces
 from ..model.rigid_body_modes import exchange_of_matrices, misfit_of_nodes, remark_on_digits, warnings_of_nodes
 from ..model.rows_alone import warnings_of_rows_alone
 from ..model.second_order_model import SYMMETRIC_TO, require_inputs
+from ..model.solids import Solids
+from ..model.stress_outputs import stress_output_of
 from ..model.support import support_of
 from ..model.viscoelastic import Maxwell
 from ..parallel.failures import InputError
@@ -107,7 +109,9 @@ def warnings_of(model, frame, constant=None) -> tuple[str, ...]:
             "model",
         )
     of_loads = (note for item in model.loads for note in item.notes)
-    return (*signs, *of_nodes, *warnings_of_interfaces(model), *of_loads)
+    nodes = sorted({item.node for name in model.output_names if (item := stress_output_of(name))})
+    of_stresses = Solids(model, nodes).warnings() if nodes and model.properties is not None else ()
+    return (*signs, *of_nodes, *warnings_of_interfaces(model), *of_loads, *of_stresses)
 
 
 def warnings_of_band(model, band) -> tuple[str, ...]:

@@ -67,7 +67,9 @@ class IRKA(Reductor):
 
     `size`: coordinates, an even number, for half as many resonances; `band` (Hz): where the first points lie, and no
     band of accuracy, which a reduction to a tolerance has. `frame`, `damping`: as for reduce. It ends where no point
-    moves by more than `change` of itself, or after so many `turns`, which the record warns of.
+    moves by more than `change` of itself, or after so many `turns`, which the record warns of. Where outputs
+    are not the inputs the projection is two-sided, and may make an unstable model of a stable one: the record warns of
+    it.
     """
 
     size: int

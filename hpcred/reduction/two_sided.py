@@ -53,13 +53,17 @@ class TwoSidedReductor(BasisReductor):
         inputs, outputs = project_columns(W, full.B), project_columns(V, full.Ct)
         reduced = with_derivatives(model, reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies))
         unstable = decided(model.comm, reduced.unstable_poles)
-        if len(unstable) and not self.settings.allow_unstable:
+        if len(unstable):
             listed = ", ".join(f"{pole.real:.3g}{pole.imag:+.4g}i" for pole in unstable[:6])
-            raise InputError(
+            told = (
                 f"projection: the two-sided reduced model is unstable, with {len(unstable)} poles in the right "
-                f"half-plane ({listed}{', ...' if len(unstable) > 6 else ''} rad/s); take projection = 'one_sided', "
-                "which keeps stability, or allow_unstable = true for frequency responses only"
+                f"half-plane ({listed}{', ...' if len(unstable) > 6 else ''} rad/s)"
             )
+            if not self.settings.allow_unstable:
+                raise InputError(f"{told}; take projection = 'one_sided', which keeps stability, or allow_unstable = "
+                                 "true for frequency responses only")  # fmt: skip
+            run.notes.remarks.append(f"{told}: use it for frequency responses only, or take other points or another "
+                                     "size, or a tolerance, which keeps stability")  # fmt: skip
         reduced.columns, reduced.left_columns = (everywhere(model, framed, block) for block in (V, W))
         return reduced, defect
 

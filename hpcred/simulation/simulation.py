@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.body import Body, check_moving, has_no_inertia, remarks
+from ..body.preload import Preload, warning_of_basis
 from ..body.rotations import continuous, quaternion, rotation, vector_of
 from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError
@@ -20,7 +21,7 @@ from .equations_of_motion import FlexibleBody, node_motion
 from .joints import AXES, Joint, holds_of
 from .loads import AnyForce, AnyInputLoad, AnyMoment, Vector, load_of, push_of
 from .springs import ZERO, AnySpring, element_of
-from .warnings import Limits, first_frequency, warnings_of_places
+from .warnings import Limits, first_frequency, warnings_of_inputs, warnings_of_places
 
 MOST_STEPS = 1e8  # that a simulation may need; they take weeks
 STEPS_OF_A_TURN = 8
@@ -30,6 +31,7 @@ SPEED = (-3e8, 3e8, "m/s")
 ENERGIES = ("kinetic", "elastic", "gravity", "springs")
 LARGE_GRAVITY = 1e3  # m/s^2: above what is asked for in earnest, below 9810
 POWERS = ("work", "drives", "dissipated")
+FASTEST = 1e9  # rad/s, of a motion that diverges
 MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
 
 
@@ -268,7 +270,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
             "the body has no inertia about one of its axes, as where all masses lie on a line, which a simulation "
             "needs; give the model the rotational inertia of its section"
         )
-    setup = setup.numbered(body)
+    setup, unloaded = setup.numbered(body), body
     if setup.geometric_stiffness:
         body = body.stiffened()
     shapes = {shape.node: shape for shape in body.nodes}
@@ -289,13 +291,15 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         for state in (q, np.zeros(size))
     )
     start = {node: (shapes[node], motion.x, motion.R) for node, motion in first.items()}
+    holds = holds_of(setup.constraint, setup.drive, start)
     system = FlexibleBody(
         body.floating_frame, body.reduced.K, body.reduced.D, setup.gravity,
         [load_of(item, shapes[item.node]) for item in (*setup.force, *setup.moment)],
         [element_of(item, *start[item.node]) for item in setup.spring],
-        holds_of(setup.constraint, setup.drive, start), [push_of(item, body) for item in setup.load], elements,
+        holds, [push_of(item, body) for item in setup.load], elements,
     )  # fmt: skip
     warnings = setup.warnings + warnings_of_places(body, setup, {node: motion.x for node, motion in first.items()})
+    warnings += warnings_of_inputs(body, setup, holds, {node: motion.R for node, motion in first.items()}, A)
     progress = progress or Progress(MPI.COMM_SELF, show=False)
     for warning in warnings:  # before a run that may take long for that reason
         progress.warn(warning)
@@ -326,6 +330,12 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         overflown = "the motion has numbers that overflow; loads or drives are too large"
         raise ComputationError("; ".join([*limits.warnings, overflown]))
     motion.warnings += limits.warnings
+    if unloaded.geometric_stiffness is not None and setup.geometric_stiffness:
+        fastest = motion.angular_velocity[np.linalg.norm(motion.angular_velocity, axis=1).argmax()]
+        fastest = fastest.clip(-FASTEST, FASTEST)
+        if told := warning_of_basis(unloaded, Preload(omega=tuple(fastest.tolist()))):
+            progress.warn(told)
+            motion.warnings.append(told)
     return motion
 
 

@@ -15,6 +15,9 @@ from scipy.linalg import eigvalsh, null_space
 from ..body.geometric_stiffness import StiffenedFrame
 from ..body.rotations import rotation
 
+OUTSIDE = 1e-6  # of a generalised force: more outside of those of the inputs belongs to none of them
+STILL = 1e-9  # of the largest: below it a direction does not move, and an input is none
+KINDS = ("forces", "moments")
 FAR = 100.0  # radii of gyration: what is m away from a part is a thousand times as far in mm
 # what is seen, the fraction of its scale from which on it is told, and how
 LIMITS = (
@@ -51,6 +54,46 @@ def warnings_of_places(body, setup, start: dict) -> list[str]:
         f"has a radius of gyration of {size:.3g} m; places are in m"
         for key, node, place, distance in far if 0 < FAR * size < distance
     ]  # fmt: skip
+
+
+def warnings_of_inputs(body, setup, holds, start: dict, turned) -> list[str]:
+    """Return sentences on nodes at which joints, drives, springs or loads act in directions that are no inputs of the
+    reduction, whose basis need not follow their forces.
+
+    `holds`: the constraints of joints and drives; `start`: rotations (3, 3) of the nodes at first, `turned` (3, 3) that
+    of the body. A force is one of the inputs where its generalised force is a combination of theirs.
+    """
+    # generalised forces of unit forces and moments at nodes, in inertial axes; and the space of those of the inputs
+    units = {shape.node: np.stack([turned @ shape.phi, turned @ shape.psi]) for shape in body.nodes}
+    _, values, inputs = np.linalg.svd(body.reduced.B.T, full_matrices=False)
+    inputs = inputs[values > STILL * values.max(initial=0.0)]
+
+    def are_inputs(node, kind, directions):
+        """Return which of the directions (k, 3) that move the body are inputs."""
+        forces = directions @ units[node][kind]
+        rest, size = (np.linalg.norm(part, axis=1) for part in (forces - forces @ inputs.T @ inputs, forces))
+        largest = max(np.abs(part[kind]).max(initial=0.0) for part in units.values())
+        return (rest <= OUTSIDE * size)[size > STILL * largest]
+
+    # of joints and drives each direction counts; of springs and loads, which may turn, one that is an input is enough
+    found = {}
+    for hold in holds:
+        for kind, part in enumerate(np.split(hold.directions(0.0, start[hold.shape.node]), 2, axis=1)):
+            if not are_inputs(hold.shape.node, kind, part[part.any(axis=1)]).all():
+                found.setdefault(hold.shape.node, {}).setdefault(kind, hold.label)
+    for key in ("force", "moment", "spring"):
+        for item in getattr(setup, key):
+            kind = int(key == "moment")
+            there = are_inputs(item.node, kind, np.eye(3))
+            if len(there) and not there.any():
+                found.setdefault(item.node, {}).setdefault(kind, key)
+    labels = {shape.node: shape.label for shape in body.nodes}
+    return [
+        f"node {labels[node]}: {' and '.join(KINDS[kind] for kind in kinds)} there "
+        f"({', '.join(dict.fromkeys(kinds.values()))}) are no inputs of the reduction, whose basis need not follow "
+        "them: motion and stresses may be wrong; reduce with the directions in which they act among `inputs`"
+        for node, kinds in found.items()
+    ]
 
 
 def first_frequency(system, r, p, q) -> float:

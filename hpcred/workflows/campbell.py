@@ -11,7 +11,7 @@ import numpy as np
 from ..analysis.campbell import POINTS, campbell
 from ..analysis.campbell_diagram import FULL_POINTS, Campbell
 from ..analysis.whirl import in_words
-from ..body.preload import Preload, reduced_at
+from ..body.preload import Preload, reduced_at, warning_of_basis
 from ..files.campbell_file import kind_of_campbell, write_campbell
 from ..files.hdf5 import atomic_output
 from ..files.outputs import check_outputs
@@ -71,8 +71,11 @@ def campbell_file(
     if full is not None:
         diagram = _with_full(diagram, full, found, at, solves, factoring, comm, progress)
     if not model.parameters:
-        told = "the body is stiffened by its centrifugal forces; Coriolis forces are left out"
-        diagram = replace(diagram, warnings=(*diagram.warnings, told))
+        told = ["the body is stiffened by its centrifugal forces; Coriolis forces are left out"]
+        with agreed(comm):
+            fastest = diagram.values[np.abs(diagram.values).argmax()] * unit_axis("axis", axis)
+            far = warning_of_basis(found.body(), Preload(omega=tuple(fastest.tolist())))
+        diagram = replace(diagram, warnings=(*diagram.warnings, *told, *([far] if far else [])))
     report = _report(diagram) | {"result": str(result), "output": output and str(output)}
     with progress.stage("write"), together(comm):
         if output is not None:

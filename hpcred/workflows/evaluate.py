@@ -10,7 +10,7 @@ import numpy as np
 from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.error_check import accuracy_of, check_reduced, estimate_at, measuring_damping
 from ..analysis.frequency_response import checked_frequencies, frequencies_to_draw, frequency_response, resonances_of
-from ..body.preload import Preload
+from ..body.preload import Preload, warning_of_basis
 from ..files.names import in_text
 from ..files.outputs import check_outputs
 from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
@@ -70,6 +70,7 @@ def evaluate_result(
         report |= {"at": found.values, "pseudo_frequencies_hz": reduced.frequencies.tolist()}
     if preload is not None:
         report |= {"preload": asdict(preload), "pseudo_frequencies_hz": reduced.frequencies.tolist()}
+        report["warnings"] = [text for text in [warning_of_basis(found.body(), preload)] if text]
     damping, words = record.damping, ""
     if full is not None:
         reduced, damping, words = as_compared(reduced, (grid[0], grid[-1]))

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from contextlib import contextmanager
 from pathlib import Path, PurePath
 
+from ..body.preload import warning_of_basis
 from ..files import outputs
 from ..files.hdf5 import atomic_output, require_name
 from ..files.result_file import LARGE, Result, read_result, write_result
@@ -89,6 +90,7 @@ def export_result(
                 taken = read_result(result, MPI.COMM_SELF)
                 parametric = taken.reduced if hasattr(taken.reduced, "parameters") and not at else None
                 taken = taken.at(**at) if at else taken.at_reference()
+                far = preload is not None and warning_of_basis(taken.body(), preload)
                 taken = taken if preload is None else taken.at_preload(preload)
                 surface = writer.surface or getattr(settings, "surface", False)
                 source = ExportSource(taken, path.stem, nodes, system, modes, surface, writer.stress, settings,
@@ -101,6 +103,8 @@ def export_result(
                     found.append("D and K have terms of rotation, whose forces programs that rotate the body add too")
                 if preload is not None and preload.values and not any("preload" in remark for remark in found):
                     found.append(f"K has the stress of the preload {preload.words}")
+                if far:
+                    found.append(far)
                 found.extend(WRITERS.broken)
                 beside = {path.with_name(path.stem + suffix): content for suffix, content in source.beside.items()}
         report, names = comm.bcast((report, beside and list(beside)))

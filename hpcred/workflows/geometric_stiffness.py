@@ -21,15 +21,17 @@ from ..model.units import in_si, units_of
 from ..parallel.failures import InputError, agreed
 
 
-def check_geometric_stiffness(job, model):
-    """Refuse what a job asks for and the model does not have, before the reduction. Collective. Raises InputError."""
+def check_geometric_stiffness(job, model) -> list[str]:
+    """Refuse what a job asks for and the model does not have, before the reduction; returns warnings of elements that
+    are missing. Collective. Raises InputError."""
+    warnings = []
     if job.geometric_stiffness and job.projection == "two_sided" and model.Ct is not None:
         raise InputError(
             "geometric_stiffness: a two-sided projection has no displacements of second order; leave it out, or "
             "reduce with projection = 'one_sided'"
         )
     if job.geometric_stiffness is True:
-        require_stresses(model)
+        warnings = require_stresses(model).warnings()
     for item in job.loaded_states:
         require_state(model, item.state)
         with agreed(model.comm):
@@ -39,6 +41,7 @@ def check_geometric_stiffness(job, model):
             of_stress = _is_of_stress(item)
         if item.file is not None and item.matrix is None and not of_stress:
             require_axial(model, item.state)
+    return warnings
 
 
 def geometric_stiffness_of_job(job, model, reduced) -> GeometricStiffness | None:

@@ -23,8 +23,6 @@ def model_of_job(job: Job, comm):
     model = with_interfaces_of_job(job, comm)
     for key in ("input", "output"):
         model = with_targets(model, key, getattr(job, key + "s"))
-    if model.B is None and model.interfaces:
-        model = with_targets(model, "input", [item.name for item in model.interfaces])
     if job.load:
         with model:
             loaded = model.with_loads(job.load)
@@ -67,7 +65,8 @@ def with_terms(model, parameters, tables) -> ParametricModel:
 
 
 def with_interfaces_of_job(job: Job, comm):
-    """Return the model of a job with its interfaces. Collective. Raises InputError."""
+    """Return the model of a job with its interfaces, which are the inputs and outputs unless the job has others.
+    Collective. Raises InputError."""
     if isinstance(job.model, str):
         model = read_model(job.model, comm)
     else:
@@ -75,7 +74,27 @@ def with_interfaces_of_job(job: Job, comm):
 
         model = load_source(job.model, comm, Path(job.model.K).name)
     model = declared_circulatory(model, job.circulatory)
-    return with_interfaces(with_viscoelastic(model, job.viscoelastic), job.interface)
+    model = with_interfaces(with_viscoelastic(model, job.viscoelastic), job.interface)
+    return model if job.inputs is not None or not job.interface else _loaded_at_interfaces(model, job)
+
+
+def _loaded_at_interfaces(model, job):
+    """Return the model with all directions of its interfaces as inputs, and as outputs unless the job has some, in
+    place of those of its file; `model` is closed. Collective."""
+    given, fields = [("inputs", model.B is not None, model.input_names)], {}
+    if job.outputs is None:
+        has_own = model.Ct is not None or model.derivatives is not None
+        given.append(("outputs", has_own, model.own_output_names))
+        fields = {"Ct": None, "derivatives": None, "own_output_names": ()}
+    lost = [f"{key} ({', '.join(names[:4])}{', ...' if len(names) > 4 else ''})"
+            for key, there, names in given if there]  # fmt: skip
+    if lost:
+        first, *others = model.interfaces
+        told = f"the interfaces of the job take the place of the {' and '.join(lost)} of {model.name}; name all that " \
+               "shall be there in `inputs` and `outputs`"  # fmt: skip
+        fields["interfaces"] = (replace(first, warnings=(*first.warnings, told)), *others)
+    with model, model.with_fields(**fields) as bare:
+        return bare.with_inputs([item.name for item in bare.interfaces])
 
 
 def declared_circulatory(model, circulatory):

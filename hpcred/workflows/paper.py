@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -13,30 +14,40 @@ from ..files.hdf5 import writing
 from ..files.outputs import JSON, PICTURES, check_outputs, hdf5_kind
 from ..files.together import together
 from ..parallel import startup
-from ..parallel.failures import agreed
+from ..parallel.declared import declared
+from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..report.figures import cut_figure, error_figure
 from ..report.tables import write_json
 from .workflow import workflow
 
+FIGURES = (SISO.figure, MIMO.figure, 5)
+
 
 @workflow
-def reproduce(folder="paper", *, comm=None, progress: Progress | None = None) -> dict:
+def reproduce(
+    folder="paper", *, figures: Iterable[int] = FIGURES, show: Callable[[dict], None] | None = None, comm=None,
+    progress: Progress | None = None,
+) -> dict:  # fmt: skip
     """Compute and write everything into `folder`, which is created. Collective. Raises InputError.
 
-    Returns the tables as lists of dicts: table_1, table_2 and figure_5, as in section5.json.
+    The tables are written first, and then the `figures` of 3, 4 and 5; the simulations of Figure 5 take minutes.
+    `show`: called with the tables as soon as they are written. Returns the tables as lists of dicts: table_1, table_2
+    and, with Figure 5, figure_5, as in section5.json.
     """
     startup.start(preferred="complex")
-    folder = Path(folder)
-    with folder_for(folder, comm, "output "), together(comm):
-        return _reproduced(folder, comm, progress)
+    folder, figures = Path(folder), declared("figures", figures, tuple[int, ...])
+    if wrong := sorted(set(figures) - set(FIGURES)):
+        raise InputError(f"figures: found {wrong[0]}, expected some of {', '.join(map(str, FIGURES))}")
+    with folder_for(folder, comm, "output "):
+        return _reproduced(folder, figures, show, comm, progress)
 
 
-def _reproduced(folder, comm, progress):
+def _reproduced(folder, figures, show, comm, progress):
     """Compute and write everything into a folder. Collective."""
     written = {folder / "section5.h5": hdf5_kind("hpcred-section5"), folder / "section5.json": JSON}
     written |= {folder / f"figure_{number}{suffix}": PICTURES[suffix] for suffix in (".png", ".svg")
-                for number in (SISO.figure, MIMO.figure, 5)}  # fmt: skip
+                for number in figures}  # fmt: skip
     check_outputs(written, comm, progress=progress)
     data, results = {}, {}
     with linkage(comm) as model:
@@ -45,28 +56,43 @@ def _reproduced(folder, comm, progress):
                 results[setting] = compare(model, setting)
             columns, rows = table(results[setting])
             data[f"table_{setting.table}"] = [dict(zip(columns, row, strict=True)) for row in rows]
+        with together(comm):
+            _write(folder, data, results, None, comm)
+        if show is not None:
+            show(data)
+        with progress.stage("figures"), agreed(comm):
+            for setting, found in results.items():
+                if comm.rank == 0 and setting.figure in figures:
+                    curves = [(f"{r['row'].method}, Q = {r['Q']:.2g}", r["eps"]) for r in found]
+                    error_figure(
+                        folder / f"figure_{setting.figure}", FREQUENCIES, curves,
+                        f"Relative error of the reduced models, {setting.title.partition(':')[0]} case",
+                    )  # fmt: skip
+        if 5 not in figures:
+            return data
         with progress.stage("figure 5"):
             motions = time_response(model, progress)
-    moved = deviations(motions)
+    moved = [0.0, *deviations(motions)]
     columns = ["row", "method", "size", "largest |u_y - reference| (m)", "constraint drift (m)", "energy defect"]
     rows = [
         [row.number, row.method, motion.elastic.shape[1], deviation, motion.drift, motion.balance]
-        for (row, motion), deviation in zip(motions, [0.0, *moved], strict=True)
+        for (row, motion), deviation in zip(motions, moved, strict=True)
     ]
     data["figure_5"] = [dict(zip(columns, row, strict=True)) for row in rows]
     with progress.stage("figures"), agreed(comm):
         if comm.rank == 0:
-            for setting, found in results.items():
-                curves = [(f"{r['row'].method}, Q = {r['Q']:.2g}", r["eps"]) for r in found]
-                error_figure(
-                    folder / f"figure_{setting.figure}", FREQUENCIES, curves,
-                    f"Relative error of the reduced models, {setting.title.partition(':')[0]} case",
-                )  # fmt: skip
             curves = [
                 (row.method + (f", deviation {deviation:.1e} m" if row.number else ""), lateral(motion))
-                for (row, motion), deviation in zip(motions, [0.0, *moved], strict=True)
+                for (row, motion), deviation in zip(motions, moved, strict=True)
             ]
             cut_figure(folder / "figure_5", motions[0][1].t, curves, "Displacement of node 20 in y")
+    with together(comm):
+        _write(folder, data, results, motions, comm)
+    return data
+
+
+def _write(folder, data, results, motions, comm):
+    """Write section5.h5 and section5.json, with the motions of Figure 5 unless they are None. Collective."""
     with writing(folder / "section5.h5", comm) as file:
         file.attribute("format", "hpcred-section5")
         file.small("frequencies", FREQUENCIES)
@@ -74,8 +100,8 @@ def _reproduced(folder, comm, progress):
             file.small(f"table_{setting.table}/methods", [r["row"].method for r in found])
             file.small(f"table_{setting.table}/Q", np.array([r["Q"] for r in found]))
             file.small(f"table_{setting.table}/eps", np.array([r["eps"] for r in found]))
-        file.small("figure_5/t", motions[0][1].t)
-        file.small("figure_5/methods", [row.method for row, _ in motions])
-        file.small("figure_5/u_y", np.array([lateral(motion) for _, motion in motions]))
+        if motions is not None:
+            file.small("figure_5/t", motions[0][1].t)
+            file.small("figure_5/methods", [row.method for row, _ in motions])
+            file.small("figure_5/u_y", np.array([lateral(motion) for _, motion in motions]))
     write_json(folder / "section5.json", data, comm)
-    return data

@@ -90,7 +90,7 @@ def _reduced(job, basis, reads, comm, progress) -> Reduced:
             check_room(job.output, _bytes(job, reference) if job.write_basis else 0)
         with progress.stage("read"):
             contents = {str(Path(name).absolute()): content_of(name, comm) for name in job.files}
-        check_geometric_stiffness(job, reference)  # before what takes long
+        told = check_geometric_stiffness(job, reference)  # before what takes long
         with listening(store is not None):
             reduced = reduced_from_ranges(basis, job, model, contents) if basis is not None else reduce(
                 model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings,
@@ -107,9 +107,10 @@ def _reduced(job, basis, reads, comm, progress) -> Reduced:
                 with progress.stage("stress"):
                     stress = stress_modes(reference, reduced.columns, nodes)
                 spins = stiffness is not None and any(state in VELOCITIES for state in stiffness.states)
-                told = [f"stress: {REMEDY}, if it spins"] if spins and lacks_spin(reduced.record) else []
-                warnings = (*reduced.record.warnings, *stress.remarks, *told)
-                reduced.record = replace(reduced.record, warnings=warnings)
+                told += stress.remarks
+                told += [f"stress: {REMEDY}, if it spins"] if spins and lacks_spin(reduced.record) else []
+            warnings = tuple(dict.fromkeys((*reduced.record.warnings, *told)))
+            reduced.record = replace(reduced.record, warnings=warnings)
             with progress.stage("write", output):
                 rescued(
                     lambda place: write_result(

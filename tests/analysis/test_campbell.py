@@ -185,6 +185,28 @@ def test_orbits_by_phase():
     assert orbits(modes, np.array([0.0, 0.0, -1.0])) == pytest.approx([-1, 1, 0, -0.8, 0])
 
 
+def test_torsion_has_no_whirl_and_what_nodes_do_not_show_is_unknown():
+    """A disk on a shaft: two displacements, two tilts with the gyroscopic moment, torsion, and a mode elsewhere. Where
+    the node does not move but turns, its tilts tell, in the sense of their shapes."""
+    polar, noise = 2.5, 1e-17 * np.random.default_rng(5).standard_normal((3, 6))
+    gyroscopic = np.zeros((6, 6))
+    gyroscopic[2, 3], gyroscopic[3, 2] = polar, -polar
+    squares = np.array([9.0, 9.0, 225.0, 225.0, 2500.0, 3600.0])
+    shaft = Family(lambda omega: (np.eye(6), omega * gyroscopic, np.diag(squares)))
+    values = np.linspace(1.0, 9.0, 5)
+    phi, psi = np.zeros((3, 6)), np.zeros((3, 6))
+    phi[:2, :2] = psi[:2, 2:4] = np.eye(2)
+    psi[2, 4] = 1.0
+    for turns, torsion in ((psi, "none"), (0 * psi, "unknown")):
+        node = SimpleNamespace(phi=phi + noise, psi=turns + noise * bool(turns.any()))
+        found = hpcred.campbell(shaft, "omega", values, nodes=[node], axis="z", highest=10.0)
+        for frequencies, words in zip(found.frequencies, found.whirl, strict=True):
+            by_mode = dict(zip(np.round((2 * np.pi * frequencies) ** 2).tolist(), words, strict=True))
+            assert by_mode[2500.0] == torsion and by_mode[3600.0] == "unknown" and by_mode[9.0] == "none"
+            tilts = [word for square, word in sorted(by_mode.items()) if square not in (9.0, 2500.0, 3600.0)]
+            assert tilts == (["backward", "forward"] if torsion == "none" else ["unknown"] * 2)
+
+
 def test_steps_that_do_not_decide_are_told():
     """A matrix that jumps at a value."""
     def mats(p):

@@ -7,7 +7,7 @@ from helpers import columns_of, face, gather, to_dense
 import hpcred
 from hpcred import Modes, Preload, SecondOrderModel, Tangent, preloaded, units_of
 from hpcred.body.body import body_of, remarks
-from hpcred.body.preload import reduced_at
+from hpcred.body.preload import reduced_at, warning_of_basis
 from hpcred.body.units import in_units, sizes_of
 from hpcred.model.rotation import spin_softening
 from hpcred.parallel.failures import InputError
@@ -158,3 +158,21 @@ WRONG = [
 def test_preloads_that_make_no_sense(text, says):
     with pytest.raises(InputError, match=says):
         preload_of(text)
+
+
+@pytest.mark.parametrize("count, speed, far", [(6, 6.0, False), (6, 60.0, True), (20, 60.0, False)])
+def test_a_preload_far_from_the_basis_is_warned_of(count, speed, far):
+    """A slender beam that spins about its clamp, against the full model under the load."""
+    load = Preload(omega=(0.0, 0.0, speed))
+    with (
+        hpcred.solid((20, 1, 1), (10.0, 0.08, 0.02), 1, young=2.8e10, poisson=0.0, density=1200.0) as beam,
+        hpcred.reduce(beam, [Modes(count=count)]) as rom, preloaded(beam, load) as spun,
+        hpcred.reduce(spun, [Modes(count=1)]) as exact,
+    ):  # fmt: skip
+        body = body_of(beam, rom, geometric_stiffness=hpcred.geometric_stiffness(beam, rom.columns))
+        found = reduced_at(body, load)
+        error = found.frequencies[0] / exact.frequencies[0] - 1
+        assert error > 0.01 if far else abs(error) < 1e-3
+        told = warning_of_basis(body, load)
+        assert bool(told) == far and (told in found.record.warnings) == far
+        assert not far or error < float(told.partition(" Hz, is ")[2].partition("%")[0]) / 100 < 10 * error

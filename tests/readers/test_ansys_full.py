@@ -161,6 +161,8 @@ def test_dofs_that_follow_others_are_left_out(comm, folder):
     free = np.setdiff1d(np.arange(SIZE), [0, *slaves])
     assert np.array_equal(found["K"], K[np.ix_(free, free)])
     assert any("2 dofs that follow others" in line for line in parts.warnings)
+    removed = np.concatenate(comm.allgather(parts.removed))  # held are those only that no other dof moves
+    assert [part.tolist() for part in node_and_direction(removed)] == [[7], [0]]
     with pytest.raises(InputError, match="constraint equations were not applied yet"):
         read_parts(made(comm, folder, {"K": mats["K"], "M": M}, slaves=slaves), comm)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.sparse
 from helpers import to_dense
 
 import hpcred
@@ -85,3 +86,37 @@ def test_what_it_refuses(linkage):
         hpcred.reduce(linkage, IRKA(size=4, band=(0, 300)))
     with pytest.raises(InputError, match="irka.size: found 5, expected an even number"):
         IRKA(size=5, band=(0, 300))
+
+
+def membrane():
+    """A damped membrane of 72 dofs with dashpots, two inputs and outputs elsewhere, whose two-sided models of eight
+    coordinates are unstable."""
+    rng, nx, ny = np.random.default_rng(5), 9, 8
+    n = nx * ny
+    T = [scipy.sparse.diags([-1, 2, -1.0], [-1, 0, 1], shape=(m, m)) for m in (nx, ny)]
+    weights = np.diag(rng.uniform(0.5, 2, n))
+    K = (scipy.sparse.kron(T[0], np.eye(ny)) + 0.7 * scipy.sparse.kron(np.eye(nx), T[1])).toarray() * 1e4
+    K, M = weights @ K @ weights, np.diag(rng.uniform(0.5, 2, n))
+    M[0, 1] = M[1, 0] = 0.1
+    D = 0.3 * M + 2e-5 * K
+    for i, j, c in ((10, 40, 8.0), (3, 3, 20.0), (70, 12, 5.0)):
+        v = np.eye(n)[i] - (np.eye(n)[j] if i != j else 0)
+        D += c * np.outer(v, v)
+    B, C = np.zeros((n, 2)), np.zeros((2, n))
+    B[20, 0] = B[50, 1] = C[0, 33] = C[1, 60] = 1.0
+    C[1, 61] = 0.5
+    return M, D, K, B, C
+
+
+def test_an_unstable_model_of_a_stable_one_is_warned_of():
+    """By poles of the dense matrices."""
+    M, D, K, B, C = membrane()
+    zero, eye = np.zeros_like(K), np.eye(len(K))
+    assert np.linalg.eigvals(np.block([[zero, eye], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])).real.max() < 0
+    with hpcred.SecondOrderModel(M, D, K, B, C) as model:
+        rom = IRKA(size=8, band=(0, 14)).reduce(model)
+        growing = int((rom.poles().real > 1e-9).sum())
+        assert growing and f"model is unstable, with {growing} poles in the right half-plane" in rom.record.warnings[0]
+    with hpcred.SecondOrderModel(M, D, K, B) as model:  # C = B^T keeps stability
+        rom = IRKA(size=8, band=(0, 14)).reduce(model)
+        assert rom.poles().real.max() < 0 and not any("unstable" in text for text in rom.record.warnings)

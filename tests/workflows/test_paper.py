@@ -1,11 +1,16 @@
 """`hpcred paper`: tables, figures and data."""
 
 import json
+from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
 import scipy.integrate
+
+import hpcred as package
+from hpcred.examples import section5
+from hpcred.workflows import paper
 
 
 @pytest.mark.slow
@@ -35,3 +40,27 @@ def test_section_5_in_one_command(hpcred, tmp_path):
         f, eps = file["frequencies"][...], file["table_2/eps"][...]
         assert eps.shape == (4, len(f))
         assert scipy.integrate.trapezoid(eps, f, axis=1) == pytest.approx(q["table_2"])
+
+
+def test_tables_are_there_before_the_figures(tmp_path, monkeypatch, comm):
+    """Whatever becomes of Figure 5; and without it where it is not chosen."""
+    for module in (paper, section5):
+        monkeypatch.setattr(module, "FREQUENCIES", np.linspace(1.0, 300.0, 4))
+
+    def interrupted(model, progress):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(section5, "SIMULATION", replace(section5.SIMULATION, end=0.01, steps=10))
+    whole = paper.reproduce(tmp_path / "whole", figures=[5])
+    assert len(whole["figure_5"]) == 5 and json.loads((tmp_path / "whole/section5.json").read_text()) == whole
+    assert (tmp_path / "whole/figure_5.png").exists() and not (tmp_path / "whole/figure_3.png").exists()
+    monkeypatch.setattr(paper, "time_response", interrupted)
+    shown = []
+    with pytest.raises(KeyboardInterrupt):
+        paper.reproduce(tmp_path, show=lambda data: shown.append(json.loads((tmp_path / "section5.json").read_text())))
+    assert sorted(shown[0]) == ["table_1", "table_2"] and [row["size"] for row in shown[0]["table_2"]] == [21] * 4
+    assert sorted(item.name for item in tmp_path.glob("*.png")) == ["figure_3.png", "figure_4.png"]
+    again = paper.reproduce(tmp_path / "again", figures=())
+    assert again == shown[0] and not list((tmp_path / "again").glob("figure*"))
+    with pytest.raises(package.InputError, match="figures: found 2, expected some of 3, 4, 5"):
+        paper.reproduce(tmp_path, figures=[2])

@@ -205,3 +205,69 @@ def test_without_matplotlib_the_numbers_are_written(made, monkeypatch):
     report = simulate_file(path)
     assert len(report["output"]) == 2 and "no picture was drawn" in report["notes"][-1]
     assert path.with_name("simulation.csv").exists() and not path.with_name("simulation.png").exists()
+
+
+BAR_JOB = """
+model = "bar.h5"
+output = "bar_reduced.h5"
+[frame]
+kind = "buckens"
+[[interface]]
+name = "left"
+nodes = {box = [[-1e-6, -1.0, -1.0], [1e-6, 1.0, 1.0]]}
+kind = "rigid"
+[[interface]]
+name = "right"
+nodes = {box = [[0.999999, -1.0, -1.0], [1.000001, 1.0, 1.0]]}
+kind = "rigid"
+[[basis]]
+kind = "modes"
+count = 8
+[[basis]]
+kind = "static_correction"
+"""
+SPIN = """
+body = "bar_reduced.h5"
+end = 0.02
+steps = 8
+observe = ["right"]
+[[constraint]]
+node = "left"
+kind = "fixed"
+[[drive]]
+node = "left"
+kind = "ramp"
+about = [0.0, 0.0, 1.0]
+rate = 5.0
+duration = 0.1
+"""
+
+
+def test_interfaces_of_a_job_are_inputs_also_of_a_model_that_has_some(folder):
+    """Without `inputs` all directions of all interfaces, as docs/bearings.md says; with others a simulation that holds
+    an interface warns."""
+    with hpcred.solid((20, 1, 1), (1.0, 0.02, 0.02), 2, clamped=False) as bar:
+        hpcred.write_model(folder / "bar.h5", bar.with_outputs([(1, "x")]))
+        own = bar.input_names
+    (folder / "job.toml").write_text(BAR_JOB)
+    (folder / "spin.toml").write_text(SPIN)
+    every = tuple(f"{name}:{d}" for name in ("left", "right") for d in ("x", "y", "z", "rx", "ry", "rz"))
+    cases = (
+        ([], every, every),
+        (['inputs=["left", "right"]', 'outputs=["left", "right"]'], every, every),
+        ([f"inputs=[[{own[0][:-2]}, 'x']]"], own[:1], ("1:x",)),
+    )
+    moved = []
+    for more, inputs, outputs in cases:
+        record = hpcred.reduce_job(folder / "job.toml", overrides=more).record
+        assert (record.inputs, record.outputs) == (inputs, outputs)
+        told = [text for text in record.warnings if text.startswith("the interfaces of the job take the place of")]
+        assert len(told) == (not more)
+        assert more or f"the inputs ({own[0]}, {own[1]}) and outputs (1:x) of bar.h5" in told[0]
+        report = simulate_file(folder / "spin.toml")
+        warned = [text for text in report["warnings"] if "are no inputs of the reduction" in text]
+        assert [text.partition(" are ")[0] for text in warned] == (
+            [] if inputs == every else ["node left: forces and moments there (fixed at left)"]
+        )
+        moved.append(report["largest_displacement_m"]["right"])
+    assert moved[0] == pytest.approx(moved[1], rel=1e-6)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...files.text import LARGEST_LABEL, first_bytes
 from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import look_up, number_over_ranks, require_once
+from ...parallel.lookup import look_up, number_over_ranks, require_once, sort_over_ranks
 from ..base import Reader
 from ..entries import Entries, joined, label_name, label_of, node_and_direction, require_sane
 from ..matrices.petsc_binary import row_share
@@ -61,7 +61,8 @@ def read_parts(path, comm, analysis=MODAL) -> Parts:
         files, base = _files(path, analysis)
     found = [_read(comm, *item) for item in files]
     matrices, label, row, removed, following = found[0] if len(found) == 1 else _joined(comm, files, found)
-    parts = Parts(matrices, dict.fromkeys(matrices, str(path)), row_labels=(label, row), removed=removed)
+    follows, _ = look_up(comm, np.unique(sort_over_ranks(comm, following)[0]), [], removed)
+    parts = Parts(matrices, dict.fromkeys(matrices, str(path)), row_labels=(label, row), removed=removed[~follows])
     if len(files) > 1:
         parts.warnings.append(f"{path}: joined the parts {', '.join(file.path.name for file, _ in files)}")
     label = np.concatenate([label, removed])
@@ -77,10 +78,10 @@ def read_parts(path, comm, analysis=MODAL) -> Parts:
         parts.files["nodes"] = found.file
         parts.warnings.append(f"{path}: nodes taken from {found.file}")
         turn_found(comm, parts, found)
-    if following:
+    if count := comm.allreduce(int(follows.sum())):
         parts.warnings.append(
-            f"{path}: {following} dofs that follow others by constraint equations or couplings were removed; K and M "
-            "contain their part, but their own motion is not in the model, and pictures show it as zero"
+            f"{path}: {count} dofs that follow others by constraint equations or couplings were removed; K and M "
+            "contain their part, but their own motion is not in the model: pictures and stresses leave it out"
         )
     return parts
 
@@ -119,16 +120,16 @@ def _files(path, analysis):
 
 
 def _read(comm, file, header):
-    """Return matrices, labels and numbers of rows, labels of removed ones, and how many dofs follow others."""
+    """Return matrices, labels and numbers of rows, labels of removed ones, and of those that follow others."""
     label, held, slaves = rows_of(comm, file, header)
     removed = np.union1d(held, slaves)
     matrices = {}
     for key, (place, terms) in header.matrices.items():
         matrices[key] = _matrix(comm, file, header, key, place, terms, removed, slaves)
     row = (comm.exscan(len(label)) or 0) + np.arange(len(label))
-    kept = ~np.isin(row, removed)
+    kept, follows = ~np.isin(row, removed), np.isin(row, np.setdiff1d(slaves, held))
     row = row[kept] - np.searchsorted(removed, row[kept])
-    return matrices, label[kept], row, label[~kept], len(slaves)
+    return matrices, label[kept], row, label[~kept], label[follows]
 
 
 def _joined(comm, files, found):
@@ -162,7 +163,7 @@ def _joined(comm, files, found):
             parts.append((*(new[np.searchsorted(asked, end)] for end in (item.rows, item.columns)), item.values))
         matrices[key] = Entries((size, size), *joined(parts, (np.int64, np.int64, float)))
     row = (comm.exscan(len(names)) or 0) + np.arange(len(names))
-    return matrices, names, row, gone, sum(count for *_, count in found)
+    return matrices, names, row, gone, np.concatenate([following for *_, following in found])
 
 
 def _require_places(comm, path, found, label):

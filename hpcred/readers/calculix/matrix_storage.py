@@ -21,7 +21,7 @@ from ..abaqus import input_file as abaqus_input
 from ..base import Reader
 from ..entries import label_name, label_of, node_and_direction
 from ..nodes.table import NodeTable
-from ..parts import Parts
+from ..parts import Parts, hold_nodes_without_rows
 from . import frd as calculix_frd
 from . import matrices
 from .matrices import read_triangle, require_last_line
@@ -142,7 +142,10 @@ def name_rows(comm, parts, files, label, row):
     parts.properties = mesh.properties
     parts.warnings += mesh.remarks
     parts.row_labels = label, row
-    parts.removed, inclined = _held(comm, mesh, turning, label)
+    if "input" not in files:
+        hold_nodes_without_rows(comm, parts, files["results"], files["dofs"])
+        return
+    parts.removed, inclined = held_by_boundary(comm, mesh, turning, label)
     if inclined:
         parts.warnings.append(
             f"{files['input']}: *Boundary holds {inclined} nodes along axes of their own (*Transform); these supports "
@@ -303,7 +306,7 @@ def with_rotations(label, turning: dict[int, int]):
     return label
 
 
-def _held(comm, mesh, turning, rows):
+def held_by_boundary(comm, mesh, turning, rows):
     """Return labels of dofs of *Boundary without row, and the number of nodes held along other axes. Collective."""
     sets = {name.lower(): nodes for name, nodes in mesh.sets.items()}
     with agreed(comm):
