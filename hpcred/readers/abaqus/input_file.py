@@ -179,18 +179,19 @@ def _sections(path, comm, calculix, steps):
             name = included.add(file, above, refusal)
         if name not in included.own:
             included.own[name] = _own_sections(file, comm, calculix)
-        for section, target in included.own[name]:
+        for section in included.own[name]:
             if section.keyword == "step" and not steps:
                 return False
-            if target is None:
+            if section.keyword != "include":
                 result.append(section)
-            elif section.keyword == "include":
-                if not follow(target, (*above, name), section.refusal):
-                    return False
-            else:
-                result.append(section)
-                with agreed(comm):
-                    included.add(target, (*above, name))
+            if section.keyword != "include" and not (section.keyword in WITH_FILES and "input" in section.parameters):
+                continue
+            with agreed(comm):
+                target = _file_named(section)
+                if section.keyword != "include":
+                    included.add(target, (*above, name), section.refusal)
+            if section.keyword == "include" and not follow(target, (*above, name), section.refusal):
+                return False
         return True
 
     follow(path, (), InputError)
@@ -198,15 +199,13 @@ def _sections(path, comm, calculix, steps):
 
 
 def _own_sections(path, comm, calculix):
-    """Return the keywords of one file, each with the file that it names by input=, or None. Collective."""
+    """Return the keywords of one file. Collective."""
     with agreed(comm):
         require_file(path)
         refuse_packed(path)
         found = [piece.start + match.start() for piece in pieces(path, comm) for match in KEYWORD.finditer(piece.text)]
     positions = sum(comm.allgather(found), [])
-    sections = decided(comm, _keywords, path, positions, calculix)
-    with agreed(comm):
-        return [(section, _file_named(section)) for section in sections]
+    return decided(comm, _keywords, path, positions, calculix)
 
 
 def _file_named(section):
