@@ -19,7 +19,7 @@ from ...parallel.lookup import look_up, repeated_key, sort_over_ranks
 from ...parallel.petsc import MPI
 from ..abaqus import input_file as abaqus_input
 from ..base import Reader
-from ..entries import label_name, label_of, node_and_direction
+from ..entries import STRIDE, label_name, label_of, node_and_direction
 from ..nodes.table import NodeTable
 from ..parts import Parts
 from . import frd as calculix_frd
@@ -30,7 +30,7 @@ DOF_LINES = re.compile(rb"(?:\d+\.\d\r?\n)*")
 NAMED_LINE = re.compile(rb"(?m)^[ \t]*([A-Za-z_\"][^,\n]*),([^\n]*)")
 EMPTY_FIELD = re.compile(rb",(?=[ \t]*(?:,|\r?$))", re.M)
 SINGULAR_MASS = {"C3D20R"}
-INCOMPATIBLE = "C3D8I"
+INCOMPATIBLE = ("C3D8I", "S4", "B31")  # S4 and B31 become C3D8I
 EXPANDED = {  # what CalculiX makes of plane elements, whose rows have names that are not what they say
     "CPS": "solids with rows of their thickness",
     "CAX": "a sector of 2 degrees with 1/180 of the mass",
@@ -129,13 +129,20 @@ class Unnamed(Exception):
 def name_rows(comm, parts, files, label, row):
     """Fill in the mesh, row labels and held dofs from `files`, or raise Unnamed where they do not tell. Collective."""
     mesh = _mesh_of(comm, parts, files, label)
-    inside = _inside_elements(comm, label, mesh.counts.get(INCOMPATIBLE, 0))
+    label, mesh.nodes, expanded = _with_expanded_nodes(comm, files["dofs"], label, mesh)
+    if expanded:
+        parts.warnings.append(
+            f"{files['dofs']}: {expanded} nodes of shells and beams are several nodes of the solids that CalculiX makes "
+            "of them; their rows are those of nodes with numbers above all others, at the place of the node of the "
+            "input file, which is up to half of a thickness away"
+        )
+    inside = _inside_elements(comm, label, sum(mesh.counts.get(kind, 0) for kind in INCOMPATIBLE))
     turning = _turning(comm, files, mesh, label[~inside])
     label = with_rotations(label, turning)
     if count := comm.allreduce(int(np.count_nonzero(inside))):
         label, mesh.nodes = _as_scalars(comm, label, inside, mesh.nodes)
         parts.warnings.append(
-            f"{files['dofs']}: {count} rows are the incompatible modes of elements of the type {INCOMPATIBLE}, which "
+            f"{files['dofs']}: {count} rows are the incompatible modes of elements of the type C3D8I, which "
             "belong to no node"
         )
     parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
@@ -156,11 +163,11 @@ def name_rows(comm, parts, files, label, row):
 
 def _mesh_of(comm, parts, files, label):
     """Read the input file or results. Raises Unnamed where it does not say what the rows with these labels are."""
-    twice = repeated_key(comm, label)
-    if twice is not None:
-        raise Unnamed(f"found {label_name(twice)} for several rows, since CalculiX makes solids of beams and shells")
-    _require_order(comm, files["dofs"], label)
     if "input" not in files:
+        twice = repeated_key(comm, label)
+        if twice is not None:
+            raise Unnamed(f"found {label_name(twice)} for several rows, since CalculiX makes solids of beams and shells")
+        _require_order(comm, files["dofs"], label)
         return _mesh_of_results(comm, parts, files, label)
     mesh = abaqus_input.read(files["input"], comm, calculix=True)
     with agreed(comm):
@@ -169,6 +176,37 @@ def _mesh_of(comm, parts, files, label):
         if kind[:3] in EXPANDED:
             raise Unnamed(f"elements of the type {kind} become {EXPANDED[kind[:3]]} in CalculiX")
     return mesh
+
+
+def _with_expanded_nodes(comm, path, label, mesh):
+    """Return labels, nodes, and the number of nodes of shells and beams, whose rows get nodes of their own. Collective.
+
+    The rows of such a node are those of several nodes of solids, one behind the other, which .dof names alike.
+    """
+    flat = [nodes.ravel() for kind, nodes in mesh.elements.items() if kind in FLAT]
+    flat = np.unique(sort_over_ranks(comm, np.concatenate([NO_NODES, *flat]))[0])
+    node, direction = node_and_direction(label)
+    mine, _ = look_up(comm, flat, [], node)
+    _require_order(comm, path, label[~mine])
+    twice = repeated_key(comm, label[~mine])
+    if twice is not None:
+        raise Unnamed(f"found {label_name(twice)} for several rows, since CalculiX makes solids of beams and shells")
+    if not comm.allreduce(int(mine.sum())):
+        return label, mesh.nodes, 0
+    ends = comm.allgather(label[-1:].tolist())
+    before = np.array([-1, *(end for part in ends[: comm.rank] for end in part)][-1:] + label.tolist())[:-1]
+    first = mine & ((before // STRIDE != node) | (label <= before))  # rows with which a node of a solid begins
+    behind = comm.allreduce(max(int(part.max(initial=0)) for part in (mesh.nodes.label, node)), op=MPI.MAX) + 1
+    number = behind + (comm.exscan(int(first.sum())) or 0) + np.cumsum(first) - 1
+    label = label.copy()
+    label[mine] = label_of(number[mine], direction[mine])
+    there, places = look_up(comm, mesh.nodes.label, list(mesh.nodes.position.T), node[first])
+    if not all(comm.allgather(bool(there.all()))):
+        raise Unnamed("nodes of shells and beams have no coordinates")
+    made = number[first], np.array(places).T.reshape(-1, 3), number[first]
+    parts = zip((mesh.nodes.label, mesh.nodes.position, mesh.nodes.place), made, strict=True)
+    count = comm.allreduce(len(np.unique(sort_over_ranks(comm, node[mine])[0])))
+    return label, NodeTable(*map(np.concatenate, parts)), count
 
 
 def _mesh_of_results(comm, parts, files, label):
