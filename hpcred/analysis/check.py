@@ -29,7 +29,8 @@ DENSITIES = (50.0, 3e4)  # kg/m^3: mass over the volume of the surrounding box
 FIRST = (0.1, 1e4)  # m/s: the first natural frequency times the diagonal of the surrounding box, wires to blocks
 FAR = (10.0, 100.0, 100.0)  # beyond these ranges, where neither the estimates nor unusual materials can be the reason
 HEAVY, STIFF = 2200.0, 2e9  # kg/m^3, Pa: what is denser (stone, metals) is stiffer, lead by a factor of 8
-LIGHT, CLEARLY = 300.0, 3.0  # kg/m^3, of foams, which explain anything; and times outside, where a mistake that is often made explains all of it
+LIGHT = 300.0  # kg/m^3: foams, which explain anything
+CLEARLY = 3.0  # times outside, where a mistake that is often made explains all of it
 POINT_MASS = 30.0  # of the median of the diagonal of M: what is more belongs to no element
 # densities in other units than those of K and of lengths: the units of these, how many times M is too large, in words
 MISTAKES = (

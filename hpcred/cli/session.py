@@ -35,9 +35,8 @@ def _refuse_blank(arguments):
     for before, item in zip(["", *arguments], arguments, strict=False):
         name, equals, value = item.partition("=")
         if not item.strip() or (name.startswith("--") and equals and not value.strip()):
-            where = name if item.strip() else before if before.startswith("-") else f"behind '{before}'" if before else ""
-            raise InputError(f"{where or 'the command line'}: found an empty text, expected a value; leave it out where "
-                             "there is none")  # fmt: skip
+            where = name if item.strip() else before if before.startswith("-") else f"the word behind '{before}'"
+            raise InputError(f"{where}: found an empty text, expected a value; leave it out where there is none")
 
 
 def run(arguments: list[str], call) -> int:

@@ -28,7 +28,8 @@ def targets(text, option):
         return [_target(part.strip()) for part in text.split(",")] if text else None
     except ValueError as error:
         rates = ", or velocity 20:z, acceleration dof 115" if option == "--outputs" else ""
-        raise InputError(f"{option}: found '{text[:80]}', expected such as 20:z,1:x or dof numbers 115,1{rates}") from error
+        expected = f"such as 20:z,1:x or dof numbers 115,1{rates}"
+        raise InputError(f"{option}: found '{text[:80]}', expected {expected}") from error
 
 
 def _target(text):

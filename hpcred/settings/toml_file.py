@@ -70,8 +70,8 @@ def _refuse_blank(settings, where):
     for key, kind in types_of(type(settings)).items():
         value = getattr(settings, key)
         if is_blank(value) and NoneType in get_args(plain_type(kind)):
-            raise InputError(f"{where}{key}: found an empty text, expected {_expected(_of_values(kind))}; leave the key "
-                             "out where there is none")  # fmt: skip
+            raise InputError(f"{where}{key}: found an empty text, expected {_expected(_of_values(kind))}; leave it out "
+                             "where there is none")  # fmt: skip
         for k, item in enumerate(value if isinstance(value, tuple) else (value,)):
             if is_dataclass(item):
                 _refuse_blank(item, f"{where}{key}{f'[{k}]' if isinstance(value, tuple) else ''}.")

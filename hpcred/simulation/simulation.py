@@ -342,8 +342,8 @@ def _require_possible_speeds(system, setup, r, p, q, z):
         mean = float(np.linalg.norm(found, axis=0).mean())
     if not mean * setup.end <= SPEED[1]:
         raise InputError(
-            f"gravity and loads make accelerations of {mean:.2g} m/s^2 in the mean, which in end = {setup.end:g} s are a "
-            f"speed of {mean * setup.end:.2g} m/s, beyond that of light; look at their values and units"
+            f"gravity and loads make accelerations of {mean:.2g} m/s^2 in the mean, which in end = {setup.end:g} s are "
+            f"a speed of {mean * setup.end:.2g} m/s, beyond that of light; look at their values and units"
         )
 
 

@@ -57,8 +57,9 @@ def read(path):
 
 
 def same(found, expected):
-    return all((a is None and b is None) or (a is not None and b is not None and np.array_equal(a, b))
-               for a, b in zip((found.t, found.q, found.velocity, found.acceleration), expected, strict=True))  # fmt: skip
+    arrays = found.t, found.q, found.velocity, found.acceleration
+    return all((a is None) == (b is None) and (a is None or np.array_equal(a, b))
+               for a, b in zip(arrays, expected, strict=True))  # fmt: skip
 
 
 @pytest.mark.parametrize("good", [OURS, FMU], ids=["ours", "fmu"])

@@ -427,7 +427,8 @@ def test_the_input_file_of_workbench_is_found(comm, folder):
     assert sets()[0] == {"PICKED": [first]}
     made(comm, folder, {"K": K, "M": M})
     found, warnings = sets()
-    assert found == {"PICKED": [first]} and any("elements and named selections are those of this" in w for w in warnings)
+    assert found == {"PICKED": [first]}
+    assert any("elements and named selections are those of this" in line for line in warnings)
     moved = {number: (xyz[0] + 1.0, *xyz[1:]) for number, xyz in nodes.items()}
     write(workbench, archive(moved, elements=picked), comm)
     found, warnings = sets()

@@ -1,7 +1,8 @@
 """Read nodes, angles of nodal axes and elements of an ANSYS archive (.cdb, of CDWRITE).
 
 The blocks NBLOCK and EBLOCK, whose second line is the Fortran format of their fields, ET or ETBLOCK, the types of
-elements, components (CMBLOCK) and materials are read. Each rank looks for them in its range of bytes, then all share the lines of blocks.
+elements, components (CMBLOCK) and materials are read. Each rank looks for them in its range of bytes, then all share
+the lines of blocks.
 """
 
 import re

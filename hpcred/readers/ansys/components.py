@@ -69,8 +69,10 @@ def _components(path, commands) -> list[Component]:
             number = line_number(path, position)
             kind = KINDS.get(words[2].upper()) if len(words) > 3 else None
             if kind is None or not words[1] or not re.fullmatch("[0-9]{1,10}", words[3]):
-                raise InputError(f"{path}, line {number}: found '{text.strip()[:80]}', expected CMBLOCK, a name, NODE or "
-                                 "ELEM, and how many numbers follow")  # fmt: skip
+                raise InputError(
+                    f"{path}, line {number}: found '{text.strip()[:80]}', expected CMBLOCK, a name, NODE or ELEM, and "
+                    "how many numbers follow"
+                )
             if (words[1].upper(), kind) in names:
                 raise InputError(f"{path}, line {number}: found a second component '{words[1]}', expected one")
             names.add((words[1].upper(), kind))

@@ -35,6 +35,7 @@ EXPANDED = {  # what CalculiX makes of plane elements, whose rows have names tha
     "CPS": "solids with rows of their thickness",
     "CAX": "a sector of 2 degrees with 1/180 of the mass",
 }
+SEVERAL = "found {} for several rows, since CalculiX makes solids of beams and shells"
 FLAT = ("triangle", "triangle6", "quad", "quad8", "line", "line3")
 MOVED = {"submodel", "basemotion"}  # parameters of *Boundary that prescribe motions of other kinds
 NO_NODES = np.zeros(0, np.int64)
@@ -132,8 +133,8 @@ def name_rows(comm, parts, files, label, row):
     label, mesh.nodes, expanded = _with_expanded_nodes(comm, files["dofs"], label, mesh)
     if expanded:
         parts.warnings.append(
-            f"{files['dofs']}: {expanded} nodes of shells and beams are several nodes of the solids that CalculiX makes "
-            "of them; their rows are those of nodes with numbers above all others, at the place of the node of the "
+            f"{files['dofs']}: {expanded} nodes of shells and beams are several nodes of the solids that CalculiX "
+            "makes of them; their rows are those of nodes with numbers above all others, at the place of the node of the "
             "input file, which is up to half of a thickness away"
         )
     inside = _inside_elements(comm, label, sum(mesh.counts.get(kind, 0) for kind in INCOMPATIBLE))
@@ -166,7 +167,7 @@ def _mesh_of(comm, parts, files, label):
     if "input" not in files:
         twice = repeated_key(comm, label)
         if twice is not None:
-            raise Unnamed(f"found {label_name(twice)} for several rows, since CalculiX makes solids of beams and shells")
+            raise Unnamed(SEVERAL.format(label_name(twice)))
         _require_order(comm, files["dofs"], label)
         return _mesh_of_results(comm, parts, files, label)
     mesh = abaqus_input.read(files["input"], comm, calculix=True)
@@ -190,7 +191,7 @@ def _with_expanded_nodes(comm, path, label, mesh):
     _require_order(comm, path, label[~mine])
     twice = repeated_key(comm, label[~mine])
     if twice is not None:
-        raise Unnamed(f"found {label_name(twice)} for several rows, since CalculiX makes solids of beams and shells")
+        raise Unnamed(SEVERAL.format(label_name(twice)))
     if not comm.allreduce(int(mine.sum())):
         return label, mesh.nodes, 0
     ends = comm.allgather(label[-1:].tolist())
