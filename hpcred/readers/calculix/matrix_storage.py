@@ -134,8 +134,8 @@ def name_rows(comm, parts, files, label, row):
     if expanded:
         parts.warnings.append(
             f"{files['dofs']}: {expanded} nodes of shells and beams are several nodes of the solids that CalculiX "
-            "makes of them; their rows are those of nodes with numbers above all others, at the place of the node of the "
-            "input file, which is up to half of a thickness away"
+            "makes of them; their rows are those of nodes with numbers above all others, at the place of the node of "
+            "the input file, which is up to half of a thickness away"
         )
     inside = _inside_elements(comm, label, sum(mesh.counts.get(kind, 0) for kind in INCOMPATIBLE))
     turning = _turning(comm, files, mesh, label[~inside])
