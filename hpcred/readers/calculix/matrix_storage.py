@@ -25,6 +25,7 @@ from ..parts import Parts
 from . import frd as calculix_frd
 from . import matrices
 from .matrices import read_triangle, require_last_line
+from .shells import offsets
 
 DOF_LINES = re.compile(rb"(?:\d+\.\d\r?\n)*")
 NAMED_LINE = re.compile(rb"(?m)^[ \t]*([A-Za-z_\"][^,\n]*),([^\n]*)")
@@ -130,15 +131,17 @@ class Unnamed(Exception):
 def name_rows(comm, parts, files, label, row):
     """Fill in the mesh, row labels and held dofs from `files`, or raise Unnamed where they do not tell. Collective."""
     mesh = _mesh_of(comm, parts, files, label)
-    label, mesh.nodes, expanded = _with_expanded_nodes(comm, files["dofs"], label, mesh)
+    inside = _inside_elements(comm, label, sum(mesh.counts.get(kind, 0) for kind in INCOMPATIBLE))
+    last = comm.allreduce(int(mesh.nodes.label.max(initial=0)), op=MPI.MAX)  # of the input file
+    label, mesh.nodes, (expanded, placed) = _with_expanded_nodes(comm, files["dofs"], label, mesh)
     if expanded:
         parts.warnings.append(
             f"{files['dofs']}: {expanded} nodes of shells and beams are several nodes of the solids that CalculiX "
-            "makes of them; their rows are those of nodes with numbers above all others, at the place of the node of "
-            "the input file, which is up to half of a thickness away"
+            "makes of them; their rows are those of nodes with numbers above all others, "
+            + ("below, in and above the middle surface" if placed else "at the place of the node of the input file, up "
+               "to half of a thickness from where they are, since sections or ties do not tell these places")
         )
-    inside = _inside_elements(comm, label, sum(mesh.counts.get(kind, 0) for kind in INCOMPATIBLE))
-    turning = _turning(comm, files, mesh, label[~inside])
+    turning = _turning(comm, files, mesh, label[~inside], last)
     label = with_rotations(label, turning)
     if count := comm.allreduce(int(np.count_nonzero(inside))):
         label, mesh.nodes = _as_scalars(comm, label, inside, mesh.nodes)
@@ -180,7 +183,8 @@ def _mesh_of(comm, parts, files, label):
 
 
 def _with_expanded_nodes(comm, path, label, mesh):
-    """Return labels, nodes, and the number of nodes of shells and beams, whose rows get nodes of their own. Collective.
+    """Return labels and nodes, with those made of nodes of shells and beams; the number of these, and whether the
+    places of what is made are known. Collective.
 
     The rows of such a node are those of several nodes of solids, one behind the other, which .dof names alike.
     """
@@ -188,12 +192,12 @@ def _with_expanded_nodes(comm, path, label, mesh):
     flat = np.unique(sort_over_ranks(comm, np.concatenate([NO_NODES, *flat]))[0])
     node, direction = node_and_direction(label)
     mine, _ = look_up(comm, flat, [], node)
-    _require_order(comm, path, label[~mine])
     twice = repeated_key(comm, label[~mine])
     if twice is not None:
         raise Unnamed(SEVERAL.format(label_name(twice)))
+    _require_order(comm, path, label[~mine])
     if not comm.allreduce(int(mine.sum())):
-        return label, mesh.nodes, 0
+        return label, mesh.nodes, (0, True)
     ends = comm.allgather(label[-1:].tolist())
     before = np.array([-1, *(end for part in ends[: comm.rank] for end in part)][-1:] + label.tolist())[:-1]
     first = mine & ((before // STRIDE != node) | (label <= before))  # rows with which a node of a solid begins
@@ -204,10 +208,13 @@ def _with_expanded_nodes(comm, path, label, mesh):
     there, places = look_up(comm, mesh.nodes.label, list(mesh.nodes.position.T), node[first])
     if not all(comm.allgather(bool(there.all()))):
         raise Unnamed("nodes of shells and beams have no coordinates")
-    made = number[first], np.array(places).T.reshape(-1, 3), number[first]
+    off = offsets(comm, mesh, node[first], number[first])
+    if off is None and not comm.allreduce(int((~mine).sum())):  # no row would have a place that is known
+        raise Unnamed(SEVERAL.format(label_name(max(comm.allgather(int(label[0]) if len(label) else 0)))))
+    made = number[first], np.array(places).T.reshape(-1, 3) + (0.0 if off is None else off), number[first]
     parts = zip((mesh.nodes.label, mesh.nodes.position, mesh.nodes.place), made, strict=True)
     count = comm.allreduce(len(np.unique(sort_over_ranks(comm, node[mine])[0])))
-    return label, NodeTable(*map(np.concatenate, parts)), count
+    return label, NodeTable(*map(np.concatenate, parts)), (count, off is not None)
 
 
 def _mesh_of_results(comm, parts, files, label):
@@ -237,13 +244,13 @@ def _mesh_of_results(comm, parts, files, label):
     return abaqus_input.Mesh(found.nodes, found.elements, {}, [], {})
 
 
-def _turning(comm, files, mesh, label):
-    """Return the REF node by ROT node of rigid bodies; Unnamed where rows are of other nodes of CalculiX."""
+def _turning(comm, files, mesh, label, last):
+    """Return the REF node by ROT node of rigid bodies; Unnamed where rows are of other nodes of CalculiX, which are
+    numbered behind the `last` one of the input file."""
     turning, without = rigid_bodies(mesh.sections)
     node, _ = node_and_direction(label)
     found, _ = look_up(comm, mesh.nodes.label, [], node)
     made = sorted(set().union(*comm.allgather(set(np.unique(node[~found])[: len(without) + 1].tolist()))))
-    last = max(comm.allgather(int(mesh.nodes.label.max(initial=0))))
     if made and made[0] < last:  # those that CalculiX makes are numbered after all others
         raise InputError(
             f"{files['dofs']}: found rows of the node {made[0]}, which is not in {files['input']}; expected the input "
