@@ -21,7 +21,7 @@ from ..model.rigid_body_modes import (
 from ..model.rows_alone import warnings_of_rows_alone
 from ..model.second_order_model import massless, require_model
 from ..model.support import support_of
-from ..model.units import SI, UNITS, Units, units_of
+from ..model.units import POUND, POUND_FORCE, SI, UNITS, Units, units_of
 from ..parallel.lookup import sort_over_ranks
 from ..parallel.petsc import MPI
 
@@ -29,7 +29,16 @@ SPEEDS = (200.0, 3e4)  # m/s: waves in plastics to ceramics, with an order of ma
 DENSITIES = (50.0, 3e4)  # kg/m^3: mass over the volume of the surrounding box
 FIRST = (0.1, 1e4)  # m/s: the first natural frequency times the diagonal of the surrounding box, wires to blocks
 FAR = (10.0, 100.0, 100.0)  # beyond these ranges, where neither the estimates nor unusual materials can be the reason
+HEAVY, STIFF = 2200.0, 2e9  # kg/m^3, Pa: what is denser (stone, metals) is stiffer, lead by a factor of 8
+LIGHT = 300.0  # kg/m^3: foams, which explain anything
+CLEARLY = 3.0  # times outside, where a mistake that is often made explains all of it
 POINT_MASS = 30.0  # of the median of the diagonal of M: what is more belongs to no element
+# densities in other units than those of K and of lengths: the units of these, how many times M is too large, in words
+MISTAKES = (
+    ("mm,t,s", 1e3, "a density in kg/mm^3 in place of t/mm^3"),
+    ("inch,lbf,s", POUND_FORCE / POUND / 0.0254, "a density in lbm/inch^3 in place of lbf s^2/inch^4"),
+    ("SI", 1e-3, "a density in g/cm^3 or t/m^3 in place of kg/m^3"),
+)
 FEW_DIGITS = 13  # decimal ones of K, from which on they are not worth a word
 CLEARLY_FREE, NEARLY_FREE = 1e-12, 1e-5  # ||K R|| / (||K|| ||R||)
 IN_MOST = 0.3  # share of rows that few digits let resist, and supports seldom
@@ -186,13 +195,14 @@ def extent(model) -> tuple[np.ndarray, np.ndarray]:
 
 
 def likely_units(model, mass, size) -> str | None:
-    """Return the only system of UNITS in which the body is of a usual material, or None where none or several are.
-    Collective.
+    """Return the only system of UNITS in which the body is of a usual material, or None where none or several are, or
+    where a density in other units would explain the numbers as well. Collective.
 
     See fitting_units.
     """
     fitting = fitting_units(model, mass, size)
-    return fitting[0].name if len(fitting) == 1 else None
+    mistaken = _mistakes(_numbers_of_material(model, mass, size, None))
+    return fitting[0].name if len(fitting) == 1 and not mistaken else None
 
 
 def fitting_units(model, mass, size, first=None, written=SI) -> list[Units]:
@@ -230,9 +240,32 @@ def _beyond(numbers, units=SI, written=SI) -> list[float]:
     """Return how many times each of the numbers is outside of what is usual, where they are in these units, not as
     written."""
     L, M, T = np.divide(units.sizes, written.sizes)
-    factors = (L / T, M / L**3, L / T)
-    return [max(low / (value * factor), value * factor / high, 1.0) for value, factor, (low, high) in
-            zip(numbers, factors, (SPEEDS, DENSITIES, FIRST), strict=True) if value]  # fmt: skip
+    return _outside([value and value * factor for value, factor in
+                     zip(numbers, (L / T, M / L**3, L / T), strict=True)])  # fmt: skip
+
+
+def _outside(numbers) -> list[float]:
+    """Return how many times the speed of waves, density, and speed of the first mode are outside of what is usual, and
+    Young's modulus of the first two below that of any material so dense."""
+    found = [max(low / value, value / high, 1.0) for value, (low, high) in
+             zip(numbers, (SPEEDS, DENSITIES, FIRST), strict=True) if value]  # fmt: skip
+    speed, density, _ = numbers
+    return [*found, max(STIFF / (density * speed**2), 1.0) if density > HEAVY else 1.0]
+
+
+def _mistakes(numbers, written=SI) -> list[str]:
+    """Return sentences on the MISTAKES that make a usual material of numbers that are clearly of none as written."""
+    if not numbers or max(_outside(numbers)) < CLEARLY:
+        return []
+    found = []
+    for name, times, words in MISTAKES:
+        L, M, T = np.divide(units_of(name).sizes, written.sizes)
+        speed, density, first = numbers
+        faster = L / T * np.sqrt(times)
+        right = speed * faster, density * M / L**3 / times, first and first * faster
+        if right[1] > LIGHT and max(_outside(right)) == 1:
+            found.append(f"{words} would explain it (K in {name}, M {times:.4g} times what it should be)")
+    return found
 
 
 def _share_of_elements(model) -> float:
@@ -253,25 +286,31 @@ def warnings_of_units(model, mass, first=None) -> list[str]:
     low, high = extent(model)
     written = units_of(model.converted_from) if model.converted_from else SI
     numbers = _numbers_of_material(model, mass, high - low, first)
-    if numbers and all(map(operator.lt, _beyond(numbers), FAR)):
+    mistakes = _mistakes(numbers, written)
+    if numbers and not mistakes and all(map(operator.lt, _beyond(numbers)[: len(FAR)], FAR)):
         return []
     fitting = fitting_units(model, mass, high - low, first, written)
     size = " x ".join(f"{value:.4g}" for value in high - low)
     known = f" and a first frequency of {first:.4g} Hz" if first else ""
     reason = f"a mass of {mass:.4g} kg in a box of {size} m{known} is of no usual material"
-    if not fitting:
+    if numbers:
+        reason += f", with a density of {numbers[1]:.3g} kg/m^3 and waves at {numbers[0]:.2g} m/s"
+    if not fitting and not mistakes:
         speed = wave_speed(model)
         if not speed or SPEEDS[0] / FAR[0] <= speed <= SPEEDS[1] * FAR[0]:
             return []
         units_of_speed = [(units, units.length / units.time * written.time / written.length) for units in UNITS]
         fitting = [units for units, factor in units_of_speed if SPEEDS[0] <= speed * factor <= SPEEDS[1]]
         reason = f"waves that travel at {speed:.2g} m/s between neighbouring nodes are in no usual material"
-    if not fitting or any(np.allclose(units.sizes, written.sizes, rtol=1e-6, atol=0) for units in fitting):
+    if any(np.allclose(units.sizes, written.sizes, rtol=1e-6, atol=0) for units in fitting):
         return []
-    return [
-        f"{model.name}: {reason}: the numbers look like {' or '.join(units.name for units in fitting)}, not "
-        f"{written.words}; convert with --units {' or '.join(units.words for units in fitting)}"
-    ]
+    causes = [f"{words}: correct it, and write the matrices again" for words in mistakes]
+    if fitting:
+        causes.append(
+            f"the numbers look like {' or '.join(units.name for units in fitting)}, not {written.words}; convert with "
+            f"--units {' or '.join(units.words for units in fitting)}"
+        )
+    return [f"{model.name}: {reason}: {'; or '.join(causes)}"] if causes else []
 
 
 def wave_speed(model) -> float | None:

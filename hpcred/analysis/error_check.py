@@ -16,6 +16,7 @@ from ..model.damping import GivenDamping, Structural
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
+from ..parallel.ranges import SAMPLES, within
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.reduced_model import ReducedModel, as_measured
 from ..reduction.tolerance.accuracy import Accuracy
@@ -65,7 +66,8 @@ class Check:
 def fresh_frequencies(band, resonances, count: int, seed: int | None, comm) -> tuple[int, np.ndarray]:
     """Return the seed, a new one unless given, and in Hz `count` frequencies of the band and up to SOME beside
     `resonances`, which are frequencies (k,) with damping ratios, sharp ones more often; ascending. Collective."""
-    if declared("check", count, int) < 1:
+    within("check", declared("check", count, int), SAMPLES)
+    if count < 1:
         raise InputError(f"check: found {count}, expected at least 1 frequency")
     if (declared("seed", seed, int | None) or 0) < 0:
         raise InputError(f"seed: found {seed}, expected a whole number of at least 0")

@@ -10,6 +10,7 @@ from ..parallel.failures import InputError
 
 FEWEST = 3  # instants of a difference of second order
 SAME_OUTPUT = 1e-6  # of the largest value: what is left of the digits of a table
+LARGEST = 1e150  # of numbers in any units, so that their squares are numbers
 SAME_TIME = 1e-9  # of the largest time: a limit that somebody typed
 
 
@@ -75,10 +76,11 @@ class Coordinates:
         arrays = {"t": self.t, "q": self.q, "velocity": self.velocity, "acceleration": self.acceleration}
         arrays |= {f"frame {key}": value for key, value in vars(self.frame).items()} if self.frame else {}
         for key, array in arrays.items():
-            if array is not None and not np.isfinite(array).all():
-                first = np.argwhere(~np.isfinite(array))[0]
+            if array is not None and not (np.abs(array) <= LARGEST).all():
+                first = np.argwhere(~(np.abs(array) <= LARGEST))[0]
+                what = f"beyond +-{LARGEST:g}" if np.isfinite(array[tuple(first)]) else "not finite"
                 raise InputError(
-                    f"{path}: {key} is not finite at instant {first[0] + 1} of {len(self.t)}, expected finite numbers"
+                    f"{path}: {key} is {what} at instant {first[0] + 1} of {len(self.t)}, expected finite numbers"
                 )
         if (np.diff(self.t) <= 0).any():
             k = int(np.argmax(np.diff(self.t) <= 0))

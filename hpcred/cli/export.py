@@ -53,7 +53,7 @@ def export(
         option = "-o" if os.path.splitext(more[0])[1] else "--format"
         raise InputError(f"export: found '{more[0]}' after {result}; a format is named by --format and the file to "
                          f"write by -o: hpcred export {result} {option} {more[0]}")  # fmt: skip
-    shapes = [int(number) for number in values.numbers(modes, "--modes")] if modes else None
+    shapes = values.whole_numbers(modes, "--modes")
     report = hpcred.export_result(
         result, kind, output, nodes=values.labels(nodes), units=units, modes=shapes, options=options,
         preload=preload_of(preload), at=values.parameters(at, "--at"), progress=session.progress(),

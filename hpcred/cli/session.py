@@ -30,6 +30,15 @@ MOST_LOADS = 20  # that are listed
 FLAGS = ("--traceback", "--profile", "--quiet", "--verbose", "--keep")  # global options, anywhere on the line
 
 
+def _refuse_blank(arguments):
+    """Raise InputError for an empty text, which a variable of a shell without value leaves."""
+    for before, item in zip(["", *arguments], arguments, strict=False):
+        name, equals, value = item.partition("=")
+        if not item.strip() or (name.startswith("--") and equals and not value.strip()):
+            where = name if item.strip() else before if before.startswith("-") else f"the word behind '{before}'"
+            raise InputError(f"{where}: found an empty text, expected a value; leave it out where there is none")
+
+
 def run(arguments: list[str], call) -> int:
     """Run one command line on all ranks and return the exit status, which `call(arguments)` may give."""
     try:
@@ -41,6 +50,7 @@ def run(arguments: list[str], call) -> int:
         for flag in FLAGS:
             setattr(Session, flag[2:], flag in arguments)
             arguments = [item for item in arguments if item != flag]
+        _refuse_blank(arguments)
         keep_files(Session.keep)
         if Session.traceback:
             os.environ["HPCRED_TRACEBACK"] = "1"

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 
 import hpcred
 
 from ..model.motion_outputs import motion_output_of
 from ..parallel.failures import InputError
-from ..parallel.ranges import ANYTHING, FREQUENCY, within
+from ..parallel.ranges import ANYTHING, COUNT, FREQUENCY, within
 
 
 def numbers(text, option):
@@ -27,7 +28,8 @@ def targets(text, option):
         return [_target(part.strip()) for part in text.split(",")] if text else None
     except ValueError as error:
         rates = ", or velocity 20:z, acceleration dof 115" if option == "--outputs" else ""
-        raise InputError(f"{option}: found '{text}', expected such as 20:z,1:x or dof numbers 115,1{rates}") from error
+        expected = f"such as 20:z,1:x or dof numbers 115,1{rates}"
+        raise InputError(f"{option}: found '{text[:80]}', expected {expected}") from error
 
 
 def _target(text):
@@ -42,7 +44,18 @@ def labels(text):
     """Numbers of nodes, and names of interfaces and node sets, separated by commas, or None."""
     if text is None:
         return None
-    return [int(word) if word.strip().isdecimal() else word.strip() for word in text.split(",")]
+    words = [word.strip() for word in text.split(",")]
+    return [int(word) if re.fullmatch("[0-9]{1,18}", word) else word for word in words]
+
+
+def whole_numbers(text, option):
+    """Whole numbers from 1 separated by commas, or None."""
+    if text is None:
+        return None
+    found = numbers(text, option)
+    if not all(number % 1 == 0 and 1 <= number <= COUNT[1] for number in found):
+        raise InputError(f"{option}: found '{text[:80]}', expected whole numbers from 1 separated by commas")
+    return [int(number) for number in found]
 
 
 def amount(text, option, units):

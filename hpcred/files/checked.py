@@ -16,15 +16,15 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 
-from ..parallel.failures import InputError, reason_of
+from ..parallel.failures import InputError
 from .checksums import ROWS_OF_SUM, hashed, sums_of, tag_of
+from .opened_hdf5 import damaged, guarded, own_item
 
 SUMS = "checksums"
 CHECKSUM = "xxh3"  # the attribute
 KINDS = {"integer": "iu", "real": "f", "complex": "c", "text": "SO", "flag": "b"}
 DEEPEST = 8  # groups in groups
 HAND = 2**19  # bytes that the processor keeps at hand
-PACKED = 1100  # times what is stored is the most that deflate makes of it: a file that says more is not to be believed
 
 
 class Array(NamedTuple):
@@ -48,10 +48,6 @@ def _plain(value):
     return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
-def damaged(path, what) -> InputError:
-    return InputError(f"{path}: {what}; the file is damaged: make it again, or take a copy")
-
-
 class CheckedFile:
     """A file that is open, with `attributes`, and `datasets` by name. Indexing works as in h5py; raises InputError.
 
@@ -61,15 +57,9 @@ class CheckedFile:
 
     def __init__(self, file, path, schema=None):
         self.path = path
-        try:
+        with guarded(path, "the list of its contents"):
             self.attrs = dict(file.attrs)
             self.datasets = dict(own_datasets(file, path))
-        except InputError:
-            raise
-        except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
-            if reason := reason_of(error):
-                raise InputError(f"{path}: cannot be read ({reason})") from error
-            raise damaged(path, f"its contents cannot be listed ({_text(error)})") from error
         self._check_names(path)
         self._check_shapes(schema or {})
 
@@ -181,20 +171,19 @@ def _size(size, sizes, found):
     return sizes.setdefault(letter, found - bool(plus)) + bool(plus)
 
 
-def own_datasets(group, path, before="", depth=0):
+def own_datasets(group, path, before="", depth=0, groups=None):
     """The names and datasets of a group. Raises InputError for what is a link, or kept in another file."""
+    groups = {h5py.h5o.get_info(group.id).addr} if groups is None else groups
     for key in group:
-        name = before + key
-        if not isinstance(group.get(key, getlink=True), h5py.HardLink):
-            raise damaged(path, f"/{name} is a link to something else, which hpcred never writes")
-        item = group[key]
+        name, item = before + key, own_item(group, key, path)
         if isinstance(item, h5py.Group):
-            if depth == DEEPEST:
-                raise damaged(path, f"/{name} is a group in more than {DEEPEST} groups")
-            yield from own_datasets(item, path, name + "/", depth + 1)
+            place = h5py.h5o.get_info(item.id).addr
+            if depth == DEEPEST or place in groups:
+                what = "a second name of a group" if place in groups else f"a group in more than {DEEPEST} groups"
+                raise damaged(path, f"/{name} is {what}")
+            groups.add(place)
+            yield from own_datasets(item, path, name + "/", depth + 1, groups)
         elif isinstance(item, h5py.Dataset):
-            if item.external or item.is_virtual:
-                raise damaged(path, f"/{name} is kept in another file, which hpcred never does")
             yield name, item
 
 
@@ -204,14 +193,10 @@ class CheckedDataset:
     def __init__(self, dataset, sums, path):
         self._dataset, self._sums, self.path = dataset, sums, path
         self.name, self.axis = dataset.name, -1
-        self.shape, self.dtype, stored = self._guarded(
-            lambda: (dataset.shape, dataset.dtype, dataset.id.get_storage_size())
-        )
+        self.shape, self.dtype = self._guarded(lambda: (dataset.shape, dataset.dtype))
         if self.shape is None:
             raise damaged(path, f"{self.name} is empty")
         self.ndim = len(self.shape)
-        if self.dtype.itemsize * prod(self.shape) > stored * (1 if dataset.chunks is None else PACKED):
-            raise damaged(path, f"{self.name} is not whole")
         if sums is not None:
             self.axis = int(self._guarded(lambda: sums.attrs["axis"]))
             if not -1 <= self.axis < self.ndim:
@@ -323,13 +308,5 @@ class CheckedDataset:
                                      f"{', and has entries that are not finite' * others}")  # fmt: skip
 
     def _guarded(self, read):
-        try:
+        with guarded(self.path, self.name):
             return read()
-        except (OSError, RuntimeError, ValueError, KeyError, TypeError, MemoryError) as error:
-            if reason := reason_of(error):
-                raise InputError(f"{self.path}: {self.name} cannot be read ({reason})") from error
-            raise damaged(self.path, f"{self.name} cannot be read ({_text(error)})") from error
-
-
-def _text(error):
-    return " ".join(str(error).split())[:120]

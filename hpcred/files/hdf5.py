@@ -11,14 +11,15 @@ import h5py
 import numpy as np
 
 from ..parallel.failures import ComputationError, InputError, Owned, agreed, common_to, settle, unfinished
-from .checked import CHECKSUM, SUMS, CheckedFile, damaged, header_checksum
+from .checked import CHECKSUM, SUMS, CheckedFile, header_checksum
 from .checksums import sums_of, sums_of_parts, tag_of
 from .locks import HOST, begin, lock, lock_name, temporary_name, unlock
+from .opened_hdf5 import Damaged, damaged, guarded, opened_hdf5, require_whole
 from .outputs import HDF5, check_kept, check_kind, check_writable, kind_of
 from .room import NotWritten, Room
-from .seal import is_broken, seal
+from .seal import seal
 from .system_errors import writing_to
-from .text import absent, first_bytes
+from .text import first_bytes
 from .together import Waiting, take
 
 WRITTEN_BY = {"hpcred-model": ", which hpcred convert writes", "hpcred-result": ", which hpcred reduce writes"}
@@ -306,19 +307,13 @@ def opened(path, kind: str, version: int | None = None):
     require_name(path)
     path = Path(path)
     require_whole(path)
-    try:
-        file = h5py.File(path, "r")
-    except (OSError, RuntimeError, ValueError, KeyError) as error:
-        if first_bytes(path)[: len(HDF5)] != HDF5:
-            by = WRITTEN_BY.get(kind, "")
-            raise InputError(f"{path}: found no HDF5 file, expected one of format '{kind}'{by}") from error
-        raise InputError(f"{path}: not a readable HDF5 file ({error})") from error
-    with file:
-        try:
+    if first_bytes(path)[: len(HDF5)] != HDF5:
+        by = WRITTEN_BY.get(kind, "")
+        raise InputError(f"{path}: found no HDF5 file, expected one of format '{kind}'{by}")
+    with opened_hdf5(path) as file:
+        with guarded(path, "its attributes"):
             found, number = file.attrs.get("format", "none"), int(file.attrs.get("version", 0))
             found = found.decode() if isinstance(found, bytes) else str(found)
-        except (OSError, RuntimeError, KeyError, TypeError, ValueError, OverflowError) as error:
-            raise damaged(path, f"its attributes cannot be read ({error})") from error
         if found != kind:
             by = WRITTEN_BY.get(kind, "")
             raise InputError(f"{path}: found an HDF5 file of format '{found}', expected '{kind}'{by}")
@@ -339,22 +334,12 @@ def require_name(path):
         raise InputError(f"found a {found}, expected the name of a file{hint}")
 
 
-def require_whole(path):
-    """Refuse a file that is not there, or on which HDF5 may crash. Raises InputError; on this rank."""
-    if not os.path.isfile(path):
-        raise absent(path)
-    if is_broken(path):
-        raise damaged(path, "what HDF5 keeps of its own does not have its checksum")
-
-
 def kind_of_file(path) -> str | None:
     """The format that an HDF5 file of hpcred names, or None. Raises InputError where the system refuses to read it."""
     try:
-        if is_broken(path):
-            return None
-        with h5py.File(path, "r") as file:
+        with opened_hdf5(path) as file, guarded(path, "its attributes"):
             return str(file.attrs.get("format", "")) or None
-    except (OSError, RuntimeError, KeyError):
+    except Damaged:
         return None
 
 

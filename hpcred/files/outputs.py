@@ -14,12 +14,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
-
 from ..parallel.failures import InputError, agreed, unfinished
 from .locks import begin, lock, lock_name, temporary_name
+from .opened_hdf5 import Damaged, guarded, opened_hdf5
 from .room import free_bytes, no_room
-from .seal import is_broken
 from .system_errors import open_input, reading_from
 from .text import shown
 
@@ -91,11 +89,9 @@ def kind_of(path) -> str:
         return EMPTY
     if start.startswith(HDF5):
         try:
-            if is_broken(path):
-                return "damaged HDF5 file"
-            with reading_from(path), h5py.File(path, "r") as file:
+            with opened_hdf5(path) as file, guarded(path, "its attributes"):
                 return hdf5_kind(str(file.attrs.get("format", "none")))
-        except (OSError, RuntimeError, KeyError):
+        except Damaged:
             return "damaged HDF5 file"
     kind = kind_of_start(start)
     return _archive_kind(path, kind) if kind in (ZIP, MATLAB) else kind

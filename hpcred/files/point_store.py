@@ -21,7 +21,6 @@ from datetime import datetime, timezone
 from importlib.metadata import version
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from ..linalg.blocks import create_block, local_rows
@@ -30,7 +29,8 @@ from ..parallel.petsc import MPI
 from ..reduction.points import point_name
 from ..reduction.store import Entry
 from .checked import CheckedFile
-from .hdf5 import CheckedWriter, reading, require_whole
+from .hdf5 import CheckedWriter, reading
+from .opened_hdf5 import opened_hdf5
 from .seal import seal
 
 FORMAT, VERSION = "hpcred-point", 3
@@ -167,8 +167,7 @@ def describe_entry(path: Path, check: bool = False) -> dict | None:
     if ".tmp-" in path.name:
         return found | {"reason": "being written, or left by a run that was killed"}
     try:
-        require_whole(path)
-        with h5py.File(path, "r") as file:
+        with opened_hdf5(path) as file:
             kind = file.attrs.get("format")
             if kind != FORMAT:
                 return None

@@ -38,6 +38,13 @@ def seal(path):
         file.write(text + TAIL.pack(len(text), zlib.crc32(text), MARK))
 
 
+def is_sealed(path) -> bool:
+    """Whether a file ends as a sealed one does."""
+    with open_input(path) as file:
+        file.seek(max(file.seek(0, 2) - len(MARK), 0))
+        return file.read() == MARK
+
+
 def is_broken(path) -> bool:
     """Whether a file is sealed, and other bytes than those of datasets are not what they were."""
     size = Path(path).stat().st_size

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -36,9 +37,9 @@ def with_loads(model, loads, given=None):
     """Return the model with loads as further inputs, see SecondOrderModel.with_loads. Collective."""
     loads, given = declared("loads", loads, tuple[AnyLoad, ...]), dict(given or {})
     names = [*model.input_names, *(name for item in loads for name in input_names(item)), *given]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InputError(f"load '{twice[0]}': found two inputs of this name, expected each once; give it another name")
+    twice = min((name for name, count in Counter(names).items() if count > 1), default=None)
+    if twice is not None:
+        raise InputError(f"load '{twice}': found two inputs of this name, expected each once; give it another name")
     if not loads and not given:
         return model.shared()
     made = []

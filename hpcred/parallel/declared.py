@@ -48,6 +48,11 @@ def declared(key: str, value, kind):
         raise InputError(f"{key}: found {_shown(value)}, expected {in_words(kind)}{such}") from misfit
 
 
+def is_blank(value) -> bool:
+    """Whether a value is a text without a letter or sign, which stands for nothing that a user wants."""
+    return isinstance(value, str) and not value.strip()
+
+
 def renamed(name: str, before: str):
     """The annotation of a field of a record that has another name in files of earlier versions."""
     return Field(validation_alias=AliasChoices(name, before))
@@ -139,6 +144,8 @@ def _fitted(value, kind):
     kind, value = plain_type(kind), _plain(value)
     origin, parts = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
+        if NoneType in parts and is_blank(value):  # which is not the same as nothing
+            raise _Misfit
         for part in parts:
             try:
                 return _fitted(value, part)

@@ -30,7 +30,8 @@ FINE, FAILED, ELSEWHERE = 0, 1, 2  # what a rank says at the end of a block; fro
 OFF = ("", "0", "no", "off", "false")  # of HPCRED_TRACEBACK in the environment
 LONG_WORD, LONGEST = re.compile(r"\S{1000,}"), 10_000  # letters of words and of messages
 IN_HDF5 = re.compile(r"errno = (\d+)")
-OUT_OF_MEMORY = 55  # of PETSc
+OUT_OF_MEMORY, IN_LIBRARY = 55, 76  # of PETSc
+NO_MEMORY_OF_MUMPS = re.compile(r"INFOG?\(1\)\s*=\s*-(5|7|13)\b")  # workspace that was not allocated
 ENDING = 1  # tag of the message to rank 0 by which a rank that ends the job says that it has spoken
 
 unfinished: set = set()  # files and folders that must not stay when the job is ended
@@ -68,10 +69,19 @@ def reason_of(error: BaseException) -> str | None:
     """The words of the system where it refused a file or memory (OSError, errors of HDF5); None for other errors."""
     if isinstance(error, HpcredError | BrokenPipeError):
         return None
-    number = getattr(error, "errno", None)
-    if number is None and (found := IN_HDF5.search(str(error))):
-        number = int(found[1])
-    return None if number in (None, errno.EINVAL) else os.strerror(number)  # invalid is what a damaged file asks for
+    found = IN_HDF5.search(str(error))
+    number = int(found[1]) if found else getattr(error, "errno", None)
+    if number is None or (number == errno.EINVAL and found):  # invalid is what HDF5 asks for on a damaged file
+        return None
+    return os.strerror(number)
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """Whether memory was refused to Python, PETSc or MUMPS."""
+    code = getattr(error, "ierr", None)
+    return isinstance(error, MemoryError) or code == OUT_OF_MEMORY or (
+        code == IN_LIBRARY and NO_MEMORY_OF_MUMPS.search(str(error)) is not None
+    )  # fmt: skip
 
 
 @contextmanager
@@ -284,7 +294,7 @@ def _say(error, where=""):
         text = f"error{where}: what was printed found no reader; the pipe was closed before its end"
     elif isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT) and error.filename is None:
         text = f"error{where}: what is printed cannot be written ({error.strerror}); make room, or print elsewhere"
-    elif isinstance(error, MemoryError) or getattr(error, "ierr", None) == OUT_OF_MEMORY:
+    elif is_out_of_memory(error):
         text = f"error{where}: out of memory; take more ranks on more nodes, or a smaller model"
     elif isinstance(error, ImportError) or (isinstance(error, OSError) and "shared object" in str(error)):
         text = f"error{where}: {error}; a library is missing, or more memory than this process may take (ulimit -v)"

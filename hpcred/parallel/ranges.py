@@ -9,6 +9,7 @@ from .failures import InputError
 FREQUENCY = (0.0, 1e12, "Hz")
 LABEL = (1, 2**31 - 1, "")
 COUNT = (1, 2**31 - 1, "")
+SAMPLES = (1, 10**6, "")  # values at which something is computed
 COORDINATE = (-1e9, 1e9, "m")
 RATE = (-1e13, 1e13, "1/s")
 ANYTHING = (-1e30, 1e30, "")

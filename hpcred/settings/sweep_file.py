@@ -21,6 +21,7 @@ import json
 import os
 import re
 from dataclasses import dataclass, field
+from math import prod
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,10 +30,11 @@ import numpy as np
 from ..files.hdf5 import kind_of_file
 from ..files.result_file import FORMAT as RESULT
 from ..parallel.failures import InputError
-from ..parallel.ranges import require_band
+from ..parallel.ranges import ANYTHING, SAMPLES, require_band, within
 from .job_file import Job, job_from, plain
 from .toml_file import CONFIG, as_value, check_file_names, parse, put, read_table
 
+RUNS = (1, 10**5, "")
 NO_MATTER = ("output", "out_of_core", "memory_mb", "store")  # keys of a job that no number of its result depends on
 
 
@@ -54,8 +56,8 @@ class Axis:
             raise InputError(f"{where}: expected values, or range = [start, stop, count]")
         if self.range is not None:
             start, stop, count = self.range
-            if count < 1:
-                raise InputError(f"{where}.range: found {count} values, expected at least 1")
+            within(f"{where}.range: values", count, RUNS)
+            within(f"{where}.range", (start, stop), ANYTHING)
             if self.spacing == "log" and min(start, stop) <= 0:
                 raise InputError(f"{where}.range: found {start:g} to {stop:g}, spacing 'log' needs positive ends")
         if not self.points:
@@ -140,6 +142,7 @@ class Evaluation:
     def __post_init__(self):
         check_file_names(**{"evaluate.full": self.full})
         require_band("evaluate.band", self.band)
+        within("evaluate.points", self.points, SAMPLES)
         if self.points < 2:
             raise InputError(f"evaluate.points: found {self.points}, expected at least 2 frequencies over the band")
         if self.frequencies is not None and not (self.frequencies and min(self.frequencies) >= 0):
@@ -166,6 +169,7 @@ class _File:
         if bool(self.vary) == bool(self.run):
             raise InputError("vary: expected at least one [[vary]], or at least one [[run]], and not both")
         counts = [len(axis.points) for axis in self.vary]
+        within("vary: runs", prod(counts) if self.combine == "grid" else max(counts, default=1), RUNS)
         if self.combine == "zip" and len(set(counts)) > 1:
             listed = ", ".join(f"{axis.title} {count}" for axis, count in zip(self.vary, counts, strict=True))
             raise InputError(f"combine: 'zip' needs lists of the same length, found {listed}")

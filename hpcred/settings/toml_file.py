@@ -14,7 +14,7 @@ from typing import get_args, get_origin
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from ..files.text import absent
-from ..parallel.declared import in_words, meant_by, nearest, plain_type, types_of
+from ..parallel.declared import in_words, is_blank, meant_by, nearest, plain_type, types_of
 from ..parallel.failures import InputError
 
 if sys.version_info >= (3, 11):
@@ -56,7 +56,7 @@ def parse(kind, table: dict):
     except RecursionError as error:
         raise InputError("tables inside tables, thousands deep; expected a table of keys") from error
     try:
-        return TypeAdapter(kind).validate_json(text, strict=True)
+        found = TypeAdapter(kind).validate_json(text, strict=True)
     except ValidationError as error:
         if (stray := _stray_text(table)) is not None:
             raise InputError(f"{stray[0]}: {_not_in_locale(stray[1])}") from error
@@ -64,6 +64,20 @@ def parse(kind, table: dict):
         meant = (UNKNOWN, "value_error")
         details = max(error.errors(), key=lambda item: (len(item["loc"]), item["type"] in meant))
         raise InputError(_sentence(kind, table, details)) from error
+    _refuse_blank(found, "")
+    return found
+
+
+def _refuse_blank(settings, where):
+    """Raise InputError for an empty text where None would mean that nothing is given."""
+    for key, kind in types_of(type(settings)).items():
+        value = getattr(settings, key)
+        if is_blank(value) and NoneType in get_args(plain_type(kind)):
+            raise InputError(f"{where}{key}: found an empty text, expected {_expected(_of_values(kind))}; leave it out "
+                             "where there is none")  # fmt: skip
+        for k, item in enumerate(value if isinstance(value, tuple) else (value,)):
+            if is_dataclass(item):
+                _refuse_blank(item, f"{where}{key}{f'[{k}]' if isinstance(value, tuple) else ''}.")
 
 
 def table_around(key, text: str, examples) -> dict:
@@ -236,13 +250,23 @@ def override(table, text):
 
 def put(table: dict, key: str, value):
     """Put a value at the place "a.b.0.c" of nested tables and lists, in place of what is there. Raises InputError."""
-    *path, last = key.strip().split(".")
+    *path, last = parts = key.strip().split(".")
+    if not all(map(str.strip, parts)):
+        raise InputError(f"found the key {key[:80]!r}, expected names and numbers with a dot between two of them, such "
+                         "as basis.0.order")  # fmt: skip
     try:
         for part in path:
-            table = table[int(part)] if isinstance(table, list) else table.setdefault(part, {})
-        table[int(last) if isinstance(table, list) else last] = value
+            table = table[_place_in(part)] if isinstance(table, list) else table.setdefault(part, {})
+        table[_place_in(last) if isinstance(table, list) else last] = value
     except (AttributeError, IndexError, TypeError, ValueError) as error:
-        raise InputError(f"the job has no place '{key}'") from error
+        raise InputError(f"the job has no place '{key[:80]}'") from error
+
+
+def _place_in(part) -> int:
+    """The place in a list, from 0. Raises ValueError for other words."""
+    if not re.fullmatch("[0-9]{1,9}", part):
+        raise ValueError(part)
+    return int(part)
 
 
 def as_value(value) -> str:

@@ -25,8 +25,10 @@ from .warnings import Limits, first_frequency, warnings_of_inputs, warnings_of_p
 
 MOST_STEPS = 1e8  # that a simulation may need; they take weeks
 STEPS_OF_A_TURN = 8
+FEW_EVALUATIONS, MOST_EVALUATIONS = 5000, 3e9  # of the equations of motion, 30 a step
 FEW_STEPS = 5000  # by which the pace of the integrator is known
 OUTPUTS = (1, 10_000_000, "")  # output intervals, all of which are kept in memory
+SAMPLES = 200  # instants at which loads are looked at
 SPEED = (-3e8, 3e8, "m/s")
 ENERGIES = ("kinetic", "elastic", "gravity", "springs")
 LARGE_GRAVITY = 1e3  # m/s^2: above what is asked for in earnest, below 9810
@@ -313,6 +315,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         r, p, q, moved = system.assemble(r, p, q)
         if moved:
             notes.append("the initial position did not fit the constraints and was moved there")
+    _require_possible_speeds(system, setup, r, p, q, z)
     y0, yp0, change = system.start(r, p, q, z)
     if change > 1e-10 * max(1.0, np.abs(z).max()):
         notes.append(f"the initial velocities did not fit the constraints and were projected (change {change:.2g})")
@@ -337,6 +340,21 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
             progress.warn(told)
             motion.warnings.append(told)
     return motion
+
+
+def _require_possible_speeds(system, setup, r, p, q, z):
+    """Raise InputError where gravity and loads would give the free body a speed beyond that of light."""
+    A, M = rotation(p), system.floating_frame.mass_matrix(q)
+    motions = system.node_motions(r, A, q)
+    forces = [system.applied(t, A, q, z, motions)[0] for t in np.linspace(0.0, setup.end, SAMPLES)]
+    with np.errstate(all="ignore"):
+        found = np.linalg.lstsq(M, np.array(forces).T, rcond=None)[0][:3]
+        mean = float(np.linalg.norm(found, axis=0).mean())
+    if not mean * setup.end <= SPEED[1]:
+        raise InputError(
+            f"gravity and loads make accelerations of {mean:.2g} m/s^2 in the mean, which in end = {setup.end:g} s are "
+            f"a speed of {mean * setup.end:.2g} m/s, beyond that of light; look at their values and units"
+        )
 
 
 def _loads_without_stress(body, setup) -> list[str]:
@@ -383,8 +401,11 @@ def _integrate(system, setup, y0, yp0, limits, progress):
 
     shown = -1
 
+    pace = _Pace(setup.end)
+
     def residual(t, y, yp):
         nonlocal shown
+        pace.evaluated()
         if int(20 * t / setup.end) > shown:
             shown = int(20 * t / setup.end)
             progress.say(f"t = {t:.4g} s of {setup.end:g} s")
@@ -405,7 +426,7 @@ def _integrate(system, setup, y0, yp0, limits, progress):
     found = solve_dae(
         residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
         rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
-        events=[_twists(system), _pace(setup.end), limits],
+        events=[_twists(system), pace.stepped, limits],
     )  # fmt: skip
     if not found.success:
         last = found.t[-1] if len(found.t) else 0.0
@@ -427,29 +448,41 @@ def _steps_of_turns(setup) -> float:
     return STEPS_OF_A_TURN * turned / (2 * np.pi)
 
 
-def _too_many(found: str, advice: str) -> InputError:
-    return InputError(f"{found}, expected at most {MOST_STEPS:.0e}; end earlier, or {advice}")
+def _too_many(found: str, advice: str, most=MOST_STEPS) -> InputError:
+    return InputError(f"{found}, expected at most {most:.0e}; end earlier, or {advice}")
 
 
-def _pace(end):
-    """Return an event of the integrator that refuses a simulation whose steps stay so short that it takes far too
-    many."""
-    last, count = 0.0, 0
+class _Pace:
+    """Refuses a simulation whose steps stay so short, or fail so often, that it takes far too many.
 
-    def watch(t, y, yp):
-        nonlocal last, count
-        count += 1
-        if count % FEW_STEPS == 0:
-            steps = (end - t) * FEW_STEPS / max(t - last, 1e-300)
-            if steps > MOST_STEPS:
-                raise _too_many(
-                    f"t = {t:.4g} s was reached in {count} steps, the last of {(t - last) / FEW_STEPS:.1e} s, so that "
-                    f"end = {end:g} s takes {steps:.1e} more", "damp what vibrates so fast (drop_above leaves it out)"
-                )  # fmt: skip
-            last = t
+    `stepped` is an event of the integrator, at each step that it takes; `evaluated` counts all residuals, also those of
+    steps that it tries in vain.
+    """
+
+    def __init__(self, end):
+        self.end, self.t = end, 0.0
+        self.steps, self.evaluations, self.last = 0, 0, {}
+
+    def stepped(self, t, y, yp):
+        self.steps, self.t = self.steps + 1, t
+        self._check(self.steps, FEW_STEPS, "steps", MOST_STEPS)
         return 1.0
 
-    return watch
+    def evaluated(self):
+        self.evaluations += 1
+        self._check(self.evaluations, FEW_EVALUATIONS, "evaluations of the equations", MOST_EVALUATIONS)
+
+    def _check(self, count, few, what, most):
+        if count % few:
+            return
+        passed, self.last[what] = self.t - self.last.get(what, 0.0), self.t
+        left = (self.end - self.t) * few / max(passed, 1e-300)
+        if left > most:
+            raise _too_many(
+                f"t = {self.t:.4g} s was reached in {count} {what}, the last {few} of which took {passed:.1e} s, so "
+                f"that end = {self.end:g} s takes {left:.1e} more", "look for loads, gravity and velocities that are "
+                "too large, or damp what vibrates so fast (drop_above leaves it out)", most,
+            )  # fmt: skip
 
 
 def _steps(system, t, states):

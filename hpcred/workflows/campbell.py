@@ -24,6 +24,7 @@ from ..model.rotation import unit_axis
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
+from ..parallel.ranges import SAMPLES, within
 from ..reduction.record import Record, versions
 from ..report.campbell_figure import campbell_figure
 from ..report.figures import kind_of_figure
@@ -53,6 +54,8 @@ def campbell_file(
         check_response_name(output)
         check_outputs({output: kind_of_campbell(output, over)}, comm, [result, full], progress=progress)
     check_figure(figure, comm, [result, full], progress)
+    for key, number in (("points", points), ("solves", solves)):
+        within(key, declared(key, number, int), SAMPLES)
     if points < 2:
         raise InputError(f"points: found {points}, expected at least 2")
     if solves < 1:

@@ -22,7 +22,7 @@ from ..parallel.declared import declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
-from ..parallel.ranges import FREQUENCY, within
+from ..parallel.ranges import FREQUENCY, SAMPLES, within
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.record import versions
 from ..reduction.tolerance.directions import rows_of_directions
@@ -30,7 +30,6 @@ from .full_model import full_of_record
 from .pair_figures import check_figure, figures_of_pairs, pairs_by_name, pairs_to_show
 from .workflow import workflow
 
-MOST = (1, 10**7, "")  # frequencies
 MOST_FIGURES = 16  # of the largest responses
 
 
@@ -193,7 +192,7 @@ def frequencies_over(frequencies, band, points) -> np.ndarray:
     frequencies = checked_frequencies(frequencies)
     if not len(frequencies) and declared("points", points, int) < 2:
         raise InputError(f"points: found {points}, expected at least 2 frequencies over the band")
-    within("points", points, MOST)
+    within("points", points, SAMPLES)
     within("band", band, FREQUENCY)
     return np.sort(frequencies) if len(frequencies) else np.linspace(*band, points)
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from ..analysis.summary import inspect
 from ..files.checked import CHECKSUM, CheckedFile
-from ..files.hdf5 import opened, require_whole
+from ..files.hdf5 import opened
 from ..files.model_file import FORMAT as MODEL
 from ..files.model_file import read_model
+from ..files.opened_hdf5 import guarded, opened_hdf5
 from ..files.outputs import HDF5, hdf5_kind
 from ..files.system_errors import reading_from
 from ..files.text import first_bytes, first_line
@@ -217,12 +217,8 @@ def _kind_of(path) -> str | None:
     """Return the format that an HDF5 file of hpcred names, or None."""
     if not first_bytes(path).startswith(HDF5):
         return None
-    require_whole(path)
-    try:
-        with h5py.File(path, "r") as file:
-            return str(file.attrs.get("format", "")) or None
-    except (OSError, RuntimeError, KeyError) as error:
-        raise InputError(f"{path}: not a readable HDF5 file ({error})") from error
+    with opened_hdf5(path) as file, guarded(path, "its attributes"):
+        return str(file.attrs.get("format", "")) or None
 
 
 def _export(path, export, comm, variables):

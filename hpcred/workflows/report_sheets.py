@@ -13,8 +13,10 @@ from ..analysis.error_check import measuring_damping
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
 from ..files.result_file import Result, read_result
 from ..model.damping import Damping
+from ..parallel.declared import declared
 from ..parallel.failures import InputError
 from ..parallel.progress import Progress
+from ..parallel.ranges import SAMPLES, within
 from ..reduction.components.component import table_of
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.record import difference_between
@@ -96,6 +98,7 @@ def sheets_of(
     progress = progress or Progress(comm, show=False)
     if not results:
         raise InputError("report: no result; give the name of at least one result.h5")
+    within("solves", declared("solves", solves, int), SAMPLES)
     if solves < 2:
         raise InputError(f"solves: found {solves}, expected at least 2 frequencies")
     whole = [read_result(path, comm) for path in results]

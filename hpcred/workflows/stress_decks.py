@@ -11,6 +11,7 @@ import numpy as np
 from ..body.stress import StressModes
 from ..files.folders import atomic_folder, check_folder, folder_for
 from ..files.hdf5 import reading, require_name
+from ..files.included import Included
 from ..files.outputs import check_outputs, hdf5_kind
 from ..files.result_copy import copy_with_stress
 from ..files.result_file import FORMAT, ROWS_AT_A_TIME, SCHEMA, VERSION, Result, require_basis
@@ -183,19 +184,25 @@ def _places(source, comm):
     return node, position[first]
 
 
-def _whole_text(path, include, depth=0) -> str:
+def _whole_text(path, include) -> str:
     """Return the text of an input file, with those that it includes. Raises InputError."""
-    with open_input(path) as file:
-        text = file.read().decode("latin-1").replace("\r\n", "\n")
-    if depth > 20:
-        raise InputError(f"{path}: files that include each other, more than 20 deep")
-    if include is None:
-        return text
+    included = Included(path)
 
-    def included(match):
-        return _whole_text(path.parent / match[1].strip("\"' "), include, depth + 1).rstrip() + "\n"
+    def whole(file, above=()):
+        name = included.add(file, above)
+        if name not in included.own:
+            with open_input(file) as text:
+                included.own[name] = text.read().decode("latin-1").replace("\r\n", "\n")
+        if include is None:
+            return included.own[name]
 
-    return include.sub(included, text)
+        def text_of(match):
+            words = "".join(line.strip() for line in match[1].splitlines()).strip("\"' ")
+            return whole(file.parent / words, (*above, name)).rstrip() + "\n"
+
+        return include.sub(text_of, included.own[name])
+
+    return whole(path)
 
 
 def _write_columns(source, numbers, length, deck, folder):

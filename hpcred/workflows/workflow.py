@@ -7,7 +7,8 @@ from inspect import signature
 
 from ..files.locks import locks_given_back
 from ..parallel import startup
-from ..parallel.declared import Function, spelled
+from ..parallel.declared import Function, is_blank, spelled
+from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 
 
@@ -16,13 +17,18 @@ def workflow(function: Function) -> Function:
 
     Keywords that it does not have are refused, and outputs that it does not write in the end are given free.
     """
-    shows = "progress" in signature(function).parameters
+    names = list(signature(function).parameters)
+    shows = "progress" in names
 
     @wraps(function)
     def run(*arguments, **keywords):
         keywords["comm"] = keywords.get("comm") or startup.start_mpi()
         if shows:
             keywords["progress"] = keywords.get("progress") or Progress(keywords["comm"], show=False)
+        for key, value in [*zip(names, arguments, strict=False), *keywords.items()]:
+            if is_blank(value):
+                raise InputError(f"{key}: found an empty text, expected one with letters; leave it out where there is "
+                                 "none")  # fmt: skip
         with locks_given_back():
             return function(*arguments, **keywords)
 

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..body.coordinates import Coordinates
+from ..body.coordinates import LARGEST, Coordinates
 from ..body.recovery import QUANTITIES, Recovery, inertial_motion
 from ..files.outputs import CSV_OF_RECOVERY, VTK, check_room, hdf5_kind
 from ..files.recovered_file import FORMAT, recovered_file, recovered_table
 from ..files.result_points import Points
-from ..parallel.failures import InputError, agreed
+from ..parallel.failures import ComputationError, InputError, agreed
 from .vtk_series import series, single
 
 AT_ONCE, FEWEST = 2**22, 16  # numbers of a field of a rank at a time, and instants: products of fewer are slow
@@ -75,6 +75,8 @@ def write_recovered(path, points: Points, coordinates: Coordinates, quantities, 
                 found = inertial_motion(found, local, start, coordinates, part)
             if points.stress is not None:
                 found |= recovery.stresses(points.stress, part)
+            with agreed(comm):
+                _require_numbers(found, dtype)
             _keep_largest(largest, {key: found[key] for key in keys if key != "stress"}, points, t[part])
             found = {key: found[key] for key in chosen}
             put(_at_all(found, points) if shown else found)
@@ -83,6 +85,15 @@ def write_recovered(path, points: Points, coordinates: Coordinates, quantities, 
         report = _all_largest(largest, comm)
         record |= report
     return report
+
+
+def _require_numbers(found, dtype):
+    """Raise ComputationError for fields that overflow, as numbers or as their squares."""
+    most = min(np.finfo(dtype).max, LARGEST)
+    for key, values in found.items():
+        if not (np.abs(values) <= most).all():
+            raise ComputationError(f"the recovered {key} is beyond {most:.2g}, and is not written; the motion is too "
+                                   "large for this body, or for --single")  # fmt: skip
 
 
 def _at_all(found, points) -> dict:

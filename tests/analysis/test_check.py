@@ -25,12 +25,12 @@ def cantilever(comm):
     return load_source(Source(**files), comm, "cantilever")
 
 
-def scaled(model, length, mass, time):
-    """The same body in other units, whose sizes in SI are given."""
+def scaled(model, length, mass, time, times=1.0):
+    """The same body in other units, whose sizes in SI are given, with `times` the mass."""
     indptr, indices, K = model.K.getValuesCSR()
     M = model.M.getValuesCSR()[2].real
     dofs, held = (part and Dofs(part.node, part.direction, part.position / length) for part in (model.dofs, model.held))
-    values = {"K": K.real / (mass / time**2), "M": M / mass}
+    values = {"K": K.real / (mass / time**2), "M": times * M / mass}
     return SecondOrderModel.from_csr(model.comm, model.size, indptr, indices, values, dofs=dofs, held=held)
 
 
@@ -202,3 +202,31 @@ def test_exchanged_matrices_are_said_first(comm):
                         except hpcred.InputError as error:
                             said = str(error)
                         assert "K AND M ARE EXCHANGED" in said
+
+
+@pytest.mark.parametrize("density", [7850.0, 2900.0])
+@pytest.mark.parametrize("name, times, words, said", [
+    ("mm,t,s", 1e3, "a density in kg/mm^3 in place of t/mm^3 would explain it", ("", "mm,t,s", "mm,kg,s")),
+    ("inch,lbf,s", 386.0886, "a density in lbm/inch^3 in place of lbf s^2/inch^4 would explain it", ("inch,lbf,s",)),
+    ("SI", 1e-3, "a density in g/cm^3 or t/m^3 in place of kg/m^3 would explain it", ("",)),
+])  # fmt: skip
+def test_a_density_in_other_units_than_the_rest(comm, density, name, times, words, said):
+    """A block of steel, or of its stiffness and aluminium's density, with M that many times too large: density and wave
+    speed together are of no material, in whatever units the matrices are said to be; the right ones are."""
+    units = units_of(name)
+    with hpcred.solid((8, 2, 2), size=(4.0, 1.0, 1.0), density=density, clamped=False, comm=comm) as model:
+        assert not any("would explain it" in line for line in hpcred.check(model)["warnings"])
+        with scaled(model, *units.sizes, times) as wrong:
+            for text in said:
+                with hpcred.in_si(wrong, units_of(text)) if text else wrong.shared() as read:
+                    report = hpcred.check(read)
+                    assert sum(words in line for line in report["warnings"]) == 1 and report["units"] is None
+        with scaled(model, *units.sizes) as right, hpcred.in_si(right, units) as read:
+            assert not any("would explain it" in line for line in hpcred.check(read)["warnings"])
+
+
+def test_soft_and_heavy_materials_are_no_mistakes(comm):
+    """Rubber, foam, lead, and beams in a large box: each has a density and a stiffness of its own."""
+    for young, density in ((5e6, 1100.0), (1e7, 60.0), (1.6e10, 11340.0), (4e11, 19300.0), (1.2e12, 3500.0)):
+        with hpcred.solid((8, 2, 2), young=young, density=density, clamped=False, comm=comm) as model:
+            assert not any("would explain it" in line for line in hpcred.check(model)["warnings"])

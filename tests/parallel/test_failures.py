@@ -6,6 +6,30 @@ from hpcred.parallel import failures
 from hpcred.parallel.decisions import decided
 from hpcred.parallel.failures import InputError, Owned, agreed
 
+
+@pytest.mark.parametrize("error, reason, memory", [
+    (OSError(22, "Invalid argument", "/proc/self/mem"), "Invalid argument", False),  # a file that cannot be read so
+    (OSError("file read failed: errno = 22, error message = 'Invalid argument'"), None, False),  # of a damaged file
+    (OSError("file read failed: errno = 5"), "Input/output error", False), (ValueError("errno 22"), None, False),
+    (MemoryError(), None, True), (RuntimeError("MUMPS: INFOG(1)=-13"), None, False),
+])  # fmt: skip
+def test_what_the_system_refuses(error, reason, memory):
+    assert failures.reason_of(error) == reason and failures.is_out_of_memory(error) == memory
+
+
+@pytest.mark.parametrize("code, text, memory", [
+    (55, "out of memory", True), (76, "MUMPS error in solve phase: INFOG(1)=-13, INFO(2)=4", True),
+    (76, "error in numerical factorization: INFOG(1)=-7", True), (76, "INFOG(1)=-137", False),
+    (76, "INFOG(1)=-10", False), (62, "INFOG(1)=-13", False),
+])  # fmt: skip
+def test_memory_that_petsc_and_mumps_did_not_get(code, text, memory, capsys):
+    error = RuntimeError(text)
+    error.ierr = code
+    assert failures.is_out_of_memory(error) == memory
+    failures._say(error)
+    assert ("out of memory; take more ranks" in capsys.readouterr().err) == memory
+
+
 PROGRAM = """
 import hpcred, time
 from hpcred.parallel.petsc import MPI

@@ -177,7 +177,7 @@ def test_a_system_of_a_part_goes_with_its_instances(comm, folder):
         ("*System\n1.\n2.\n3.\n*Node\n1, 1.\n", r"line 1: found 3 lines below \*System"),
         ("*Node\n1, 1.\n*Transform, nset=a\n0.,1.,0.,1.,0.,0.\n", r"line 3: found \*Transform"),
         ("*Heading\n*Include, input=none.inp\n", r"line 2: found \*Include of .*none.inp, which is no file"),
-        ("*Heading\n*Include, input=a.inp\n", r"line 2: found \*Include of .*a.inp, which includes itself"),
+        ("*Heading\n*Include, input=a.inp\n", r"line 2: found an include of .*a.inp, which includes itself"),
         ("*Heading\n*Include\n", r"line 2: found \*Include without a file"),
         ("*Node, input=none.txt\n", "line 1: found input=.*none.txt, which is no file"),
         ("*Heading\n text\n", "found no nodes"),
@@ -409,3 +409,87 @@ def test_lines_of_elements_that_are_not_drawn_are_read_too(comm, folder, line, g
     else:
         with pytest.raises(InputError, match=f"line 6: found '{line}', expected numbers of an element and its nodes"):
             read(path, comm)
+
+
+BARS = """*Node
+1, 1.
+2, 2.
+3, 3.
+4, 4.
+*Element, type=B31, elset=left
+1, 1, 2
+2, 2, 3
+*Element, type=SPRINGA, elset=springs
+8, 1, 4
+"""
+
+
+def sets_of(path, comm, **options):
+    mesh = read(path, comm, **options)
+    return {name: gathered(comm, numbers)[0].tolist() for name, numbers in mesh.sets.items()}, mesh.remarks
+
+
+def test_a_set_of_nodes_of_a_set_of_elements(comm, folder):
+    """Documented by Abaqus; also of internal sets, in sets of sets, and of elements that are defined below it."""
+    text = BARS + """*Nset, nset=A, elset=LEFT
+*Nset, nset=end
+4
+*Nset, nset=both
+a, end
+*Nset, nset=B, elset=_within
+*Elset, elset=_within, internal
+left
+"""
+    found, remarks = sets_of(write(folder / "a.inp", text, comm), comm)
+    assert found == {"A": [1, 2, 3], "end": [4], "both": [1, 2, 3, 4], "B": [1, 2, 3], "elements of left": [1, 2, 3]}
+    assert not any("left" in remark for remark in remarks)
+    text = ASSEMBLY.replace("*Element, type=B31", "*Element, type=B31, elset=bar")
+    text = text.replace("*End Assembly", "*Nset, nset=all, elset=bar, instance=r-1\n*End Assembly")
+    text = text.replace("*End Part", "*Nset, nset=own, elset=bar\n*End Part", 1)
+    found, _ = sets_of(write(folder / "b.inp", text, comm), comm)
+    assert found["all"] == found["r-1.own"] == found["elements of r-1.bar"] == [1, 2]
+
+
+def test_sets_of_elements_that_are_not_read_are_told(comm, folder):
+    text = BARS + "*Nset, nset=A, elset=springs\n*Elset, elset=mixed\nleft, 8\n*Nset, nset=C, elset=mixed\n"
+    found, remarks = sets_of(write(folder / "a.inp", text, comm), comm)
+    assert "A" not in found and found["C"] == found["elements of mixed"] == [1, 2, 3]
+    assert any("without the nodes of elements whose types are not read: elements of mixed, elements of springs, A, C"
+               in remark for remark in remarks)  # fmt: skip
+    for more, says in (
+        ("*Nset, nset=A, elset=other\n", "found the set 'other' in the set of nodes 'A', .* sets of elements"),
+        ("*Nset, nset=A, elset=left\n4\n", r"line 11: found data lines below \*Nset with elset="),
+    ):
+        with pytest.raises(InputError, match=says):
+            read(write(folder / "b.inp", BARS + more, comm), comm)
+    # CalculiX does not know the parameter, and reads the lines below
+    found, _ = sets_of(write(folder / "c.inp", BARS + "*Nset, nset=A, elset=left\n4\n", comm), comm, calculix=True)
+    assert found["A"] == [4]
+
+
+def test_files_that_include_each_other_again_and_again_come_to_an_end(comm, folder):
+    for k in range(22):
+        write(folder / f"i{k}.inp", f"*Include, input=i{k + 1}.inp\n" * 2, comm)
+    write(folder / "i22.inp", "*Nset, nset=A\n1\n", comm)
+    main = write(folder / "main.inp", "*Node\n1, 1.\n*Include, input=i0.inp\n", comm)
+    with pytest.raises(InputError, match="main.inp: found more than 10000 files, as often as they are included, at "):
+        read(main, comm)
+    main = write(folder / "main.inp", "*Node\n1, 1.\n*Include, input=i12.inp\n", comm)
+    assert sets_of(main, comm)[0] == {"A": [1]}  # 1024 times the same set
+    for k in range(101):
+        write(folder / f"c{k}.inp", f"*Include, input=c{k + 1}.inp\n", comm)
+    write(folder / "c101.inp", "*Node\n2, 1.\n", comm)
+    assert sorted(nodes_of(write(folder / "d.inp", "*Include, input=c10.inp\n", comm), comm)) == [2]
+    with pytest.raises(InputError, match="d.inp: found more than 100 files, one in the other, at .*c100.inp"):
+        read(write(folder / "d.inp", "*Include, input=c0.inp\n", comm), comm)
+
+
+def test_large_files_that_are_included_often_come_to_an_end(comm, folder, monkeypatch):
+    """The same file of nodes, named by input= or by *Include, so that the bytes are many and the files few."""
+    monkeypatch.setattr("hpcred.files.included.AGAIN", 1000)
+    write(folder / "n.txt", "1, 1.\n" * 50, comm)
+    write(folder / "n.inp", "*Node\n" + "1, 1.\n" * 50, comm)
+    for line in ("*Node, input=n.txt\n", "*Include, input=n.inp\n"):
+        assert nodes_of(write(folder / "a.inp", line * 3, comm), comm) == {1: [1, 0, 0]}
+        with pytest.raises(InputError, match="a.inp: found .* MB in files of .* MB, at .*n\\..*again and again"):
+            read(write(folder / "a.inp", line * 30, comm), comm)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.linalg
-from ansys_files import BLOCK, write_full, write_rst
+from ansys_files import BLOCK, archive, write_full, write_rst
 from foreign import gathered, write
 from helpers import to_dense
 from shared_data import shared, unpacked
@@ -412,3 +412,29 @@ def test_the_same_body_with_the_nodes_of_its_result_file(comm):
     with assemble(parts, comm) as model:
         found = frequencies(to_dense(model.K), to_dense(model.M))[:4]
         assert model.dofs is not None and np.allclose(found, [1283.2, 1283.2, 5781.975, 6919.399], rtol=3e-7)
+
+
+def test_the_input_file_of_workbench_is_found(comm, folder):
+    """Its nodes where there are no others; else its elements and named selections, unless it is of another model."""
+    path = made(comm, folder, {"K": K, "M": M}, rst=False)
+    nodes = {int(node[0]): tuple(node[1:4]) for node in POSITION}
+    first = min(nodes)
+    picked = f"CMBLOCK,PICKED,NODE,       1\n(8i10)\n{first:10d}\n"
+    workbench = write(folder / "ds.dat", archive(nodes, elements=picked), comm)
+
+    def sets():
+        parts = read_parts(path, comm)
+        return {name: gathered(comm, numbers)[0].tolist() for name, numbers in parts.sets.items()}, parts.warnings
+
+    assert sets()[0] == {"PICKED": [first]}
+    made(comm, folder, {"K": K, "M": M})
+    found, warnings = sets()
+    assert found == {"PICKED": [first]}
+    assert any("elements and named selections are those of this" in line for line in warnings)
+    moved = {number: (xyz[0] + 1.0, *xyz[1:]) for number, xyz in nodes.items()}
+    write(workbench, archive(moved, elements=picked), comm)
+    found, warnings = sets()
+    assert not found and any("ds.dat: its nodes are not those of" in line for line in warnings)
+    write(workbench, archive(nodes, elements=picked[:-11]), comm)
+    found, warnings = sets()
+    assert not found and any("elements and sets are not taken from this file" in line for line in warnings)

@@ -8,7 +8,7 @@ import scipy.io
 from ansys_files import archive, element, write_rst
 from foreign import gathered, write
 from helpers import to_dense
-from shared_data import unpacked
+from shared_data import shared, unpacked
 
 import hpcred
 from hpcred import InputError
@@ -405,3 +405,71 @@ def test_labels_of_a_vector(comm, folder):
     text = "%%MatrixMarket matrix array integer general \n% Creator: ANSYS Inc\n3 1\n7\n2\n30\n"
     label, row = gathered(comm, *ansys_lists.read_vector(write(folder / "v.txt", text, comm), comm, 18))
     assert label[np.argsort(row)].tolist() == [label_of(np.array(n), k) for n in (7, 2, 30) for k in range(6)]
+
+
+SQUARE = {k: (x, y, 0.0) for k, (x, y) in enumerate([(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)], 1)}
+QUADS = ("EBLOCK,19,SOLID,         9,         2\n(19i9)\n" + element(2, 8, (1, 2, 5, 4)) + element(2, 9, (2, 3, 6, 5))
+         + "       -1\n")  # fmt: skip
+
+
+def components(*items):
+    """CMBLOCK of name, kind and numbers each, eight in a line."""
+    text = ""
+    for name, kind, numbers in items:
+        text += f"CMBLOCK,{name:8},{kind},{len(numbers):8d}  ! users component definition\n(8i10)\n"
+        for k in range(0, len(numbers), 8):
+            text += "".join(f"{number:10d}" for number in numbers[k : k + 8]) + "\n"
+    return text
+
+
+def sets_in(path, comm):
+    return {name: gathered(comm, numbers)[0].tolist() for name, numbers in read_nodes(path, comm).sets.items()}
+
+
+def test_components_are_sets(comm, folder, monkeypatch):
+    """Numbers and ranges, over lines and pieces; of elements the nodes of those; also of the input of Workbench."""
+    many = [1, -3, 5, 6]
+    text = QUADS + components(("BEARING", "NODE", many), ("Plate 2", "ELEM", [9]), ("ALL", "ELEMENTS", [8, -9]))
+    expected = {"BEARING": [1, 2, 3, 5, 6], "elements of Plate 2": [2, 3, 5, 6], "elements of ALL": [1, 2, 3, 4, 5, 6]}
+    for size in (2**21, 16):
+        monkeypatch.setattr("hpcred.files.text.PIECE", size)
+        monkeypatch.setattr("hpcred.readers.ansys.components.AT_ONCE", size)
+        assert sets_in(write(folder / "a.cdb", archive(SQUARE, elements=text), comm), comm) == expected
+        comm.Barrier()
+    singly = archive({k: (k, 0, 0) for k in range(1, 40)}, elements=components(("ODD", "NODE", [*range(1, 40, 2)])))
+    assert sets_in(write(folder / "b.cdb", singly, comm), comm) == {"ODD": [*range(1, 40, 2)]}
+
+
+@pytest.mark.parametrize("text, says", [
+    (components(("A", "NODE", [1, 2])).replace("       2  !", "       3  !"), "found 2 numbers of the component"),
+    (components(("A", "NODE", [1, 2]))[:-11] + "\n", "found 1 numbers of the component 'A', but it announces 2"),
+    (components(("A", "NODE", [-2, 3])), "with a range that does not ascend"),
+    (components(("A", "NODE", [5, -2])), "with a range that does not ascend"),
+    (components(("A", "NODE", [5, -6, -7])), "with a range that does not ascend"),
+    (components(("A", "NODE", [0])), "with a range that does not ascend"),
+    (components(("A", "AREA", [1])), "expected CMBLOCK, a name, NODE or ELEM, and how many numbers follow"),
+    (components(("", "NODE", [1])), "expected CMBLOCK, a name"),
+    (components(("A", "NODE", [1]), ("a", "NODE", [2])), "found a second component 'a', expected one"),
+    (components(("A", "NODE", [1])).replace("(8i10)", "(8f10.1)"), "a format of other than whole numbers"),
+    (components(("A", "NODE", [1])).replace("         1\n", "        1x\n"), "found 0 numbers of the component"),
+])  # fmt: skip
+def test_damaged_components_are_refused(comm, folder, text, says):
+    path = write(folder / "a.cdb", archive(SQUARE, elements=text), comm)
+    with pytest.raises(InputError, match=says):
+        read_nodes(path, comm)
+
+
+def test_named_selections_of_the_shared_archive(comm):
+    """Against a parse of its lines in plain Python."""
+    path, expected = shared("fe/ansys/cantilever/HexBeam.cdb"), {}
+    lines = Path(path).read_text().splitlines()
+    for k, line in enumerate(lines):
+        if line.startswith("CMBLOCK") and ",NODE," in line:
+            name, count = line.split(",")[1].strip(), int(line.split(",")[3].split("!")[0])
+            numbers = [int(word) for text in lines[k + 2 : k + 2 + -(-count // 8)] for word in text.split()]
+            found = set()
+            for before, number in zip([0, *numbers], numbers, strict=False):
+                found |= set(range(before + 1, -number + 1)) if number < 0 else {number}
+            expected[name] = sorted(found)
+    found = sets_in(path, comm)
+    assert set(expected) == {"NCOMP2", "NODE_SELECTION"} and expected.items() <= found.items()

@@ -282,3 +282,32 @@ def test_other_files_are_refused(comm, folder):
             model.with_loads([DeckLoad(name="n", file=name)])
     with pytest.raises(InputError, match="load 'n': expected `step` .* or `sid`"):
         DeckLoad(name="n", file="a.inp", step=1, sid=2)
+
+
+def test_a_step_that_is_cut_off_is_refused(comm, folder):
+    """Each cut of the file in or behind its step: all of the loads, or a refusal."""
+    whole = deck(step("*CLOAD", "1, 1, 5.0", "12, 2, 7.0"))
+    with model_of(comm) as model:
+        expected, _ = column(model, DeckLoad(name="c", file=write(comm, folder / "w.inp", whole), step=1))
+        for stop in range(whole.index("*STEP") + 5, len(whole), 3):
+            load = DeckLoad(name="c", file=write(comm, folder / "c.inp", whole[:stop]), step=1)
+            try:
+                found, _ = column(model, load)
+            except InputError:
+                continue
+            assert np.array_equal(found, expected)
+        nothing = write(comm, folder / "n.inp", whole.replace("*END STEP", ""))
+        with pytest.raises(InputError, match=r"line \d+: found no \*End Step of step 1, expected one"):
+            column(model, DeckLoad(name="c", file=nothing, step=1))
+        nested = write(comm, folder / "s.inp", whole.replace("*END STEP", "") + step("*CLOAD, OP=NEW", "1, 1, 5.0"))
+        for number in (1, 2):
+            with pytest.raises(InputError, match="found no .End Step of step 1"):
+                column(model, DeckLoad(name="c", file=nested, step=number))
+
+
+def test_an_included_file_of_loads_without_a_last_line_break_is_told(comm, folder):
+    write(comm, folder / "loads.inc", "*CLOAD\n1, 1, 5.0\n12, 2, 7.0")
+    name = write(comm, folder / "i.inp", deck(step("*INCLUDE, INPUT=loads.inc")))
+    with model_of(comm) as model:
+        _, sums = column(model, DeckLoad(name="c", file=name, step=1))
+    assert "loads.inc: found no line break at its end" in sums.remark

@@ -100,10 +100,88 @@ def test_columns_of_tables(tmp_path, head, places):
     ("t,q1,q2", "\n9,,3\n", r"line 5: found '9,,3', expected a number between two commas"),
     ("x,q1,q2", "\n", r"motion.csv: found no motion; expected simulation.h5"),
     ("t,q1", "\n", r"found 1 coordinates, expected 2 of the result"),
+    ("t,q01,q02", "\n", r"found columns t, q01, q02, and none of the reduced coordinates"),
+    ("t,q\u0661,q\u0662", "\n", r"and none of the reduced coordinates"),
+    ("t,q1,q2", "\n9,2,1e300\n", r"q is beyond \+-1e\+150 at instant 4 of 4, expected finite numbers"),
 ])  # fmt: skip
 def test_tables_that_are_refused(tmp_path, head, end, message):
     with pytest.raises(InputError, match=message):
         read(table(tmp_path, head, end=end))
+
+
+def test_names_of_columns_of_any_length_and_number(tmp_path):
+    """A number of 5000 digits names no coordinate; the time of 40,000 columns is linear in their number."""
+    assert read(table(tmp_path, f"t,q1,q2,q{'9' * 5000}")).q.shape == (3, 2)
+    assert read(table(tmp_path, ",".join(["t", "q1", "q2", *(f"c{k}" for k in range(40_000))]), rows=1)).q.shape[1] == 2
+
+
+def _elsewhere(folder, kind):
+    """An HDF5 file whose q lies in another file, which has it."""
+    q = np.ones((3, 2))
+    with h5py.File(folder / "other.h5", "w") as file:
+        file["q"] = q
+    q.tofile(folder / "other.bin")
+    with h5py.File(folder / "q.h5", "w") as file:
+        file["t"] = np.arange(3.0)
+        if kind == "link":
+            file["q"] = h5py.ExternalLink(str(folder / "other.h5"), "/q")
+        elif kind == "soft":
+            file["q"] = h5py.SoftLink("/t")
+        elif kind == "virtual":
+            layout = h5py.VirtualLayout(shape=(3, 2), dtype="f8")
+            layout[:] = h5py.VirtualSource(str(folder / "other.h5"), "q", shape=(3, 2))
+            file.create_virtual_dataset("q", layout)
+        else:
+            file.create_dataset("q", (3, 2), "f8", external=[(str(folder / "other.bin"), 0, q.nbytes)])
+    return folder / "q.h5"
+
+
+@pytest.mark.parametrize("kind, says", [
+    ("link", "/q is a link to something else, which is not followed"), ("soft", "/q is a link to something else"),
+    ("virtual", "/q is kept in another file, which is not followed"), ("storage", "/q is kept in another file"),
+])  # fmt: skip
+def test_arrays_elsewhere_are_not_followed(tmp_path, kind, says):
+    with pytest.raises(InputError, match=says):
+        read(_elsewhere(tmp_path, kind))
+
+
+@pytest.mark.parametrize("q, says", [
+    (np.ones((3, 2)) * (1 + 1j), "q has numbers of the kind complex128, expected an array of real numbers"),
+    (np.ones((3, 2), bool), "q has numbers of the kind bool, expected"),
+    (np.full((3, 2), "1.0", "S3"), "q has numbers of the kind .S3, expected"),
+    (np.full((3, 2), 1e300), "q is beyond .-1e.150 at instant 1 of 3"),
+    (h5py.Empty("f8"), "q has numbers of the kind float64, expected an array"),
+    (None, "q has no array, expected an array of real numbers"),
+])  # fmt: skip
+def test_arrays_of_other_contents_are_refused(tmp_path, q, says):
+    with h5py.File(tmp_path / "q.h5", "w") as file:
+        file["t"] = np.arange(3.0)
+        if q is None:
+            file.create_group("q")
+        else:
+            file["q"] = q
+    with pytest.raises(InputError, match=says):
+        read(tmp_path / "q.h5")
+
+
+def test_sizes_of_which_nothing_is_stored_are_not_believed(tmp_path):
+    with h5py.File(tmp_path / "q.h5", "w") as file:
+        file.create_dataset("t", (2 * 10**9,), "f8", chunks=(1000,))
+        file.create_dataset("q", (2 * 10**9, 2), "f8", chunks=(1000, 2))
+    with pytest.raises(InputError, match="/t is not whole; the file is damaged"):
+        read(tmp_path / "q.h5")
+
+
+@pytest.mark.parametrize("what", ["import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "while True: pass"])
+def test_a_file_on_which_hdf5_crashes_or_does_not_end_is_refused(tmp_path, monkeypatch, what):
+    """A process of its own meets such a file first, here by another program in the place of HDF5."""
+    (tmp_path / "probe.py").write_text(what)
+    monkeypatch.setattr("hpcred.files.opened_hdf5.PROBE", tmp_path / "probe.py")
+    monkeypatch.setattr("hpcred.files.opened_hdf5.PATIENCE", 1.0)
+    with h5py.File(tmp_path / "q.h5", "w") as file:
+        file["t"], file["q"] = np.arange(3.0), np.ones((3, 2))
+    with pytest.raises(InputError, match="HDF5 crashes on it, or does not end; the file is damaged"):
+        read(tmp_path / "q.h5")
 
 
 def test_outputs_tell_another_body(tmp_path):

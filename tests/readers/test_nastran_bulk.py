@@ -372,3 +372,14 @@ def test_lines_below_replicated_cards_keep_their_numbers(comm, folder):
     path = write(folder / "a.bdf", "GRID,1,,0.\n=,*1,==\n=(7)\nGRID,x\n", comm)
     with pytest.raises(InputError, match="line 4: found 'GRID,x', expected the number of a grid point"):
         nastran_bulk.read_deck(path, comm)
+
+
+def test_files_that_include_each_other_again_and_again_come_to_an_end(comm, folder):
+    for k in range(22):
+        write(folder / f"n{k}.bdf", f"INCLUDE 'n{k + 1}.bdf'\n" * 2, comm)
+    write(folder / "n22.bdf", "$ nothing\n", comm)
+    deck = "BEGIN BULK\nGRID,1\nINCLUDE '{}'\nENDDATA\n"
+    with pytest.raises(InputError, match="main.bdf: found more than 10000 files, as often as they are included, at "):
+        read_nodes(write(folder / "main.bdf", deck.format("n0.bdf"), comm), comm)
+    nodes, *_ = read_nodes(write(folder / "main.bdf", deck.format("n14.bdf"), comm), comm)
+    assert gathered(comm, nodes.label)[0].tolist() == [1]

@@ -107,3 +107,65 @@ def test_punch_files_that_are_not_understood_are_refused(tmp_path, text, says):
     (tmp_path / "job.pch").write_text(text([two_bricks(np.random.default_rng(3))]))
     with pytest.raises(InputError, match=says):
         read_answers(tmp_path / "job.pch", MPI.COMM_SELF)
+
+
+def exchanged(text, first, second):
+    lines = text.splitlines(keepends=True)
+    lines[first], lines[second] = lines[second], lines[first]
+    return "".join(lines)
+
+
+def without_numbers(text):
+    return "".join(f"{line[:72].rstrip() if line.startswith('$') else line[:72]}\n" for line in text.splitlines())
+
+
+@pytest.mark.parametrize("text, says", [
+    (lambda good: exchanged(good, 35, 36), "lines are missing or exchanged"),
+    (lambda good: exchanged(good, 44, 45), "expected the line that follows by the numbers at the ends; lines are"),
+    (lambda good: exchanged(good, 43, 51), "lines are missing or exchanged"),
+    (lambda good: exchanged(without_numbers(good), 4, 5), "records of 2 lines, -CONT- in all but"),
+    (lambda good: good.replace("      40\n", "      4x\n"), "expected the number of the line at its end"),
+    (lambda good: good[: 4 * 81 + 18] + f"{'nan':>18}" + good[4 * 81 + 36 :], "line 5: .* expected finite numbers"),
+    (lambda good: good[:20], "found displacements of 0 subcases"),
+    (lambda good: good[:20] + "\n", "found displacements of 0 subcases"),
+])  # fmt: skip
+def test_damaged_punch_files_are_refused(tmp_path, text, says):
+    good = punch([two_bricks(np.random.default_rng(3))])
+    (tmp_path / "job.pch").write_text(without_numbers(good))
+    read_answers(tmp_path / "job.pch", MPI.COMM_SELF)
+    (tmp_path / "job.pch").write_text(text(good))
+    with pytest.raises(InputError, match=says):
+        read_answers(tmp_path / "job.pch", MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_damaged_results_of_ansys_are_refused_or_whole(tmp_path, seed):
+    """Words of lengths, places and counts, of which the file has no checksum: a sentence, or finite numbers."""
+    good = np.fromfile(shared("ansys/file.rst"), "<i4")
+    small = np.flatnonzero((np.abs(good) < 200_000) & (good != 0))
+    rng, refused = np.random.default_rng(seed), 0
+    for _ in range(80):
+        damaged, k = good.copy(), int(rng.choice(small))
+        damaged[k] = rng.choice([0, -1, 1, 2**31 - 1, -(2**31), int(rng.integers(2000)), good[k] ^ 4])
+        damaged.tofile(tmp_path / "a.rst")
+        try:
+            found = read_answers(tmp_path / "a.rst", MPI.COMM_SELF)
+        except InputError:
+            refused += 1
+            continue
+        assert np.isfinite(found.stress).all() and np.isfinite(found.displacement).all()
+    assert refused > 5
+
+
+def test_an_element_without_its_pointer_to_stresses_is_refused(tmp_path, monkeypatch):
+    """The table of pointers of an element, cut to none."""
+    plain = ansys_rst._alike
+
+    def without(file, places):
+        for which, numbers in plain(file, places):
+            yield which, numbers[:, :2] if numbers.shape[1] > 20 and numbers.dtype.kind == "i" else numbers
+
+    path = shared("ansys/file.rst")
+    monkeypatch.setattr(ansys_rst, "_alike", without)
+    with pytest.raises(InputError, match="the file is damaged"):
+        read_answers(path, MPI.COMM_SELF)

@@ -32,7 +32,7 @@ from hpcred.body.body import body_of
 from hpcred.parallel.failures import InputError
 from hpcred.reduction.maxwell_states import maxwell_states
 from hpcred.simulation.equations_of_motion import FlexibleBody, rotation
-from hpcred.simulation.simulation import FEW_STEPS, _pace, simulate
+from hpcred.simulation.simulation import FEW_EVALUATIONS, FEW_STEPS, _Pace, simulate
 
 
 def reduced_body(model, basis, nodes, damping=None):
@@ -196,7 +196,7 @@ def test_progress_and_warnings_are_told(linkage_body):
 @pytest.mark.parametrize("t, refused", [(1e-7, True), (1.0, False)])
 def test_the_pace_is_looked_at_after_a_number_of_steps(t, refused):
     """Of FEW_STEPS steps: what is left takes too many where they came to 1e-7 s of 1,000 s, and few where to 1 s."""
-    watch = _pace(1000.0)
+    watch = _Pace(1000.0).stepped
     for k in range(1, FEW_STEPS):
         watch(t * k / FEW_STEPS, None, None)
     if refused:
@@ -205,6 +205,24 @@ def test_the_pace_is_looked_at_after_a_number_of_steps(t, refused):
             watch(t, None, None)
     else:
         assert watch(t, None, None) == 1.0
+
+
+def test_steps_that_are_tried_in_vain_count_as_well():
+    """None of so many evaluations has brought the time on."""
+    pace = _Pace(1000.0)
+    pace.stepped(1e-9, None, None)
+    for _ in range(FEW_EVALUATIONS):
+        pace.evaluated()
+        if pace.evaluations == FEW_EVALUATIONS - 1:
+            break
+    with pytest.raises(InputError, match="t = 1e-09 s was reached in 5000 evaluations of the equations, the last 5000"):
+        pace.evaluated()
+
+
+@pytest.mark.parametrize("more", [{"gravity": (0.0, 0.0, 1e30)}, {"force": (ConstantForce(20, (1e19, 0.0, 0.0)),)}])
+def test_loads_beyond_all_speeds_are_refused_before_the_first_step(linkage_body, more):
+    with pytest.raises(InputError, match="gravity and loads make accelerations of .* beyond that of light; look at"):
+        simulate(linkage_body, Simulation(end=0.01, steps=3, **more))
 
 
 def test_a_stiff_pendulum_is_a_rigid_one(comm):

@@ -13,6 +13,9 @@ import hpcred
 from hpcred import Buckens, Modes
 from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import MPI
+from hpcred.workflows.stress_decks import _whole_text
+from hpcred.writers.decks.calculix import CalculixDeck
+from hpcred.writers.decks.nastran import NastranDeck
 
 DECK = "*NODE\n1,10.,0.,0.\n*INCLUDE, INPUT=mesh.inp\n*STEP\n*FREQUENCY\n3\n*END STEP\n"
 
@@ -227,3 +230,17 @@ def test_scalar_rows_are_left_to_the_program(tmp_path, monkeypatch):
     for number in range(1, 5):
         lines = (Path("new") / f"column_{number:04d}.inc").read_text().splitlines()
         assert [line.split(",")[:3] for line in lines] == [["1", str(d), str(d)] for d in (1, 2, 3)]
+
+
+def test_original_files_with_includes(tmp_path):
+    """Texts of files in the place of the lines that name them, in all forms of Nastran; many of them are refused."""
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "a.bdf").write_text("GRID,2\n")
+    for name in ("'sub/a.bdf'", "sub/a.bdf", '"sub/\n  a.bdf"', "'sub/a.bdf' $ points"):
+        (tmp_path / "m.bdf").write_text(f"GRID,1\nINCLUDE {name}\nGRID,3\n")
+        assert _whole_text(tmp_path / "m.bdf", NastranDeck.include) == "GRID,1\nGRID,2\nGRID,3\n"
+    for k in range(19):
+        (tmp_path / f"x{k}.inp").write_text(f"*INCLUDE, INPUT=x{k + 1}.inp\n" * 3)
+    (tmp_path / "x19.inp").write_text("** text\n")
+    with pytest.raises(InputError, match="x0.inp: found more than 10000 files"):
+        _whole_text(tmp_path / "x0.inp", CalculixDeck.include)

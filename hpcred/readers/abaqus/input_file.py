@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...files.included import Included
 from ...files.system_errors import open_input
 from ...files.text import (
     BYTE_ORDER_MARK,
@@ -33,7 +34,7 @@ from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, sort_over_ranks
 from ..nodes.table import LARGEST_COORDINATE, NodeTable, elements_of, finite
 from .materials import materials_of, names_of, properties_of
-from .sets import GROUP, read_sets
+from .sets import GROUP, read_sets, scopes_of
 
 KEYWORD = re.compile(rb"(?m)^[ \t]*\*(?!\*)")
 GOES_ON = re.compile(rb",[ \t\r]*(\n|$)")
@@ -51,6 +52,7 @@ REFUSED = {
 SCOPES = {"part", "endpart", "assembly", "endassembly", "instance", "endinstance"}  # where a *System ends
 # what CalculiX leaves out with its data lines, as all that it does not know
 UNKNOWN_TO_CALCULIX = {*SCOPES, "system", *REFUSED}
+WITH_FILES = {"include", "node", "element", "nset", "elset"}  # their input= is followed
 TOLERATED = {"nset", "input", "system"}  # parameters of *Node
 
 
@@ -138,9 +140,12 @@ def read(path, comm, calculix=False, surfaces=False, steps=True) -> Mesh:
     internal sets of elements that surfaces name are read as well. `steps`: whether the file is read beyond its first
     *Step, with the files that it includes there.
     """
-    sections = _sections(Path(path), comm, (), calculix, steps)
+    sections = _sections(Path(path), comm, calculix, steps)
     if calculix:
         sections = [section for section in sections if section.keyword not in UNKNOWN_TO_CALCULIX]
+        for section in sections:
+            if section.keyword == "nset":
+                section.parameters.pop("elset", None)  # a parameter that it does not know
     blocks = decided(comm, _blocks, path, sections, calculix)
     materials, remarks = decided(comm, materials_of, sections, _first_data_line)
     groups = sorted({block.group for block in blocks})
@@ -148,47 +153,76 @@ def read(path, comm, calculix=False, surfaces=False, steps=True) -> Mesh:
         [block for block in blocks if block.section.keyword in keywords]
         for keywords in (("node",), ("element",), ("nset", "elset"), ("solidsection",))
     )
-    named = {}
+    named, unread = {}, set()
     nodes = _nodes(path, comm, nodes, named, 1 if calculix else 2)
-    elements, keys, types, tables, counts = _elements(comm, elements, groups, named, calculix)
+    elements, keys, types, tables, counts = _elements(comm, elements, groups, named, unread, calculix)
     _require_nodes(path, comm, nodes, elements)
     wanted = {name for block in solids for name in names_of(block)}
+    wanted |= {scope + section.parameters["elset"].lower() for block in sets for section in [block.section]
+               if section.keyword == "nset" and "elset" in section.parameters for scope in scopes_of(block)}
     if surfaces:
         of_surfaces = [section for section in sections if section.keyword == "surface"]
         wanted |= {line[0].strip('"').lower() for section in of_surfaces for line in data_lines(section)}
-    sets, members = read_sets(path, comm, sets, groups, named, elements, keys, wanted)
+    sets, members, more = read_sets(path, comm, sets, groups, named, elements, keys, wanted, unread)
     program = "CalculiX" if calculix else "Abaqus"
     properties = properties_of(comm, program, solids, materials, types, tables, keys, members) if elements else None
-    return Mesh(nodes, elements, sets, sections, counts, properties, remarks, keys, members)
+    return Mesh(nodes, elements, sets, sections, counts, properties, [*remarks, *more], keys, members)
 
 
-def _sections(path, comm, including, calculix, steps):
-    """Return all keywords of a file and of those it includes, in order; without `steps` up to one. Collective."""
+def _sections(path, comm, calculix, steps):
+    """Return all keywords of a file and of those it includes, in order; without `steps` up to the first. Collective."""
+    included, result = Included(path), []
+
+    def follow(file, above, refusal):
+        """Put the keywords of a file into the result; returns whether to go on behind it."""
+        with agreed(comm):
+            name = included.add(file, above, refusal)
+        if name not in included.own:
+            included.own[name] = _own_sections(file, comm, calculix)
+        for section in included.own[name]:
+            if section.keyword == "step" and not steps:
+                return False
+            if section.keyword != "include":
+                result.append(section)
+            if section.keyword != "include" and not (section.keyword in WITH_FILES and "input" in section.parameters):
+                continue
+            with agreed(comm):
+                target = _file_named(section)
+                if section.keyword != "include":
+                    included.add(target, (*above, name), section.refusal)
+            if section.keyword == "include" and not follow(target, (*above, name), section.refusal):
+                return False
+        return True
+
+    follow(path, (), InputError)
+    return result
+
+
+def _own_sections(path, comm, calculix):
+    """Return the keywords of one file. Collective."""
     with agreed(comm):
         require_file(path)
         refuse_packed(path)
         found = [piece.start + match.start() for piece in pieces(path, comm) for match in KEYWORD.finditer(piece.text)]
     positions = sum(comm.allgather(found), [])
-    result = []
-    for section in decided(comm, _keywords, path, positions, calculix):
-        if section.keyword == "step" and not steps:
-            break
-        if section.keyword != "include":
-            result.append(section)
-            continue
-        with agreed(comm):
-            name = section.parameters.get("input")
-            if not name:
-                raise section.refusal("found *Include without a file, expected input=FILE")
-            file = path.parent / name
-            if not file.is_file():
-                raise section.refusal(f"found *Include of {file}, which is no file")
-            if file.resolve() in [item.resolve() for item in (path, *including)]:
-                raise section.refusal(f"found *Include of {file}, which includes itself")
-            if data_lines(section):
-                raise section.refusal("found data lines below *Include, expected a keyword")
-        result += _sections(file, comm, (path, *including), calculix, steps)
-    return result
+    return decided(comm, _keywords, path, positions, calculix)
+
+
+def _file_named(section):
+    """Return the file that a keyword names in place of its data lines, or None. Raises InputError."""
+    name, keyword = section.parameters.get("input"), section.keyword
+    if keyword == "include" and not name:
+        raise section.refusal("found *Include without a file, expected input=FILE")
+    if name is None or keyword not in WITH_FILES:
+        return None
+    file = section.path.parent / name
+    if not file.is_file():
+        given = "*Include of " if keyword == "include" else "input="
+        raise section.refusal(f"found {given}{file}, which is no file")
+    if section.has_data():
+        given = "*Include" if keyword == "include" else "a keyword with input="
+        raise section.refusal(f"found data lines below {given}, expected them in that file only")
+    return file
 
 
 def _keywords(path, positions, calculix):
@@ -323,13 +357,8 @@ def _blocks(path, sections, calculix):
 
 def _block(section, system, placement, group, prefix=""):
     start, stop, path = section.start, section.stop, section.path
-    if "input" in section.parameters:
-        path = section.path.parent / section.parameters["input"]
-        if not path.is_file():
-            raise section.refusal(f"found input={path}, which is no file")
-        if data_lines(section):
-            raise section.refusal("found data lines below a keyword with input=, expected them in that file only")
-        start, stop = 0, None
+    if file := _file_named(section):
+        path, start, stop = file, 0, None
     if section.keyword == "node":
         unknown = sorted(set(section.parameters) - TOLERATED)
         kind = section.parameters.get("system", "r").lower()
@@ -439,9 +468,10 @@ def _name(named, block, kind, numbers):
         named.setdefault((kind, block.prefix + name), []).append(numbers)
 
 
-def _elements(comm, blocks, groups, named, calculix):
+def _elements(comm, blocks, groups, named, unread, calculix):
     """Return node numbers (elements of this rank, nodes) and keys (elements,), see abaqus_sets, by kind; names of types
-    and tables (elements, 3) of number, type and no material; the number of all elements by type. Fills `named`."""
+    and tables (elements, 3) of number, type and no material; the number of all elements by type. Fills `named`, and
+    `unread` with names of sets of elements of no known type."""
     found, keys, counts, types, tables = {}, {}, Counter(), [], {}
     with agreed(comm):
         for block in blocks:
@@ -453,6 +483,8 @@ def _elements(comm, blocks, groups, named, calculix):
             kind = abaqus_kind(name)
             if kind is None:
                 _require_labels(block, comm)
+                if name := block.section.parameters.get("elset"):
+                    unread.add((block.prefix + name).lower())
                 continue
             if name.upper() not in types:
                 types.append(name.upper())

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...files.text import LARGEST_LABEL, pieces, without_comments
+from ...files.text import LARGEST_LABEL, pieces, warnings_of_end, without_comments
 from ...model.elements import SHELLS, abaqus_kind
 from ...model.shape_functions import corner_kind
 from ...parallel.declared import nearest
@@ -58,6 +58,8 @@ def read_loads(path, step: int, comm) -> DeckLoads:
     for section in sections:
         getattr(reading, f"read_{section.keyword}")(section)
     reading.check_whole_body()
+    for file in sorted({section.path for section in sections} - {path}):
+        reading.found.remarks += warnings_of_end(file)
     if any("amplitude" in section.parameters for section in sections):
         reading.found.remarks.append("it has the reference values of its loads; their *Amplitude is not applied")
     return reading.found
@@ -65,10 +67,15 @@ def read_loads(path, step: int, comm) -> DeckLoads:
 
 def _of_step(path, sections, step):
     """Return the sections of loads of a step. Raises InputError for others that are not known to be none."""
-    number, chosen, before = 0, [], {}
+    number, chosen, before, open_step = 0, [], {}, None
     for section in sections:
         if section.keyword == "step":
+            if open_step is not None and number <= step:
+                break
             number += 1
+            open_step = section
+        elif section.keyword == "endstep":
+            open_step = None
         elif number != step and section.keyword in LOADS:
             if 0 < number < step:
                 before[section.keyword] = section
@@ -82,6 +89,11 @@ def _of_step(path, sections, step):
             )
         elif number == step and section.keyword == "boundary":
             _check_boundary(section)
+    if open_step is not None and number <= step:
+        raise open_step.refusal(
+            f"found no *End Step of step {number}, expected one behind its last line; the file is cut off, or loads "
+            "are missing"
+        )
     if number < step:
         raise InputError(f"{path}: found {number} steps, expected a step {step}, whose loads are wanted")
     if not chosen:

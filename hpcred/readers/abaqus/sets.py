@@ -1,7 +1,7 @@
 """Make node sets from the *Nset and *Elset blocks and the elements of an Abaqus input file.
 
-A set of elements becomes the set of their nodes, "elements of NAME". Sets in an instance are named as in Abaqus,
-INSTANCE.NAME; internal sets of Abaqus/CAE are left out.
+A set of elements becomes the set of their nodes, "elements of NAME"; *Nset with elset= has those nodes under its own
+name. Sets in an instance are named as in Abaqus, INSTANCE.NAME; internal sets of Abaqus/CAE are left out.
 """
 
 import re
@@ -23,24 +23,26 @@ NOTHING = np.zeros(0, np.int64)
 
 @dataclass
 class Members:
-    """The part of one set on a rank: numbers of nodes, or keys of elements, and names of sets that belong to it.
+    """The part of one set on a rank: numbers of nodes, or keys of elements, and sets that belong to it.
 
-    `parts`: of each such name the ways to write it in full. `hidden`: whether it is an internal one of Abaqus/CAE.
+    `parts`: the kind of each such set ("nset" or "elset"), and the ways to write its name in full. `hidden`: whether it
+    is an internal one of Abaqus/CAE.
     """
 
     name: str
     numbers: list[np.ndarray] = field(default_factory=list)
-    parts: set[tuple[str, ...]] = field(default_factory=set)
+    parts: set[tuple[str, tuple[str, ...]]] = field(default_factory=set)
     hidden: bool = False
 
 
-def read_sets(path, comm, blocks, groups, named, elements, keys, wanted=()) -> tuple[dict, dict]:
-    """Return node numbers by name of the set, each once over all ranks, ascending; and such keys of elements by the
-    names, in small letters, of the sets of elements, internal ones only where `wanted`. Collective. Raises InputError.
+def read_sets(path, comm, blocks, groups, named, elements, keys, wanted, unread) -> tuple[dict, dict, list]:
+    """Return node numbers by name of the set, each once over all ranks, ascending; such keys of elements by the
+    names, in small letters, of the sets of elements, internal ones only where `wanted`; and remarks. Collective.
 
     `blocks` of *Nset and *Elset; `groups`: the instances, in the order of their numbers in keys. `named`: numbers of
     this rank by ("nset" or "elset", name), of *Node and *Element with such a parameter. `elements`, `keys`: node
-    numbers (elements of this rank, nodes) and keys (elements,) by kind.
+    numbers (elements of this rank, nodes) and keys (elements,) by kind; `unread`: names, in small letters, of sets of
+    *Element of other kinds. Raises InputError.
     """
     found = {}
     with agreed(comm):
@@ -48,21 +50,35 @@ def read_sets(path, comm, blocks, groups, named, elements, keys, wanted=()) -> t
             _read_block(comm, block, GROUP * groups.index(block.group), found, wanted)
         for (kind, name), numbers in named.items():
             _members(found, kind, name).numbers += numbers
-    sets, members = {}, {}
-    for (kind, key), (name, numbers, hidden) in _with_their_parts(path, comm, found).items():
-        numbers = np.unique(sort_over_ranks(comm, numbers)[0])
+        for name in unread:
+            _members(found, "elset", name)
+    sets, members, lacking = {}, {}, []
+    for (kind, key), (name, numbers, of_elements, reached, hidden) in _with_their_parts(path, comm, found).items():
         if kind == "elset":
-            members[key] = numbers
+            members[key] = numbers = np.unique(sort_over_ranks(comm, numbers)[0])
         if hidden:
             continue
         if kind == "elset":
-            name = f"elements of {name}"
-            of_kinds = (look_up(comm, numbers, [], keys[key])[0] for key in elements)
+            name, numbers, of_elements = f"elements of {name}", NOTHING, numbers
+        of_elements = np.unique(sort_over_ranks(comm, of_elements)[0])
+        if count := comm.allreduce(len(of_elements)):
+            of_kinds = [look_up(comm, of_elements, [], keys[key])[0] for key in elements]
             nodes = [part[inside].ravel() for part, inside in zip(elements.values(), of_kinds, strict=True)]
-            numbers = np.unique(sort_over_ranks(comm, np.concatenate([NOTHING, *nodes]))[0])
+            numbers = np.concatenate([numbers, *nodes])
+            count -= comm.allreduce(int(sum(inside.sum() for inside in of_kinds)))
+        if count or reached & {("elset", other) for other in unread}:
+            lacking.append(name)
+        numbers = np.unique(sort_over_ranks(comm, numbers)[0])
         if comm.allreduce(len(numbers)):
             sets[name] = numbers
-    return sets, members
+    remark = (f"{path}: sets are without the nodes of elements whose types are not read: {', '.join(lacking[:5])}"
+              f"{', ...' * (len(lacking) > 5)}")  # fmt: skip
+    return sets, members, [remark] if lacking else []
+
+
+def scopes_of(block) -> tuple[str, ...]:
+    """Return what may stand before the name of a set that a block names, in small letters."""
+    return "", block.prefix.lower(), f"{block.section.parameters.get('instance', '')}.".lower()
 
 
 def _members(found, kind, name):
@@ -76,10 +92,15 @@ def _read_block(comm, block, offset, found, wanted):
     if not name:
         raise block.section.refusal(f"found *{kind.capitalize()} without a name, expected {kind}=NAME")
     hidden = "internal" in given and not (kind == "elset" and (block.prefix + name).lower() in wanted)
-    if hidden or (kind == "nset" and "elset" in given):
-        return  # the nodes of a set of elements are there under its own name
+    if hidden:
+        return
     members = _members(found, kind, block.prefix + name)
     members.hidden |= "internal" in given
+    if kind == "nset" and "elset" in given:
+        if block.section.has_data():
+            raise block.section.refusal("found data lines below *Nset with elset=, which has the nodes of elements")
+        members.parts.add(("elset", tuple(scope + given["elset"].lower() for scope in scopes_of(block))))
+        return
     offset = offset if kind == "elset" else 0
     if "generate" in given:  # few lines, perhaps of very many numbers: each rank takes its share of all
         for piece in pieces(block.path, MPI.COMM_SELF, block.start, block.stop):
@@ -97,7 +118,7 @@ def _read_block(comm, block, offset, found, wanted):
         inside = [int(match[1]) for match in map(IN_INSTANCE.fullmatch, words) if match]
         members.numbers.append(offset + np.concatenate([numbers, np.array(inside, np.int64)]))
         words = [word.lower() for word in words if not IN_INSTANCE.fullmatch(word)]
-        members.parts |= {(word, block.prefix.lower() + word) for word in words}
+        members.parts |= {(kind, tuple(scope + word for scope in scopes_of(block))) for word in words}
 
 
 def _ranges(piece):
@@ -115,7 +136,10 @@ def _ranges(piece):
 
 
 def _with_their_parts(path, comm, found):
-    """Return (name, numbers of this rank, if hidden) of every set of any rank, with those of sets in it."""
+    """Return of every set of any rank its name, numbers and keys of elements, the sets in it, and if it is hidden.
+
+    Numbers and keys are those of this rank, with those of the sets in it; of a set of elements both are its keys.
+    """
     table, hidden = {}, set()
     for part in comm.allgather({key: (members.name, members.parts, members.hidden) for key, members in found.items()}):
         for key, (name, parts, internal) in part.items():
@@ -127,20 +151,24 @@ def _with_their_parts(path, comm, found):
         while new:
             new = {item for one in new for item in _named_in(path, one, table)} - reached
             reached |= new
-        arrays = [array for item in sorted(reached) if item in found for array in found[item].numbers]
-        result[key] = table[key][0], np.concatenate([NOTHING, *arrays]), key in hidden
+        of_kind = {"nset": [NOTHING], "elset": [NOTHING]}
+        for item in sorted(reached & set(found)):
+            of_kind[item[0]] += found[item].numbers
+        numbers, of_elements = (np.concatenate(of_kind[kind]) for kind in (key[0], "elset"))
+        result[key] = table[key][0], numbers, of_elements, reached, key in hidden
     return result
 
 
 def _named_in(path, key, table):
     """Yield the keys of the sets that a set names, which may be without elements of known kinds, but not nodes."""
-    kind, (name, parts) = key[0], table[key]
-    for words in sorted(parts):
-        there = [(kind, word) for word in words if (kind, word) in table]
-        if kind == "nset" and not there:
+    own, (name, parts) = key[0], table[key]
+    for kind, words in sorted(parts):
+        there = [(kind, word) for word in dict.fromkeys(words) if (kind, word) in table]
+        if own == "nset" and not there:
             found = shown(words[0].encode("latin-1"))
+            what = {"nset": "nodes", "elset": "elements"}[kind]
             raise InputError(
-                f"{path}: found the set '{found}' in the set of nodes '{name}', expected one of the sets of nodes of "
+                f"{path}: found the set '{found}' in the set of nodes '{name}', expected one of the sets of {what} of "
                 "the file that has a name of its own"
             )
         yield from there

@@ -1,7 +1,8 @@
 """Read nodes, angles of nodal axes and elements of an ANSYS archive (.cdb, of CDWRITE).
 
 The blocks NBLOCK and EBLOCK, whose second line is the Fortran format of their fields, ET or ETBLOCK, the types of
-elements, and materials are read. Each rank looks for them in its range of bytes, then all share the lines of blocks.
+elements, components (CMBLOCK) and materials are read. Each rank looks for them in its range of bytes, then all share
+the lines of blocks.
 """
 
 import re
@@ -19,13 +20,14 @@ from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ..fixed_width import Field, fields_of_format, separated
 from ..nodes.table import elements_of, finite
+from .components import read_components
 from .materials import material_and_options, type_name
 
 COMMAND = re.compile(
     rb"(?im)^[ \t]*(?:(?P<block>[NE]BLOCK)\b|(?P<types>ETBLOCK)\b|(?P<type>ET[ \t]*,)"
     rb"|(?P<end>-1[ \t]*\r?$|N[ \t]*,[ \t]*(?:R5\.\d|UNBL)[ \t]*,[ \t]*LOC[ \t]*,[ \t]*-1)"
     rb"|(?P<node>N[ \t]*,[ \t]*(?:R5\.\d[ \t]*,[ \t]*LOC[ \t]*,|\d))|(?P<turn>(?:NROTAT|NMODIF|NANG)\b)"
-    rb"|(?P<data>(?:KEYO\w*|MPDATA|MP|UIMP|TB)[ \t]*,))[^\n]*"
+    rb"|(?P<set>CMBLOCK[ \t]*,)|(?P<data>(?:KEYO\w*|MPDATA|MP|UIMP|TB)[ \t]*,))[^\n]*"
 )
 START = re.compile(rb"(?im)^[ \t]*(/COM|/PREP7|/NOPR|/BATCH|/TITLE|NUMOFF|NBLOCK|ET[ \t]*,)")
 HEAD = 11  # fields of an element in front of its nodes; the second is its type, the ninth how many nodes follow
@@ -50,7 +52,7 @@ class Block:
 
 class Archive(NamedTuple):
     """Node numbers, coordinates, angles in degrees and elements of this rank, with their properties; remarks on
-    materials."""
+    materials; node numbers by name of the set."""
 
     label: np.ndarray
     position: np.ndarray
@@ -58,6 +60,7 @@ class Archive(NamedTuple):
     elements: dict[str, np.ndarray]
     properties: ElementProperties | None
     remarks: list[str]
+    sets: dict[str, np.ndarray]
 
 
 def begins(start: bytes) -> bool:
@@ -65,8 +68,9 @@ def begins(start: bytes) -> bool:
     return b"\0" not in start and bool(START.search(start))
 
 
-def read(path, comm) -> Archive:
-    """Return the contents of an archive. Collective. Raises InputError.
+def read(path, comm, turned=False) -> Archive:
+    """Return the contents of an archive; `turned`: also of one that turns the axes of nodes by commands, which are not
+    followed. Collective. Raises InputError.
 
     Elements: node numbers (elements, nodes) by kind; those of other types than solids, shells and beams are left out.
     """
@@ -76,6 +80,7 @@ def read(path, comm) -> Archive:
         found = [(piece.start + match.start(), match.lastgroup, match[0].decode("latin-1").strip())
                  for piece in pieces(path, comm) for match in COMMAND.finditer(piece.text)]  # fmt: skip
     found = sum(comm.allgather(found), [])
+    found = [item for item in found if not (turned and item[1] == "turn")]
     blocks, types = decided(comm, _blocks, path, found), decided(comm, _types, path, found)
     nodes, elements, counts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))], {}, []
     tables = {}
@@ -97,7 +102,9 @@ def read(path, comm) -> Archive:
     elements = elements_of(comm, elements)
     tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *tables.get(kind, [])]) for kind in elements}
     properties, remarks = _properties(comm, path, found, types, tables)
-    return Archive(*map(np.concatenate, zip(*nodes, strict=True)), elements, properties, remarks)
+    commands = [(position, line) for position, kind, line in found if kind == "set"]
+    sets = read_components(path, comm, commands, elements, {kind: table[:, 0] for kind, table in tables.items()})
+    return Archive(*map(np.concatenate, zip(*nodes, strict=True)), elements, properties, remarks, sets)
 
 
 def _properties(comm, path, found, types, tables):

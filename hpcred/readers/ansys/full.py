@@ -69,8 +69,8 @@ def read_parts(path, comm, analysis=MODAL) -> Parts:
     found = find_nodes(base, comm)
     if found is None:
         parts.warnings.append(
-            f"{path}: found neither .cdb nor .rst file beside it, so the model has no nodes; write the nodes by "
-            f"CDWRITE,DB,{base.stem},cdb"
+            f"{path}: found neither .cdb nor .rst file beside it, nor ds.dat of Workbench, so the model has no nodes; "
+            f"put one there, or write the nodes by CDWRITE,DB,{base.stem},cdb"
         )
     else:
         _require_places(comm, path, found, label)

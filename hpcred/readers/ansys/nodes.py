@@ -10,7 +10,7 @@ from ...files.text import first_bytes
 from ...model.materials import ElementProperties
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import require_once
+from ...parallel.lookup import look_up, require_once
 from ..nodal_systems import rotation_of_angles, turn_to_global
 from ..nodes.table import NodeTable
 from . import cdb as ansys_cdb
@@ -18,12 +18,14 @@ from . import lists as ansys_lists
 from . import rst as ansys_rst
 
 SUFFIXES = (".cdb", ".rst")  # in this order: an archive has elements too
+WORKBENCH = "ds.dat"  # the input file that Workbench writes into the folder of the solution
+SAME_PLACE = 1e-6  # of the largest coordinate
 
 
 @dataclass
 class FoundNodes:
     """The nodes of a file, the numbers (turned,) and axes (turned, 3, 3) of those with axes of their own; elements,
-    their properties, and remarks on materials."""
+    their properties, remarks, and node numbers by name of the set."""
 
     file: str
     nodes: NodeTable
@@ -32,6 +34,7 @@ class FoundNodes:
     elements: dict
     properties: ElementProperties | None = None
     remarks: list[str] = field(default_factory=list)
+    sets: dict[str, np.ndarray] = field(default_factory=dict)
 
     def refuse_turned(self):
         """Raise InputError where nodes have axes of their own, for matrices whose rows have no names."""
@@ -48,16 +51,47 @@ def begins(start: bytes) -> bool:
 
 
 def find_nodes(path, comm, lists=False) -> FoundNodes | None:
-    """Return the nodes of the .cdb or .rst file beside a file, with `lists` also of a list; or None. Collective."""
+    """Return the nodes of the .cdb or .rst file beside a file, else of ds.dat, with `lists` also of a list; or None.
+
+    Elements and sets that a .rst file does not have are taken from ds.dat beside it. Collective.
+    """
     file = decided(comm, _file_beside, Path(path), lists)
-    return None if file is None else read_nodes(file, comm)
+    if file is None:
+        return None
+    found, workbench = read_nodes(file, comm), Path(path).with_name(WORKBENCH)
+    if Path(file).suffix.lower() == ".rst" and decided(comm, _is_archive, workbench):
+        _take_mesh(comm, found, workbench)
+    return found
+
+
+def _take_mesh(comm, found, workbench):
+    """Put elements and sets of the input file of Workbench into nodes of a result file, where it is of the same model.
+    """
+    try:
+        archive = ansys_cdb.read(workbench, comm, turned=True)
+    except InputError as error:
+        found.remarks.append(f"{error}; elements and sets are not taken from this file")
+        return
+    nodes = found.nodes
+    there, places = look_up(comm, nodes.label, list(nodes.position.T), archive.label)
+    scale = max(comm.allgather(float(np.abs(archive.position).max(initial=0.0))))
+    same = there.all() and bool((np.abs(np.array(places).T - archive.position) <= SAME_PLACE * scale).all())
+    if not all(comm.allgather(same)):
+        found.remarks.append(f"{workbench}: its nodes are not those of {found.file}, and nothing is taken from it")
+        return
+    found.elements, found.properties, found.sets = archive.elements, archive.properties, archive.sets
+    found.remarks += [*archive.remarks, f"{workbench}: elements and named selections are those of this file"]
+
+
+def _is_archive(path) -> bool:
+    return path.is_file() and ansys_cdb.begins(_start(path))
 
 
 def read_nodes(file, comm) -> FoundNodes:
     """Return the nodes of a result file, an archive or a list of nodes. Collective. Raises InputError."""
     with agreed(comm):
         start = first_bytes(file)
-    mesh = {}, None, []
+    mesh = {}, None, [], {}
     if ansys_rst.begins(start):
         label, position, angles = ansys_rst.read(file, comm)
     elif ansys_lists.begins_nodes(start):
@@ -71,8 +105,9 @@ def read_nodes(file, comm) -> FoundNodes:
 
 
 def give_mesh(parts, found: FoundNodes):
-    """Put nodes and elements into the parts of a model."""
+    """Put nodes, elements and sets into the parts of a model."""
     parts.nodes, parts.elements, parts.properties = found.nodes, found.elements, found.properties
+    parts.sets = found.sets
     parts.warnings += found.remarks
 
 
@@ -92,6 +127,8 @@ def _file_beside(path, lists):
         if same.is_file():
             return str(same)
     others = [item for item in sorted(path.parent.iterdir()) if item.suffix.lower() in SUFFIXES and item.is_file()]
+    if not others and _is_archive(path.with_name(WORKBENCH)):
+        return str(path.with_name(WORKBENCH))
     if not others and lists:
         others = [item for item in sorted(path.parent.iterdir()) if item != path and item.is_file()
                   and ansys_lists.begins_nodes(_start(item))]  # fmt: skip

@@ -19,22 +19,24 @@ from ...parallel.lookup import look_up, repeated_key, sort_over_ranks
 from ...parallel.petsc import MPI
 from ..abaqus import input_file as abaqus_input
 from ..base import Reader
-from ..entries import label_name, label_of, node_and_direction
+from ..entries import STRIDE, label_name, label_of, node_and_direction
 from ..nodes.table import NodeTable
 from ..parts import Parts, hold_nodes_without_rows
 from . import frd as calculix_frd
 from . import matrices
 from .matrices import read_triangle, require_last_line
+from .shells import offsets
 
 DOF_LINES = re.compile(rb"(?:\d+\.\d\r?\n)*")
 NAMED_LINE = re.compile(rb"(?m)^[ \t]*([A-Za-z_\"][^,\n]*),([^\n]*)")
 EMPTY_FIELD = re.compile(rb",(?=[ \t]*(?:,|\r?$))", re.M)
 SINGULAR_MASS = {"C3D20R"}
-INCOMPATIBLE = "C3D8I"
+INCOMPATIBLE = ("C3D8I", "S4", "B31")  # S4 and B31 become C3D8I
 EXPANDED = {  # what CalculiX makes of plane elements, whose rows have names that are not what they say
     "CPS": "solids with rows of their thickness",
     "CAX": "a sector of 2 degrees with 1/180 of the mass",
 }
+SEVERAL = "found {} for several rows, since CalculiX makes solids of beams and shells"
 FLAT = ("triangle", "triangle6", "quad", "quad8", "line", "line3")
 MOVED = {"submodel", "basemotion"}  # parameters of *Boundary that prescribe motions of other kinds
 NO_NODES = np.zeros(0, np.int64)
@@ -129,13 +131,22 @@ class Unnamed(Exception):
 def name_rows(comm, parts, files, label, row):
     """Fill in the mesh, row labels and held dofs from `files`, or raise Unnamed where they do not tell. Collective."""
     mesh = _mesh_of(comm, parts, files, label)
-    inside = _inside_elements(comm, label, mesh.counts.get(INCOMPATIBLE, 0))
-    turning = _turning(comm, files, mesh, label[~inside])
+    inside = _inside_elements(comm, label, sum(mesh.counts.get(kind, 0) for kind in INCOMPATIBLE))
+    last = comm.allreduce(int(mesh.nodes.label.max(initial=0)), op=MPI.MAX)  # of the input file
+    label, mesh.nodes, (expanded, placed) = _with_expanded_nodes(comm, files["dofs"], label, mesh)
+    if expanded:
+        parts.warnings.append(
+            f"{files['dofs']}: {expanded} nodes of shells and beams are several nodes of the solids that CalculiX "
+            "makes of them; their rows are those of nodes with numbers above all others, "
+            + ("below, in and above the middle surface" if placed else "at the place of the node of the input file, up "
+               "to half of a thickness from where they are, since sections or ties do not tell these places")
+        )
+    turning = _turning(comm, files, mesh, label[~inside], last)
     label = with_rotations(label, turning)
     if count := comm.allreduce(int(np.count_nonzero(inside))):
         label, mesh.nodes = _as_scalars(comm, label, inside, mesh.nodes)
         parts.warnings.append(
-            f"{files['dofs']}: {count} rows are the incompatible modes of elements of the type {INCOMPATIBLE}, which "
+            f"{files['dofs']}: {count} rows are the incompatible modes of elements of the type C3D8I, which "
             "belong to no node"
         )
     parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
@@ -159,11 +170,11 @@ def name_rows(comm, parts, files, label, row):
 
 def _mesh_of(comm, parts, files, label):
     """Read the input file or results. Raises Unnamed where it does not say what the rows with these labels are."""
-    twice = repeated_key(comm, label)
-    if twice is not None:
-        raise Unnamed(f"found {label_name(twice)} for several rows, since CalculiX makes solids of beams and shells")
-    _require_order(comm, files["dofs"], label)
     if "input" not in files:
+        twice = repeated_key(comm, label)
+        if twice is not None:
+            raise Unnamed(SEVERAL.format(label_name(twice)))
+        _require_order(comm, files["dofs"], label)
         return _mesh_of_results(comm, parts, files, label)
     mesh = abaqus_input.read(files["input"], comm, calculix=True)
     with agreed(comm):
@@ -172,6 +183,41 @@ def _mesh_of(comm, parts, files, label):
         if kind[:3] in EXPANDED:
             raise Unnamed(f"elements of the type {kind} become {EXPANDED[kind[:3]]} in CalculiX")
     return mesh
+
+
+def _with_expanded_nodes(comm, path, label, mesh):
+    """Return labels and nodes, with those made of nodes of shells and beams; the number of these, and whether the
+    places of what is made are known. Collective.
+
+    The rows of such a node are those of several nodes of solids, one behind the other, which .dof names alike.
+    """
+    flat = [nodes.ravel() for kind, nodes in mesh.elements.items() if kind in FLAT]
+    flat = np.unique(sort_over_ranks(comm, np.concatenate([NO_NODES, *flat]))[0])
+    node, direction = node_and_direction(label)
+    mine, _ = look_up(comm, flat, [], node)
+    twice = repeated_key(comm, label[~mine])
+    if twice is not None:
+        raise Unnamed(SEVERAL.format(label_name(twice)))
+    _require_order(comm, path, label[~mine])
+    if not comm.allreduce(int(mine.sum())):
+        return label, mesh.nodes, (0, True)
+    ends = comm.allgather(label[-1:].tolist())
+    before = np.array([-1, *(end for part in ends[: comm.rank] for end in part)][-1:] + label.tolist())[:-1]
+    first = mine & ((before // STRIDE != node) | (label <= before))  # rows with which a node of a solid begins
+    behind = comm.allreduce(max(int(part.max(initial=0)) for part in (mesh.nodes.label, node)), op=MPI.MAX) + 1
+    number = behind + (comm.exscan(int(first.sum())) or 0) + np.cumsum(first) - 1
+    label = label.copy()
+    label[mine] = label_of(number[mine], direction[mine])
+    there, places = look_up(comm, mesh.nodes.label, list(mesh.nodes.position.T), node[first])
+    if not all(comm.allgather(bool(there.all()))):
+        raise Unnamed("nodes of shells and beams have no coordinates")
+    off = offsets(comm, mesh, node[first], number[first])
+    if off is None and not comm.allreduce(int((~mine).sum())):  # no row would have a place that is known
+        raise Unnamed(SEVERAL.format(label_name(max(comm.allgather(int(label[0]) if len(label) else 0)))))
+    made = number[first], np.array(places).T.reshape(-1, 3) + (0.0 if off is None else off), number[first]
+    parts = zip((mesh.nodes.label, mesh.nodes.position, mesh.nodes.place), made, strict=True)
+    count = comm.allreduce(len(np.unique(sort_over_ranks(comm, node[mine])[0])))
+    return label, NodeTable(*map(np.concatenate, parts)), (count, off is not None)
 
 
 def _mesh_of_results(comm, parts, files, label):
@@ -201,13 +247,13 @@ def _mesh_of_results(comm, parts, files, label):
     return abaqus_input.Mesh(found.nodes, found.elements, {}, [], {})
 
 
-def _turning(comm, files, mesh, label):
-    """Return the REF node by ROT node of rigid bodies; Unnamed where rows are of other nodes of CalculiX."""
+def _turning(comm, files, mesh, label, last):
+    """Return the REF node by ROT node of rigid bodies; Unnamed where rows are of other nodes of CalculiX, which are
+    numbered behind the `last` one of the input file."""
     turning, without = rigid_bodies(mesh.sections)
     node, _ = node_and_direction(label)
     found, _ = look_up(comm, mesh.nodes.label, [], node)
     made = sorted(set().union(*comm.allgather(set(np.unique(node[~found])[: len(without) + 1].tolist()))))
-    last = max(comm.allgather(int(mesh.nodes.label.max(initial=0))))
     if made and made[0] < last:  # those that CalculiX makes are numbered after all others
         raise InputError(
             f"{files['dofs']}: found rows of the node {made[0]}, which is not in {files['input']}; expected the input "

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 import h5py
 import numpy as np
 
+from ...files.opened_hdf5 import damaged, guarded, opened_hdf5, require_own
+from ...files.text import shown
 from ...parallel.failures import InputError
 from .binary import DEPTH, MOST_ITEMS
 from .variables import Variable, entries_of
@@ -24,41 +26,34 @@ def begins(start: bytes) -> bool:
 
 @contextmanager
 def _opened(path):
-    try:
-        with h5py.File(path, "r") as file:
-            # MATLAB never writes links to other files
-            name = file.id.links.visit(lambda name, info: None if info.type == h5py.h5l.TYPE_HARD else name, info=True)
-            if name is not None:
-                raise _not_followed(path, name.decode(errors="replace"))
-            yield file
-    except InputError:
-        raise
-    except (OSError, KeyError, ValueError, RuntimeError, TypeError) as error:
-        raise InputError(f"{path}: found a damaged HDF5 file ({str(error).splitlines()[0][:100]})") from error
-
-
-def _not_followed(path, name):
-    return InputError(f"{path}: found '{name}', which refers to another place; it is not followed")
+    with opened_hdf5(path) as file, guarded(path, "its contents"):
+        # MATLAB never writes links to other files
+        name = file.id.links.visit(lambda name, info: None if info.type == h5py.h5l.TYPE_HARD else name, info=True)
+        if name is not None:
+            raise damaged(path, f"/{shown(name)} is a link to something else, which is not followed")
+        yield file
 
 
 def _require_own_numbers(path, item):
-    """Raise InputError where the numbers of an array lie in other files."""
-    if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
-        raise _not_followed(path, item.name.strip("/"))
+    """Raise InputError where the numbers of an array lie in other files, or are not there."""
+    if isinstance(item, h5py.Dataset):
+        require_own(item, path, item.name)
 
 
 def variables(path) -> list[Variable]:
     """Return all numeric matrices of a file, those in structs and cells included. Raises InputError."""
-    found = []
+    found, seen = [], set()
     with _opened(path) as file:
         for name in file:
             if not name.startswith("#"):
-                _look(path, file, file[name], name, found, 0)
+                _look(path, file, file[name], name, found, seen, 0)
     return found
 
 
-def _look(path, file, item, name, found, depth):
+def _look(path, file, item, name, found, seen, depth):
     if depth > DEPTH or isinstance(item, h5py.Datatype):
+        return
+    if isinstance(item, h5py.Group) and not _is_new(item, seen):
         return
     _require_own_numbers(path, item)
     if isinstance(item, h5py.Dataset) and "MATLAB_object_decode" in item.attrs:  # numbers that say where an object is
@@ -70,11 +65,11 @@ def _look(path, file, item, name, found, depth):
         for key in item:
             part = item[key]
             if isinstance(part, h5py.Dataset) and part.dtype == h5py.ref_dtype and "MATLAB_class" not in part.attrs:
-                _references(path, file, part, lambda k, key=key: f"{name}({k}).{key}", found, depth)  # a struct array
+                _references(path, file, part, lambda k, key=key: f"{name}({k}).{key}", found, seen, depth)  # an array
             else:
-                _look(path, file, part, f"{name}.{key}", found, depth + 1)
+                _look(path, file, part, f"{name}.{key}", found, seen, depth + 1)
     elif item.dtype == h5py.ref_dtype:
-        _references(path, file, item, lambda k: f"{name}{{{k}}}", found, depth)
+        _references(path, file, item, lambda k: f"{name}{{{k}}}", found, seen, depth)
     elif item.attrs.get("MATLAB_empty", 0):
         shape = tuple(int(number) for number in item[...].ravel()[:32])
         if _class_of(item) not in ("char", "cell", "struct"):
@@ -83,10 +78,20 @@ def _look(path, file, item, name, found, depth):
         found.append(Variable(name, item.shape[::-1], complex=bool(item.dtype.names), place=item.name))
 
 
-def _references(path, file, item, name_of, found, depth):
+def _is_new(item, seen):
+    """Whether a group or list of references is seen the first time: one may be in itself, or in many places."""
+    place = h5py.h5o.get_info(item.id).addr
+    new = place not in seen
+    seen.add(place)
+    return new
+
+
+def _references(path, file, item, name_of, found, seen, depth):
+    if not _is_new(item, seen):
+        return
     for k, reference in enumerate(item[...].ravel(order="F")[:MOST_ITEMS]):
         if reference:
-            _look(path, file, file[reference], name_of(k + 1), found, depth + 1)
+            _look(path, file, file[reference], name_of(k + 1), found, seen, depth + 1)
 
 
 def _class_of(item):

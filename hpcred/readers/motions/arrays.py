@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import h5py
-import numpy as np
-
 from ...body.coordinates import Coordinates
-from ...files.hdf5 import require_whole
+from ...files.opened_hdf5 import guarded, opened_hdf5, real_numbers
 from ...parallel.failures import InputError
 
 NAMES = {"t": "t", "q": "q", "velocity": "qdot", "acceleration": "qddot"}
@@ -14,18 +11,13 @@ NAMES = {"t": "t", "q": "q", "velocity": "qdot", "acceleration": "qddot"}
 
 def read(path) -> Coordinates:
     """Read the arrays. On one rank. Raises InputError."""
-    require_whole(path)
-    try:
-        with h5py.File(path, "r") as file:
-            missing = [name for name in ("t", "q") if not isinstance(file.get(name), h5py.Dataset)]
-            if missing:
-                raise InputError(f"{path}: found the arrays {', '.join(sorted(file)) or 'none'}, and no "
-                                 f"{' and no '.join(missing)}; expected t (nt) and q (nt, m)")  # fmt: skip
-            found = {key: np.asarray(file[name][()], float) for key, name in NAMES.items() if name in file}
-    except (OSError, RuntimeError, ValueError, TypeError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: cannot be read ({error})") from error
+    with opened_hdf5(path) as file, guarded(path, "its contents"):
+        found = {key: real_numbers(file, name, path) for key, name in NAMES.items()}
+        missing = [name for name in ("t", "q") if found[name] is None]
+        if missing:
+            raise InputError(f"{path}: found the arrays {', '.join(sorted(file)) or 'none'}, and no "
+                             f"{' and no '.join(missing)}; expected t (nt) and q (nt, m)")  # fmt: skip
+    found = {key: array for key, array in found.items() if array is not None}
     if found["t"].ndim != 1:
         raise InputError(f"{path}: t has the shape {found['t'].shape}, expected (nt)")
     for key, array in found.items():

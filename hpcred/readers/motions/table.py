@@ -8,12 +8,14 @@ are left out, but for those with names as of outputs of an FMU, which tell wheth
 from __future__ import annotations
 
 import csv
+import re
+from collections import Counter
 
 import numpy as np
 
 from ...body.coordinates import Coordinates
 from ...files.system_errors import open_input
-from ...files.text import BYTE_ORDER_MARK, LONGEST_LINE
+from ...files.text import BYTE_ORDER_MARK, LONGEST_LINE, shown
 from ...parallel.failures import InputError
 from .columns import read_columns
 
@@ -24,6 +26,7 @@ FAMILIES = {  # names of columns, of which the first family counts that is there
     "velocity": ("qdot{}", "v[{}]", "der(q[{}])"),
     "acceleration": ("qddot{}", "der(v[{}])"),
 }
+NUMBER = "[1-9][0-9]{0,8}"
 
 
 def begins(start: bytes) -> bool:
@@ -38,8 +41,8 @@ def read(path) -> Coordinates:
     chosen = {key: _family(path, names, patterns) for key, patterns in FAMILIES.items()}
     if not chosen["q"]:
         raise InputError(
-            f"{path}: found columns {', '.join(names[:6])}{', ...' * (len(names) > 6)}, and none of the reduced "
-            "coordinates, q1, q2, ... or q[1], q[2], ...; outputs alone do not give them: record the states"
+            f"{path}: found columns {', '.join(map(_shown, names[:6]))}{', ...' * (len(names) > 6)}, and none of the "
+            "reduced coordinates, q1, q2, ... or q[1], q[2], ...; outputs alone do not give them: record the states"
         )
     for key in ("velocity", "acceleration"):
         if chosen[key] and len(chosen[key]) != len(chosen["q"]):
@@ -65,27 +68,28 @@ def head_of(path) -> tuple[list[str], int]:
     except (UnicodeDecodeError, csv.Error, ValueError) as error:
         raise InputError(f"{path}: its first line is no list of names ({error})") from error
     names = [name.strip() for name in names]
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise InputError(f"{path}: found the column '{twice[0]}' more than once, expected names that differ")
+    twice = next((name for name, count in Counter(names).items() if count > 1), None)
+    if twice is not None:
+        raise InputError(f"{path}: found the column '{_shown(twice)}' more than once, expected names that differ")
     return names, len(line)
+
+
+def _shown(name):
+    return shown(name.encode("latin-1", "replace"))
 
 
 def _family(path, names, patterns) -> list[int]:
     """Return the places of the columns 1, 2, ... of the first pattern that is there, or none. Raises InputError."""
-    place = {name: k for k, name in enumerate(names)}
     for pattern in patterns:
-        before, after = pattern.split("{}")
-        numbers = [name[len(before) : len(name) - len(after)] for name in names
-                   if name.startswith(before) and name.endswith(after) and len(name) > len(before) + len(after)]
-        numbers = sorted(int(text) for text in numbers if text.isdecimal())
-        if not numbers:
+        form = re.compile(re.escape(pattern).replace(re.escape("{}"), f"({NUMBER})"))
+        places = {int(match[1]): k for k, match in enumerate(map(form.fullmatch, names)) if match}
+        if not places:
             continue
-        missing = set(range(1, len(numbers) + 1)).difference(numbers)
-        if missing:
+        missing = next((number for number in range(1, len(places) + 1) if number not in places), None)
+        if missing is not None:
             raise InputError(
-                f"{path}: found {len(numbers)} columns such as {pattern.format(numbers[0])}, and no "
-                f"{pattern.format(min(missing))}; expected all from 1 on"
+                f"{path}: found {len(places)} columns such as {pattern.format(min(places))}, and no "
+                f"{pattern.format(missing)}; expected all from 1 on"
             )
-        return [place[pattern.format(number)] for number in numbers]
+        return [places[number] for number in sorted(places)]
     return []

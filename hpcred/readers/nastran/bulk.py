@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...files.included import Included
 from ...files.system_errors import open_input
 from ...files.text import Piece, first_bytes, first_line, line_number, records, refuse_packed, require_file
 from ...model.elements import NODES
@@ -192,8 +193,32 @@ def read_deck(path, comm) -> Deck:
     return deck
 
 
-def segments_of(path, comm, including=()):
+def segments_of(path, comm):
     """Return bytes of bulk data (file, start, stop), in order, and what the case control says. Collective."""
+    included, result = Included(path), []
+
+    def follow(file, including=(), above=()):
+        """Put the bytes of a file into the result, and those of what it includes where that stands."""
+        with agreed(comm):
+            name = included.add(file, above, lambda text: InputError(f"{including[-1]}: {text}"))
+        if name not in included.own:
+            included.own[name] = _spans_of(file, comm, main=not including)
+        for start, stop, target in included.own[name][0]:
+            if start < stop:
+                result.append((str(file), start, stop))
+            if target is not None:
+                with agreed(comm):
+                    target = _included(file, target, including)
+                follow(target, (*including, file), (*above, name))
+        return included.own[name][1]
+
+    case = follow(path)
+    return result, case
+
+
+def _spans_of(path, comm, main):
+    """Return bytes of bulk data (start, stop) of one file, each with the name of what is included behind it or None,
+    and what the case control of the main file says. Collective."""
     with agreed(comm):
         require_file(path)
         refuse_packed(path)
@@ -208,32 +233,27 @@ def segments_of(path, comm, including=()):
                 f"{path}: found {len(begin)} sections of bulk data, expected one: superelements as parts have numbers "
                 "of their own; give the matrices of one with its own input file"
             )
-        if not begin and any(mark[2]["cend"] for mark in marks) and not including:
+        if not begin and any(mark[2]["cend"] for mark in marks) and main:
             raise InputError(f"{path}: found CEND but no BEGIN BULK, expected bulk data")
         if begin and b"BULK" in begin[0][2]["begin"].upper() and not any(mark[2]["end"] for mark in marks):
             raise InputError(f"{path}: found BEGIN BULK but no ENDDATA; the file is cut off, or lacks that last line")
-        case = _case(path, begin[0][0]) if begin and not including else None
-    at = begin[0][1] if begin else 0
-    result = []
-    for low, high, groups in marks:
-        if low < at or groups["begin"]:
-            continue
-        if groups["end"]:
-            size = low
-            break
-        if groups["cend"]:
-            continue
-        result.append((str(path), at, low))
-        with agreed(comm):
+        case = _case(path, begin[0][0]) if begin and main else None
+        at = begin[0][1] if begin else 0
+        spans = []
+        for low, high, groups in marks:
+            if low < at or groups["begin"] or groups["cend"]:
+                continue
+            if groups["end"]:
+                size = low
+                break
             name = groups["bare"]
             if groups["quote"]:
                 name, high = _name_in_quotes(path, high, groups["quote"])
-            file = _included(path, name, including)
-        result += segments_of(file, comm, (*including, path))[0]
-        with open_input(path) as text:
-            text.seek(high)
-            at = high + len(text.readline())
-    return [item for item in [*result, (str(path), at, size)] if item[1] < item[2]], case
+            spans.append((at, low, name))
+            with open_input(path) as text:
+                text.seek(high)
+                at = high + len(text.readline())
+    return [*spans, (at, size, None)], case
 
 
 def _name_in_quotes(path, start, quote):
@@ -254,8 +274,6 @@ def _included(path, name, including):
         if not file.is_file() and file.parent.is_dir():
             file = next((item for item in file.parent.iterdir() if item.name.lower() == file.name.lower()), file)
         if file.is_file():
-            if file.resolve() in [item.resolve() for item in (path, *including)]:
-                raise InputError(f"{path}: found INCLUDE of {file}, which includes itself")
             return file
     raise InputError(f"{path}: found INCLUDE '{name}', which is no file in {path.parent}; put it there")
 

@@ -44,7 +44,10 @@ class DmigMatrix:
 
 @dataclass(frozen=True)
 class Lacking:
-    """A stiffness with fewer columns, `there`, than its header card says; none of its rows lacks one."""
+    """A stiffness with fewer columns, `there`, than its header card says; none of its rows lacks one.
+
+    The number counts for rectangular matrices; for others programs write the number of all dofs, or anything.
+    """
 
     path: object
     matrix: DmigMatrix
@@ -114,10 +117,7 @@ def _check_order(path, pieces):
 
 def read(path, comm, key="K", variables=None) -> LabelledEntries:
     """Read one matrix of a file, for -K and the like. Collective. Raises InputError."""
-    entries, _, lacking = read_matrices(path, comm, {key: single(path, contents(path, comm), key, variables)})
-    if lacking is not None:
-        raise lacking.error("; where it counts dofs that have no row, convert the file with its input file beside it")
-    return entries[key]
+    return read_matrices(path, comm, {key: single(path, contents(path, comm), key, variables)})[0][key]
 
 
 def read_matrices(path, comm, wanted: dict[str, DmigMatrix]) -> tuple[dict, list[str], Lacking | None]:

@@ -365,10 +365,9 @@ def read_bulk(path, comm, variables=None) -> Parts:
     deck = bulk.read_deck(path, comm)
     if not comm.allreduce(len(deck.label)):
         file = next(iter(decided(comm, bulk.companions, path)), None)
-        if file is None and lacking is not None:
-            raise lacking.error("; the file is cut off or damaged, or counts dofs that have no row: put the input file "
-                                "of the same name beside it")  # fmt: skip
         if file is None:
+            if lacking is not None:
+                _require_massive_columns(comm, parts, lacking)
             parts.warnings.append(f"{path}: the nodes are not known; put the input file of the same name beside it")
             return parts
         deck = bulk.read_deck(file, comm)
@@ -444,11 +443,11 @@ def _label_entries(comm, parts, deck, lacking, path):
 
 
 def _require_whole_set(comm, parts, deck, points, mask, lacking, reason):
-    """Raise InputError unless K announces all dofs of the model, and lacks only those without row."""
+    """Raise InputError unless K lacks only dofs without row; where it announces those of the model, say so."""
     total = points.count(comm, points.there())
     if total != lacking.matrix.columns:
-        raise lacking.error(f"; the file is cut off or damaged, or {deck.path}, which has {total} dofs, belongs to "
-                            "another model")  # fmt: skip
+        _require_massive_columns(comm, parts, lacking)
+        return
     of_K = present(comm, points, parts.matrices["K"].columns)
     ends = comm.allgather(points.local_labels()[mask & ~of_K][:1].tolist())
     if lost := sum(ends, []):
@@ -467,6 +466,18 @@ def _require_whole_set(comm, parts, deck, points, mask, lacking, reason):
             f"{untold} of these no card of {deck.path} takes away; they are taken as those without stiffness, which "
             "AUTOSPC holds"
         )
+
+
+def _require_massive_columns(comm, parts, lacking):
+    """Raise InputError where M has columns that K lacks, else warn of the number that its header card says."""
+    K, M = (np.unique(parts.matrices[key].columns) for key in "KM")
+    there, _ = look_up(comm, number_over_ranks(comm, K)[0], [], M)
+    if lost := sum(comm.allgather(M[~there][:1].tolist()), []):
+        raise lacking.error(f": {label_name(lost[0])} has mass but no stiffness; the file is cut off or damaged")
+    parts.warnings.append(
+        f"{lacking.path}: the header card of {lacking.matrix.name} says {lacking.matrix.columns} columns, and "
+        f"{lacking.there} are there, all those of M; the number counts for rectangular matrices only, and is not used"
+    )
 
 
 def _name_scalars(comm, parts, points):

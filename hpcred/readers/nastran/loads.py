@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...files.text import records
+from ...files.text import records, warnings_of_end
 from ...model.elements import CORNERS, FACES, NODES, SHELLS
 from ...model.materials import NUMBER
 from ...parallel.failures import InputError, agreed
@@ -32,8 +32,9 @@ SAME = 1e-12  # relative, of the pressures at the corners of a face
 
 def read_loads(path, sid: int, comm) -> DeckLoads:
     """Return the loads of a number. Collective. Raises InputError."""
-    path, found = Path(path), DeckLoads()
-    cards, combined, elements, numbers = _cards(path, comm)
+    path = Path(path)
+    cards, combined, elements, numbers, remarks = _cards(path, comm)
+    found = DeckLoads(remarks=remarks)
     with agreed(comm):
         scales = _scales(path, sid, combined)
     wanted = sorted(scales)
@@ -72,10 +73,13 @@ def read_loads(path, sid: int, comm) -> DeckLoads:
 
 
 def _cards(path, comm):
-    """Return cards of loads by name, and the LOAD cards of all ranks; nodes and numbers of elements by kind."""
+    """Return cards of loads by name, and the LOAD cards of all ranks; nodes and numbers of elements by kind; remarks on
+    files that may be cut off."""
     segments, _ = bulk.segments_of(path, comm)
     cards, combined, elements, numbers = {name: [] for name in (*READ, *UNREAD)}, [], {}, {}
     with agreed(comm):
+        to_their_end = sorted({file for file, _, stop in segments if stop == Path(file).stat().st_size})
+        remarks = [remark for file in to_their_end for remark in warnings_of_end(file)]
         for file, start, stop in segments:
             for piece in records(file, comm, start, stop, CARD):
                 found = lines_of(piece, CARDS)
@@ -94,6 +98,7 @@ def _cards(path, comm):
         cards, sum(comm.allgather(combined), []),
         {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *elements.get(kind, [])]) for kind in kinds},
         {kind: np.concatenate([np.zeros((0, 3), np.int64), *numbers.get(kind, [])])[:, NUMBER] for kind in kinds},
+        remarks,
     )  # fmt: skip
 
 

@@ -95,6 +95,8 @@ def _sums(file, sets, nodes, share) -> tuple[np.ndarray, np.ndarray, np.ndarray]
         places = start + table[::width][share].astype(np.int64)
         stress = np.zeros(len(places), np.int64)
         for which, pointers in _alike(file, places):
+            if pointers.shape[1] <= STRESS:
+                raise file.damaged(int(places[which[0]]), f"{pointers.shape[1]} pointers of an element")
             stress[which] = pointers[:, STRESS]
         there = np.flatnonzero(stress > 0)
         for which, values in _alike(file, (places + stress)[there]):

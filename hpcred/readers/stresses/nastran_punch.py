@@ -27,6 +27,7 @@ SUBCASE = re.compile(rb"(?m)^\$SUBCASE ID = *(\d+)")
 TYPE = re.compile(rb"(?m)^\$ELEMENT TYPE = *(\d+)")
 CORNERS = {39: 4, 67: 8, 68: 6}  # by element type: CTETRA, CHEXA, CPENTA
 LINES, WIDTH, FIELD, LABEL = 7, 72, 18, 10  # of a corner; characters of a line, of a number, of a label
+GOES_ON, MOST_LINES = b"-CONT-", 10**8  # numbers at the ends of lines have eight digits
 PLACES = [(0, 1), (3, 0), (5, 0), (0, 2), (3, 1), (5, 1)]  # line and field of xx, yy, zz, xy, yz, zx
 
 
@@ -65,7 +66,8 @@ def _blocks(path) -> list[Block]:
     blocks = []
     with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         headings = list(HEADING.finditer(data))
-        for heading, end in zip(headings, [*(item.start() for item in headings[1:]), len(data)], strict=True):
+        ends = [*(heading.start() for heading in headings), len(data)][1:]
+        for heading, end in zip(headings, ends, strict=True):
             text, subcase, type_ = heading[0], SUBCASE.search(heading[0]), TYPE.search(heading[0])
             displaced, stressed = b"$DISPLACEMENTS" in text, b"$ELEMENT STRESSES" in text
             if not (displaced or stressed):
@@ -105,11 +107,27 @@ def _reader_of(block):
 
 def _table(piece, lines) -> np.ndarray:
     """Return the characters (records, lines, WIDTH) of records of so many lines. Raises InputError."""
-    rows = piece.text.decode("latin-1").splitlines()
+    rows = piece.text.decode("latin-1").removesuffix("\n").split("\n") if piece.text else []
     if len(rows) % lines or any(len(row) < WIDTH for row in rows):
         raise piece.refusal(len(rows) - 1 if rows else 0, f"records of {lines} lines of at least {WIDTH} characters")
     text = "".join(row[:WIDTH] for row in rows).encode("latin-1")
-    return np.frombuffer(text, "S1").view(np.uint8).reshape(-1, lines, WIDTH)
+    table = np.frombuffer(text, "S1").view(np.uint8).reshape(-1, lines, WIDTH)
+    goes_on = (table[..., : len(GOES_ON)] == np.frombuffer(GOES_ON, np.uint8)).all(axis=2)
+    piece.require((goes_on == (np.arange(lines) > 0)).ravel(), None, f"records of {lines} lines, -CONT- in all but "
+                                                                     "the first")  # fmt: skip
+    _check_counted(piece, np.char.strip(np.array([row[WIDTH:] for row in rows], str)))
+    return table
+
+
+def _check_counted(piece, ends):
+    """Raise InputError where the numbers at the ends of lines (k,), if there are any, are not one after the other."""
+    digits = np.char.isdecimal(ends) & (np.char.str_len(ends) < 10)
+    if digits.any():
+        piece.require(digits, None, "the number of the line at its end")
+        number = ends.astype(np.int64)
+        after = np.append(True, number[1:] == (number[:-1] + 1) % MOST_LINES)
+        piece.require(after, None, "the line that follows by the numbers at the ends; lines are missing or exchanged")
+
 
 
 def _numbers(piece, fields) -> np.ndarray:
@@ -119,6 +137,8 @@ def _numbers(piece, fields) -> np.ndarray:
         values = np.char.strip(words).astype(float)
     except ValueError as error:
         raise piece.refusal(0, "numbers in fields of 18 characters") from error
+    if not np.isfinite(values).all():
+        raise piece.refusal(0, "finite numbers in fields of 18 characters")
     return values.reshape(fields.shape[:-1]) if fields.shape[-1] == FIELD else values
 
 

@@ -20,6 +20,9 @@ FORMATS = (
     (nastran_punch.begins, nastran_punch.read, "Nastran, means at corner nodes in the punch file"),
     (op2.begins, nastran_op2.read, "Nastran, means at corner nodes in OUTPUT2"),
 )
+# what damaged places and numbers of a binary file end in
+DAMAGES = (ArithmeticError, LookupError, TypeError, ValueError)
+LARGEST = 1e100  # of displacements and stresses in any units
 
 
 @dataclass(frozen=True)
@@ -51,4 +54,15 @@ def read_answers(path, comm) -> Answers:
             raise InputError(f"{path}: found no results of a known program, expected a .frd or .dat file of CalculiX, "
                              "a .rst file of ANSYS, a punch file of Nastran, or its OUTPUT2")  # fmt: skip
     _, read, source = known[0]
-    return Answers(*read(path, comm), source)
+    try:
+        with np.errstate(all="ignore"):  # numbers that are none are refused below
+            found = Answers(*read(path, comm), source)
+    except DAMAGES as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: found records that do not fit each other ({error}); the file is damaged") from error
+    with agreed(comm):
+        for what in ("displacement", "stress"):
+            if not (np.abs(getattr(found, what)) <= LARGEST).all():
+                raise InputError(f"{path}: found a {what} that is no number, or none of a body; the file is damaged")
+    return found

@@ -23,7 +23,7 @@ class NastranDeck(Deck):
     job, column, supports = "stress.bdf", "column_%04d.bdf", "supports.bdf"
     line = f"SPCD*   {OWN_SET}%16d%16d%%16.9E\n*\n"
     support, directions = f"SPC1,{SET},%d,%d\n", tuple(range(1, 7))
-    include = re.compile(r"(?im)^[ \t]*INCLUDE[ \t]+'([^'\n]+)'[ \t]*$\n?")
+    include = re.compile(r"(?im)^[ \t]*INCLUDE[ \t]*('[^']+'|\"[^\"]+\"|[^'\"\n$ \t]+)[ \t]*(?:\$.*)?$\n?")
     run = "stress.bdf in Nastran; the answers are in its punch file (.pch)"
 
     def main(self, original, columns):
