@@ -66,7 +66,7 @@ def places(runs, number=0):
         ("[100.0, 150.0]", "[100.0, -1.0]", "run frequency--1_order-0: krylov.frequency: found -1"),
         ("[0, 2, 3]", "[0, 2, 4]", r"basis\[0\].order: found 0.0, expected a whole number"),
         ("[0, 2, 3]", "[0, 2]", r"vary\[1\].range: found \[0, 2\], expected \["),
-        ("[0, 2, 3]", "[0, 2, 0]", "vary 'basis.0.order'.range: found 0 values"),
+        ("[0, 2, 3]", "[0, 2, 0]", "vary 'basis.0.order'.range: values: found 0"),
         ("[0, 2, 3]", '[0, 2, 3]\nspacing = "log"', "range: found 0 to 2, spacing 'log' needs positive ends"),
         ("[0, 2, 3]", "[0, 2, 3]\nvalues = [1]", "expected values, or range"),
         ("[0, 2, 3]", '[0, 2, 3]\nnames = ["a"]', "vary 'basis.0.order'.names: found 1 names for 3 values"),
