@@ -8,6 +8,9 @@ Everything is dense NumPy, deterministic and local. For V^T M V = I and the colu
     of viscoelastic parts also + sum (g(s) - g(0)) K_v
     H - H_V = R^T A^-1 R,   R = L - A V y_V,   y_V = A_V^-1 V^T L          (exact for symmetric A, W = V)
 
+Where dofs have no mass the basis is orthonormal in G = M + tau^2 K. Then pseudo-modal coordinates are those with
+V^T G V = I in which M is diagonal too, V^T M V = diag(masses), and the mass of a motion may be zero.
+
 For an unsymmetric A the R on the left is that of A^T. Pseudo-modal coordinates are those of the symmetric part of K.
 
 In a richer basis Q the difference H_Q - H_V is r^T A_Q^-1 r with r = L_Q - A_Q U y_V, V = Q U, without cancellation.
@@ -20,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...linalg.pencil import MASSLESS, squared_frequencies, with_masses
 from ...model.derivatives import Derivatives
 from ...model.viscoelastic import Viscoelastic, added_stiffness, excesses, transformed
 
@@ -94,7 +98,8 @@ class PseudoModal:
     `eigenvalues` (m,): omega^2, ascending; `L` (m, l): the projected loads, of which `io` makes inputs and outputs;
     `damping`: proportional; `D` (m, m): a given damping matrix, projected, or None; `N` (m, m): the skew-symmetric part
     of V^T K V, or None; `vectors` (m, m): from these coordinates to those of the basis; `poles`: of the first-order
-    form, with D or N; `viscoelastic`: parts (m, m), projected, with which A(s)^-1 is by elimination.
+    form, with D or N; `viscoelastic`: parts (m, m), projected, with which A(s)^-1 is by elimination; `masses` (m,): of
+    the coordinates, which then have V^T (M + tau^2 K) V = I, None where they are all 1.
     """
 
     eigenvalues: np.ndarray
@@ -106,14 +111,16 @@ class PseudoModal:
     poles: Poles | None = None
     viscoelastic: tuple[Viscoelastic, ...] = ()
     N: np.ndarray | None = None
+    masses: np.ndarray | None = None
+    tau: float = 0.0
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
 
     @property
     def frequencies(self) -> np.ndarray:
-        """Pseudo-frequencies (m,) in Hz (52)."""
-        return np.sqrt(np.maximum(self.eigenvalues, 0.0)) / (2 * np.pi)
+        """Pseudo-frequencies (m,) in Hz (52), infinite without mass."""
+        return np.sqrt(np.maximum(squared_frequencies(self.eigenvalues, self.masses), 0.0)) / (2 * np.pi)
 
     @property
     def B(self) -> np.ndarray:
@@ -137,6 +144,10 @@ class PseudoModal:
         """Whether A(s) is diagonal."""
         return self.D is None and self.N is None and not self.viscoelastic
 
+    def coordinates_of(self, columns: np.ndarray) -> np.ndarray:
+        """Return combinations (m, k) of the columns of the basis in these coordinates."""
+        return self.vectors.T @ columns if self.masses is None else np.linalg.solve(self.vectors, columns)
+
     def without_D(self) -> PseudoModal:
         """Return the same without any damping."""
         return replace(self, D=None, poles=None, damping=UNDAMPED, viscoelastic=())
@@ -144,19 +155,20 @@ class PseudoModal:
     def restricted(self, U: np.ndarray) -> tuple[PseudoModal, np.ndarray]:
         """Return the model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated.
         """
+        M = None if self.masses is None else U.T @ (self.masses[:, None] * U)
         K = U.T @ (self.eigenvalues[:, None] * U)
         K = K if self.N is None else (K + K.T) / 2 + U.T @ self.N @ U
         D = None if self.D is None else U.T @ self.D @ U
         parts = transformed(self.viscoelastic, lambda matrix: U.T @ matrix @ U)
-        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, parts, self.N is None)
+        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, parts, self.N is None, M, self.tau)
         return inner, U @ inner.vectors
 
     def solve(self, frequencies, right: np.ndarray, transposed=False, accuracy=1e-14) -> np.ndarray:
         """A(s)^-1 right (S, m, l), or A(s)^-T right; `right` (m, l) or (S, m, l).
 
         With a given D by its poles and at most two steps of refinement until the residual is below `accuracy`; where it
-        stays above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination. With viscoelastic parts
-        by inverses, which are kept as there is room, and by elimination beyond that.
+        stays above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination. With viscoelastic parts,
+        or with masses that may be zero, by inverses, which are kept as there is room, and by elimination beyond that.
         """
         if self.is_diagonal:
             return right / self._diagonal(frequencies)[:, :, None]
@@ -175,7 +187,7 @@ class PseudoModal:
         parts = 1 + len(wrong) * len(self) ** 2 // NUMBERS_AT_A_TIME
         for part in np.array_split(wrong, parts) if len(wrong) else ():
             matrices = self.matrices(frequencies[part], transposed)
-            states[part] = _scaled(matrices, right[part]) if self.viscoelastic else _eliminated(matrices, right[part])
+            states[part] = (_eliminated if self.poles is not None else _scaled)(matrices, right[part])
         return states
 
     def matrices(self, frequencies, transposed=False):
@@ -194,7 +206,7 @@ class PseudoModal:
 
     def _nearly_inverse(self, frequencies, transposed):
         """Return a function that takes columns (S, m, l) to A(s)^-1 times these, but for round-off; or None."""
-        if self.viscoelastic:
+        if self.viscoelastic or self.masses is not None:
             inverses = self._kept_inverses(frequencies)
             if inverses is None:
                 return None
@@ -239,7 +251,7 @@ class PseudoModal:
         """a omega^2 + b (S, m): A(s) without D."""
         damping = self.damping
         a, b, s = damping.coefficients(frequencies)
-        found = a[:, None] * self.eigenvalues + b[:, None]
+        found = a[:, None] * self.eigenvalues + b[:, None] * (1.0 if self.masses is None else self.masses)
         if damping.higher:
             found += s[:, None] * (damping.at(self.eigenvalues) - damping.alpha - damping.beta * self.eigenvalues)
         return found
@@ -271,25 +283,47 @@ class PseudoModal:
 def diagonalised(
     K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, damping: Proportional = UNDAMPED,
     io: InputsOutputs | None = None, viscoelastic: tuple[Viscoelastic, ...] = (), symmetric=True,
+    M: np.ndarray | None = None, tau=0.0,
 ) -> PseudoModal:  # fmt: skip
     """Return the model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) and viscoelastic parts (m, m) in pseudo-modal
     coordinates (53, 54); by default the columns L are its inputs and outputs. `symmetric`: whether K is, but for
-    round-off."""
+    round-off. `M` (m, m) = V^T M V and `tau`: where V is orthonormal in M + tau^2 K."""
     io = io or InputsOutputs(*[np.eye(L.shape[1])] * 2)
-    eigenvalues, vectors = np.linalg.eigh((K + K.T) / 2)
+    masses = None
+    if M is None:
+        eigenvalues, vectors = np.linalg.eigh((K + K.T) / 2)
+    else:
+        eigenvalues, masses, vectors = with_masses((K + K.T) / 2, (M + M.T) / 2, tau)
     N = None if symmetric else vectors.T @ ((K - K.T) / 2) @ vectors
     if viscoelastic:
         D = None if D is None else vectors.T @ D @ vectors
         parts = transformed(viscoelastic, lambda matrix: vectors.T @ matrix @ vectors)
-        return PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, D, viscoelastic=parts, N=N)
+        given = eigenvalues, vectors.T @ L, vectors, io, damping, D
+        return PseudoModal(*given, viscoelastic=parts, N=N, masses=masses, tau=tau)
     if D is None and N is None:
-        return PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping)
+        return PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, masses=masses, tau=tau)
     D = None if D is None else vectors.T @ D @ vectors
-    model = PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, D, N=N)
+    model = PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, D, N=N, masses=masses, tau=tau)
+    if masses is not None:  # infinite poles have no eigenvectors
+        return model
     try:
         return replace(model, poles=poles_of(model))
     except np.linalg.LinAlgError:
         return model
+
+
+def poles_with_masses(model: PseudoModal) -> np.ndarray:
+    """Return the finite poles of a model with `masses` and a D or N, in rad/s."""
+    m, damping, one = len(model), model.damping, np.eye(len(model))
+    K = np.diag(model.eigenvalues) if model.N is None else np.diag(model.eigenvalues) + model.N
+    M = np.diag(np.maximum(model.masses, 0.0))
+    D = damping.alpha * M + damping.beta * K + (0.0 if model.D is None else model.D)
+    # of the pencil (A, E) by A - s0 E, which is regular, with the eigenvalues 1 / (s - s0)
+    s0 = 1 / model.tau
+    A = np.block([[-s0 * one, one], [-(1 + 1j * damping.eta) * K, -D - s0 * M]])
+    E = np.block([[one, 0 * one], [0 * one, M]])
+    inverses = np.linalg.eigvals(np.linalg.solve(A, E))
+    return s0 + 1 / inverses[np.abs(inverses) > MASSLESS * np.abs(inverses).max()]
 
 
 def poles_of(model: PseudoModal) -> Poles:
@@ -307,8 +341,10 @@ def poles_of(model: PseudoModal) -> Poles:
 def nested(inner: PseudoModal, outer: PseudoModal, columns=None) -> np.ndarray:
     """Return the embedding (m, k) of a model whose basis is k columns of the basis of `outer`, by default the first
     ones."""
-    columns = slice(len(inner.vectors)) if columns is None else columns
-    return outer.vectors[columns].T @ inner.vectors
+    columns = np.arange(len(inner.vectors)) if columns is None else columns
+    if outer.masses is None:
+        return outer.vectors[columns].T @ inner.vectors
+    return outer.coordinates_of(np.eye(len(outer))[:, columns] @ inner.vectors)
 
 
 def difference(inner: PseudoModal, outer: PseudoModal, embedding, frequencies) -> np.ndarray:
