@@ -10,11 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...linalg.pencil import MASSLESS
-from ...model.viscoelastic import transformed
 from ..measure import Measure, Paper, drive_points, silent_outputs
 from ..viscoelastic_poles import oscillating_poles
-from .pseudo_modal import Proportional, PseudoModal, difference, poles_with_masses
+from .pseudo_modal import LEAST_MASS, Proportional, PseudoModal, difference
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
 APART = 0.02  # of the band between points
@@ -104,31 +102,19 @@ def _silent(model, frequencies) -> list[int]:
 
 def upper_poles(model: PseudoModal) -> np.ndarray:
     """Return the poles (k,) of a model that are not below the real axis, in rad/s."""
-    if model.masses is not None and not model.is_diagonal and not model.viscoelastic:
-        poles = poles_with_masses(model)
-        return poles[poles.imag >= 0]
-    eigenvalues, D, parts = _with_unit_masses(model)
+    if model.masses is not None:
+        model = model.with_unit_masses(1 / np.sqrt(np.maximum(model.masses, LEAST_MASS)))
     if model.viscoelastic:
-        D = np.diag(model.damping.at(eigenvalues)) + (0.0 if D is None else D)
-        return oscillating_poles(eigenvalues, D, parts, model.damping.eta)
+        D = np.diag(model.damping.at(model.eigenvalues)) + (0.0 if model.D is None else model.D)
+        return oscillating_poles(model.eigenvalues, D, model.viscoelastic, model.damping.eta)
     if model.poles is not None:
         poles = model.poles.values
     else:
-        given = 0.0 if D is None else np.diag(D)
-        half = (model.damping.at(eigenvalues) + given) / 2
-        root = np.sqrt(half**2 - (1 + 1j * model.damping.eta) * eigenvalues + 0j)
+        given = 0.0 if model.D is None else np.diag(model.D)
+        half = (model.damping.at(model.eigenvalues) + given) / 2
+        root = np.sqrt(half**2 - (1 + 1j * model.damping.eta) * model.eigenvalues + 0j)
         poles = np.concatenate([-half + root, -half - root])
     return poles[poles.imag >= 0]
-
-
-def _with_unit_masses(model):
-    """Return eigenvalues, D and viscoelastic parts of a model in coordinates of mass 1; without mass they have
-    frequencies far above the band."""
-    if model.masses is None:
-        return model.eigenvalues, model.D, model.viscoelastic
-    scale = 1 / np.sqrt(np.maximum(model.masses, MASSLESS))
-    D, both = model.D, np.outer(scale, scale)
-    return model.eigenvalues * scale**2, D if D is None else D * both, transformed(model.viscoelastic, both.__mul__)
 
 
 def resonances(model: PseudoModal) -> tuple[np.ndarray, np.ndarray]:

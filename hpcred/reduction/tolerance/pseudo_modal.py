@@ -23,10 +23,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...linalg.pencil import MASSLESS, squared_frequencies, with_masses
+from ...linalg.pencil import squared_frequencies, with_masses
 from ...model.derivatives import Derivatives
 from ...model.viscoelastic import Viscoelastic, added_stiffness, excesses, transformed
 
+LEAST_MASS = 1e-7  # of the coordinates of a model with masses, for its poles; the refinement of solves has the rest
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
 NUMBERS_AT_A_TIME = 2**22  # complex numbers of states held at a time
 NUMBERS_KEPT = 2**24  # complex numbers of inverses that a model keeps
@@ -148,6 +149,15 @@ class PseudoModal:
         """Return combinations (m, k) of the columns of the basis in these coordinates."""
         return self.vectors.T @ columns if self.masses is None else np.linalg.solve(self.vectors, columns)
 
+    def with_unit_masses(self, scale: np.ndarray) -> PseudoModal:
+        """Return the model in coordinates that are multiplied by `scale` (m,), with masses of 1 whatever they are."""
+        both = np.outer(scale, scale)
+        D, N = (None if part is None else part * both for part in (self.D, self.N))
+        return replace(
+            self, eigenvalues=self.eigenvalues * scale**2, L=self.L * scale[:, None], vectors=self.vectors * scale, D=D,
+            N=N, viscoelastic=transformed(self.viscoelastic, both.__mul__), masses=None, tau=0.0,
+        )  # fmt: skip
+
     def without_D(self) -> PseudoModal:
         """Return the same without any damping."""
         return replace(self, D=None, poles=None, damping=UNDAMPED, viscoelastic=())
@@ -167,8 +177,8 @@ class PseudoModal:
         """A(s)^-1 right (S, m, l), or A(s)^-T right; `right` (m, l) or (S, m, l).
 
         With a given D by its poles and at most two steps of refinement until the residual is below `accuracy`; where it
-        stays above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination. With viscoelastic parts,
-        or with masses that may be zero, by inverses, which are kept as there is room, and by elimination beyond that.
+        stays above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination. With viscoelastic parts
+        by inverses, which are kept as there is room, and by elimination beyond that.
         """
         if self.is_diagonal:
             return right / self._diagonal(frequencies)[:, :, None]
@@ -187,7 +197,7 @@ class PseudoModal:
         parts = 1 + len(wrong) * len(self) ** 2 // NUMBERS_AT_A_TIME
         for part in np.array_split(wrong, parts) if len(wrong) else ():
             matrices = self.matrices(frequencies[part], transposed)
-            states[part] = (_eliminated if self.poles is not None else _scaled)(matrices, right[part])
+            states[part] = _scaled(matrices, right[part]) if self.viscoelastic else _eliminated(matrices, right[part])
         return states
 
     def matrices(self, frequencies, transposed=False):
@@ -206,7 +216,7 @@ class PseudoModal:
 
     def _nearly_inverse(self, frequencies, transposed):
         """Return a function that takes columns (S, m, l) to A(s)^-1 times these, but for round-off; or None."""
-        if self.viscoelastic or self.masses is not None:
+        if self.viscoelastic:
             inverses = self._kept_inverses(frequencies)
             if inverses is None:
                 return None
@@ -304,31 +314,21 @@ def diagonalised(
         return PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, masses=masses, tau=tau)
     D = None if D is None else vectors.T @ D @ vectors
     model = PseudoModal(eigenvalues, vectors.T @ L, vectors, io, damping, D, N=N, masses=masses, tau=tau)
-    if masses is not None:  # infinite poles have no eigenvectors
-        return model
     try:
         return replace(model, poles=poles_of(model))
     except np.linalg.LinAlgError:
         return model
 
 
-def poles_with_masses(model: PseudoModal) -> np.ndarray:
-    """Return the finite poles of a model with `masses` and a D or N, in rad/s."""
-    m, damping, one = len(model), model.damping, np.eye(len(model))
-    K = np.diag(model.eigenvalues) if model.N is None else np.diag(model.eigenvalues) + model.N
-    M = np.diag(np.maximum(model.masses, 0.0))
-    D = damping.alpha * M + damping.beta * K + (0.0 if model.D is None else model.D)
-    # of the pencil (A, E) by A - s0 E, which is regular, with the eigenvalues 1 / (s - s0)
-    s0 = 1 / model.tau
-    A = np.block([[-s0 * one, one], [-(1 + 1j * damping.eta) * K, -D - s0 * M]])
-    E = np.block([[one, 0 * one], [0 * one, M]])
-    inverses = np.linalg.eigvals(np.linalg.solve(A, E))
-    return s0 + 1 / inverses[np.abs(inverses) > MASSLESS * np.abs(inverses).max()]
-
-
 def poles_of(model: PseudoModal) -> Poles:
     """Return the poles of a model with a D or N, and the eigenvectors of its first-order form with the state (y, s y).
+
+    What has no mass is given LEAST_MASS: poles at infinity have no eigenvectors.
     """
+    if model.masses is not None:
+        scale = 1 / np.sqrt(np.maximum(model.masses, LEAST_MASS))
+        found = poles_of(model.with_unit_masses(scale))
+        return Poles(found.values, scale[:, None] * found.right, found.left * scale)
     m, damping = len(model), model.damping
     K = np.diag(model.eigenvalues) if model.N is None else np.diag(model.eigenvalues) + model.N
     D = damping.alpha * np.eye(m) + damping.beta * K + (0.0 if model.D is None else model.D)
