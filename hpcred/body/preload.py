@@ -19,6 +19,7 @@ from ..parallel.declared import as_declared, declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import ANYTHING, within
+from ..reduction.massless import modes_of
 from ..reduction.reduced_model import ReducedModel
 from .body import Body
 from .geometric_stiffness import (
@@ -136,7 +137,7 @@ def reduced_at(body: Body, preload: Preload) -> ReducedModel:
     values = preload.values
     K = reduced.K + np.tensordot(np.array(list(values.values())), stiffness.of(tuple(values)), axes=1)
     K += softening_of(body, preload)
-    squares = _squares(K, reduced.M)
+    squares = modes_of(replace(reduced, K=K))[0]
     rigid = reduced.rigid_size
     if squares[: rigid + 1].min() < 0 and not rigid:
         raise InputError(
@@ -170,13 +171,6 @@ def _each(states, preload) -> np.ndarray:
     """Return the values of some states, zero of those that a preload does not have."""
     values = preload.values
     return np.array([values.get(state, 0.0) for state in states])
-
-
-def _squares(K, M):
-    """Return the squared eigenfrequencies, ascending."""
-    from scipy.linalg import eigh  # which few results need
-
-    return eigh((K + K.T) / 2, M, eigvals_only=True)
 
 
 def preloaded(

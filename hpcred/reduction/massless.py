@@ -63,6 +63,19 @@ def static_coordinates(reduced) -> int:
     return int(np.isinf(reduced.frequencies).sum())
 
 
+def require_mass(reduced, where: str):
+    """Raise InputError for a model with coordinates without mass, which `where` (such as "a SID file") cannot contain.
+    """
+    if count := static_coordinates(reduced):
+        finite = reduced.frequencies[np.isfinite(reduced.frequencies)].max(initial=0.0)
+        leave = f"drop_above = {1.01 * finite:.4g} leaves them out, and counts what that does to the error: "
+        raise InputError(
+            f"the reduced body has {count} coordinates without mass, the static deflection or the dampers of dofs "
+            f"without mass, for which {where} has no place; {leave * bool(finite)}reduce again, give these dofs some "
+            "mass, or take a state space, an FMU or arrays (npz, mat), which hold all"
+        )
+
+
 def modes_of(reduced) -> tuple[np.ndarray, np.ndarray]:
     """Return omega^2 (m,), ascending, infinite without mass, and X (m, m) that diagonalises M and K, the symmetric part.
     """
@@ -70,10 +83,10 @@ def modes_of(reduced) -> tuple[np.ndarray, np.ndarray]:
         from scipy.linalg import eigh  # which most models do without
 
         return eigh((reduced.K + reduced.K.T) / 2, reduced.M)
-    return massless_last(reduced.K, reduced.M, _time(reduced))
+    return massless_last(reduced.K, reduced.M, time_of(reduced))
 
 
-def _time(reduced) -> float:
+def time_of(reduced) -> float:
     """Return a time (s) of the frequencies of a model."""
     finite = reduced.frequencies[np.isfinite(reduced.frequencies)].max(initial=0.0)
     return 1 / (2 * np.pi * finite) if finite else 1.0
@@ -87,7 +100,7 @@ def with_mass(reduced, where="a state space") -> WithMass:
     if not still.shape[1]:
         return WithMass(reduced, none, 0)
     # coordinates: with mass, damped without mass, static
-    tau = _time(reduced)
+    tau = time_of(reduced)
     K = still.T @ reduced.K @ still
     factor = np.linalg.inv(np.linalg.cholesky((K + K.T) / 2))
     still = still @ factor.T
@@ -122,6 +135,23 @@ def with_mass(reduced, where="a state space") -> WithMass:
     return WithMass(found, feedthrough, damped)
 
 
+def first_order(reduced, where="a state space") -> dict:
+    """Return A, B, C, D of x' = A x + B u, y = C x + D u, and E, EA, EB of E x' = EA x + EB u, of a model with
+    coordinates without mass; x is that of with_mass() and its rate, without the integrals. Raises InputError."""
+    made = with_mass(reduced, where)
+    model, m = made.reduced, made.reduced.size
+    kept = np.delete(np.arange(2 * m), np.arange(m - made.integrals, m))
+    zero, one = np.zeros((m, m)), np.eye(m)
+    E = np.block([[one, zero], [zero, model.M]])
+    EA, EB = np.block([[zero, one], [-model.K, -model.D]]), np.vstack([np.zeros_like(model.B), model.B])
+    A, B = np.linalg.solve(E, EA), np.linalg.solve(E, EB)
+    C, Cv, Ca = model.output_parts
+    C = np.hstack([C, Cv]) + Ca @ A[m:]
+    square = np.ix_(kept, kept)
+    return {"A": A[square], "B": B[kept], "C": C[:, kept], "D": made.feedthrough + Ca @ B[m:], "E": E[square],
+            "EA": EA[square], "EB": EB[kept]}  # fmt: skip
+
+
 def _without_static(K, D, B, outputs, stop, where):
     """Eliminate the coordinates from `stop` on, with K = I among them; return K, D, B, C..., and the feedthrough."""
     a, z = slice(stop), slice(stop, None)
@@ -147,7 +177,7 @@ def _kernel(reduced):
     """Return a basis of the motions without mass (m, z), and of the others (m, m - z)."""
     M, one = _symmetric(reduced.M), np.eye(reduced.size)
     moving = np.abs(M).any(axis=0)  # the others are coordinates of the model, to the last digit
-    diagonal = np.abs(np.diag(M)) + _time(reduced) ** 2 * np.abs(np.diag(reduced.K))
+    diagonal = np.abs(np.diag(M)) + time_of(reduced) ** 2 * np.abs(np.diag(reduced.K))
     scale = (1 / np.sqrt(np.maximum(diagonal, 1e-300)))[moving]
     values, vectors = np.linalg.eigh(M[np.ix_(moving, moving)] * np.outer(scale, scale))
     still = values <= NO_MASS * values.max(initial=0.0)

@@ -15,9 +15,11 @@ from ..model.interfaces import InterfaceNode
 from ..model.second_order_model import SecondOrderModel, listed
 from ..model.viscoelastic import Maxwell, Viscoelastic, added_stiffness, matrices_by_key, transformed
 from ..parallel.failures import InputError, settle
-from .maxwell_states import maxwell_states
+from .massless import first_order, static_coordinates, time_of
+from .maxwell_states import maxwell_states, with_maxwell_states
 from .record import Record
 from .tolerance.accuracy import Accuracy
+from .tolerance.pseudo_modal import LEAST_MASS
 from .viscoelastic_poles import oscillating_poles
 
 if TYPE_CHECKING:
@@ -223,7 +225,10 @@ class ReducedModel:
 
     def state_matrix(self) -> np.ndarray:
         """Return A (2m, 2m) of (x, x')' = A (x, x'); with viscoelastic parts their states come last (see
-        hpcred.reduction.maxwell_states), for Maxwell's law."""
+        hpcred.reduction.maxwell_states), for Maxwell's law. Coordinates without mass are eliminated, or have one state
+        (see hpcred.reduction.massless)."""
+        if static_coordinates(self):
+            return first_order(with_maxwell_states(self)[0] if self.viscoelastic else self)["A"]
         size, inverse = self.size, np.linalg.inv(self.M)
         if self.viscoelastic:
             return maxwell_states(self.viscoelastic).state_matrix(inverse, self.D, self.K)
@@ -238,7 +243,9 @@ class ReducedModel:
         if any(not isinstance(part.law, Maxwell) for part in self.viscoelastic):
             from scipy.linalg import eigh  # which most models do without
 
-            eigenvalues, X = eigh(self.K, self.M)
+            # what has no mass, far above the frequencies that are asked for
+            floor = np.diag(np.where(np.isinf(self.frequencies), LEAST_MASS * np.diag(self.K), 0.0))
+            eigenvalues, X = eigh(self.K, self.M + floor * time_of(self) ** 2)
             parts = transformed(self.viscoelastic, lambda matrix: X.T @ matrix @ X)
             upper = oscillating_poles(eigenvalues, X.T @ self.D @ X, parts)
             return np.concatenate([upper.conj()[::-1], upper])
@@ -297,6 +304,7 @@ def require_finite(reduced: ReducedModel):
         if value is None:
             continue
         numbers = np.asarray(value)
-        wrong = numbers.size - np.count_nonzero(np.isfinite(numbers))
+        finite = ~np.isnan(numbers) if key == "frequencies" else np.isfinite(numbers)  # infinite without mass
+        wrong = numbers.size - np.count_nonzero(finite)
         if wrong:
             raise InputError(f"reduced model: {key} has {wrong} of {numbers.size} numbers that are NaN or Inf")
