@@ -70,8 +70,7 @@ def frequencies_of(case, rom, eta) -> np.ndarray:
     poles = s0 + 1 / inverses[np.abs(inverses) > 1e-9 * np.abs(inverses).max()]
     poles = poles[(poles.imag > 0) & (poles.imag < 1.2 * s0)] / 2 / np.pi
     beside = [p.imag + abs(p.real) * np.array([-3, -1, -0.3, 0, 0.3, 1, 3]) for p in poles]
-    own = rom.frequencies[np.isfinite(rom.frequencies)]
-    found = np.concatenate([np.linspace(low, high, UNIFORM), *beside, own])
+    found = np.concatenate([np.linspace(low, high, UNIFORM), *beside, rom.frequencies])
     return np.unique(found[(found >= low) & (found <= high)])
 
 

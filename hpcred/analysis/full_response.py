@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..linalg.pencil import squared_frequencies
+from ..linalg.pencil import MASSLESS, squared_frequencies
 from ..linalg.solvers.base import FactorRecord
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import Caughey, Damping, ModalDamping, Rayleigh, Structural, caughey_terms, damping_or_given
@@ -212,8 +212,8 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
         with progress.stage("evaluate"):
             outer = decided(model.comm, projections.model)
             seen = decided(model.comm, _seen, search, outer)
-            squares = squared_frequencies(outer.eigenvalues, outer.masses)
-            scale = 1.0 if outer.masses is None else np.where(np.isinf(squares), 1.0, outer.masses) ** -0.5
+            squares = squared_frequencies(outer.eigenvalues, outer.masses, outer.tau)
+            scale = 1.0 if outer.masses is None else np.maximum(outer.masses, MASSLESS) ** -0.5
             basis.multiply(outer.vectors * scale)
             run.notes.remarks += warnings_of_digits(model, framed.model.K, squares, basis.columns)
             again = tuple(projected_again(projections))
@@ -307,7 +307,7 @@ def _evaluate(search, frequencies, models):
     """Return response and estimated error at the frequencies, and the accuracy over the band."""
     outer = models.pair.outer
     if models.damping == UNDAMPED and outer.is_diagonal:
-        squared = squared_frequencies(outer.eigenvalues, outer.masses) / (2 * np.pi) ** 2  # below zero where K is indefinite: no poles at a frequency
+        squared = squared_frequencies(outer.eigenvalues, outer.masses, outer.tau) / (2 * np.pi) ** 2  # below zero where K is indefinite: no poles at a frequency
         gap = np.abs(frequencies[:, None] ** 2 - squared).min(axis=1, initial=np.inf)
         poles = frequencies[gap <= POLE * frequencies**2]
         if len(poles):

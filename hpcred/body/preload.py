@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..linalg.pencil import modes_of
 from ..model.frames import Frame
 from ..model.rotation import spin_softening
 from ..model.second_order_model import SecondOrderModel
@@ -19,7 +20,6 @@ from ..parallel.declared import as_declared, declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import ANYTHING, within
-from ..reduction.massless import modes_of
 from ..reduction.reduced_model import ReducedModel
 from .body import Body
 from .geometric_stiffness import (
@@ -137,7 +137,7 @@ def reduced_at(body: Body, preload: Preload) -> ReducedModel:
     values = preload.values
     K = reduced.K + np.tensordot(np.array(list(values.values())), stiffness.of(tuple(values)), axes=1)
     K += softening_of(body, preload)
-    squares = modes_of(replace(reduced, K=K))[0]
+    squares = modes_of(K, reduced.M)[0]
     rigid = reduced.rigid_size
     if squares[: rigid + 1].min() < 0 and not rigid:
         raise InputError(

@@ -213,9 +213,9 @@ class BasisReductor(Reductor):
         """Return the reduced model with its basis in all dofs, and the orthonormality defect."""
         (vectors,), full, drop_above = bases, framed.model, self.settings.drop_above
         if run.tau:
-            eigenvalues = diagonalise_with_massless(vectors, run.mass, full.K, run.tau)
+            eigenvalues, static = diagonalise_with_massless(vectors, run.mass, full.K, run.tau)
         else:
-            eigenvalues = diagonalise(vectors, project(full.K, vectors.columns))
+            eigenvalues, static = diagonalise(vectors, project(full.K, vectors.columns)), 0
         frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
         if drop_above is not None:
             kept = int((frequencies <= drop_above).sum())
@@ -223,12 +223,13 @@ class BasisReductor(Reductor):
                 raise InputError(f"drop_above: no pseudo-frequency lies below {drop_above:g} Hz")
             run.note(f"pseudo-frequencies up to {drop_above:g} Hz", len(frequencies), kept)
             vectors.multiply(np.eye(len(frequencies))[:, :kept])
+            static = max(static - len(frequencies) + kept, 0)
             eigenvalues, frequencies = eigenvalues[:kept], frequencies[:kept]
-        static = int(np.isinf(frequencies).sum())
+        moving = len(frequencies) - static
         if static and "D" in full.matrices:
             separate_dampers(vectors, full.matrices["D"], static)
-        # parts of the columns that have mass: the rest of M x is round-off
-        weights = 1 / np.sqrt(1 + run.tau**2 * np.maximum(eigenvalues, 0.0)) if run.tau else None
+        # the part of each column that has mass: the digits of the rest are missing in M x
+        weights = 1 / np.sqrt(1 + run.tau**2 * np.maximum(eigenvalues, 0.0)) * (np.arange(len(eigenvalues)) < moving)
         mass, defect = vectors.gram(run.mass, weights)
         if defect > ORTHONORMAL_TO:
             raise ComputationError(
@@ -239,8 +240,10 @@ class BasisReductor(Reductor):
         run.notes.remarks += warnings_of_digits(model, full.K, eigenvalues, columns)
         if not warnings_of_definiteness(model) and (unstable := growing(model, eigenvalues)):
             run.notes.remarks.append(unstable)
-        small = {"M": mass, "K": np.diag(np.where(np.isinf(eigenvalues), run.tau**-2 if run.tau else 0.0, eigenvalues))}
-        mass[len(mass) - static :] = mass[:, len(mass) - static :] = 0.0
+        small = {"M": mass, "K": np.diag(eigenvalues)}
+        if static:
+            mass[moving:] = mass[:, moving:] = 0.0
+            small["K"][moving:, moving:] = np.eye(static) / run.tau**2
         if not full.is_symmetric("K"):
             stiffness = project(full.K, columns)
             small["K"] += (stiffness - stiffness.T) / 2

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..linalg.blocks import create_block, inner, local_rows
-from ..linalg.pencil import massless_last
+from ..linalg.pencil import massless_last, modes_of
 from ..model.damping import GivenDamping
 from ..model.dofs import DIRECTIONS
 from ..model.frames import Chord, NoFrame, Tangent
@@ -27,7 +27,6 @@ from ..model.viscoelastic import Viscoelastic, transformed
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from .components.craig_bampton import check_directions, interface_forces
-from .massless import modes_of
 from .projection import project, project_columns
 from .reduced_model import ReducedModel
 
@@ -139,8 +138,9 @@ def transformation(motion, M, K, interfaces, tau=0.0):
     if N.shape[1] == 0:
         return psi
     inside = _symmetric(N.T @ K @ N), _symmetric(N.T @ M @ N)
-    squares, X = massless_last(*inside, tau) if tau else _eigh(*inside)
-    eigenvalues = np.where(np.isinf(squares), tau**-2 if tau else 0.0, squares)
+    eigenvalues, X, without = massless_last(*inside, tau) if tau else (*_eigh(*inside), 0)
+    if without:
+        eigenvalues[-without:] = tau**-2
     if eigenvalues[0] <= 1e-12 * eigenvalues.max():
         raise InputError("coordinates: with all interfaces held the body can still move; add an interface")
     phi = N @ X
@@ -157,7 +157,7 @@ def elastic_part(reduced: ReducedModel, count: int | None = None) -> ReducedMode
     count = reduced.rigid_size if count is None else count
     if not count:
         return reduced
-    X = modes_of(reduced)[1][:, count:]
+    X = modes_of(reduced.K, reduced.M)[1][:, count:]
     small = {key: X.T @ getattr(reduced, key) @ X for key in ("M", "D", "K")}
     return replace(
         reduced, **small, B=X.T @ reduced.B, frequencies=reduced.frequencies[count:], interfaces=(), columns=None,

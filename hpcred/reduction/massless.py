@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linalg.pencil import MASSLESS, massless_last
+from ..linalg.pencil import MASSLESS, time_of
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from .projection import project
@@ -60,36 +60,20 @@ def without_round_off(D: np.ndarray, static: int, tau: float) -> np.ndarray:
 
 def static_coordinates(reduced) -> int:
     """Return how many coordinates of a model have no mass."""
-    return int(np.isinf(reduced.frequencies).sum())
+    return int((~reduced.M.any(axis=0)).sum())
 
 
 def require_mass(reduced, where: str):
     """Raise InputError for a model with coordinates without mass, which `where` (such as "a SID file") cannot contain.
     """
     if count := static_coordinates(reduced):
-        finite = reduced.frequencies[np.isfinite(reduced.frequencies)].max(initial=0.0)
+        finite = reduced.frequencies[:-count].max(initial=0.0)
         leave = f"drop_above = {1.01 * finite:.4g} leaves them out, and counts what that does to the error: "
         raise InputError(
             f"the reduced body has {count} coordinates without mass, the static deflection or the dampers of dofs "
             f"without mass, for which {where} has no place; {leave * bool(finite)}reduce again, give these dofs some "
             "mass, or take a state space, an FMU or arrays (npz, mat), which hold all"
         )
-
-
-def modes_of(reduced) -> tuple[np.ndarray, np.ndarray]:
-    """Return omega^2 (m,), ascending, infinite without mass, and X (m, m) that diagonalises M and K, the symmetric part.
-    """
-    if not static_coordinates(reduced):
-        from scipy.linalg import eigh  # which most models do without
-
-        return eigh((reduced.K + reduced.K.T) / 2, reduced.M)
-    return massless_last(reduced.K, reduced.M, time_of(reduced))
-
-
-def time_of(reduced) -> float:
-    """Return a time (s) of the frequencies of a model."""
-    finite = reduced.frequencies[np.isfinite(reduced.frequencies)].max(initial=0.0)
-    return 1 / (2 * np.pi * finite) if finite else 1.0
 
 
 def with_mass(reduced, where="a state space") -> WithMass:
@@ -100,7 +84,7 @@ def with_mass(reduced, where="a state space") -> WithMass:
     if not still.shape[1]:
         return WithMass(reduced, none, 0)
     # coordinates: with mass, damped without mass, static
-    tau = time_of(reduced)
+    tau = time_of(reduced.K, reduced.M)
     K = still.T @ reduced.K @ still
     factor = np.linalg.inv(np.linalg.cholesky((K + K.T) / 2))
     still = still @ factor.T
@@ -129,8 +113,8 @@ def with_mass(reduced, where="a state space") -> WithMass:
         M = M[:m, :m]
     found = replace(
         reduced, M=M, D=D, K=K, B=B, C=C, Cv=Cv if Cv.any() else None, Ca=Ca if Ca.any() else None,
-        frequencies=np.resize(reduced.frequencies[np.isfinite(reduced.frequencies)], len(M)), interfaces=(),
-        columns=None, left_columns=None, model=None,
+        frequencies=np.resize(reduced.frequencies[:m], len(M)), interfaces=(), columns=None,
+        left_columns=None, model=None,
     )  # fmt: skip
     return WithMass(found, feedthrough, damped)
 
@@ -177,7 +161,7 @@ def _kernel(reduced):
     """Return a basis of the motions without mass (m, z), and of the others (m, m - z)."""
     M, one = _symmetric(reduced.M), np.eye(reduced.size)
     moving = np.abs(M).any(axis=0)  # the others are coordinates of the model, to the last digit
-    diagonal = np.abs(np.diag(M)) + time_of(reduced) ** 2 * np.abs(np.diag(reduced.K))
+    diagonal = np.abs(np.diag(M)) + time_of(reduced.K, M) ** 2 * np.abs(np.diag(reduced.K))
     scale = (1 / np.sqrt(np.maximum(diagonal, 1e-300)))[moving]
     values, vectors = np.linalg.eigh(M[np.ix_(moving, moving)] * np.outer(scale, scale))
     still = values <= NO_MASS * values.max(initial=0.0)

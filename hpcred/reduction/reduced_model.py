@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..linalg.pencil import time_of
 from ..model.derivatives import Derivatives, combined
 from ..model.interfaces import InterfaceNode
 from ..model.second_order_model import SecondOrderModel, listed
 from ..model.viscoelastic import Maxwell, Viscoelastic, added_stiffness, matrices_by_key, transformed
 from ..parallel.failures import InputError, settle
-from .massless import first_order, static_coordinates, time_of
+from .massless import first_order, static_coordinates
 from .maxwell_states import maxwell_states, with_maxwell_states
 from .record import Record
 from .tolerance.accuracy import Accuracy
@@ -35,7 +36,9 @@ class ReducedModel:
     """M x'' + D x' + K x = B u, y = C x + C_v x' + C_a x'' with m coordinates, p inputs, r outputs; SI units.
 
     M, D, K (m, m), B (m, p), C, Cv, Ca (r, m), the last two None where they are zero.
-    `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52).
+    M is singular where dofs have no mass: the last coordinates then are static deflections, or first-order states of
+    dampers (see hpcred.reduction.massless).
+    `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52); without mass the least that counts as such.
     `loss_factor`: eta of structural damping, for frequency responses only. `viscoelastic`: parts that add
     (g(s) - g(0)) K_v (m, m) to K, the static stiffness. `record`: what made it.
     `interfaces`: in interface coordinates, the nodes whose displacements x, y, z, rx, ry, rz are the first coordinates,
@@ -244,8 +247,8 @@ class ReducedModel:
             from scipy.linalg import eigh  # which most models do without
 
             # what has no mass, far above the frequencies that are asked for
-            floor = np.diag(np.where(np.isinf(self.frequencies), LEAST_MASS * np.diag(self.K), 0.0))
-            eigenvalues, X = eigh(self.K, self.M + floor * time_of(self) ** 2)
+            floor = np.where(self.M.any(axis=0), 0.0, LEAST_MASS * time_of(self.K, self.M) ** 2 * np.diag(self.K))
+            eigenvalues, X = eigh(self.K, self.M + np.diag(floor))
             parts = transformed(self.viscoelastic, lambda matrix: X.T @ matrix @ X)
             upper = oscillating_poles(eigenvalues, X.T @ self.D @ X, parts)
             return np.concatenate([upper.conj()[::-1], upper])
@@ -304,7 +307,6 @@ def require_finite(reduced: ReducedModel):
         if value is None:
             continue
         numbers = np.asarray(value)
-        finite = ~np.isnan(numbers) if key == "frequencies" else np.isfinite(numbers)  # infinite without mass
-        wrong = numbers.size - np.count_nonzero(finite)
+        wrong = numbers.size - np.count_nonzero(np.isfinite(numbers))
         if wrong:
             raise InputError(f"reduced model: {key} has {wrong} of {numbers.size} numbers that are NaN or Inf")

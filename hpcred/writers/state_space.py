@@ -76,7 +76,7 @@ def _with_massless(reduced) -> dict:
     check_viscous(reduced, "a state space")
     whole = with_maxwell_states(reduced)[0] if reduced.viscoelastic else reduced
     found = first_order(whole)
-    elastic = np.isfinite(reduced.frequencies)
+    elastic = reduced.M.any(axis=0)
     # rates of what follows forces at once are none of the states
     moved = reduced.displaces & ~(np.abs(reduced.C[:, ~elastic]) > 0).any(axis=1)
     names = [f"velocity of {name}" for name, shown in zip(reduced.output_names, moved, strict=True) if shown]

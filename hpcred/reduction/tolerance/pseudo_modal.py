@@ -120,8 +120,8 @@ class PseudoModal:
 
     @property
     def frequencies(self) -> np.ndarray:
-        """Pseudo-frequencies (m,) in Hz (52), infinite without mass."""
-        return np.sqrt(np.maximum(squared_frequencies(self.eigenvalues, self.masses), 0.0)) / (2 * np.pi)
+        """Pseudo-frequencies (m,) in Hz (52); without mass the least that counts as such."""
+        return np.sqrt(np.maximum(squared_frequencies(self.eigenvalues, self.masses, self.tau), 0.0)) / (2 * np.pi)
 
     @property
     def B(self) -> np.ndarray:
