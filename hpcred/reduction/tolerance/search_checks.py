@@ -100,7 +100,8 @@ def check_complete(projections, band) -> float:
     run, (low, high) = projections.run, band
     if projections.basis.size >= run.model.size - run.framed.rigid_size:
         return 0.0
-    return _error_lost(projections, largest_residual(projections, [low + part * (high - low) for part in BETWEEN]))
+    error = _error_lost(projections, largest_residual(projections, [low + part * (high - low) for part in BETWEEN]))
+    return 0.0 if run.tau else error  # where residuals have joined the basis
 
 
 def check_massless(projections, points) -> float:
