@@ -307,7 +307,8 @@ def _evaluate(search, frequencies, models):
     """Return response and estimated error at the frequencies, and the accuracy over the band."""
     outer = models.pair.outer
     if models.damping == UNDAMPED and outer.is_diagonal:
-        squared = squared_frequencies(outer.eigenvalues, outer.masses, outer.tau) / (2 * np.pi) ** 2  # below zero where K is indefinite: no poles at a frequency
+        squares = squared_frequencies(outer.eigenvalues, outer.masses, outer.tau)
+        squared = squares / (2 * np.pi) ** 2  # below zero where K is indefinite: no poles at a frequency
         gap = np.abs(frequencies[:, None] ** 2 - squared).min(axis=1, initial=np.inf)
         poles = frequencies[gap <= POLE * frequencies**2]
         if len(poles):

@@ -149,8 +149,8 @@ def body_of(
 def check_moving(body: Body, where: str, laws=False):
     """Raise InputError unless the body can be used in time by `where` (such as "a SID file").
 
-    It needs viscous damping, mass for every coordinate and in all directions, no rigid-body motion in its basis, and no viscoelastic parts
-    unless there is a place for their `laws`.
+    It needs viscous damping, mass for every coordinate and in all directions, no rigid-body motion in its basis, and no
+    viscoelastic parts unless there is a place for their `laws`.
     """
     require_finite(body.reduced)
     require_mass(body.reduced, where)

@@ -90,8 +90,8 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None, parametric=N
             parametric = with_maxwell_states(parametric, "an FMU", from_rest=True)[0]
     reduced, feedthrough, integrals = with_mass(reduced, "an FMU")
     if not reduced.size:
-        raise InputError("an FMU needs states, and all coordinates of the reduced model follow the forces at once; take "
-                         "its feedthrough, the matrix D of a state space")  # fmt: skip
+        raise InputError("an FMU needs states, and all coordinates of the model follow the forces at once; take the "
+                         "matrix D of its state space")  # fmt: skip
     if integrals:
         remarks.append(f"the last {integrals} coordinates are integrals of the displacements of dampers without mass; "
                        "the body has to start at rest")  # fmt: skip

@@ -30,8 +30,8 @@ class Projections:
 
     `K` (m, m) = V^T K V, which may be `symmetric`, `L` (m, l) = V^T L for the block `loads` L of the run, `D` (m, m) =
     V^T D V, or None unless `damped`, `M` (m, m) = V^T M V, or None where it is the identity, and `viscoelastic` parts
-    V^T K_v V: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `io`: inputs and outputs in terms of L; `damping`: the proportional damping
-    of the models. Raises InputError (see io).
+    V^T K_v V: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `io`: inputs and
+    outputs in terms of L; `damping`: the proportional damping of the models. Raises InputError (see io).
     """
 
     def __init__(self, run: Run, basis: Basis, damping: Proportional, damped: bool):
