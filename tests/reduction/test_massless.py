@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse
 
 import hpcred
 from benchmarks import hunt
@@ -181,9 +182,40 @@ def test_small_pencils():
     assert np.allclose(modes_of(K, M)[0][:3], [1.0, 4.0, 4.0])
 
 
-def test_a_floating_frame_has_no_place_for_them(tmp_path):
-    with hpcred.linkage() as model:
-        K = model.K.copy()
-        M = model.M.copy()
-        labels = hpcred.dofs_of(model) if hasattr(hpcred, "dofs_of") else model.dofs
-        assert labels is not None and K is not None and M is not None
+def lumped(linkage, only=None):
+    """The linkage with masses at its nodes, or at one of them alone: rotations have no inertia."""
+    K, M = (scipy.sparse.csr_matrix(mat.getValuesCSR()[::-1]).toarray() for mat in (linkage.K, linkage.M))
+    masses = np.zeros(len(M))
+    for axis in range(3):
+        rows = np.flatnonzero(linkage.dofs.direction == axis)
+        masses[rows] = M[np.ix_(rows, rows)].sum(axis=1)
+    if only is not None:
+        masses = np.zeros(len(M))
+        masses[6 * only : 6 * only + 6] = [1.0, 1.0, 1.0, 0.01, 0.01, 0.01]
+    return hpcred.SecondOrderModel.from_scipy(K, np.diag(masses), dofs=linkage.dofs)
+
+
+def test_a_floating_frame_has_no_place_for_them(linkage, tmp_path):
+    model = lumped(linkage, only=6).with_inputs([(1, "x"), (20, "z")])
+    with model, hpcred.reduce(model, tolerance=1e-3, band=(0.0, 100.0), frame=hpcred.Buckens()) as rom:
+        assert static_coordinates(rom) == rom.size
+        with pytest.raises(InputError, match="coordinates without mass, .* for which a SID file has no place; reduce"):
+            rom.export(tmp_path / "x.SID_FEM")
+        found = rom.export(tmp_path / "x.npz")
+        assert found["coordinates"] == rom.size
+
+
+def test_interface_coordinates(linkage):
+    """A superelement that moves and turns at nodes without inertia, of a free body with lumped masses."""
+    ends = [hpcred.Interface(name=name, node=node, nodes=(number,), kind="rigid") for name, node, number in
+            (("one", 901, 1), ("two", 902, 20))]  # fmt: skip
+    with lumped(linkage) as free, free.with_interfaces(ends) as jointed:
+        model = jointed.with_inputs([("one", "all"), ("two", "all")])
+        rom = hpcred.reduce(model, frame=hpcred.Buckens(), tolerance=1e-5, band=(0.0, 300.0), coordinates="interface")
+        assert rom.record.accuracy.reached
+        f = np.array([20.0, 170.0])
+        eta = 1e-3
+        full = hpcred.frequency_response(model, f, None, hpcred.Structural(eta))
+        found = replace(rom, loss_factor=eta).frequency_response(f)
+    assert hpcred.relative_error(full, found).max() < 1e-5
+    assert np.allclose(rom.B[:12], np.eye(12), atol=1e-9)
