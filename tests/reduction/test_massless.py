@@ -28,8 +28,9 @@ def unit(n, *rows):
 
 def reduced(M, K, B, D=None, C=None, tolerance=1e-9, damping=None, comm=None, **more):
     """The reduced model to a tolerance, without its basis."""
-    model = hpcred.SecondOrderModel(M, D, K, B, C) if comm is None else hpcred.SecondOrderModel(M, D, K, B, C, comm=comm)
-    with model, hpcred.reduce(model, damping=damping, tolerance=tolerance, band=BAND, **more) as rom:
+    where = {} if comm is None else {"comm": comm}
+    more |= {"damping": damping, "tolerance": tolerance, "band": BAND}
+    with hpcred.SecondOrderModel(M, D, K, B, C, **where) as model, hpcred.reduce(model, **more) as rom:
         return replace(rom)
 
 
@@ -154,7 +155,7 @@ def test_components_of_ones_own(comm):
     M, K = chain()
     B = unit(6, 0, 1)
     model = hpcred.SecondOrderModel(M, None, K, B, comm=comm)
-    with model, hpcred.reduce(model, [hpcred.Modes(count=2), hpcred.Krylov(1.0, 1)], comm and None) as rom:
+    with model, hpcred.reduce(model, [hpcred.Modes(count=2), hpcred.Krylov(1.0, 1)]) as rom:
         s = 2j * np.pi
         H = B.T @ np.linalg.solve(s * s * M + K, B)
         assert static_coordinates(rom) == 1 and np.allclose(rom.transfer_function(s), H, rtol=1e-9)
