@@ -190,8 +190,11 @@ def _asked_accuracy(frequencies, tolerance, band, adaptive) -> Adaptive:
     return adaptive
 
 
-def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress) -> tuple[FullResponse, _Models]:
-    """Return the response from the basis of a search, and the models that say its error. Collective."""
+def _by_search(
+    model, frequencies, frame, damping, adaptive, factoring, progress, singular=False
+) -> tuple[FullResponse, _Models]:
+    """Return the response from the basis of a search, and the models that say its error; `singular`: whether M has
+    turned out to be. Collective."""
     damping_of_response = _damping_of_response(damping)
     check_model(model)
     check_circulatory(model, damping)
@@ -203,11 +206,18 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
             framed = apply_frame(model, frame, damping)
             warnings += inputs_without_effect(framed)
         room, deflation = min(ROOM, adaptive.columns), deflation_of_search(framed.model)
-        tau = 1 / (2 * np.pi * adaptive.band[1]) if massless(framed.model) else 0.0
+        tau = 1 / (2 * np.pi * adaptive.band[1]) if singular or massless(framed.model) else 0.0
         run = owned.owns(Run(framed, progress, deflation, factoring, inertia=True, columns=room, tau=tau))
         basis = run.new_basis(room)
         search = Search(basis, run, adaptive)
-        search.run_to_end()
+        try:
+            search.run_to_end()
+        except InputError:
+            if tau or not run.notes.massless:
+                raise
+        if run.notes.massless and not tau:
+            run.solvers.release()
+            return _by_search(model, frequencies, frame, damping, adaptive, factoring, progress, singular=True)
         projections = search.projections
         with progress.stage("evaluate"):
             outer = decided(model.comm, projections.model)

@@ -141,6 +141,39 @@ def test_other_damping(damping):
         assert np.allclose(rom.transfer_function(s), H, rtol=1e-5)
 
 
+def test_viscoelastic_parts_on_dofs_without_mass():
+    """As responses and as states."""
+    M, K = chain()
+    B, time, Kv = unit(6, 2, 3), 0.2, 30.0 * np.outer(unit(6, 2) - unit(6, 4), unit(6, 2) - unit(6, 4))
+    law = hpcred.Maxwell(factors=(1.0,), times=(time,))
+    with hpcred.SecondOrderModel(M, None, K, B) as elastic:
+        model = elastic.with_viscoelastic([hpcred.Viscoelastic(Kv, law)])
+        rom = hpcred.reduce(model, tolerance=1e-9, band=BAND)
+        found = hpcred.state_space(rom)
+    assert static_coordinates(rom)
+    for s in POINTS:
+        H = B.T @ np.linalg.solve(s * s * M + K + s * time / (1 + s * time) * Kv, B)
+        assert np.allclose(rom.transfer_function(s), H, rtol=1e-8)
+        states = np.linalg.solve(s * np.eye(len(found["A"])) - found["A"], found["B"])
+        assert np.allclose(found["C"] @ states + found["D"], H, rtol=1e-8)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_full_response_of_directions_without_mass(turned):
+    """Also where M has a full diagonal, and is singular."""
+    M, K = chain()
+    c = np.sqrt(0.5)
+    Q = np.kron(np.eye(3), [[c, -c], [c, c]]) if turned else np.eye(6)
+    M, K, B = Q.T @ M @ Q, Q.T @ K @ Q, Q.T @ unit(6, 0, 1)
+    M, K = (M + M.T) / 2, (K + K.T) / 2
+    with hpcred.SecondOrderModel(M, None, K, B) as model:
+        given = {"damping": hpcred.Structural(0.02), "tolerance": 1e-6, "band": BAND}
+        full = hpcred.full_response(model, [0.5, 1.5], **given)
+    for f, H in zip([0.5, 1.5], full.response, strict=True):
+        A = (1 + 0.02j) * K - (2 * np.pi * f) ** 2 * M
+        assert np.allclose(H, B.T @ np.linalg.solve(A, B), rtol=1e-5)
+
+
 def test_rates_of_static_deflections_have_no_state_space(damped):
     rom, _ = damped
     static = np.zeros_like(rom.C)
