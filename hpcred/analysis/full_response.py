@@ -213,9 +213,9 @@ def _by_search(
         try:
             search.run_to_end()
         except InputError:
-            if tau or not run.notes.massless:
+            if tau or not (run.notes.massless or run.notes.incomplete):
                 raise
-        if run.notes.massless and not tau:
+        if not tau and (run.notes.massless or run.notes.incomplete):
             run.solvers.release()
             return _by_search(model, frequencies, frame, damping, adaptive, factoring, progress, singular=True)
         projections = search.projections

@@ -89,10 +89,10 @@ class BasisReductor(Reductor):
         try:
             reduced = self._reduce_in(model, framed, warnings, notes, 0.0)
         except InputError:
-            if not (notes.massless and tau):
+            if not (tau and (notes.massless or notes.incomplete)):
                 raise
         else:
-            if not (notes.massless and tau):
+            if not (tau and (notes.massless or notes.incomplete)):
                 return reduced
         return self._reduce_in(model, framed, warnings, Notes(), tau)
 

@@ -19,6 +19,7 @@ ZERO = np.finfo(float).eps  # squared frequencies, relative to the largest, that
 NEARLY_ZERO = 1e-12  # that may be, where round-off shows in the estimate too
 BETWEEN = (0.31, 0.77)  # of the band: where a basis that can hold nothing more is tried, which are no points
 RESIDUALS = 4  # directions of residuals that are tried where random columns add nothing
+LACKING = 1e-8  # residual of such a basis that solves alone do not leave
 LOST = 1e-2  # residual of such a basis, relative to the loads: round-off has come to 1e-5, what is lost leaves 0.1
 
 
@@ -100,7 +101,9 @@ def check_complete(projections, band) -> float:
     run, (low, high) = projections.run, band
     if projections.basis.size >= run.model.size - run.framed.rigid_size:
         return 0.0
-    error = _error_lost(projections, largest_residual(projections, [low + part * (high - low) for part in BETWEEN]))
+    residual = largest_residual(projections, [low + part * (high - low) for part in BETWEEN])
+    run.notes.incomplete |= residual > LACKING
+    error = _error_lost(projections, residual)
     return 0.0 if run.tau else error  # where residuals have joined the basis
 
 
