@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..linalg.basis import Basis
+from ..linalg.pencil import MASSLESS, squared_frequencies
 from ..linalg.solvers.base import FactorRecord
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import Caughey, Damping, ModalDamping, Rayleigh, Structural, caughey_terms, damping_or_given
@@ -22,7 +22,7 @@ from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.input_output_counts import FREQUENCIES, require_room
 from ..model.rigid_body_modes import RigidBodyModes
 from ..model.scales import in_usual_units, unscaled
-from ..model.second_order_model import SecondOrderModel, require_model
+from ..model.second_order_model import SecondOrderModel, massless, require_model
 from ..parallel.decisions import decided
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned
@@ -191,8 +191,11 @@ def _asked_accuracy(frequencies, tolerance, band, adaptive) -> Adaptive:
     return adaptive
 
 
-def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress) -> tuple[FullResponse, _Models]:
-    """Return the response from the basis of a search, and the models that say its error. Collective."""
+def _by_search(
+    model, frequencies, frame, damping, adaptive, factoring, progress, singular=False
+) -> tuple[FullResponse, _Models]:
+    """Return the response from the basis of a search, and the models that say its error; `singular`: whether M has
+    turned out to be. Collective."""
     damping_of_response = _damping_of_response(damping)
     check_model(model)
     check_circulatory(model, damping)
@@ -204,16 +207,26 @@ def _by_search(model, frequencies, frame, damping, adaptive, factoring, progress
             framed = apply_frame(model, frame, damping)
             warnings += inputs_without_effect(framed)
         room, deflation = min(ROOM, adaptive.columns), deflation_of_search(framed.model)
-        run = owned.owns(Run(framed, progress, deflation, factoring, inertia=True, columns=room))
-        basis = Basis(run.mass, framed.rigid_columns, deflation, room, run.keeps_mass_images)
+        tau = 1 / (2 * np.pi * adaptive.band[1]) if singular or massless(framed.model) else 0.0
+        run = owned.owns(Run(framed, progress, deflation, factoring, inertia=True, columns=room, tau=tau))
+        basis = run.new_basis(room)
         search = Search(basis, run, adaptive)
-        search.run_to_end()
+        try:
+            search.run_to_end()
+        except InputError:
+            if tau or not (run.notes.massless or run.notes.incomplete):
+                raise
+        if not tau and (run.notes.massless or run.notes.incomplete):
+            run.solvers.release()
+            return _by_search(model, frequencies, frame, damping, adaptive, factoring, progress, singular=True)
         projections = search.projections
         with progress.stage("evaluate"):
             outer = decided(model.comm, projections.model)
             seen = decided(model.comm, _seen, search, outer)
-            basis.multiply(outer.vectors)
-            run.notes.remarks += warnings_of_digits(model, framed.model.K, outer.eigenvalues, basis.columns)
+            squares = squared_frequencies(outer.eigenvalues, outer.masses, outer.tau)
+            scale = 1.0 if outer.masses is None else np.maximum(outer.masses, MASSLESS) ** -0.5
+            basis.multiply(outer.vectors * scale)
+            run.notes.remarks += warnings_of_digits(model, framed.model.K, squares, basis.columns)
             again = tuple(projected_again(projections))
             inner, embedding = (outer, np.eye(len(outer))) if seen is None else (seen, nested(seen, outer))
             pair = search.judge.compare(inner, outer, embedding)
@@ -305,7 +318,8 @@ def _evaluate(search, frequencies, models):
     """Return response and estimated error at the frequencies, and the accuracy over the band."""
     outer = models.pair.outer
     if models.damping == UNDAMPED and outer.is_diagonal:
-        squared = outer.eigenvalues / (2 * np.pi) ** 2  # below zero where K is indefinite: no poles at a frequency
+        squares = squared_frequencies(outer.eigenvalues, outer.masses, outer.tau)
+        squared = squares / (2 * np.pi) ** 2  # below zero where K is indefinite: no poles at a frequency
         gap = np.abs(frequencies[:, None] ** 2 - squared).min(axis=1, initial=np.inf)
         poles = frequencies[gap <= POLE * frequencies**2]
         if len(poles):

@@ -9,6 +9,7 @@ import numpy as np
 from ..model.dofs import DIRECTIONS, node_of
 from ..model.rigid_body_modes import SAME_MASS
 from ..parallel.failures import InputError
+from ..reduction.massless import require_mass
 from ..reduction.reduced_model import ReducedModel, require_finite
 from .floating_frame import FloatingFrame, floating_frame
 from .geometric_stiffness import GeometricStiffness, StiffenedFrame, stiffened_node
@@ -148,10 +149,11 @@ def body_of(
 def check_moving(body: Body, where: str, laws=False):
     """Raise InputError unless the body can be used in time by `where` (such as "a SID file").
 
-    It needs viscous damping, mass in all directions, no rigid-body motion in its basis, and no viscoelastic parts
-    unless there is a place for their `laws`.
+    It needs viscous damping, mass for every coordinate and in all directions, no rigid-body motion in its basis, and no
+    viscoelastic parts unless there is a place for their `laws`.
     """
     require_finite(body.reduced)
+    require_mass(body.reduced, where)
     check_viscous(body.reduced, where)
     if not laws:
         require_no_laws(body.reduced, where)

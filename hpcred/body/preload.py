@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..linalg.pencil import modes_of
 from ..model.frames import Frame
 from ..model.rotation import spin_softening
 from ..model.second_order_model import SecondOrderModel
@@ -136,7 +137,7 @@ def reduced_at(body: Body, preload: Preload) -> ReducedModel:
                 f"preload.forces: found '{state}', expected nodes with states of load: {', '.join(sorted(known))}"
             )
     K = _stiffness(body, preload)
-    squares = _squares(K, reduced.M)
+    squares = modes_of(K, reduced.M)[0]
     rigid = reduced.rigid_size
     if squares[: rigid + 1].min() < 0 and not rigid:
         raise InputError(
@@ -165,10 +166,8 @@ def warning_of_basis(body: Body, preload: Preload) -> str:
     The lower half of the modes of the reduced model without load has its own lowest frequencies; how much higher these
     get under the load than with all modes tells how much the modes that are not in the basis at all would lower them.
     """
-    from scipy.linalg import eigh  # which few results need
-
     reduced = getattr(body.reduced, "base", body.reduced)
-    _, modes = eigh((reduced.K + reduced.K.T) / 2, reduced.M)
+    modes = modes_of(reduced.K, reduced.M)[1]
     K = modes.T @ _stiffness(body, preload) @ modes
     rigid, elastic = reduced.rigid_size, reduced.size - reduced.rigid_size
     half, lowest = rigid + elastic // 2, slice(rigid, rigid + max(elastic // 4, 1))
@@ -207,13 +206,6 @@ def _each(states, preload) -> np.ndarray:
     """Return the values of some states, zero of those that a preload does not have."""
     values = preload.values
     return np.array([values.get(state, 0.0) for state in states])
-
-
-def _squares(K, M):
-    """Return the squared eigenfrequencies, ascending."""
-    from scipy.linalg import eigh  # which few results need
-
-    return eigh((K + K.T) / 2, M, eigvals_only=True)
 
 
 def preloaded(

@@ -39,6 +39,7 @@ from ..body.preload import Preload, forces_of, reduced_at, softening_of
 from ..body.stress import StressModes
 from ..body.turned import turned_frame, turned_node, turned_stiffness
 from ..linalg.blocks import create_block, local_rows
+from ..linalg.pencil import modes_of
 from ..model.dofs import SCALAR
 from ..model.elements import surface_triangles
 from ..model.interfaces import InterfaceNode
@@ -335,10 +336,8 @@ class Shapes:
         kind = "basis vector" if "basis/W" in file else "pseudo-mode"
         self._mixture = self._mixed = None
         if "reduced/interfaces" in file:
-            from scipy.linalg import eigh  # which few results need
-
             K, M = (file[f"reduced/{key}"][...] if reduced is None else getattr(reduced, key) for key in "KM")
-            self._mixture = eigh(K, M)[1]
+            self._mixture = modes_of(K, M)[1]
         width = len(str(len(self.frequencies)))
         self.first = int(file.attrs.get("first_number", 1))
         self.names = [f"{kind} {k:0{width}d}: {f:.6g} Hz" for k, f in enumerate(self.frequencies, self.first)]

@@ -1,5 +1,8 @@
 """Grow a mass-orthonormal basis, V^T M V = I, by blocks, and count what is dropped as dependent.
 
+Where dofs have no mass, M is no inner product on all motions. Then another matrix, such as M + tau^2 K, takes its place
+(`inner`), and what is said of M and of mass images below is said of that.
+
 Block Gram-Schmidt in the inner product of M with repeated projection; the rank of a block is decided on
 columns scaled to unit M-norm (Stathopoulos & Wu, SIAM J. Sci. Comput. 23(6), 2002, for the Gram-based step),
 and directions that the Gram matrix cannot resolve are separated, projected again and judged by themselves.
@@ -95,15 +98,16 @@ class Basis:
     """Columns with V^T M V = I, also M-orthogonal to the columns of `deflate` (for rigid-body modes; or None).
 
     `tolerance`: a direction whose weight (see Extension) is not larger is dropped. `room`: columns to expect. `keeps`:
-    whether M V is kept beside V, which takes as much memory as V and saves products with M. All methods are
-    collective, and what they decide is decided once for all ranks.
+    whether M V is kept beside V, which takes as much memory as V and saves products with M. `inner`: the matrix of
+    another inner product, by default M. All methods are collective, and what they decide is decided once for all
+    ranks.
     """
 
     width = 1  # real columns of a column
 
     def __init__(self, mass: PETSc.Mat, deflate: Block | None = None, tolerance: float = 1e-12, room: int = 16,
-                 keeps: bool = True):  # fmt: skip
-        self.mass, self.tolerance = mass, tolerance
+                 keeps: bool = True, inner: PETSc.Mat | None = None):  # fmt: skip
+        self.mass, self.tolerance = mass if inner is None else inner, tolerance
         self.comm = mass.comm.tompi4py()
         self._diagonal = _weights_of(mass)
         self._leading = 0
@@ -111,7 +115,7 @@ class Basis:
         deflated = 0 if deflate is None else np.diff(deflate.getActiveColumns())[0]
         self._block = create_block(mass, deflated + self.width * room)
         self._mass_images = create_block(mass, deflated + self.width * room) if keeps else None
-        if deflate is not None:
+        if deflate is not None:  # motions without force: K adds nothing to them but round-off
             given = WithMassImages(mass, deflate)
             self._append(given.block, given.mass_images)
             self._leading, self.size = deflated, 0
@@ -210,12 +214,15 @@ class Basis:
         """max |V^H M V - I|, rigid-body modes included."""
         return self.gram()[1]
 
-    def gram(self) -> tuple[np.ndarray, float]:
-        """V^H M V (size, size), and max |V^H M V - I| with the rigid-body modes included."""
+    def gram(self, mass: PETSc.Mat | None = None, weights: np.ndarray | None = None) -> tuple[np.ndarray, float]:
+        """V^H M V (size, size), and max |V^H M V - I| with the rigid-body modes included; of another `mass` than that
+        of the inner product if given, and with `weights` (size,) of the columns, by default 1."""
         # by a product that is not the one that V was made with
-        gram = self._gram(inner(self._all(), times(self.mass, self._all())))
-        first = self._leading // self.width
-        return gram[first:, first:], float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
+        gram = self._gram(inner(self._all(), times(self.mass if mass is None else mass, self._all())))
+        first, w = self._leading // self.width, np.ones(len(gram))
+        if weights is not None:
+            w[first:] = weights
+        return gram[first:, first:], float((np.abs(gram - np.eye(len(gram))) * np.outer(w, w)).max(initial=0.0))
 
     def multiply(self, factor: np.ndarray):
         """V <- V factor (54); factor (size, k), the same on all ranks."""

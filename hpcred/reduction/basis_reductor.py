@@ -6,16 +6,15 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
-from ..linalg.basis import Basis
 from ..linalg.solvers.settings import Factoring
-from ..model.damping import Damping, NoDamping, loss_factor_of, warnings_of_damping
+from ..model.damping import Damping, NoDamping, caughey_terms, loss_factor_of, warnings_of_damping
 from ..model.definiteness import growing, warnings_of_definiteness
 from ..model.digits import warnings_of_digits
 from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.input_output_counts import require_room
 from ..model.load_columns import loads_of, resultants
 from ..model.scales import in_usual_units
-from ..model.second_order_model import SecondOrderModel, require_model
+from ..model.second_order_model import SecondOrderModel, massless, require_model
 from ..model.viscoelastic import transformed
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.memory import give_back
@@ -26,7 +25,9 @@ from .checks import check_circulatory, check_model, check_viscoelastic, warnings
 from .components.component import Component, PointComponent
 from .components.groups import blocks_in_groups, number_of_groups
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
-from .projection import diagonalise, everywhere, project, project_columns
+from .massless import separate_dampers, without_round_off
+from .notes import Notes
+from .projection import diagonalise, diagonalise_with_massless, everywhere, project, project_columns
 from .record import make_record
 from .reduced_damping import reduced_damping
 from .reduced_model import ReducedModel
@@ -76,14 +77,29 @@ class BasisReductor(Reductor):
         return reduced
 
     def _reduce(self, model) -> ReducedModel:
-        """Reduce a model in usual units."""
-        settings, progress = self.settings, self.progress
-        progress.expect(model.size)
+        """Reduce a model in usual units: again, where M has turned out not to see all motions that count."""
+        self.progress.expect(model.size)
         warnings = self._check(model)
+        with self.progress.stage("frame"):
+            framed = apply_frame(model, self.frame, self.damping)
+            warnings += inputs_without_effect(framed)
+        tau, notes = self._tau(framed), Notes()
+        if massless(framed.model) and tau:
+            return self._reduce_in(model, framed, warnings, notes, tau)
+        try:
+            reduced = self._reduce_in(model, framed, warnings, notes, 0.0)
+        except InputError:
+            if not (tau and (notes.massless or notes.incomplete)):
+                raise
+        else:
+            if not (tau and (notes.massless or notes.incomplete)):
+                return reduced
+        return self._reduce_in(model, framed, warnings, Notes(), tau)
+
+    def _reduce_in(self, model, framed, warnings, notes, tau) -> ReducedModel:
+        """Reduce a model in its frame by bases that are orthonormal in M + tau^2 K; `notes` of the run, empty."""
+        settings, progress = self.settings, self.progress
         with Owned(model.comm) as owned:
-            with progress.stage("frame"):
-                framed = apply_frame(model, self.frame, self.damping)
-                warnings += inputs_without_effect(framed)
             deflation, columns, identity = self._deflation(framed), self._expected_columns(framed), {}
             if self.store is not None:
                 with progress.stage("store"):
@@ -91,12 +107,13 @@ class BasisReductor(Reductor):
                              "basis": [asdict(item) for item in self.basis]}  # fmt: skip
                     identity = identity_of_model(model, framed, **asked)
             run = owned.owns(Run(
-                framed, progress, deflation, self.factoring, columns, self.counts_modes, self.store, identity,
+                framed, progress, deflation, self.factoring, columns, self.counts_modes, self.store, identity, notes,
+                tau=tau,
             ))  # fmt: skip
             runs = [run, *(owned.owns(other) for other in self._more_runs(run))]
-            mass = run.mass
+            run.mass, run.inner  # noqa: B018  (made before memory is given back)
             give_back()  # what it took to read and copy matrices, of which a basis may not find enough in one piece
-            bases = [Basis(mass, framed.rigid_columns, deflation, columns, run.keeps_mass_images) for _ in runs]
+            bases = [run.new_basis(columns) for _ in runs]
             groups = number_of_groups(settings.groups, run, self._points(model))
             search = self._fill(bases, runs, groups)
             for each in runs:
@@ -144,6 +161,15 @@ class BasisReductor(Reductor):
         """Return the deflation tolerance."""
         return self.settings.deflation_tolerance
 
+    def _tau(self, framed) -> float:
+        """Return tau (s) of the inner product M + tau^2 K for models with motions without mass, 0 where that cannot
+        serve: a time of the frequencies that count, by default of the highest point, else of the whole model."""
+        if (caughey_terms(self.damping) or ())[2:]:  # powers of M^-1 K
+            return 0.0
+        points = [abs(item.point) for item in self.basis if isinstance(item, PointComponent) and hasattr(item, "point")]
+        highest = max([point for point in points if np.isfinite(point)], default=0.0)
+        return 1 / (highest or np.sqrt(abs(framed.model.mean_eigenvalue)))
+
     def _expected_columns(self, framed) -> int:
         """Return how many columns the basis is expected to have. Raises InputError where it cannot fit."""
         if not self.basis:
@@ -186,7 +212,10 @@ class BasisReductor(Reductor):
     def _project(self, model, framed, bases, run) -> tuple[ReducedModel, float]:
         """Return the reduced model with its basis in all dofs, and the orthonormality defect."""
         (vectors,), full, drop_above = bases, framed.model, self.settings.drop_above
-        eigenvalues = diagonalise(vectors, project(full.K, vectors.columns))
+        if run.tau:
+            eigenvalues, static = diagonalise_with_massless(vectors, run.mass, full.K, run.tau)
+        else:
+            eigenvalues, static = diagonalise(vectors, project(full.K, vectors.columns)), 0
         frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
         if drop_above is not None:
             kept = int((frequencies <= drop_above).sum())
@@ -194,8 +223,14 @@ class BasisReductor(Reductor):
                 raise InputError(f"drop_above: no pseudo-frequency lies below {drop_above:g} Hz")
             run.note(f"pseudo-frequencies up to {drop_above:g} Hz", len(frequencies), kept)
             vectors.multiply(np.eye(len(frequencies))[:, :kept])
+            static = max(static - len(frequencies) + kept, 0)
             eigenvalues, frequencies = eigenvalues[:kept], frequencies[:kept]
-        mass, defect = vectors.gram()
+        moving = len(frequencies) - static
+        if static and "D" in full.matrices:
+            separate_dampers(vectors, full.matrices["D"], static)
+        # the part of each column that has mass: the digits of the rest are missing in M x
+        weights = 1 / np.sqrt(1 + run.tau**2 * np.maximum(eigenvalues, 0.0)) * (np.arange(len(eigenvalues)) < moving)
+        mass, defect = vectors.gram(run.mass, weights)
         if defect > ORTHONORMAL_TO:
             raise ComputationError(
                 f"the basis has lost its orthonormality: max |V^T M V - I| = {defect:.1e}, allowed is "
@@ -206,13 +241,16 @@ class BasisReductor(Reductor):
         if not warnings_of_definiteness(model) and (unstable := growing(model, eigenvalues)):
             run.notes.remarks.append(unstable)
         small = {"M": mass, "K": np.diag(eigenvalues)}
+        if static:
+            mass[moving:] = mass[:, moving:] = 0.0
+            small["K"][moving:, moving:] = np.eye(static) / run.tau**2
         if not full.is_symmetric("K"):
             stiffness = project(full.K, columns)
             small["K"] += (stiffness - stiffness.T) / 2
         if "D" in full.matrices:
-            small["D"] = project(full.matrices["D"], columns)
+            small["D"] = without_round_off(project(full.matrices["D"], columns), static, run.tau)
         else:
-            small["D"] = reduced_damping(framed.damping, small["K"], frequencies)
+            small["D"] = reduced_damping(framed.damping, small["K"], frequencies, mass)
         for key, value in small.items():
             if full.is_symmetric(key):
                 small[key] = (value + value.T) / 2
@@ -221,7 +259,7 @@ class BasisReductor(Reductor):
         outputs = (inputs if full.Ct is None else project_columns(columns, full.Ct)).T.copy()
         if self.settings.coordinates == "interface":
             given = Projected(columns, **small, B=inputs, C=outputs, viscoelastic=parts)
-            moved = to_interface_coordinates(framed, given)
+            moved = to_interface_coordinates(framed, given, run.tau)
             small = {"M": moved.M, "D": moved.D, "K": moved.K}
             frequencies = np.concatenate([np.zeros(framed.rigid_size), frequencies])
             found = reduced_model(model, framed, small, moved.B, moved.C, frequencies, moved.viscoelastic)

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..linalg.blocks import create_block, inner, local_rows
+from ..linalg.pencil import massless_last, modes_of
 from ..model.damping import GivenDamping
 from ..model.dofs import DIRECTIONS
 from ..model.frames import Chord, NoFrame, Tangent
@@ -67,13 +68,13 @@ def check_interface_coordinates(model, frame):
             )
 
 
-def to_interface_coordinates(framed, given: Projected) -> Projected:
-    """Return the same span, and the rigid-body modes of the frame, in interface coordinates. Collective. Raises
-    InputError."""
+def to_interface_coordinates(framed, given: Projected, tau=0.0) -> Projected:
+    """Return the same span, and the rigid-body modes of the frame, in interface coordinates; `tau`: of the inner
+    product, see Run. Collective. Raises InputError."""
     whole = given if framed.rigid is None else _with_rigid(framed, given)
     forces = interface_forces(framed.model)
     motion = inner(forces, whole.columns)
-    T = decided(framed.model.comm, transformation, motion, whole.M, whole.K, framed.model.interfaces)
+    T = decided(framed.model.comm, transformation, motion, whole.M, whole.K, framed.model.interfaces, tau)
     block = create_block(framed.model.K, T.shape[1])
     with local_rows(whole.columns) as old, local_rows(block) as new:
         new[...] = old @ T
@@ -83,7 +84,9 @@ def to_interface_coordinates(framed, given: Projected) -> Projected:
     parts = transformed(whole.viscoelastic, lambda matrix: _symmetric(T.T @ matrix @ T))
     if framed.model.symmetric:
         D = _symmetric(D)
-    M[c:, c:] = np.eye(len(M) - c)
+    static = np.diag(M)[c:] < 0.5  # others have mass 1
+    M[c:, c:] = np.diag(np.where(static, 0.0, 1.0))
+    M[:c, c:][:, static] = M[c:, :c][static] = 0.0
     K[:c, c:] = K[c:, :c] = 0.0
     K[c:, c:] = np.diag(np.diag(K)[c:])
     return Projected(block, M, D, K, T.T @ whole.B, whole.C @ T, parts)
@@ -113,8 +116,9 @@ def _with_rigid(framed, given):
     return Projected(block, beside(given.M, np.eye(count)), D, beside(given.K, 0.0), B, C, parts)
 
 
-def transformation(motion, M, K, interfaces):
-    """Return [Psi, Phi] (m, m) from G V (6k, m) and V^T M V, V^T K V. Raises InputError for a rank-deficient G V."""
+def transformation(motion, M, K, interfaces, tau=0.0):
+    """Return [Psi, Phi] (m, m) from G V (6k, m) and V^T M V, V^T K V; `tau`: where M may be singular, see Run. Raises
+    InputError for a rank-deficient G V."""
     count, size = motion.shape
     sizes = np.linalg.norm(motion, axis=1)
     scaled = motion / np.maximum(sizes, 1e-300)[:, None]
@@ -133,8 +137,11 @@ def transformation(motion, M, K, interfaces):
     psi = right[:count].T @ ((left.T / sizes) / values[:, None])
     if N.shape[1] == 0:
         return psi
-    eigenvalues, X = _eigh(_symmetric(N.T @ K @ N), _symmetric(N.T @ M @ N))
-    if eigenvalues[0] <= 1e-12 * eigenvalues[-1]:
+    inside = _symmetric(N.T @ K @ N), _symmetric(N.T @ M @ N)
+    eigenvalues, X, without = massless_last(*inside, tau) if tau else (*_eigh(*inside), 0)
+    if without:
+        eigenvalues[-without:] = tau**-2
+    if eigenvalues[0] <= 1e-12 * eigenvalues.max():
         raise InputError("coordinates: with all interfaces held the body can still move; add an interface")
     phi = N @ X
     psi = psi - phi @ ((phi.T @ K @ psi) / eigenvalues[:, None])
@@ -150,7 +157,7 @@ def elastic_part(reduced: ReducedModel, count: int | None = None) -> ReducedMode
     count = reduced.rigid_size if count is None else count
     if not count:
         return reduced
-    X = _eigh(reduced.K, reduced.M)[1][:, count:]
+    X = modes_of(reduced.K, reduced.M)[1][:, count:]
     small = {key: X.T @ getattr(reduced, key) @ X for key in ("M", "D", "K")}
     return replace(
         reduced, **small, B=X.T @ reduced.B, frequencies=reduced.frequencies[count:], interfaces=(), columns=None,

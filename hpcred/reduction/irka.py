@@ -22,6 +22,7 @@ from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from ..parallel.ranges import require_band
 from .components.component import Component
+from .massless import first_order
 from .reduce import reduce
 from .reduced_model import ReducedModel
 from .reductor import Reductor
@@ -129,10 +130,10 @@ class IRKA(Reductor):
 def mirrored(reduced: ReducedModel, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return -conj(pole) of the `count` most dominant poles with Im >= 0, by frequency, and the directions (count, p)
     and (count, r) of their residues. Raises InputError where one has no damping."""
-    m, inverse = reduced.size, np.linalg.inv(reduced.M)
-    poles, right = np.linalg.eig(reduced.state_matrix())
+    states = first_order(replace(reduced, Cv=None, Ca=None))
+    poles, right = np.linalg.eig(states["A"])
     left = np.linalg.inv(right)
-    b, c = left[:, m:] @ inverse @ reduced.B, (reduced.C @ right[:m]).T  # the residues are c_i b_i
+    b, c = left @ states["B"], (states["C"] @ right).T  # the residues are c_i b_i
     upper = np.flatnonzero(poles.imag >= 0)
     sharp = np.abs(poles.real[upper]) < DAMPED * np.abs(poles[upper])
     if sharp.any():

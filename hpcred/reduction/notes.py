@@ -38,7 +38,8 @@ class Notes:
     """What is recorded of a run, and travels as one between ranks and from the run to its record.
 
     `needed`: the factors (mass and damping, as in FactorRecord) that a run without store has; `massless`: whether
-    directions were left out since they move no mass; `analyses`: symbolic ones.
+    directions were left out since they move no mass; `incomplete`: whether a basis that holds all that M sees lacks
+    part of the responses; `analyses`: symbolic ones.
     """
 
     components: list[ComponentRecord] = field(default_factory=list)
@@ -47,6 +48,7 @@ class Notes:
     factorisations: list[FactorRecord] = field(default_factory=list)
     analyses: int = 0
     massless: bool = False
+    incomplete: bool = False
 
     def needs(self, mass: str, damping: str, again=False):
         """Note the factor that a part of the basis comes from, also if the store had the part; `again`: count it
@@ -63,6 +65,7 @@ class Notes:
         self.factorisations += other.factorisations
         self.analyses += other.analyses
         self.massless |= other.massless
+        self.incomplete |= other.incomplete
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -4,8 +4,11 @@ import numpy as np
 
 from ..linalg.blocks import copy_of, from_dense, inner, times, view_of
 from ..linalg.eigensolver import symmetric_eigenpairs
+from ..linalg.pencil import massless_last
+from ..parallel.decisions import decided
 
 WIDTH = 16  # columns projected at a time, which bounds the memory
+TURNS = 3  # diagonalisations of a basis with columns of little mass
 
 
 def project(mat, columns, left=None, width=WIDTH) -> np.ndarray:
@@ -32,6 +35,20 @@ def diagonalise(basis, stiffness: np.ndarray):
     eigenvalues, vectors = symmetric_eigenpairs(stiffness, basis.comm)
     basis.multiply(vectors)
     return eigenvalues
+
+
+def diagonalise_with_massless(basis, mass, stiffness, tau: float) -> tuple[np.ndarray, int]:
+    """Replace V by V X that makes V^T M V and V^T K V diagonal, K by its symmetric part; returns omega^2 (m,),
+    ascending, and how many of the last columns have no mass. Collective.
+
+    Columns have x^T M x = 1, or no mass and tau^2 x^T K x = 1. It is done more than once, since those
+    with little mass have the round-off of the others.
+    """
+    for _ in range(TURNS):
+        squares, X, static = decided(basis.comm, massless_last, project(stiffness, basis.columns),
+                                     project(mass, basis.columns), tau)  # fmt: skip
+        basis.multiply(X)
+    return squares, static
 
 
 def everywhere(model, framed, columns):

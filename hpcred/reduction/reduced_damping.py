@@ -5,8 +5,9 @@ import numpy as np
 from ..model.damping import ModalDamping, caughey_terms
 
 
-def reduced_damping(damping, stiffness: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
-    """Return D (m, m) of a reduced model with V^T M V = I and V^T K V = `stiffness` (m, m); zero without damping.
+def reduced_damping(damping, stiffness: np.ndarray, frequencies: np.ndarray, mass=None) -> np.ndarray:
+    """Return D (m, m) of a reduced model with V^T M V = `mass` (m, m), by default I, and V^T K V = `stiffness` (m, m);
+    zero without damping, and of modal ratios for coordinates without mass.
 
     A series holds in the reduced coordinates: D = sum_k a_k (V^T K V)^k. This is how rational Krylov subspaces
     approximate A(s)^-1 = p_s(M^-1 K)^-1 M^-1, and it needs no mode that the basis has not; V^T M (M^-1 K)^k V would
@@ -14,8 +15,9 @@ def reduced_damping(damping, stiffness: np.ndarray, frequencies: np.ndarray) -> 
     model in Hz.
     """
     if isinstance(damping, ModalDamping):
-        return np.diag(4 * np.pi * frequencies * damping.at(frequencies))
-    D, power = np.zeros_like(stiffness), np.eye(len(stiffness))
+        modal = 4 * np.pi * frequencies * damping.at(frequencies)
+        return np.diag(modal if mass is None else np.where(np.diag(mass) > 0, modal, 0.0))
+    D, power = np.zeros_like(stiffness), np.eye(len(stiffness)) if mass is None else mass
     for coefficient in caughey_terms(damping) or ():
         D, power = D + coefficient * power, power @ stiffness
     return D

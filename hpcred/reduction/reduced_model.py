@@ -10,14 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..linalg.pencil import time_of
 from ..model.derivatives import Derivatives, combined
 from ..model.interfaces import InterfaceNode
 from ..model.second_order_model import SecondOrderModel, listed
 from ..model.viscoelastic import Maxwell, Viscoelastic, added_stiffness, matrices_by_key, transformed
 from ..parallel.failures import InputError, settle
-from .maxwell_states import maxwell_states
+from .massless import first_order, static_coordinates
+from .maxwell_states import maxwell_states, with_maxwell_states
 from .record import Record
 from .tolerance.accuracy import Accuracy
+from .tolerance.pseudo_modal import LEAST_MASS
 from .viscoelastic_poles import oscillating_poles
 
 if TYPE_CHECKING:
@@ -34,7 +37,9 @@ class ReducedModel:
     """M x'' + D x' + K x = B u, y = C x + C_v x' + C_a x'' with m coordinates, p inputs, r outputs; SI units.
 
     M, D, K (m, m), B (m, p), C, Cv, Ca (r, m), the last two None where they are zero.
-    `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52).
+    M is singular where dofs have no mass: the last coordinates then are static deflections, or first-order states of
+    dampers (see hpcred.reduction.massless).
+    `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52); without mass the least that counts as such.
     `loss_factor`: eta of structural damping, for frequency responses only. `viscoelastic`: parts that add
     (g(s) - g(0)) K_v (m, m) to K, the static stiffness. `record`: what made it.
     `interfaces`: in interface coordinates, the nodes whose displacements x, y, z, rx, ry, rz are the first coordinates,
@@ -224,7 +229,10 @@ class ReducedModel:
 
     def state_matrix(self) -> np.ndarray:
         """Return A (2m, 2m) of (x, x')' = A (x, x'); with viscoelastic parts their states come last (see
-        hpcred.reduction.maxwell_states), for Maxwell's law."""
+        hpcred.reduction.maxwell_states), for Maxwell's law. Coordinates without mass are eliminated, or have one state
+        (see hpcred.reduction.massless)."""
+        if static_coordinates(self):
+            return first_order(with_maxwell_states(self)[0] if self.viscoelastic else self)["A"]
         size, inverse = self.size, np.linalg.inv(self.M)
         if self.viscoelastic:
             return maxwell_states(self.viscoelastic).state_matrix(inverse, self.D, self.K)
@@ -238,7 +246,9 @@ class ReducedModel:
         if any(not isinstance(part.law, Maxwell) for part in self.viscoelastic):
             from scipy.linalg import eigh  # which most models do without
 
-            eigenvalues, X = eigh(self.K, self.M)
+            # what has no mass, far above the frequencies that are asked for
+            floor = np.where(self.M.any(axis=0), 0.0, LEAST_MASS * time_of(self.K, self.M) ** 2 * np.diag(self.K))
+            eigenvalues, X = eigh(self.K, self.M + np.diag(floor))
             parts = transformed(self.viscoelastic, lambda matrix: X.T @ matrix @ X)
             upper = oscillating_poles(eigenvalues, X.T @ self.D @ X, parts)
             return np.concatenate([upper.conj()[::-1], upper])

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..linalg.basis import Extension
+from ..linalg.basis import Basis, Extension
 from ..linalg.blocks import from_dense, independent, inner, multiply, times
 from ..linalg.csr import without_zeros
 from ..linalg.free_motions import check_free_motions
@@ -36,7 +36,8 @@ class Run:
     `framed`: the model in its frame; `solvers` for A(s); `notes`: what is recorded; `columns`: how many the basis is
     expected to have; `inertia`: whether negative pivots are counted on any number of ranks; `store`: a Store, or
     None; `identity`: what of the model and of the job decides about columns (see
-    identity_of_model); `is_dual`: whether it is of the output Krylov subspaces of a two-sided projection.
+    identity_of_model); `is_dual`: whether it is of the output Krylov subspaces of a two-sided projection; `tau` (s):
+    bases are orthonormal in M + tau^2 K, which sees motions without mass, in place of M where it is 0.
     """
 
     framed: FramedModel
@@ -50,6 +51,7 @@ class Run:
     notes: Notes = field(default_factory=Notes)
     solvers: RunSolvers | None = None  # those of another run, shared with it
     is_dual: bool = False
+    tau: float = 0.0
 
     def __post_init__(self):
         self.model, self.rigid = self.framed.model, self.framed.rigid
@@ -127,6 +129,29 @@ class Run:
         """M for products with blocks, without its stored zeros where they are many."""
         return without_zeros(self.model.M)
 
+    @cached_property
+    def inner(self) -> PETSc.Mat | None:
+        """The matrix M + tau^2 K of the inner product of bases, with the symmetric part of K; None for M."""
+        if not self.tau:
+            return None
+        model = self.model
+        found = model.K.copy()
+        if not model.is_symmetric("K"):
+            found.axpy(1.0, model.K.transpose(PETSc.Mat()), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            found.scale(0.5)
+        found.scale(self.tau**2)
+        found.axpy(1.0, model.M, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        found.stateIncrease()
+        return found
+
+    def new_basis(self, room: int, *, tolerance: float | None = None, deflate=True, kind=Basis) -> Basis:
+        """Return an empty basis of the run's inner product, with `room` for so many columns; by default without the
+        rigid-body modes of the frame, and with the run's deflation tolerance."""
+        return kind(
+            self.mass, self.framed.rigid_columns if deflate else None,
+            self.tolerance if tolerance is None else tolerance, room, self.keeps_mass_images, self.inner,
+        )  # fmt: skip
+
     def times_mass(self, block):
         """Return M block as a new block."""
         return times(self.mass, block)
@@ -152,7 +177,8 @@ class Run:
 
     def identity_of(self, *keys) -> dict:
         """Return the part of the identity that a key of the store takes, with what stands for all columns."""
-        return {key: self.identity.get(key) for key in ("frame", "nodes", "symmetric", *keys)}
+        found = {key: self.identity.get(key) for key in ("frame", "nodes", "symmetric", *keys)}
+        return found | ({"tau": self.tau} if self.tau else {})
 
     def stored(self, key, most=None):
         """Return the Entry that a store has under a key, None without one."""
@@ -170,7 +196,7 @@ class Run:
     def on_group(self, framed) -> Run:
         """Return a run for a copy of the framed model on a group of ranks."""
         return Run(framed, self.progress, self.tolerance, self.factoring, self.columns, self.inertia,
-                   store=self.store, identity=self.identity)  # fmt: skip
+                   store=self.store, identity=self.identity, tau=self.tau)  # fmt: skip
 
     def take_over(self, of_group: Run, leads: bool, components=False):
         """Take over the notes of the runs on all groups of ranks, of the `components` of a basis only those of the

@@ -37,7 +37,8 @@ def pymor_model(reduced):
     *matrices, Cp = (found[key] for key in keys)
     if reduced.displaces.all():
         return model.from_matrices(*matrices, Cp)
-    Cv, by_mass = found.get("velocity_matrix", 0.0), np.linalg.solve(reduced.M.T, reduced.output_parts[2].T).T
+    # no acceleration of a coordinate without mass comes so far
+    Cv, by_mass = found.get("velocity_matrix", 0.0), reduced.output_parts[2] @ np.linalg.pinv(reduced.M)
     D, K = (mat[: reduced.size] for mat in matrices[1:3])  # states of viscoelastic parts come after the coordinates
     return model.from_matrices(*matrices, Cp - by_mass @ K, Cv - by_mass @ D, found["D"])
 

@@ -35,6 +35,9 @@ class TwoSidedReductor(BasisReductor):
                              "'one_sided', or a tolerance")  # fmt: skip
         return super()._check(model)
 
+    def _tau(self, framed):
+        return 0.0  # the bases are made bi-orthonormal in M
+
     def _more_runs(self, run):
         return (run.dual(),)
 

@@ -29,6 +29,7 @@ from ..files.outputs import ZIP
 from ..model.cut_outputs import cut_output_of
 from ..model.dofs import DIRECTIONS, QUANTITIES, SCALAR, named_quantity, target_of
 from ..parallel.failures import ComputationError, InputError, printable
+from ..reduction.massless import with_mass
 from ..reduction.maxwell_states import with_maxwell_states
 from ..reduction.reduced_model import ReducedModel, require_finite
 from .base import Writer
@@ -87,8 +88,15 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None, parametric=N
                        "rest")  # fmt: skip
         if parametric is not None:
             parametric = with_maxwell_states(parametric, "an FMU", from_rest=True)[0]
+    reduced, feedthrough, integrals = with_mass(reduced, "an FMU")
+    if not reduced.size:
+        raise InputError("an FMU needs states, and all coordinates of the model follow the forces at once; take the "
+                         "matrix D of its state space")  # fmt: skip
+    if integrals:
+        remarks.append(f"the last {integrals} coordinates are integrals of the displacements of dampers without mass; "
+                       "the body has to start at rest")  # fmt: skip
     compiler, (folder, suffix) = _compiler(), _platform()
-    family = Family.of(parametric, reduced)
+    family = replace(Family.of(parametric, reduced), feedthrough=feedthrough)
     data = _data(reduced, family)
     if name is None:
         name = Path(reduced.record.model).stem if reduced.record is not None else "body"
@@ -165,8 +173,8 @@ def _nominal(reduced) -> tuple[float, float]:
 def _data(reduced, family) -> str:
     """The header with the numbers, without the GUID."""
     displacement, velocity = _nominal(reduced)
-    outputs = _outputs(reduced)
-    parts = [_matrices(reduced, family.constant), *(_matrices(reduced, part) for part in family.terms)]
+    outputs = _outputs(reduced, family)
+    parts = [_matrices(reduced, family, part) for part in (family.constant, *family.terms)]
     numbers = {
         "COORDINATES": reduced.size, "INPUTS": len(reduced.input_names), "OUTPUTS": len(outputs),
         "NOMINAL_Q": f"{displacement:.17g}", "NOMINAL_V": f"{velocity:.17g}", "PARAMETERS": len(family.parameters),
@@ -178,10 +186,10 @@ def _data(reduced, family) -> str:
     return "\n".join([*lines, *family.in_c()]) + "\n"
 
 
-def _matrices(reduced, part) -> np.ndarray:
+def _matrices(reduced, family, part) -> np.ndarray:
     """The entries of stiffness_matrix, damping_matrix, input_matrix, output_matrix and feed_through of a part, in which
     the mass of `reduced` is divided out."""
-    outputs = _outputs(reduced, part)
+    outputs = _outputs(reduced, family, part)
     arrays = [*(np.linalg.solve(reduced.M, getattr(part, key)) for key in "KDB"),
               *(np.array([getattr(item, key) for item in outputs]) for key in ("states", "inputs"))]  # fmt: skip
     return np.concatenate([array.ravel() for array in arrays])
@@ -218,7 +226,7 @@ def _description(reduced, family, name, identifier, guid) -> bytes:
 
 def _add_variables(root, reduced, family):
     """The variables, whose value references count from 0 and indices from 1, and what depends on what."""
-    size, inputs, outputs = reduced.size, len(reduced.input_names), _outputs(reduced)
+    size, inputs, outputs = reduced.size, len(reduced.input_names), _outputs(reduced, family)
     at_q = inputs + len(outputs)
     at_v, at_rates = at_q + size, at_q + 2 * size
     nominals = [f"{value:.6g}" for value in _nominal(reduced)]
@@ -283,19 +291,22 @@ class _Output(NamedTuple):
 
 def _patterns(reduced, family) -> list[_Output]:
     """Return the outputs with rows that are not zero where those of any part are not."""
-    parts = [_outputs(reduced, part) for part in (family.constant, *family.terms)]
+    parts = [_outputs(reduced, family, part) for part in (family.constant, *family.terms)]
     return [item._replace(states=sum(abs(part[i].states) for part in parts),
                           inputs=sum(abs(part[i].inputs) for part in parts))
             for i, item in enumerate(parts[0])]  # fmt: skip
 
 
-def _outputs(reduced, part=None) -> list[_Output]:
-    """Return the outputs of the model, then the rates of those that are no velocities or accelerations; with the rows
-    of another `part` of its matrices."""
+def _outputs(reduced, family, part=None) -> list[_Output]:
+    """Return the outputs of the model, then the rates of those that are no velocities or accelerations, and do not
+    follow the inputs at once; with the rows of another `part` of its matrices."""
+    constant = part is None or part is family.constant
+    direct = family.feedthrough if constant else np.zeros_like(family.feedthrough)
     found, still, rates = state_space(part or reduced), np.zeros(reduced.B.shape[1]), []
     outputs = []
+    rated = reduced.displaces & ~family.feedthrough.any(axis=1)
     for name, row, through, displaces in zip(
-        reduced.output_names, found["C"], found["D"], reduced.displaces, strict=True
+        reduced.output_names, found["C"], found["D"] + direct, rated, strict=True
     ):
         quantity, place = named_quantity(name)
         words = _kind(place, reduced)[1:]

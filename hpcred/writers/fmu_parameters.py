@@ -16,13 +16,14 @@ from ..reduction.reduced_model import ReducedModel
 @dataclass(frozen=True)
 class Family:
     """`constant` and `terms`: models with K, D, B and C of the parts, and M of the reduced model; `factors` of the
-    terms."""
+    terms; `feedthrough` (r, p): of inputs to outputs that no state has part in."""
 
     constant: ReducedModel
     parameters: tuple[Parameter, ...] = ()
     terms: tuple[ReducedModel, ...] = ()
     factors: tuple = ()
     remarks: tuple[str, ...] = ()
+    feedthrough: np.ndarray | None = None
 
     @classmethod
     def of(cls, parametric: ParametricReducedModel | None, reduced: ReducedModel) -> Family:

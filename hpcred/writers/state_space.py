@@ -10,7 +10,9 @@ With x = [q; q'], u the forces of the inputs and y the outputs:
 
 input_names, output_names; velocity_names of the rows of C_velocity; comment. Viscoelastic parts of Maxwell's law have
 states w, x = [q; q'; w], and in the second-order form, whose mass is singular, coordinates (q, w): see
-reduction.maxwell_states. There is no place for structural damping and for fractional laws.
+reduction.maxwell_states. Coordinates without mass, of dofs without mass, stay in the second-order form. In A, B, C, D
+and E, EA, EB what follows forces at once is in D, and what dampers hold is a state of first order: see
+reduction.massless. There is no place for structural damping and for fractional laws.
 
 Of a model with parameters, unless values were chosen, these are at their reference values, and the arrays of
 writers.arrays for parameters make up mass, damping, stiffness, input_matrix, output_matrix (M, D, K, B, C) at others.
@@ -24,6 +26,7 @@ import numpy as np
 
 from ..body.body import check_viscous, instability, maker
 from ..files.outputs import MATLAB, ZIP
+from ..reduction.massless import first_order, static_coordinates
 from ..reduction.maxwell_states import maxwell_states, with_maxwell_states
 from ..reduction.reduced_model import ReducedModel, require_finite
 from .arrays import arrays_of_parameters, save_mat, save_npz, words_on_damping
@@ -33,6 +36,8 @@ from .base import Writer
 def state_space(reduced: ReducedModel) -> dict:
     """The matrices by name. Raises InputError for structural damping and fractional laws."""
     require_finite(reduced)
+    if static_coordinates(reduced):
+        return _with_massless(reduced)
     if reduced.viscoelastic:
         return _with_maxwell_states(reduced)
     check_viscous(reduced, "a state space")
@@ -64,6 +69,34 @@ def state_space(reduced: ReducedModel) -> dict:
         "velocity_names": np.array(names, dtype=str),
         "comment": np.array("; ".join([maker(reduced), *instability(reduced)])),
     }
+
+
+def _with_massless(reduced) -> dict:
+    """The matrices of a model with coordinates without mass, whose second-order form keeps them."""
+    check_viscous(reduced, "a state space")
+    whole = with_maxwell_states(reduced)[0] if reduced.viscoelastic else reduced
+    found = first_order(whole)
+    elastic = reduced.M.any(axis=0)
+    # rates of what follows forces at once are none of the states
+    moved = reduced.displaces & ~(np.abs(reduced.C[:, ~elastic]) > 0).any(axis=1)
+    names = [f"velocity of {name}" for name, shown in zip(reduced.output_names, moved, strict=True) if shown]
+    outputs = {"velocity_matrix": whole.Cv, "acceleration_matrix": whole.Ca}
+    return found | {
+        "C_velocity": found["C"][moved] @ found["A"],
+        "mass": whole.M, "damping": whole.D, "stiffness": whole.K, "input_matrix": whole.B, "output_matrix": whole.C,
+        **{key: part for key, part in outputs.items() if part is not None},
+        "input_names": np.array(reduced.input_names, dtype=str),
+        "output_names": np.array(reduced.output_names, dtype=str),
+        "velocity_names": np.array(names, dtype=str),
+        "comment": np.array("; ".join([maker(reduced), *instability(reduced), *words_on_massless(reduced)])),
+    }  # fmt: skip
+
+
+def words_on_massless(reduced) -> list[str]:
+    """Return a remark on coordinates without mass, if there are any."""
+    count = static_coordinates(reduced)
+    return [f"{count} coordinates without mass are feedthrough and states of first order; the rates of outputs that "
+            "they move are left out"] * bool(count)  # fmt: skip
 
 
 def _with_maxwell_states(reduced) -> dict:
@@ -105,7 +138,9 @@ def _arrays(source) -> dict:
 
 def _words(source) -> list[str]:
     """Return remarks on a file."""
-    return [*instability(source.reduced), *words_on_states(source.reduced), *words_on_damping(source.parametric)]
+    reduced = source.reduced
+    words = words_on_massless(reduced) or words_on_states(reduced)
+    return [*instability(reduced), *words, *words_on_damping(source.parametric)]
 
 
 class StateSpaceMat(Writer):

@@ -108,9 +108,8 @@ def test_below_round_off_it_is_limited(name, comm):
 
 @pytest.mark.slow
 def test_dofs_without_mass_are_kept_up_to_the_last_mode(comm):
-    """No force acts on them, but columns that are orthonormal for M have any round-off there, which grows from block to
-    block until it hides all that is new: the response was wrong by orders and called proven, and later refused or
-    reached as round-off had it."""
+    """Columns that are orthonormal in M have any round-off there, which grows from block to block until it hides all
+    that is new: the response was wrong by orders and called proven. Those in M + tau^2 K see it."""
     K, M = chain(137)
     massless = [0, 4, 9, 14, 18, 27, 33, 36, 37, 44, 45, 60, 82, 102, 106, 108, 112, 120, 130, 132]
     M[massless, massless] = 0.0
@@ -118,10 +117,9 @@ def test_dofs_without_mass_are_kept_up_to_the_last_mode(comm):
     B[[8, 53, 92], range(3)], B[[76, 121, 24], range(3)] = 1.0, (1.0, -1.0, 1.0)
     case = Case("without mass", K, M, B, (0.0, 56.9), damping=Rayleigh(0.0, 2e-7))
     accuracy, size = checked(case, 0.06, comm)
-    assert accuracy.reached and size == accuracy.uncompressed_size == 137 - len(massless)
-    case.B[44, 0] = 1.0  # a force at one of them takes a coordinate more than there are
-    with pytest.raises(InputError, match="without mass, by forces on them or by round-off"):
-        checked(case, 0.06, comm)
+    assert accuracy.reached and size <= 137 - len(massless)
+    case.B[44, 0] = 1.0  # a force at one of them takes a coordinate more than M has a rank for
+    assert checked(case, 0.06, comm)[0].reached
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-6])
@@ -405,58 +403,52 @@ def test_symmetric_load_on_a_free_chain_that_moves_no_rigid_body(comm):
     assert checked(case, 1e-5, comm)[0].reached
 
 
-def test_forces_on_dofs_without_mass_are_refused_where_the_basis_is_full(comm):
-    """Such a basis had all modes but one, and an error of thousands of percent that nobody saw."""
+def test_forces_on_dofs_without_mass_where_the_basis_has_all_modes(comm):
+    """A basis orthonormal in M had no room for the static deflection of that dof."""
     K, M = chain(14)
     M[-1, -1] = 0.0
     band = 0.0, 1 / (2 * np.pi * np.sqrt(np.sort(scipy.linalg.eigvalsh(M, K))[-8]))
-    with pytest.raises(InputError, match="M is singular, and a basis of 13 mass-orthonormal columns"):
-        checked(Case("force at it", K, M, unit(14, 13), band), 1e-4, comm)
-    for beside in (5, 12):  # what has no mass follows the others
+    for beside in (5, 12, 13):
         assert checked(Case("force beside it", K, M, unit(14, beside), band), 1e-4, comm)[0].reached
 
 
 @pytest.mark.parametrize("t", [(0.0, 1.0), (0.6, 0.8)], ids=["axis", "skew"])
-def test_loads_along_directions_without_mass_are_refused_in_these_words(comm, t):
+def test_loads_along_directions_without_mass(comm, t):
     """As of torsion of beams without inertia about their axes. M had been called indefinite where t is skew."""
     t, across = np.array(t), np.array([-t[1], t[0]])
-    with pytest.raises(InputError, match="M is singular, and a basis of"):
-        checked(massless_along(t, t), 1e-4, comm)
-    assert checked(massless_along(t, across), 1e-4, comm)[0].reached
-    # the deflection along t has the mass of that across, until nothing is left of it
-    with pytest.raises(InputError, match="M is singular, and a basis of"):
-        checked(massless_along(t, across + t), 1e-9, comm)
+    for load, tolerance in ((t, 1e-4), (across, 1e-4), (across + t, 1e-9)):
+        assert checked(massless_along(t, load), tolerance, comm)[0].reached
     case = massless_along(t, across)
-    with massless_along(t, t).model(comm) as model, pytest.raises(InputError, match="no vector is left"):
-        hpcred.reduce(model, [Krylov(2.0, 1)])
     case.B = np.hstack([case.B, massless_along(t, t).B])
     with case.model(comm) as model, hpcred.reduce(model, [Krylov(2.0, 2)]) as rom:
-        assert any("move no mass" in warning for warning in rom.record.warnings)
+        assert not rom.record.warnings and rom.M[-1, -1] == 0.0
+        s = 4j * np.pi
+        H = case.B.T @ np.linalg.solve(s * s * case.M + case.K, case.B)
+        assert np.abs(rom.transfer_function(s) - H).max() < 1e-10 * np.abs(H).max()
 
 
 @pytest.mark.mpi(ranks=(1, 2))
 @pytest.mark.parametrize("part", [1e-2, 1e-5])
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-7])
-def test_what_a_full_basis_leaves_of_a_load_is_an_error_of_second_order(comm, part, tolerance):
-    """A small part of the load acts along directions without mass: too little to refuse, too much to pass over."""
+def test_small_parts_of_loads_along_directions_without_mass(comm, part, tolerance):
+    """A small part of the load acts along directions without mass, whose deflection counts."""
     t, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
     case = massless_along(t, across + part * t)
     with case.model(comm) as model, hpcred.reduce(model, tolerance=tolerance, band=case.band) as rom:
         accuracy = rom.record.accuracy
         true = estimated_and_true(case, rom, fresh(case, rom))[1].max()
-    assert true <= accuracy.largest + 1.1 * accuracy.noise
-    assert accuracy.reached == (part**2 < tolerance)
-    if not accuracy.reached:
-        assert 0.3 * part**2 < true and accuracy.noise < 3 * part**2
+    assert accuracy.reached and true <= accuracy.largest + 1.1 * accuracy.noise
 
 
-def test_a_store_remembers_directions_without_mass(comm, tmp_path):
+def test_a_store_serves_models_with_directions_without_mass(comm, tmp_path):
     case = massless_along((0.6, 0.8), (0.6, 0.8))
     case.B = np.hstack([case.B, massless_along((0.6, 0.8), (-0.8, 0.6)).B])
+    found = []
     for _ in range(2):
         store = hpcred.PointStore(tmp_path)
         with case.model(comm) as model, hpcred.reduce(model, [Krylov(2.0, 2)], store=store) as rom:
-            assert any("move no mass" in warning for warning in rom.record.warnings)
+            found.append((rom.transfer_function(4j * np.pi), len(rom.record.factorisations)))
+    assert found[1][1] == 0 and np.allclose(found[0][0], found[1][0], rtol=1e-12, atol=0.0)
 
 
 @pytest.mark.parametrize("seed", [*(pytest.param(k, marks=pytest.mark.slow) for k in (2, 5)), 8])
@@ -500,25 +492,23 @@ def test_a_damping_matrix_that_is_not_asked_for_is_named(linkage):
                            for text in rom.record.warnings) == said  # fmt: skip
 
 
-def test_masses_at_one_node_are_all_or_nothing(comm, linkage):
-    """A free body whose elastic motions move no mass, and a chain with one mass: the basis has no room for deflections
-    of what has no mass, which is refused, and no error inside; where the load acts on the mass one column is exact."""
+def test_masses_at_one_node(comm, linkage):
+    """A free body whose elastic motions move no mass, which is static, and a chain with one mass."""
     K, M, _ = dense_model(linkage)
     one = np.zeros_like(M)
     one[range(36, 42), range(36, 42)] = [1.0, 1.0, 1.0, 0.01, 0.01, 0.01]
     labels = [np.concatenate(comm.allgather(part)) for part in (linkage.dofs.node, linkage.dofs.direction)]
     dofs = Dofs(*labels, np.concatenate(comm.allgather(linkage.dofs.position)))
     free = SecondOrderModel.from_scipy(K, one, dofs=dofs, comm=comm).with_inputs([(1, "x"), (20, "z")])
-    with free as model, pytest.raises(InputError, match="a basis of 0 mass-orthonormal columns has lost"):
-        hpcred.reduce(model, tolerance=1e-3, band=(0.0, 100.0), frame=Buckens())
+    with free as model, hpcred.reduce(model, tolerance=1e-3, band=(0.0, 100.0), frame=Buckens()) as rom:
+        assert rom.record.accuracy.reached and not rom.M.any()
+        H = hpcred.frequency_response(model, [10.0], Buckens(), Structural(rom.record.accuracy.loss_factor))
+        measured = replace(rom, loss_factor=rom.record.accuracy.loss_factor)
+        assert np.abs(hpcred.frequency_response(measured, [10.0]) - H).max() < 1e-3 * np.abs(H).max()
     K, M = 2 * np.eye(9) - np.eye(9, k=1) - np.eye(9, k=-1), np.diag([0.0] * 4 + [1.0] + [0.0] * 4)
-    for load, exact in ((5, True), (3, False)):
-        with SecondOrderModel.from_scipy(K, M, comm=comm).with_inputs([load]) as model:
-            if not exact:
-                with pytest.raises(InputError, match="M is singular"):
-                    hpcred.reduce(model, tolerance=0.5, band=(0.0, 0.1))
-                continue
-            with hpcred.reduce(model, tolerance=0.5, band=(0.0, 0.1)) as rom:
-                f = np.linspace(0.0, 0.09, 7)
-                H = [np.linalg.inv(K - (2 * np.pi * x) ** 2 * M)[4, 4] for x in f]
-                assert rom.size == 1 and np.allclose(rom.transfer_function(2j * np.pi * f)[:, 0, 0], H, rtol=1e-10)
+    for load, size in ((5, 1), (3, 2)):
+        model = SecondOrderModel.from_scipy(K, M, comm=comm).with_inputs([load])
+        with model, hpcred.reduce(model, tolerance=1e-9, band=(0.0, 0.1)) as rom:
+            f = np.linspace(0.0, 0.09, 7)
+            H = [np.linalg.inv(K - (2 * np.pi * x) ** 2 * M)[load - 1, load - 1] for x in f]
+            assert rom.size == size and np.allclose(rom.transfer_function(2j * np.pi * f)[:, 0, 0], H, rtol=1e-9)

@@ -46,15 +46,14 @@ class IterativeSolves:
 
     # the solves
 
-    def solve_below(self, mass, right, solution, basis, stiffness, rough=0.0):
+    def solve_below(self, mass, right, solution, basis, small, rough=0.0):
         """solution = (K + mass M)^-1 right for a mass < 0, with what there is for another mass, where a basis V (a
-        block, V^T M V = I) has all modes below: what is left of the matrix beside V is positive definite.
+        block) has all modes below: what is left of the matrix beside V is positive definite.
 
-        `stiffness`: V^T K V (m, m); `rough`: the residual beside V may end with so much of what it begins with.
+        `small`: V^T (K + mass M) V (m, m); `rough`: the residual beside V may end with so much of what it begins with.
         Deflated conjugate gradients (Nicolaides, SIAM J. Numer. Anal. 24(2), 1987). Raises NegativeCurvature where V
         lacks a mode that the loads move, or NotSolved.
         """
-        small = stiffness + mass * np.eye(len(stiffness))
         terms = [(1.0, self.model.K), (mass, self.model.M)]
         self._solve(right, solution, terms, (basis, decided(self.model.comm, _inverse, small)), rough)
 

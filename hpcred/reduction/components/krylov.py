@@ -48,7 +48,7 @@ class PencilSequence(KrylovSequence):
             return copy_of(self._loads, self.run.model.K)
         start, stop = self._start(len(self.ends) - 1), self.ends[-1]
         mass_images = self.vectors.mass_images_between(start, stop)
-        if mass_images is not None and self._square != np.inf:
+        if mass_images is not None and self._square != np.inf and not self.run.tau:
             return copy_of(mass_images, self.run.model.K)
         matrix = self.run.model.K if self._square == np.inf else self.run.model.M
         return times(matrix, self.vectors.columns_between(start, stop))

@@ -30,7 +30,7 @@ class KrylovSequence:
         self.labels = ("", "")  # of the factor, as FactorRecord has them
         self._place, self._residual, self._solver = 0, 0.0, None
         room = wanted * max(self._load_columns(), 1) if wanted else run.columns
-        self.vectors = self.kind(run.mass, tolerance=run.tolerance, room=room, keeps=run.keeps_mass_images)
+        self.vectors = run.new_basis(room, deflate=False, kind=self.kind)
         self._key = {"kind": "krylov", "rule": self.rule, "tolerance": run.tolerance, **key}
         self._take_stored(wanted)
         self.stored = len(self.ends)
@@ -137,7 +137,7 @@ class KrylovSequence:
         except ComputationError as error:
             self.run.remark(f"store: {error}; the point is made again")
             self.vectors = None  # whose memory is for the next ones
-            self.vectors = self.kind(self.run.mass, tolerance=self.run.tolerance, keeps=self.run.keeps_mass_images)
+            self.vectors = self.run.new_basis(self.run.columns, deflate=False, kind=self.kind)
             return
         self.massless = facts["massless"]
         self.run.notes.massless |= self.massless

@@ -109,7 +109,7 @@ class Greedy:
         """Check the model at a point, and extend its basis there."""
         with self._open_run(point, self.visited) as run:
             if self.form.parts["M"]:
-                basis = Basis(run.mass, run.framed.rigid_columns, run.tolerance, self.basis.size, run.keeps_mass_images)
+                basis = run.new_basis(self.basis.size)
                 for start, stop in ((0, self._count), (self._count, self.basis.size)):
                     basis.extend(copy_of(self.basis.columns_between(start, stop), run.model.K))
                     self._count = basis.size if not start else self._count

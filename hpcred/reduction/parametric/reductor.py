@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
 
-from ...linalg.basis import Basis
 from ...linalg.blocks import copy_of
 from ...model.damping import GivenDamping
 from ...model.definiteness import check_definite
@@ -56,6 +55,9 @@ class ParametricBasisReductor(BasisReductor):
     def _constant(self):
         return self.parametric.model
 
+    def _tau(self, framed):
+        return 0.0  # V^T M V = I at the reference values
+
     def _expected_columns(self, framed):
         return max(len(self.parameter_points), 1) * super()._expected_columns(framed)
 
@@ -66,7 +68,7 @@ class ParametricBasisReductor(BasisReductor):
         for values in self.parameter_points:
             point = tuple(self.parametric.checked(values).values())
             with run_at(self, first, point) as run:
-                own = Basis(run.mass, run.framed.rigid_columns, run.tolerance, run.columns, run.keeps_mass_images)
+                own = run.new_basis(run.columns)
                 extend_by_all(self.basis, [own], [run], 1)
                 vectors.extend(copy_of(own.columns, first.model.K))
 
@@ -89,6 +91,9 @@ class ParametricReductor(ToleranceReductor):
 
     def _constant(self):
         return self.parametric.model
+
+    def _tau(self, framed):
+        return 0.0  # V^T M V = I at the reference values
 
     def _search(self, vectors, run, groups, kept):
         terms = digests_of_terms(self.parametric) if self.store is not None else []

@@ -189,7 +189,7 @@ def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarr
     outer = judge.projections.model()
     whole = judge.compare(outer, outer, np.eye(len(outer)))
     goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
-    fixed = np.linalg.qr(outer.vectors.T @ kept)[0] if kept.shape[1] else kept
+    fixed = np.linalg.qr(outer.coordinates_of(kept))[0] if kept.shape[1] else kept
     found, frequencies, curve, limited = _reach(judge, whole, goal, fixed, beside)
     reason = reason or limited
     if drop_above is not None and found.inner.frequencies[-1] > drop_above:

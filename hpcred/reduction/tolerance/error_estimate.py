@@ -15,7 +15,7 @@ from ...linalg.known import ModeCount
 from ...model.viscoelastic import excesses
 from ..measure import Measure, Paper, drive_points
 from ..viscoelastic_poles import oscillating_poles
-from .pseudo_modal import Proportional, PseudoModal, difference
+from .pseudo_modal import LEAST_MASS, Proportional, PseudoModal, difference
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
 APART = 0.02  # of the band between points
@@ -129,6 +129,8 @@ def quietness(model: PseudoModal, frequencies) -> np.ndarray:
 
 def upper_poles(model: PseudoModal) -> np.ndarray:
     """Return the poles (k,) of a model that are not below the real axis, in rad/s."""
+    if model.masses is not None:
+        model = model.with_unit_masses(1 / np.sqrt(np.maximum(model.masses, LEAST_MASS)))
     if model.viscoelastic:
         D = np.diag(model.damping.at(model.eigenvalues)) + (0.0 if model.D is None else model.D)
         return oscillating_poles(model.eigenvalues, D, model.viscoelastic, model.damping.eta)

@@ -236,7 +236,7 @@ class Expansion:
 
 def expanded(run: Run, settings: Adaptive, f) -> tuple[PointBlocks, Point]:
     """Return the blocks of one point (Hz) on a basis of its own, and what is known of the point. Collective."""
-    vectors = Basis(run.mass, run.framed.rigid_columns, run.tolerance, room=COLUMNS, keeps=run.keeps_mass_images)
+    vectors = run.new_basis(COLUMNS)
     expansion = Expansion(vectors, run, replace(settings, points=(f,)))
     expansion.at(f)
     parts = [Part(f"{f:.6g} Hz", stop - start, start, stop, False) for start, stop in expansion.projections.blocks]

@@ -54,7 +54,7 @@ def _project_again(search, kept) -> np.ndarray:
         if MIXING * before.eigenvalues[-1] <= judge.goal * before.eigenvalues[0]:
             break
         projections.rotate(before.vectors)
-        kept = before.vectors.T @ kept
+        kept = before.coordinates_of(kept)
         noise = decided(comm, _changed, judge, before)
         if noise <= judge.floor:
             break

@@ -192,7 +192,8 @@ class PointSolver:
             solver.solve(load, block, 0, *roughly)
             return
         try:
-            solver.solve_below(self._mass, load, block, self.projections.basis.columns, self.projections.K, *roughly)
+            V, small = self.projections.basis.columns, self.projections.dynamic_stiffness(self._mass)
+            solver.solve_below(self._mass, load, block, V, small, *roughly)
         except NotSolved as error:
             self.failed_nearby = True
             if self.goes_on_without(error):

@@ -31,9 +31,9 @@ class Projections:
     """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
 
     `K` (m, m) = V^T K V, which may be `symmetric`, `L` (m, l) = V^T L for the block `loads` L of the run, `D` (m, m) =
-    V^T D V, or None unless `damped`, and `viscoelastic` parts V^T K_v V: small arrays, the same on all ranks. Models of
-    columns of the basis are parts of them. `io`: inputs and outputs in terms of L; `damping`: the proportional damping
-    of the models. Raises InputError (see io).
+    V^T D V, or None unless `damped`, `M` (m, m) = V^T M V, or None where it is the identity, and `viscoelastic` parts
+    V^T K_v V: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `io`: inputs and
+    outputs in terms of L; `damping`: the proportional damping of the models. Raises InputError (see io).
     """
 
     def __init__(self, run: Run, basis: Basis, damping: Proportional, damped: bool):
@@ -43,6 +43,7 @@ class Projections:
         self.K = np.zeros((0, 0))
         self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
         self.D = np.zeros((0, 0)) if damped else None
+        self.M = np.zeros((0, 0)) if run.tau else None
         self.viscoelastic = self._no_parts()
         self.symmetric = run.model.is_symmetric("K")
         self._project(0)
@@ -66,7 +67,7 @@ class Projections:
         self.io = self.io._replace(silent=columns)
 
     def rotate(self, turn):
-        """Replace the basis by its combinations `turn` (m, m), orthonormal, and project on these."""
+        """Replace the basis by its combinations `turn` (m, m), orthonormal like itself, and project on these."""
         self.basis.multiply(turn)
         self._project_all()
 
@@ -79,6 +80,7 @@ class Projections:
     def _project_all(self):
         self._starts, self.K, self.L = [0], np.zeros((0, 0)), self.L[:0]
         self.D = None if self.D is None else np.zeros((0, 0))
+        self.M = None if self.M is None else np.zeros((0, 0))
         self.viscoelastic = self._no_parts()
         self._project(0)
 
@@ -113,12 +115,19 @@ class Projections:
                 replace(part, matrix=extended(part.matrix, full.matrix, new, self.basis.columns))
                 for part, full in zip(self.viscoelastic, model.viscoelastic, strict=True)
             )
+            if self.M is not None:
+                self.M = extended(self.M, self.run.mass, new, self.basis.columns)
             if self.D is not None:
                 self.D = extended(self.D, model.D, new, self.basis.columns, model.is_symmetric("D"))
+
+    def dynamic_stiffness(self, mass: float) -> np.ndarray:
+        """Return V^T (K + mass M) V (m, m); local."""
+        return self.K + mass * (np.eye(len(self.K)) if self.M is None else self.M)
 
     def model(self, columns=None) -> PseudoModal:
         """Return the model of `columns` (places) of the basis, by default of all; local."""
         k = np.arange(self.basis.size) if columns is None else columns
-        D = None if self.D is None else self.D[np.ix_(k, k)]
+        D, M = (None if matrix is None else matrix[np.ix_(k, k)] for matrix in (self.D, self.M))
         parts = transformed(self.viscoelastic, lambda matrix: matrix[np.ix_(k, k)])
-        return diagonalised(self.K[np.ix_(k, k)], self.L[k], D, self.damping, self.io, parts, self.symmetric)
+        given = D, self.damping, self.io, parts, self.symmetric
+        return diagonalised(self.K[np.ix_(k, k)], self.L[k], *given, M, self.run.tau)

@@ -8,6 +8,9 @@ Everything is dense NumPy, deterministic and local. For V^T M V = I and the colu
     of viscoelastic parts also + sum (g(s) - g(0)) K_v
     H - H_V = R^T A^-1 R,   R = L - A V y_V,   y_V = A_V^-1 V^T L          (exact for symmetric A, W = V)
 
+Where dofs have no mass the basis is orthonormal in G = M + tau^2 K. Then pseudo-modal coordinates are those with
+V^T G V = I in which M is diagonal too, V^T M V = diag(masses), and the mass of a motion may be zero.
+
 For an unsymmetric A the R on the left is that of A^T. Pseudo-modal coordinates are those of the symmetric part of K.
 
 In a richer basis Q the difference H_Q - H_V is r^T A_Q^-1 r with r = L_Q - A_Q U y_V, V = Q U, without cancellation.
@@ -20,9 +23,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...linalg.pencil import squared_frequencies, with_masses
 from ...model.derivatives import Derivatives
 from ...model.viscoelastic import Viscoelastic, added_stiffness, excesses, transformed
 
+LEAST_MASS = 1e-7  # of the coordinates of a model with masses, for its poles; the refinement of solves has the rest
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
 NEARLY_ZERO = 1e-12  # eigenvalue, relative to the largest, that round-off may have made of zero
 PUSHED = 1e-11  # of the norm of a load, or of a damping matrix: less on a motion is round-off
@@ -98,7 +103,8 @@ class PseudoModal:
     `eigenvalues` (m,): omega^2, ascending; `L` (m, l): the projected loads, of which `io` makes inputs and outputs;
     `damping`: proportional; `D` (m, m): a given damping matrix, projected, or None; `N` (m, m): the skew-symmetric part
     of V^T K V, or None; `vectors` (m, m): from these coordinates to those of the basis; `poles`: of the first-order
-    form, with D or N; `viscoelastic`: parts (m, m), projected, with which A(s)^-1 is by elimination.
+    form, with D or N; `viscoelastic`: parts (m, m), projected, with which A(s)^-1 is by elimination; `masses` (m,): of
+    the coordinates, which then have V^T (M + tau^2 K) V = I, None where they are all 1.
     """
 
     eigenvalues: np.ndarray
@@ -110,14 +116,16 @@ class PseudoModal:
     poles: Poles | None = None
     viscoelastic: tuple[Viscoelastic, ...] = ()
     N: np.ndarray | None = None
+    masses: np.ndarray | None = None
+    tau: float = 0.0
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
 
     @property
     def frequencies(self) -> np.ndarray:
-        """Pseudo-frequencies (m,) in Hz (52)."""
-        return np.sqrt(np.maximum(self.eigenvalues, 0.0)) / (2 * np.pi)
+        """Pseudo-frequencies (m,) in Hz (52); without mass the least that counts as such."""
+        return np.sqrt(np.maximum(squared_frequencies(self.eigenvalues, self.masses, self.tau), 0.0)) / (2 * np.pi)
 
     @property
     def B(self) -> np.ndarray:
@@ -139,6 +147,19 @@ class PseudoModal:
         """Whether A(s) is diagonal."""
         return self.D is None and self.N is None and not self.viscoelastic
 
+    def coordinates_of(self, columns: np.ndarray) -> np.ndarray:
+        """Return combinations (m, k) of the columns of the basis in these coordinates."""
+        return self.vectors.T @ columns if self.masses is None else np.linalg.solve(self.vectors, columns)
+
+    def with_unit_masses(self, scale: np.ndarray) -> PseudoModal:
+        """Return the model in coordinates that are multiplied by `scale` (m,), with masses of 1 whatever they are."""
+        both = np.outer(scale, scale)
+        D, N = (None if part is None else part * both for part in (self.D, self.N))
+        return replace(
+            self, eigenvalues=self.eigenvalues * scale**2, L=self.L * scale[:, None], vectors=self.vectors * scale, D=D,
+            N=N, viscoelastic=transformed(self.viscoelastic, both.__mul__), masses=None, tau=0.0,
+        )  # fmt: skip
+
     def without_D(self) -> PseudoModal:
         """Return the same without any damping."""
         return replace(self, D=None, poles=None, damping=UNDAMPED, viscoelastic=())
@@ -146,11 +167,12 @@ class PseudoModal:
     def restricted(self, U: np.ndarray) -> tuple[PseudoModal, np.ndarray]:
         """Return the model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated.
         """
+        M = None if self.masses is None else U.T @ (self.masses[:, None] * U)
         K = U.T @ (self.eigenvalues[:, None] * U)
         K = K if self.N is None else (K + K.T) / 2 + U.T @ self.N @ U
         D = None if self.D is None else U.T @ self.D @ U
         parts = transformed(self.viscoelastic, lambda matrix: U.T @ matrix @ U)
-        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, parts, self.N is None)
+        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, parts, self.N is None, M, self.tau)
         return inner, U @ inner.vectors
 
     def solve(self, frequencies, right: np.ndarray, transposed=False, accuracy=1e-14) -> np.ndarray:
@@ -241,7 +263,7 @@ class PseudoModal:
         """a omega^2 + b (S, m): A(s) without D."""
         damping = self.damping
         a, b, s = damping.coefficients(frequencies)
-        found = a[:, None] * self.eigenvalues + b[:, None]
+        found = a[:, None] * self.eigenvalues + b[:, None] * (1.0 if self.masses is None else self.masses)
         if damping.higher:
             found += s[:, None] * (damping.at(self.eigenvalues) - damping.alpha - damping.beta * self.eigenvalues)
         return found
@@ -279,12 +301,17 @@ def congruent(matrix: np.ndarray, X: np.ndarray) -> np.ndarray:
 def diagonalised(
     K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, damping: Proportional = UNDAMPED,
     io: InputsOutputs | None = None, viscoelastic: tuple[Viscoelastic, ...] = (), symmetric=True,
+    M: np.ndarray | None = None, tau=0.0,
 ) -> PseudoModal:  # fmt: skip
     """Return the model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) and viscoelastic parts (m, m) in pseudo-modal
     coordinates (53, 54); by default the columns L are its inputs and outputs. `symmetric`: whether K is, but for
-    round-off."""
+    round-off. `M` (m, m) = V^T M V and `tau`: where V is orthonormal in M + tau^2 K."""
     io = io or InputsOutputs(*[np.eye(L.shape[1])] * 2)
-    eigenvalues, vectors = np.linalg.eigh((K + K.T) / 2)
+    masses = None
+    if M is None:
+        eigenvalues, vectors = np.linalg.eigh((K + K.T) / 2)
+    else:
+        eigenvalues, masses, vectors = with_masses((K + K.T) / 2, (M + M.T) / 2, tau)
     still = np.flatnonzero(np.abs(eigenvalues) <= NEARLY_ZERO * np.abs(eigenvalues).max(initial=0.0))
     L = _settled(vectors.T @ L, still, np.linalg.norm(L, axis=0))
 
@@ -294,12 +321,13 @@ def diagonalised(
 
     N = None if symmetric else turned((K - K.T) / 2)
     D = None if D is None else turned(D)
+    given = {"masses": masses, "tau": tau}
     if viscoelastic:
         parts = transformed(viscoelastic, turned)
-        return PseudoModal(eigenvalues, L, vectors, io, damping, D, viscoelastic=parts, N=N)
+        return PseudoModal(eigenvalues, L, vectors, io, damping, D, viscoelastic=parts, N=N, **given)
     if D is None and N is None:
-        return PseudoModal(eigenvalues, L, vectors, io, damping)
-    model = PseudoModal(eigenvalues, L, vectors, io, damping, D, N=N)
+        return PseudoModal(eigenvalues, L, vectors, io, damping, **given)
+    model = PseudoModal(eigenvalues, L, vectors, io, damping, D, N=N, **given)
     try:
         return replace(model, poles=poles_of(model))
     except np.linalg.LinAlgError:
@@ -316,7 +344,13 @@ def _settled(rows, still, size):
 
 def poles_of(model: PseudoModal) -> Poles:
     """Return the poles of a model with a D or N, and the eigenvectors of its first-order form with the state (y, s y).
+
+    What has no mass is given LEAST_MASS: poles at infinity have no eigenvectors.
     """
+    if model.masses is not None:
+        scale = 1 / np.sqrt(np.maximum(model.masses, LEAST_MASS))
+        found = poles_of(model.with_unit_masses(scale))
+        return Poles(found.values, scale[:, None] * found.right, found.left * scale)
     m, damping = len(model), model.damping
     K = np.diag(model.eigenvalues) if model.N is None else np.diag(model.eigenvalues) + model.N
     D = damping.alpha * np.eye(m) + damping.beta * K + (0.0 if model.D is None else model.D)
@@ -329,8 +363,10 @@ def poles_of(model: PseudoModal) -> Poles:
 def nested(inner: PseudoModal, outer: PseudoModal, columns=None) -> np.ndarray:
     """Return the embedding (m, k) of a model whose basis is k columns of the basis of `outer`, by default the first
     ones."""
-    columns = slice(len(inner.vectors)) if columns is None else columns
-    return outer.vectors[columns].T @ inner.vectors
+    columns = np.arange(len(inner.vectors)) if columns is None else columns
+    if outer.masses is None:
+        return outer.vectors[columns].T @ inner.vectors
+    return outer.coordinates_of(np.eye(len(outer))[:, columns] @ inner.vectors)
 
 
 def difference(inner: PseudoModal, outer: PseudoModal, embedding, frequencies) -> np.ndarray:

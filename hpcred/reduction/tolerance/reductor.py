@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ...linalg.solvers.base import DoesNotFit
 from ...model.input_output_counts import require_room
 from ...parallel.failures import InputError
@@ -44,6 +46,9 @@ class ToleranceReductor(BasisReductor):
 
     def _deflation(self, framed):
         return deflation_of_search(framed.model)
+
+    def _tau(self, framed):
+        return 1 / (2 * np.pi * self.goal.band[1]) if super()._tau(framed) else 0.0
 
     def _expected_columns(self, framed):
         room = ROOM_WITHOUT_FACTORS if self.factoring.solver.kind == "multigrid" else ROOM

@@ -33,10 +33,10 @@ def projected_again(projections: Projections) -> Iterator[PseudoModal]:
         basis.multiply(np.diag(factors / lengths))
         lengths = factors
         again, scale = Projections(projections.run, basis, damping, damped), np.outer(lengths, lengths)
-        D = None if again.D is None else again.D / scale
+        D, M = (None if matrix is None else matrix / scale for matrix in (again.D, again.M))
         parts = transformed(again.viscoelastic, lambda matrix: matrix / scale)  # noqa: B023  (used here)
         L = again.L / lengths[:, None]
-        yield diagonalised(again.K / scale, L, D, damping, again.io, parts, again.symmetric)
+        yield diagonalised(again.K / scale, L, D, damping, again.io, parts, again.symmetric, M, again.run.tau)
 
 
 def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Projections) -> Accuracy:

@@ -20,6 +20,8 @@ from .residual_blocks import largest_residual
 ZERO = np.finfo(float).eps  # squared frequencies, relative to the largest, that are round-off; up to NEARLY_ZERO where
 # round-off shows in the estimate too
 BETWEEN = (0.31, 0.77)  # of the band: where a basis that can hold nothing more is tried, which are no points
+RESIDUALS = 4  # directions of residuals that are tried where random columns add nothing
+LACKING = 1e-8  # residual of such a basis that solves alone do not leave
 LOST = 1e-2  # residual of such a basis, relative to the loads: round-off has come to 1e-5, what is lost leaves 0.1
 
 
@@ -71,8 +73,10 @@ def check_motions(projections, among):
 
 
 def extend_by_random(solver, judge, width=2) -> int:
-    """Add `width` random columns; returns how many are new. Refuse a basis that they add nothing to and that has lost
-    part of the responses.
+    """Add `width` random columns, or what residuals over the band leave where these are in the basis; returns how many
+    are new. Refuse a basis that they add nothing to and that has lost part of the responses.
+
+    What damps motions without mass moves them by forces that M has no part in.
 
     Where M is singular, round-off on dofs without mass may hide what is new, and what the basis has of their static
     deflection is an accident of its columns: both are decided on smooth ones.
@@ -82,6 +86,8 @@ def extend_by_random(solver, judge, width=2) -> int:
         new = solver.extend_by_random(width)
         if new:  # the first columns are no longer the model that the next point was to check
             judge.forget()
+    if not new and projections.run.tau:
+        new = solver.extend_by_residuals(judge.settings.band[1], RESIDUALS)
     if not new:
         judge.note_loss(check_complete(projections, judge.settings.band))
     return new
@@ -93,7 +99,10 @@ def check_complete(projections, band) -> float:
     run, (low, high) = projections.run, band
     if projections.basis.size >= run.model.size - run.framed.rigid_size:
         return 0.0
-    return _error_lost(projections, largest_residual(projections, [low + part * (high - low) for part in BETWEEN]))
+    residual = largest_residual(projections, [low + part * (high - low) for part in BETWEEN])
+    run.notes.incomplete |= residual > LACKING
+    error = _error_lost(projections, residual)
+    return 0.0 if run.tau else error  # where residuals have joined the basis
 
 
 def check_massless(projections, points) -> float:
@@ -116,8 +125,8 @@ def _error_lost(projections, residual) -> float:
 
 
 def is_singular(run) -> bool:
-    """Test whether M is known to be singular."""
-    return bool(run.notes.massless or massless(run.model))
+    """Test whether M is known to be singular, and is the inner product of the basis."""
+    return not run.tau and bool(run.notes.massless or massless(run.model))
 
 
 def _lost(projections):
