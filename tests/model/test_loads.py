@@ -211,18 +211,18 @@ def test_line_loads_on_edges_and_beams(comm):
 def test_shares_of_an_edge_whose_middle_is_beside_the_middle(comm, middle):
     """x(s) = (1 + s)/2 + c (1 - s^2), c = middle - 1/2: with dx/ds = 1/2 - 2 c s the shares of a load of 1 are the
     integrals 1/6 + 2 c/3, 1/6 - 2 c/3 and 2/3; its moment is that of a uniform load."""
-    points = np.array([(0.0, 0, 0), (1, 0, 0), (middle, 0, 0)])
+    points = np.array([(0.0, 0, 0), (1, 0, 0), (middle, 0, 0)]) + [3.0, -2.0, 0.5]
     with model_of(comm, points, {"line3": [[1, 2, 3]]}) as model:
         b, sums = loaded(model, LineLoad(name="l", on=(1, 2, 3), value=(0.0, 1.0, 0.0)))
     c = middle - 0.5
     assert b[:, 1] == pytest.approx([1 / 6 + 2 * c / 3, 1 / 6 - 2 * c / 3, 2 / 3], abs=1e-13)
-    assert sums.moment == pytest.approx((0.0, 0.0, 0.5), abs=1e-13)
+    assert sums.moment == pytest.approx((-0.5, 0.0, 3.5), abs=1e-13)
 
 
 def test_the_length_of_an_edge_that_is_a_parabola(comm):
     """y = 4 h x (1 - x): the shares are the integrals of N sqrt(1 + y'^2), by the trapezoidal rule."""
     h = 0.05
-    points = np.array([(0.0, 0, 0), (1, 0, 0), (0.5, h, 0)])
+    points = np.array([(0.0, 0, 0), (1, 0, 0), (0.5, h, 0)]) + [3.0, -2.0, 0.5]
     with model_of(comm, points, {"line3": [[1, 2, 3]]}) as model:
         b, _ = loaded(model, LineLoad(name="l", on=(1, 2, 3), value=(0.0, 0.0, 1.0)))
     x = np.linspace(0.0, 1.0, 20001)

@@ -273,7 +273,8 @@ def test_a_skew_term_of_k_is_circulatory(comm):
     J, eye, frequencies = np.array([[0.0, 1.0], [-1.0, 0.0]]), np.eye(2), np.array([0.0, 2.0, 15.0])
     with SecondOrderModel(eye, 3.0 * eye, 9e3 * eye, eye, comm=comm) as constant:
         for mat, skew in ((J, True), (np.array([[0.0, 1.0], [1.0, 0.0]]), False), (np.triu(J), False)):
-            with ParametricModel(constant, [OMEGA], [Term("K", mat, "0.8*omega")]) as parametric:
+            terms = [Term("M", eye, "0*omega"), Term("K", mat, "0.8*omega")]
+            with ParametricModel(constant, [OMEGA], terms) as parametric:
                 assert parametric.model.circulatory == skew
         with (
             ParametricModel(constant, [OMEGA], [Term("K", J, "0.8*omega")]) as parametric,

@@ -107,7 +107,7 @@ def test_at_rest_it_deflects_as_the_full_model():
 
 @pytest.mark.parametrize("frequency", [0.2, 50.0])
 def test_steps_see_a_load_that_varies(frequency):
-    """Eight in a period, between which a sine is straight to 1 - cos(pi / 8); those of a table in the time asked for."""
+    """Eight in a period, between which a sine is straight to 1 - cos(pi / 8); those of a table up to a time."""
     for load in (SineLoad("oil", 1.0, frequency), SineForce(1, (1.0, 0.0, 0.0), frequency),
                  SineMoment(1, (0.0, 1.0, 0.0), frequency, np.pi / 8)):  # fmt: skip
         assert load.longest_step() == load.longest_step(1e9) == pytest.approx(0.125 / frequency, rel=1e-15)
@@ -116,7 +116,8 @@ def test_steps_see_a_load_that_varies(frequency):
     straight = np.interp(t, h * np.arange(9), [load(h * k)[1] for k in range(9)])
     assert np.abs(straight - [load(x)[1] for x in t]).max() == pytest.approx(1 - np.cos(np.pi / 8), rel=1e-3)
     values = [(0.0, 0.0, 1.0)] * 4
-    for table in (TableLoad("oil", (0.0, 1.0, 1.5, 1.6), (0.0, 1.0, 2.0, 3.0)), TableForce(1, (0, 1, 1.5, 1.6), values)):
+    times = (0.0, 1.0, 1.5, 1.6)
+    for table in (TableLoad("oil", times, times), TableForce(1, times, values)):
         assert table.longest_step() == pytest.approx(0.1) and table.longest_step(1.2) == pytest.approx(0.5)
     assert ConstantLoad("oil", 1.0).longest_step() == ConstantForce(1, (1.0, 0.0, 0.0)).longest_step() == np.inf
 
