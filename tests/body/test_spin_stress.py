@@ -1,5 +1,7 @@
 """From which speed on a body that spins is told of: by the elastic energy of the full model, solved in numpy."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from helpers import dense_model
@@ -7,7 +9,7 @@ from helpers import dense_model
 import hpcred
 from hpcred import Modes
 from hpcred.body.body import body_of
-from hpcred.body.spin_stress import SEEN, warnings_of_spin
+from hpcred.body.spin_stress import SEEN, lacks_spin, warnings_of_spin
 
 SPINS = np.array([[300.0, -40.0, 100.0], [20.0, 10.0, -30.0], [-200.0, 90.0, 150.0], [0.0, 0.0, 0.0]])
 
@@ -23,3 +25,10 @@ def test_energy_of_a_body_that_spins_is_that_of_the_full_model():
     assert not warnings_of_spin(body, SPINS, 1.001 * energy / SEEN**2)
     assert not warnings_of_spin(body, SPINS[:0], 0.0)
     assert np.linalg.norm(SPINS, axis=1).max() == pytest.approx(319, abs=0.5)
+
+
+def test_loads_that_may_be_centrifugal():
+    for kind, spins, lacks in (("pressure", False, True), ("given", False, False), ("deck", True, False)):
+        item = hpcred.LoadColumn(name="l", kind=kind, force=(0.0,) * 3, moment=(0.0,) * 3, spins=spins)
+        assert lacks_spin(SimpleNamespace(loads=(item,))) == lacks
+    assert lacks_spin(SimpleNamespace(loads=())) and not lacks_spin(None)

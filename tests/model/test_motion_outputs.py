@@ -19,3 +19,16 @@ def test_every_choice_of_keys(chosen):
         return
     with pytest.raises(InputError, match=f"^outputs: found {', '.join(keys) or 'no place'}, expected a node and its"):
         MotionOutput(**keys)
+
+
+def test_directions_and_numbers():
+    """All directions of a node, those of a name, and what no node and no dof is."""
+    assert MotionOutput(node=20, direction="all").target == (20, "all")
+    assert MotionOutput(node="tip", direction="rz", quantity="acceleration").name == "acceleration tip:rz"
+    for keys, says in (({"node": 20, "direction": "w"}, "outputs.direction: found the direction 'w'"),
+                       ({"node": 0, "direction": "x"}, "outputs.node: found 0"),
+                       ({"dof": 0}, "outputs.dof: found 0")):  # fmt: skip
+        with pytest.raises(InputError, match=says):
+            MotionOutput(**keys)
+    assert motion_output_of("20:z") is None and motion_output_of("velocity of light") is None
+    assert motion_output_of("velocity dof 7") == MotionOutput(dof=7, quantity="velocity")
