@@ -218,7 +218,8 @@ def of_bricks(folder):
         hpcred.reduce(model, [Krylov(frequency=0.0)]) as rom,
     ):
         hpcred.write_result(folder / "result.h5", rom, model)
-        return export_result(folder / "result.h5", "exudyn"), np.ptp(model.dofs.position, axis=0) * [4 / 3, 1, 1]  # held nodes have no dofs
+        lengths = np.ptp(model.dofs.position, axis=0) * [4 / 3, 1, 1]  # held nodes have no dofs
+        return export_result(folder / "result.h5", "exudyn"), lengths
 
 
 def test_the_surface_that_is_drawn(tmp_path):
