@@ -11,6 +11,7 @@ from .blocks import create_block, local_rows
 from .options import temporary_options
 
 TOLERANCE = 1e-10
+FAR_SOFTER = 1e-4  # of the next coordinate: eigenvalues of both together have lost so many digits
 
 
 def modes_in_interval(K, M, low, high, options):
@@ -124,7 +125,39 @@ def symmetric_eigenpairs(matrix: np.ndarray, comm):
 
     Solved once and sent: the same on all ranks. Collective.
     """
-    return decided(comm, _dense_eigenpairs, (matrix + matrix.T) / 2)
+    return decided(comm, graded_eigenpairs, (matrix + matrix.T) / 2, _dense_eigenpairs)
+
+
+def graded_eigenpairs(matrix: np.ndarray, eigenpairs=np.linalg.eigh):
+    """Return eigenvalues (m,), ascending, and orthonormal eigenvectors (m, m) of a small symmetric matrix by
+    `eigenpairs` of its blocks: of soft motions that stiff ones hardly couple with, to as many digits as they have.
+    Local.
+
+    Eigenvalues of a matrix have errors of 1e-16 of the largest. Where the squared coupling with the stiffer coordinates
+    is round-off of the products of the diagonal, one elimination separates the softer ones.
+    """
+    order = np.argsort(np.diag(matrix), kind="stable")
+    A = matrix[np.ix_(order, order)]
+    soft = _separable(A)
+    if not soft:
+        return eigenpairs(matrix)
+    stiff_values, stiff = graded_eigenpairs(A[soft:, soft:], eigenpairs)
+    turn = stiff @ ((stiff.T @ A[soft:, :soft]) / stiff_values[:, None])
+    soft_values, softer = eigenpairs(A[:soft, :soft] - A[:soft, soft:] @ turn)
+    vectors = np.empty_like(A)
+    vectors[order] = np.block([[softer, turn.T @ stiff], [-turn @ softer, stiff]])
+    return np.append(soft_values, stiff_values), vectors
+
+
+def _separable(A) -> int:
+    """Return how many coordinates, ascending by their diagonal, are far softer than the others and hardly coupled with
+    them; 0 for none."""
+    sizes = np.diag(A)
+    for count in np.flatnonzero(sizes[:-1] < FAR_SOFTER * sizes[1:]) + 1:
+        coupling = A[:count, count:] ** 2 / np.outer(sizes[:count], sizes[count:])
+        if sizes[0] > 0 and coupling.sum() <= np.finfo(float).eps:
+            return int(count)
+    return 0
 
 
 def _dense_eigenpairs(matrix):

@@ -26,7 +26,7 @@ from .checks import check_circulatory, check_model, check_viscoelastic, warnings
 from .components.component import Component, PointComponent
 from .components.groups import blocks_in_groups, number_of_groups
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
-from .projection import diagonalise, everywhere, project, project_columns
+from .projection import diagonalise, everywhere, project, project_columns, project_stiffness
 from .record import make_record
 from .reduced_damping import reduced_damping
 from .reduced_model import ReducedModel
@@ -186,7 +186,8 @@ class BasisReductor(Reductor):
     def _project(self, model, framed, bases, run) -> tuple[ReducedModel, float]:
         """Return the reduced model with its basis in all dofs, and the orthonormality defect."""
         (vectors,), full, drop_above = bases, framed.model, self.settings.drop_above
-        eigenvalues = diagonalise(vectors, project(full.K, vectors.columns))
+        stiffness = project_stiffness if full.is_symmetric("K") else project
+        eigenvalues = diagonalise(vectors, stiffness(full.K, vectors.columns))
         frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
         if drop_above is not None:
             kept = int((frequencies <= drop_above).sum())

@@ -20,12 +20,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...linalg.eigensolver import graded_eigenpairs
 from ...model.derivatives import Derivatives
 from ...model.viscoelastic import Viscoelastic, added_stiffness, excesses, transformed
 
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
 NEARLY_ZERO = 1e-12  # eigenvalue, relative to the largest, that round-off may have made of zero
 PUSHED = 1e-11  # of the norm of a load, or of a damping matrix: less on a motion is round-off
+MIXED = 1e-8  # lowest eigenvalue, relative to the highest, that combinations of both have few digits of
 NUMBERS_AT_A_TIME = 2**22  # complex numbers of states held at a time
 NUMBERS_KEPT = 2**24  # complex numbers of inverses that a model keeps
 
@@ -146,12 +148,17 @@ class PseudoModal:
     def restricted(self, U: np.ndarray) -> tuple[PseudoModal, np.ndarray]:
         """Return the model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated.
         """
-        K = U.T @ (self.eigenvalues[:, None] * U)
+        K, turn = U.T @ (self.eigenvalues[:, None] * U), None
+        if abs(self.eigenvalues[0]) < MIXED * abs(self.eigenvalues[-1]):  # on its pseudo-modes K has digits of soft ones
+            turn = np.linalg.eigh(K)[1]
+            U = U @ turn
+            K = U.T @ (self.eigenvalues[:, None] * U)
         K = K if self.N is None else (K + K.T) / 2 + U.T @ self.N @ U
         D = None if self.D is None else U.T @ self.D @ U
         parts = transformed(self.viscoelastic, lambda matrix: U.T @ matrix @ U)
         inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, parts, self.N is None)
-        return inner, U @ inner.vectors
+        embedding = U @ inner.vectors
+        return inner if turn is None else replace(inner, vectors=turn @ inner.vectors), embedding
 
     def solve(self, frequencies, right: np.ndarray, transposed=False, accuracy=1e-14) -> np.ndarray:
         """A(s)^-1 right (S, m, l), or A(s)^-T right; `right` (m, l) or (S, m, l).
@@ -284,7 +291,7 @@ def diagonalised(
     coordinates (53, 54); by default the columns L are its inputs and outputs. `symmetric`: whether K is, but for
     round-off."""
     io = io or InputsOutputs(*[np.eye(L.shape[1])] * 2)
-    eigenvalues, vectors = np.linalg.eigh((K + K.T) / 2)
+    eigenvalues, vectors = graded_eigenpairs((K + K.T) / 2)
     still = np.flatnonzero(np.abs(eigenvalues) <= NEARLY_ZERO * np.abs(eigenvalues).max(initial=0.0))
     L = _settled(vectors.T @ L, still, np.linalg.norm(L, axis=0))
 
