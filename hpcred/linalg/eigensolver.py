@@ -1,6 +1,7 @@
 """Solve eigenproblems by SLEPc: modes of (K, M) in a band, the lowest modes, and the small dense problem."""
 
 from contextlib import suppress
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from .blocks import create_block, local_rows
 from .options import temporary_options
 
 TOLERANCE = 1e-10
-FAR_SOFTER = 1e-4  # of the next coordinate: eigenvalues of both together have lost so many digits
+SOFTER = 0.25  # of the diagonal entry of the next coordinate, between groups
 
 
 def modes_in_interval(K, M, low, high, options):
@@ -129,35 +130,42 @@ def symmetric_eigenpairs(matrix: np.ndarray, comm):
 
 
 def graded_eigenpairs(matrix: np.ndarray, eigenpairs=np.linalg.eigh):
-    """Return eigenvalues (m,), ascending, and orthonormal eigenvectors (m, m) of a small symmetric matrix by
-    `eigenpairs` of its blocks: of soft motions that stiff ones hardly couple with, to as many digits as they have.
-    Local.
+    """Return eigenvalues (m,), ascending, and orthonormal eigenvectors (m, m) of a small symmetric matrix, those of
+    soft motions beside stiff ones with as many digits as its entries have. Local.
 
-    Eigenvalues of a matrix have errors of 1e-16 of the largest. Where the squared coupling with the stiffer coordinates
-    is round-off of the products of the diagonal, one elimination separates the softer ones.
+    `eigenpairs` has errors of 1e-16 of the largest eigenvalue. Groups of coordinates that hardly couple are therefore
+    taken one by one; to first order their coupling turns only the eigenvectors.
     """
     order = np.argsort(np.diag(matrix), kind="stable")
     A = matrix[np.ix_(order, order)]
-    soft = _separable(A)
-    if not soft:
+    ends = [0, *_group_ends(A), len(A)]
+    if len(ends) == 2:
         return eigenpairs(matrix)
-    stiff_values, stiff = graded_eigenpairs(A[soft:, soft:], eigenpairs)
-    turn = stiff @ ((stiff.T @ A[soft:, :soft]) / stiff_values[:, None])
-    soft_values, softer = eigenpairs(A[:soft, :soft] - A[:soft, soft:] @ turn)
-    vectors = np.empty_like(A)
-    vectors[order] = np.block([[softer, turn.T @ stiff], [-turn @ softer, stiff]])
-    return np.append(soft_values, stiff_values), vectors
+    values, vectors, group = np.zeros(len(A)), np.zeros(A.shape), np.zeros(len(A))
+    for k, (start, end) in enumerate(pairwise(ends)):
+        own = slice(start, end)
+        values[own], vectors[own, own] = eigenpairs(A[own, own])
+        group[own] = k
+    apart = group[:, None] != group
+    if any(values[end - 1] > 0.5 * values[end] for end in ends[1:-1]):  # the diagonal does not show how soft a group is
+        return eigenpairs(matrix)
+    coupling = vectors.T @ A @ vectors
+    turn = np.divide(coupling, values - values[:, None], out=np.zeros(A.shape), where=apart)
+    found = np.empty_like(vectors)
+    found[order] = vectors + vectors @ turn
+    return values, found
 
 
-def _separable(A) -> int:
-    """Return how many coordinates, ascending by their diagonal, are far softer than the others and hardly coupled with
-    them; 0 for none."""
+def _group_ends(A) -> np.ndarray:
+    """Return where groups of coordinates end, ascending by their diagonal: softer than the next ones, with squared
+    couplings that are round-off of the products of the diagonal."""
     sizes = np.diag(A)
-    for count in np.flatnonzero(sizes[:-1] < FAR_SOFTER * sizes[1:]) + 1:
-        coupling = A[:count, count:] ** 2 / np.outer(sizes[:count], sizes[count:])
-        if sizes[0] > 0 and coupling.sum() <= np.finfo(float).eps:
-            return int(count)
-    return 0
+    if not len(A) or sizes[0] <= 0:
+        return np.zeros(0, dtype=int)
+    coupling = np.triu((A / np.sqrt(sizes)[:, None] / np.sqrt(sizes)) ** 2, 1)
+    # sums over the rows before a place and the columns from there on
+    before = np.cumsum(coupling.sum(axis=1) - coupling.sum(axis=0))[:-1]
+    return np.flatnonzero((sizes[:-1] < SOFTER * sizes[1:]) & (before <= np.finfo(float).eps)) + 1
 
 
 def _dense_eigenpairs(matrix):

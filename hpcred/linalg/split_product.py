@@ -4,7 +4,7 @@ import numpy as np
 
 from ..parallel.petsc import MPI, PETSc
 from ..parallel.sums import summed
-from .blocks import add_product, copy_of, local_rows, times
+from .blocks import add_product, copy_of, create_block, local_rows, times
 from .csr import diagonal_of
 
 BITS = 53  # of a double
@@ -18,33 +18,48 @@ def terms_of_products(mat, columns) -> np.ndarray:
 
 
 def split_product(mat, block):
-    """Return A X as a new block, with errors of about u |A X| + 2^-22 u |A| |X|. Collective.
+    """Return A X as a new block for a symmetric A, with errors of about u |A X| + 2^-22 u |A| |X|. Collective.
 
     A = A1 + A2 and X = X1 + X2, where the leading parts have so few bits that sums of their products are exact: the
-    terms of A1 X1 cancel without round-off, and the rest, A1 X2 + A2 X, is small.
+    terms of A1 X1 cancel without round-off, and the rest, A1 X2 + A2 X, is small. Rows and columns are scaled by powers
+    of two first, so that units do not matter.
     """
-    indptr, indices, values = mat.getValuesCSR()
-    comm, counts = mat.comm.tompi4py(), np.diff(indptr)
+    comm, one = mat.comm.tompi4py(), np.eye(block.getActiveColumns()[1])
+    scale = mat.getDiagonal()
+    scale.setArray(_to_one(scale.getArray(readonly=True).real))
+    scaled, right = mat.copy(), copy_of(block, mat)
+    scaled.diagonalScale(scale, scale)
+    factors = scale.getArray(readonly=True).real[:, None].copy()
+    # leading parts, of entries relative to the largest of their row, or column
+    indptr, indices, values = scaled.getValuesCSR()
+    counts = np.diff(indptr)
     rows = np.repeat(np.arange(len(counts)), counts)
     largest = np.zeros(len(counts))
     np.maximum.at(largest, rows, np.abs(values))
     leading = _leading(values, LEADING, largest[rows])
-    bits = BITS - LEADING - int(np.ceil(np.log2(max(comm.allreduce(int(counts.max(initial=1)), op=MPI.MAX), 1))))
+    terms = comm.allreduce(int(counts.max(initial=1)), op=MPI.MAX)
     first, second = copy_of(block, mat), copy_of(block, mat)
-    with local_rows(block) as X, local_rows(first) as X1, local_rows(second) as X2:
+    with local_rows(right) as X, local_rows(first) as X1, local_rows(second) as X2:
+        X /= factors
         largest = comm.allreduce(np.abs(X).max(axis=0, initial=0.0), op=MPI.MAX)
-        X1[...] = _leading(X, bits, largest)
+        X1[...] = _leading(X, BITS - LEADING - int(np.ceil(np.log2(terms))), largest)
         X2[...] = X - X1
-    A1, A2 = (
-        PETSc.Mat().createAIJ(mat.getSizes(), csr=(indptr, indices, part), comm=mat.comm)
-        for part in (leading, values - leading)
-    )
-    result, one = times(A2, block), np.eye(block.getSizes()[1])
-    for part in (second, first):  # the largest last
-        add_product(result, times(A1, part), one)
-    for matrix in (A1, A2):
+    # products, the largest last
+    result = create_block(mat, len(one))
+    for part, columns in ((values - leading, right), (leading, second), (leading, first)):
+        matrix = PETSc.Mat().createAIJ(mat.getSizes(), csr=(indptr, indices, part), comm=mat.comm)
+        add_product(result, times(matrix, columns), one, beta=0.0 if columns is right else 1.0)
         matrix.destroy()
+    scaled.destroy()
+    with local_rows(result) as product:
+        product /= factors
     return result
+
+
+def _to_one(diagonal):
+    """Return powers of two s with s^2 |a| of about 1; 1 for zeros."""
+    sizes = np.where(diagonal != 0, np.abs(diagonal), 1.0)
+    return 2.0 ** -np.round(np.log2(sizes) / 2)
 
 
 def _leading(values, bits, largest):

@@ -186,8 +186,10 @@ class BasisReductor(Reductor):
     def _project(self, model, framed, bases, run) -> tuple[ReducedModel, float]:
         """Return the reduced model with its basis in all dofs, and the orthonormality defect."""
         (vectors,), full, drop_above = bases, framed.model, self.settings.drop_above
-        stiffness = project_stiffness if full.is_symmetric("K") else project
-        eigenvalues = diagonalise(vectors, stiffness(full.K, vectors.columns))
+        if full.is_symmetric("K"):
+            eigenvalues = diagonalise(vectors, project_stiffness(full.K, vectors.columns, run.cancels))
+        else:
+            eigenvalues = diagonalise(vectors, project(full.K, vectors.columns))
         frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
         if drop_above is not None:
             kept = int((frequencies <= drop_above).sum())

@@ -19,6 +19,7 @@ from ..parallel.decisions import decided
 from ..parallel.memory import MB
 from ..parallel.petsc import PETSc
 from ..parallel.progress import Progress
+from .projection import CANCELS
 from .notes import ComponentRecord, Notes
 from .run_solvers import RunSolvers
 from .store import Store
@@ -50,6 +51,7 @@ class Run:
     notes: Notes = field(default_factory=Notes)
     solvers: RunSolvers | None = None  # those of another run, shared with it
     is_dual: bool = False
+    cancels: float = CANCELS  # see project_stiffness
 
     def __post_init__(self):
         self.model, self.rigid = self.framed.model, self.framed.rigid

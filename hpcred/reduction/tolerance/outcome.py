@@ -18,7 +18,8 @@ from .search import Search
 UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
 ENDED = "the search ended before a second point"
 LITTLE = 1e-3  # of the goal: round-off that is no matter
-MIXING = 1e-14  # round-off of K on the columns of a basis, relative to the highest eigenvalue
+MIXING = 1e-12  # round-off of K on the columns of a basis at sharp resonances, relative to the highest eigenvalue
+PASSES = 4  # of projections
 TOGETHER = 2**22  # errors of single responses that are held at a time
 
 
@@ -53,7 +54,7 @@ def _project_again(search, kept) -> np.ndarray:
     before = decided(comm, projections.model)
     if MIXING * before.eigenvalues[-1] <= judge.goal * before.eigenvalues[0]:
         return kept
-    for _ in range(2):
+    for _ in range(PASSES):
         projections.rotate(before.vectors)
         kept = before.vectors.T @ kept
         judge.noise = decided(comm, _changed, judge, before)

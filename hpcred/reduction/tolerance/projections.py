@@ -111,7 +111,7 @@ class Projections:
             if start or not self.symmetric:
                 self.K = extended(self.K, model.K, new, self.basis.columns, self.symmetric)
             else:
-                self.K = project_stiffness(model.K, new)
+                self.K = project_stiffness(model.K, new, self.run.cancels)
                 self.K = (self.K + self.K.T) / 2
             self.viscoelastic = tuple(
                 replace(part, matrix=extended(part.matrix, full.matrix, new, self.basis.columns))
