@@ -19,8 +19,8 @@ from ..parallel.decisions import decided
 from ..parallel.memory import MB
 from ..parallel.petsc import PETSc
 from ..parallel.progress import Progress
-from .projection import CANCELS
 from .notes import ComponentRecord, Notes
+from .projection import CANCELS
 from .run_solvers import RunSolvers
 from .store import Store
 from .tolerance.independent_loads import independent_loads

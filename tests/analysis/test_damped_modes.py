@@ -59,36 +59,23 @@ def test_a_free_chain_is_shifted():
         assert found.poles[np.abs(found.poles) > 1e-3][:2] == pytest.approx(exact, rel=1e-7)
 
 
-def equal_blades(blades):
-    """K, M, D of equal blades of two masses on a heavy hub, each with a damper and a gyroscopic pair between masses."""
-    n = 2 * blades + 1
-    K, D, M = np.zeros((n, n)), np.zeros((n, n)), np.diag([200.0, *[1.0, 0.5] * blades])
-    K[0, 0], D[0, 0] = 1e5, 40.0
-    pull = np.array([[1, -1], [-1, 1]])
-    for blade in range(blades):
-        first, last = 1 + 2 * blade, 2 + 2 * blade
-        K[np.ix_((0, first), (0, first))] += 4e4 * pull
-        K[np.ix_((first, last), (first, last))] += 1e4 * pull
-        D[np.ix_((first, last), (first, last))] += 3.0 * pull + 5.0 * np.array([[0, 1], [-1, 0]])
-    return K, M, D
-
-
 @pytest.mark.mpi(ranks=(1, 2))
-@pytest.mark.parametrize("count", [3, 8, 14])
-def test_equal_blades_have_all_of_their_damped_modes(comm, count):
-    """Poles of a multiplicity of 11 below those that one vector finds by itself."""
-    K, M, D = equal_blades(12)
-    exact = nearest(dense_poles(M, D, K), 0.0, count)
-    load = np.eye(len(K))[:, [2]]
+@pytest.mark.parametrize("equal, count", [(5, 5), (12, 16)])
+def test_equal_poles_are_all_found(comm, equal, count):
+    """Equal damped oscillators below others: one Krylov sequence ends before round-off brings the second mode."""
+    omega = np.r_[np.full(equal, 1.0), np.linspace(3.0, 100.0, 100)]
+    size = len(omega)
+    load = np.eye(size)[:, [2]]
     with (
-        hpcred.SecondOrderModel.from_scipy(K, M, D, inputs=load, comm=comm) as model,
+        hpcred.SecondOrderModel.from_scipy(np.diag(omega**2), np.eye(size), np.diag(0.02 * omega), inputs=load,
+                                           comm=comm) as model,
         closing(hpcred.damped_modes(model, count)) as found,
-    ):
-        assert found.poles == pytest.approx(exact, rel=1e-7)
-        assert found.residuals.max() < 1e-8 and not found.warnings
+    ):  # fmt: skip
+        exact = omega[:count] * (-0.01 + 1j * np.sqrt(1 - 1e-4))
+        assert found.poles == pytest.approx(exact, rel=1e-7) and not found.warnings
         pairs = gather(found.shapes)
     shapes = pairs[:, 0::2] + 1j * pairs[:, 1::2]
-    assert np.linalg.matrix_rank(shapes, tol=1e-6 * np.linalg.norm(shapes)) == count
+    assert np.linalg.matrix_rank(shapes / np.linalg.norm(shapes, axis=0), tol=1e-3) == count
 
 
 def test_a_frame_and_rayleigh_damping():

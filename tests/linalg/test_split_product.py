@@ -32,7 +32,8 @@ def test_products_that_cancel_have_no_round_off(comm, units):
             rows[...] = X[first:last]
         with local_rows(split_product(model.K, block)) as rows:
             found = rows.real.copy()
-    exact = [[sum(Fraction(K[i, j]) * Fraction(X[j, k]) for j in range(n)) for k in range(2)] for i in range(first, last)]
+    exact = [[sum(Fraction(K[i, j]) * Fraction(X[j, k]) for j in range(n)) for k in range(2)]
+             for i in range(first, last)]  # fmt: skip
     terms = np.abs(K[first:last]) @ np.abs(X)
     error = [[float(abs(Fraction(found[i, k]) - exact[i][k])) for k in range(2)] for i in range(last - first)]
     assert (np.array(error) <= 1e-21 * terms + 2e-16 * np.abs(found)).all()
