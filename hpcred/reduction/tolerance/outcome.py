@@ -48,8 +48,9 @@ def _compressed(search, drop_above, kept, beside):
 
 
 def _project_again(search, kept) -> np.ndarray:
-    """Project on the pseudo-modes of the basis where round-off of K on stiff columns may have mixed soft ones: what
-    that changes is noise. Returns the columns `kept` in terms of the new basis. Collective."""
+    """Project on the pseudo-modes of the basis where round-off of K on stiff columns may have mixed soft ones, until
+    that changes nothing: what it changes last is the noise of the models that follow, in place of that of the search,
+    whose models had no digits of soft modes. Returns the columns `kept` in terms of the new basis. Collective."""
     projections, judge, comm = search.projections, search.judge, search.run.model.comm
     before = decided(comm, projections.model)
     if MIXING * before.eigenvalues[-1] <= judge.goal * before.eigenvalues[0]:

@@ -149,7 +149,7 @@ class PseudoModal:
         """Return the model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated.
         """
         K, turn = U.T @ (self.eigenvalues[:, None] * U), None
-        if abs(self.eigenvalues[0]) < MIXED * abs(self.eigenvalues[-1]):  # on its pseudo-modes K has digits of soft ones
+        if abs(self.eigenvalues[0]) < MIXED * abs(self.eigenvalues[-1]):  # its pseudo-modes keep the soft ones
             turn = np.linalg.eigh(K)[1]
             U = U @ turn
             K = U.T @ (self.eigenvalues[:, None] * U)
