@@ -27,8 +27,8 @@ def project_stiffness(K, columns, cancels=CANCELS) -> np.ndarray:
     """Return V^T K V (m, m) of a symmetric K, with what is small in it beside its terms to all digits. Collective.
 
     Of soft motions of stiff parts K x is a small difference: round-off of it, 1e-16 of the terms, may be as large as
-    x^T K x of a nearly free body. Columns with less than `cancels` of the terms are multiplied in parts whose products have no
-    round-off.
+    x^T K x of a nearly free body. Columns with less than `cancels` of the terms are multiplied in parts whose products
+    have no round-off.
     """
     found = project(K, columns)
     soft = np.flatnonzero(np.abs(np.diag(found)) < cancels * terms_of_products(K, columns))
