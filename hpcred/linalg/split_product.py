@@ -41,7 +41,8 @@ def split_product(mat, block):
     first, second = copy_of(block, mat), copy_of(block, mat)
     with local_rows(right) as X, local_rows(first) as X1, local_rows(second) as X2:
         X /= factors
-        largest = comm.allreduce(np.abs(X).max(axis=0, initial=0.0), op=MPI.MAX)
+        largest = np.abs(X).max(axis=0, initial=0.0)
+        comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         X1[...] = _leading(X, BITS - LEADING - int(np.ceil(np.log2(terms))), largest)
         X2[...] = X - X1
     # products, the largest last
