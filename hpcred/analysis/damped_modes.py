@@ -102,8 +102,9 @@ def damped_modes(
 
     Notes
     -----
-    Krylov-Schur iteration of the linearised problem with a factor of s^2 M + s D + K at the target, and memory for
-    about 8 `count` vectors of n numbers.
+    Krylov-Schur iteration of the linearised problem with a factor of s^2 M + s D + K at the target, begun again beside
+    the modes found until nothing nearer appears, so that equal poles are all found; memory for about 12 `count` vectors
+    of n numbers.
     """
     require_model(model)
     if declared("count", count, int) < 1:

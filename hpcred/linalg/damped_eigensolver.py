@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import PETSc, SLEPc, is_complex
+from ..parallel.sums import summed
 from .blocks import add_product, apply, column_norms, create_block, local_rows, random_block, times, unfold
 from .eigensolver import solve_by
 
 TOLERANCE = 1e-11
 GUARD = 3  # more poles than are asked for
+SAME = 1e-7  # relative difference of poles that is none
+DEPENDENT = 1e-6  # part of a vector beside others that is round-off
 
 
 def damped_eigenpairs(M, D, K, count: int, shift: complex, solve):
@@ -30,26 +34,62 @@ def damped_eigenpairs(M, D, K, count: int, shift: complex, solve):
     rows, size = (2 * number for number in K.getLocalSize()[:1] + K.getSize()[:1])
     mat = PETSc.Mat().createPython(((rows, size), (rows, size)), operator, comm=K.comm)
     mat.setUp()
-    eps = SLEPc.EPS().create(comm=K.comm)
+    # near a real shift a pole comes with its conjugate
+    pair = 1 if np.imag(shift) else 2
+    wanted, begin = min((count + GUARD) * pair, size), operator.start()
+    states, poles, first = [], np.zeros(0), True
+    while wanted:
+        new = _independent(states, _invariant_states(mat, operator, wanted, states, begin))
+        states, before = states + new, poles
+        poles, vectors = _upper(mat, states, count, shift)
+        if not new or (len(before) == len(poles) and (np.abs(poles - before) <= SAME * np.abs(poles - shift)).all()):
+            break
+        # one more tells whether there are others; where there are, they may be many
+        wanted = min(pair if first else 2 * wanted, size - len(states))
+        first, begin = False, operator.random(len(states))
+    if not len(poles):
+        raise ComputationError(f"SLEPc found none of the {count} poles asked for")
+    return poles, _modes(K, states, vectors)
+
+
+def _invariant_states(mat, operator, wanted, states, begin):
+    """Return orthonormal vectors that span, with the `states`, what is invariant of the largest eigenvalues.
+
+    A Krylov sequence from one vector has one mode of a repeated pole; other sequences, orthogonal to the states found,
+    have the others.
+    """
+    eps = SLEPc.EPS().create(comm=mat.comm)
     eps.setOptionsPrefix("damped_")
     eps.setOperators(mat)
     eps.setProblemType(SLEPc.EPS.ProblemType.NHEP)
     eps.setType(SLEPc.EPS.Type.KRYLOVSCHUR)
     eps.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_MAGNITUDE)
-    # near a real shift a pole comes with its conjugate
-    wanted = min((count + GUARD) * (1 if np.imag(shift) else 2), size)
     eps.setDimensions(nev=wanted)
     eps.setTolerances(tol=TOLERANCE, max_it=500)
     start = mat.createVecRight()
-    start.setArray(operator.start())
+    start.setArray(begin)
     eps.setInitialSpace([start])
+    if states:
+        eps.setDeflationSpace(states)
     eps.setFromOptions()
     solve_by(eps, operator)
-    poles, block = _upper(eps, K, count, shift, min(wanted, eps.getConverged()))
+    found = eps.getInvariantSubspace() if eps.getConverged() else []
     eps.destroy()  # which refers to the solver of the caller
-    if not len(poles):
-        raise ComputationError(f"SLEPc found none of the {count} poles asked for")
-    return poles, block
+    return found
+
+
+def _independent(states, found):
+    """Return the vectors found, orthonormal to the states and to each other, without those in their span."""
+    new = []
+    for vector in found:
+        known, before = states + new, vector.norm()
+        for _ in range(2 if known else 0):
+            vector.maxpy(-_products(known, vector), known)
+        size = vector.norm()
+        if size > DEPENDENT * before:
+            vector.scale(1 / size)
+            new.append(vector)
+    return new
 
 
 class _Operator:
@@ -63,7 +103,7 @@ class _Operator:
         self._shift = shift if is_complex() else np.real(shift)
         self._in, self._out = create_block(K, 1), create_block(K, 1)
         self._load, self._solution = (create_block(K, 1 + is_complex()) for _ in range(2))
-        self._scale = 1.0
+        self._scale, self._layout = 1.0, K
         self._begin = self._lowest(random_block(K, 1))
 
     def _lowest(self, block):
@@ -82,6 +122,11 @@ class _Operator:
         self._scale = sizes[-1] ** -0.5 if 0 < sizes[-1] < np.inf else 1.0
         with local_rows(block) as rows:
             return rows[:, 0].copy()
+
+    def random(self, seed):
+        """Return the rows of a random state."""
+        with local_rows(random_block(self._layout, 2, seed)) as rows:
+            return rows.T.ravel()
 
     def start(self):
         """Return the rows of a state to begin with."""
@@ -120,24 +165,39 @@ class _Operator:
             state.copy(result)
 
 
-def _upper(eps, K, count, shift, found):
-    """Return the poles of the upper half plane, and their modes as pairs."""
-    values = np.array([eps.getEigenvalue(i) for i in range(found)], dtype=complex)
+def _products(states, vector) -> np.ndarray:
+    """Return the inner products (m,) of states with a vector. Collective."""
+    array = vector.getArray(readonly=True)
+    own = np.array([np.vdot(state.getArray(readonly=True), array) for state in states])
+    return summed(vector.comm.tompi4py(), own)
+
+
+def _upper(mat, states, count, shift):
+    """Return the poles of the upper half plane, nearest to the shift, and their eigenvectors (m, k) in terms of the
+    orthonormal states (m), which span an invariant space."""
+    small, image = np.zeros((len(states),) * 2, dtype=PETSc.ScalarType), mat.createVecRight()
+    for j, state in enumerate(states):
+        mat.mult(state, image)
+        small[:, j] = _products(states, image)
+    values, vectors = decided(mat.comm.tompi4py(), np.linalg.eig, small)
+    values, vectors = values[values != 0].astype(complex), vectors[:, values != 0]
     poles = shift + 1 / values
     # what a real matrix has as real, a complex build has but for round-off
     poles = np.where(np.abs(poles.imag) <= 1e-12 * np.abs(poles), poles.real, poles).astype(complex)
     upper = np.flatnonzero(poles.imag >= 0)
     upper = upper[np.argsort(np.abs(poles[upper] - shift), kind="stable")][:count]
-    block = create_block(K, max(2 * len(upper), 1))
-    re, im = (eps.getOperators()[0].createVecRight() for _ in range(2))
+    return poles[upper], vectors[:, upper]
+
+
+def _modes(K, states, vectors):
+    """Return the modes, the first halves of combinations of states, as pairs Re, Im of columns."""
+    block = create_block(K, 2 * vectors.shape[1])
     with local_rows(block) as rows:
-        for column, i in enumerate(upper):
-            eps.getEigenvector(int(i), re, im)
-            state = re.getArray(readonly=True)
-            state = state if is_complex() else state + 1j * im.getArray(readonly=True)
-            x = state[: len(rows)]
-            rows[:, 2 * column], rows[:, 2 * column + 1] = x.real, x.imag
-    return poles[upper], block
+        x = np.zeros((len(rows), vectors.shape[1]), dtype=complex)
+        for state, row in zip(states, vectors, strict=True):
+            x += state.getArray(readonly=True)[: len(rows), None] * row
+        rows[:, 0::2], rows[:, 1::2] = x.real, x.imag
+    return block
 
 
 def damped_residuals(M, D, K, poles, block) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Solve eigenproblems by SLEPc: modes of (K, M) in a band, the lowest modes, and the small dense problem."""
 
 from contextlib import suppress
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from .blocks import create_block, local_rows
 from .options import temporary_options
 
 TOLERANCE = 1e-10
+SOFTER = 0.25  # of the diagonal entry of the next coordinate, between groups
 
 
 def modes_in_interval(K, M, low, high, options):
@@ -124,7 +126,46 @@ def symmetric_eigenpairs(matrix: np.ndarray, comm):
 
     Solved once and sent: the same on all ranks. Collective.
     """
-    return decided(comm, _dense_eigenpairs, (matrix + matrix.T) / 2)
+    return decided(comm, graded_eigenpairs, (matrix + matrix.T) / 2, _dense_eigenpairs)
+
+
+def graded_eigenpairs(matrix: np.ndarray, eigenpairs=np.linalg.eigh):
+    """Return eigenvalues (m,), ascending, and orthonormal eigenvectors (m, m) of a small symmetric matrix, those of
+    soft motions beside stiff ones with as many digits as its entries have. Local.
+
+    `eigenpairs` has errors of 1e-16 of the largest eigenvalue. Groups of coordinates that hardly couple are therefore
+    taken one by one; to first order their coupling turns only the eigenvectors.
+    """
+    order = np.argsort(np.diag(matrix), kind="stable")
+    A = matrix[np.ix_(order, order)]
+    ends = [0, *_group_ends(A), len(A)]
+    if len(ends) == 2:
+        return eigenpairs(matrix)
+    values, vectors, group = np.zeros(len(A)), np.zeros(A.shape), np.zeros(len(A))
+    for k, (start, end) in enumerate(pairwise(ends)):
+        own = slice(start, end)
+        values[own], vectors[own, own] = eigenpairs(A[own, own])
+        group[own] = k
+    apart = group[:, None] != group
+    if any(values[end - 1] > 0.5 * values[end] for end in ends[1:-1]):  # the diagonal does not show how soft a group is
+        return eigenpairs(matrix)
+    coupling = vectors.T @ A @ vectors
+    turn = np.divide(coupling, values - values[:, None], out=np.zeros(A.shape), where=apart)
+    found = np.empty_like(vectors)
+    found[order] = vectors + vectors @ turn
+    return values, found
+
+
+def _group_ends(A) -> np.ndarray:
+    """Return where groups of coordinates end, ascending by their diagonal: softer than the next ones, with squared
+    couplings that are round-off of the products of the diagonal."""
+    sizes = np.diag(A)
+    if not len(A) or sizes[0] <= 0:
+        return np.zeros(0, dtype=int)
+    coupling = np.triu((A / np.sqrt(sizes)[:, None] / np.sqrt(sizes)) ** 2, 1)
+    # sums over the rows before a place and the columns from there on
+    before = np.cumsum(coupling.sum(axis=1) - coupling.sum(axis=0))[:-1]
+    return np.flatnonzero((sizes[:-1] < SOFTER * sizes[1:]) & (before <= np.finfo(float).eps)) + 1
 
 
 def _dense_eigenpairs(matrix):

@@ -27,7 +27,14 @@ from .components.groups import blocks_in_groups, number_of_groups
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
 from .massless import separate_dampers, without_round_off
 from .notes import Notes
-from .projection import diagonalise, diagonalise_with_massless, everywhere, project, project_columns
+from .projection import (
+    diagonalise,
+    diagonalise_with_massless,
+    everywhere,
+    project,
+    project_columns,
+    project_stiffness,
+)
 from .record import make_record
 from .reduced_damping import reduced_damping
 from .reduced_model import ReducedModel
@@ -212,10 +219,13 @@ class BasisReductor(Reductor):
     def _project(self, model, framed, bases, run) -> tuple[ReducedModel, float]:
         """Return the reduced model with its basis in all dofs, and the orthonormality defect."""
         (vectors,), full, drop_above = bases, framed.model, self.settings.drop_above
+        static = 0
         if run.tau:
             eigenvalues, static = diagonalise_with_massless(vectors, run.mass, full.K, run.tau)
+        elif full.is_symmetric("K"):
+            eigenvalues = diagonalise(vectors, project_stiffness(full.K, vectors.columns, run.cancels))
         else:
-            eigenvalues, static = diagonalise(vectors, project(full.K, vectors.columns)), 0
+            eigenvalues = diagonalise(vectors, project(full.K, vectors.columns))
         frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
         if drop_above is not None:
             kept = int((frequencies <= drop_above).sum())

@@ -2,13 +2,15 @@
 
 import numpy as np
 
-from ..linalg.blocks import copy_of, from_dense, inner, times, view_of
+from ..linalg.blocks import copy_of, create_block, from_dense, inner, local_rows, times, view_of
 from ..linalg.eigensolver import symmetric_eigenpairs
 from ..linalg.pencil import massless_last
+from ..linalg.split_product import split_product, terms_of_products
 from ..parallel.decisions import decided
 
 WIDTH = 16  # columns projected at a time, which bounds the memory
 TURNS = 3  # diagonalisations of a basis with columns of little mass
+CANCELS = 1e-8  # of the terms of x^T K x: round-off of K x is seen in less, where resonances are sharp
 
 
 def project(mat, columns, left=None, width=WIDTH) -> np.ndarray:
@@ -22,6 +24,24 @@ def project(mat, columns, left=None, width=WIDTH) -> np.ndarray:
         result[:, low:high] = inner(left, times(mat, columns.between(low, high)))
     columns.bv.setActiveColumns(columns.first, columns.stop)  # which parts of them have changed
     return result
+
+
+def project_stiffness(K, columns, cancels=CANCELS) -> np.ndarray:
+    """Return V^T K V (m, m) of a symmetric K, with what is small in it beside its terms to all digits. Collective.
+
+    Of soft motions of stiff parts K x is a small difference: round-off of it, 1e-16 of the terms, may be as large as
+    x^T K x of a nearly free body. Columns with less than `cancels` of the terms are multiplied in parts whose products
+    have no round-off.
+    """
+    found = project(K, columns)
+    soft = np.flatnonzero(np.abs(np.diag(found)) < cancels * terms_of_products(K, columns))
+    if len(soft):
+        chosen = create_block(K, len(soft))
+        with local_rows(columns) as rows, local_rows(chosen) as target:
+            target[...] = rows[:, soft]
+        right = inner(columns, split_product(K, chosen))
+        found[:, soft], found[soft] = right, right.T
+    return found
 
 
 def project_columns(columns, mat) -> np.ndarray:

@@ -20,6 +20,7 @@ from ..parallel.memory import MB
 from ..parallel.petsc import PETSc
 from ..parallel.progress import Progress
 from .notes import ComponentRecord, Notes
+from .projection import CANCELS
 from .run_solvers import RunSolvers
 from .store import Store
 from .tolerance.independent_loads import independent_loads
@@ -52,6 +53,7 @@ class Run:
     solvers: RunSolvers | None = None  # those of another run, shared with it
     is_dual: bool = False
     tau: float = 0.0
+    cancels: float = CANCELS  # see project_stiffness
 
     def __post_init__(self):
         self.model, self.rigid = self.framed.model, self.framed.rigid

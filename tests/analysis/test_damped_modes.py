@@ -59,6 +59,25 @@ def test_a_free_chain_is_shifted():
         assert found.poles[np.abs(found.poles) > 1e-3][:2] == pytest.approx(exact, rel=1e-7)
 
 
+@pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.parametrize("equal, count", [(5, 5), (12, 16)])
+def test_equal_poles_are_all_found(comm, equal, count):
+    """Equal damped oscillators below others: one Krylov sequence ends before round-off brings the second mode."""
+    omega = np.r_[np.full(equal, 1.0), np.linspace(3.0, 100.0, 100)]
+    size = len(omega)
+    load = np.eye(size)[:, [2]]
+    with (
+        hpcred.SecondOrderModel.from_scipy(np.diag(omega**2), np.eye(size), np.diag(0.02 * omega), inputs=load,
+                                           comm=comm) as model,
+        closing(hpcred.damped_modes(model, count)) as found,
+    ):  # fmt: skip
+        exact = omega[:count] * (-0.01 + 1j * np.sqrt(1 - 1e-4))
+        assert found.poles == pytest.approx(exact, rel=1e-7) and not found.warnings
+        pairs = gather(found.shapes)
+    shapes = pairs[:, 0::2] + 1j * pairs[:, 1::2]
+    assert np.linalg.matrix_rank(shapes / np.linalg.norm(shapes, axis=0), tol=1e-3) == count
+
+
 def test_a_frame_and_rayleigh_damping():
     """Damping ratios of modes in a chord frame are those of (40)."""
     with hpcred.linkage() as model:

@@ -11,8 +11,9 @@ from hpcred import SecondOrderModel
 from hpcred.analysis.error_check import as_measured
 from hpcred.linalg.solvers.base import SingularMatrix
 from hpcred.parallel.petsc import is_complex
-from hpcred.reduction import run
-from hpcred.reduction.tolerance import reductor
+from hpcred.reduction import basis_reductor, run
+from hpcred.reduction.projection import project
+from hpcred.reduction.tolerance import projections, reductor
 from hpcred.reduction.tolerance.point_solver import PointSolver
 from hpcred.reduction.tolerance.search import Search
 
@@ -44,8 +45,72 @@ def error_of(values, frequencies, eta):
     return np.abs(values.ravel() / H - 1)
 
 
+@pytest.fixture
+def plain_products(monkeypatch):
+    """Project K as any matrix, so that soft motions have the round-off of stiff parts."""
+    for module in (projections, basis_reductor):
+        monkeypatch.setattr(module, "project_stiffness", lambda K, columns, _: project(K, columns))
+
+
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-1])
-def test_round_off_of_stiff_parts_counts(tolerance, comm):
+def test_soft_motions_have_no_round_off_of_stiff_parts(tolerance, comm):
+    with nearly_free(comm) as model, hpcred.reduce(model, tolerance=tolerance, band=BAND) as rom:
+        accuracy = rom.record.accuracy
+        f = np.array(accuracy.frequencies)
+        error = error_of(hpcred.frequency_response(as_measured(rom, accuracy), f), f, accuracy.loss_factor).max()
+    assert accuracy.reached and accuracy.noise < 1e-8
+    assert error < accuracy.largest + accuracy.noise + 1e-7  # which the strain of the springs makes
+
+
+def slosh(seed):
+    """A stiff row of masses on soft springs, with slosh masses at it; K (n, n), the masses (n,) and B (n, 2)."""
+    random, masses, slosh = np.random.default_rng(seed), 10, 3
+    n = masses + slosh
+    K, m = np.zeros((n, n)), np.r_[random.uniform(50, 200, masses), random.uniform(5, 20, slosh)]
+    springs = [(i, i + 1, 1e8 * random.uniform(0.5, 2)) for i in range(masses - 1)]
+    springs += [(masses + t, int(random.integers(masses)), m[masses + t] * random.uniform(1e-3, 0.1))
+                for t in range(slosh)]  # fmt: skip
+    for i, j, stiffness in springs:
+        K[np.ix_((i, j), (i, j))] += stiffness * np.array([[1, -1], [-1, 1]])
+    K[0, 0] += random.uniform(0.5, 2)
+    return K, m, np.eye(n)[:, [0, 5]]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("band", [(0.0, 0.1), (1e-3, 150.0)])
+def test_soft_modes_beside_stiff_ones_are_reached(seed, band, comm):
+    """Against modes of the exact K, by solves in long double; their round-off was more than the tolerance."""
+    K, m, B = slosh(seed)
+    with (
+        SecondOrderModel.from_scipy(K, np.diag(m), inputs=B, comm=comm) as model,
+        hpcred.reduce(model, tolerance=1e-5, band=band) as rom,
+    ):
+        accuracy = rom.record.accuracy
+        f = np.array(accuracy.frequencies)[:: max(1, len(accuracy.frequencies) // 40)]
+        f = np.unique(np.r_[f, rom.frequencies[rom.frequencies < band[1]]])
+        found = as_measured(rom, accuracy).frequency_response(f)
+    H = np.array([B.T @ solved((1 + 1j * accuracy.loss_factor) * K.astype(np.clongdouble)
+                               - np.diag(m * (2 * np.pi * np.longdouble(x)) ** 2), B) for x in f])  # fmt: skip
+    true = accuracy.measure.eps(H - found, H, np.einsum("sii->si", H)).max()
+    assert accuracy.reached and accuracy.noise < 1e-6 and true <= accuracy.largest + 1e-6
+
+
+def solved(A, B):
+    """A^-1 B by elimination in the precision of A, which LAPACK does not have."""
+    A, X = A.copy(), B.astype(A.dtype)
+    for k in range(len(A)):
+        rows = k + np.argmax(np.abs(A[k:, k]))
+        A[[k, rows]], X[[k, rows]] = A[[rows, k]], X[[rows, k]]
+        factors = A[k + 1 :, k] / A[k, k]
+        A[k + 1 :] -= np.outer(factors, A[k])
+        X[k + 1 :] -= np.outer(factors, X[k])
+    for k in reversed(range(len(A))):
+        X[k] = (X[k] - A[k, k + 1 :] @ X[k + 1 :]) / A[k, k]
+    return X
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-1])
+def test_round_off_of_stiff_parts_counts(tolerance, comm, plain_products):
     with nearly_free(comm) as model, hpcred.reduce(model, tolerance=tolerance, band=BAND) as rom:
         accuracy = rom.record.accuracy
         f = np.array(accuracy.frequencies)
@@ -85,7 +150,7 @@ def test_solutions_that_are_lost_to_round_off_are_not_blamed_on_the_mass(comm):
         hpcred.reduce(model, adaptive=asked)
 
 
-def test_round_off_of_a_full_response_counts(comm):
+def test_round_off_of_a_full_response_counts(comm, plain_products):
     with nearly_free(comm) as model:
         f = OMEGA / (2 * np.pi) * np.linspace(0.99, 1.01, 101)
         found = hpcred.full_response(model, f, damping=hpcred.Structural(2e-3), tolerance=1e-6, band=BAND)

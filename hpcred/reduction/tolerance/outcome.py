@@ -17,7 +17,9 @@ from .search import Search
 
 UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
 ENDED = "the search ended before a second point"
-MIXING = 1e-14  # round-off of K on the columns of a basis, relative to the highest eigenvalue
+LITTLE = 1e-3  # of the goal: round-off that is no matter
+MIXING = 1e-12  # round-off of K on the columns of a basis at sharp resonances, relative to the highest eigenvalue
+PASSES = 4  # of projections
 TOGETHER = 2**22  # errors of single responses that are held at a time
 
 
@@ -46,20 +48,20 @@ def _compressed(search, drop_above, kept, beside):
 
 
 def _project_again(search, kept) -> np.ndarray:
-    """Project on the pseudo-modes of the basis where round-off of K on stiff columns may have mixed soft ones: what
-    that changes is noise. Returns the columns `kept` in terms of the new basis. Collective."""
+    """Project on the pseudo-modes of the basis where round-off of K on stiff columns may have mixed soft ones, until
+    that changes nothing: what it changes last is the noise of the models that follow, in place of that of the search,
+    whose models had no digits of soft modes. Returns the columns `kept` in terms of the new basis. Collective."""
     projections, judge, comm = search.projections, search.judge, search.run.model.comm
-    for _ in range(2):
-        before = decided(comm, projections.model)
-        if MIXING * before.eigenvalues[-1] <= judge.goal * before.eigenvalues[0]:
-            break
+    before = decided(comm, projections.model)
+    if MIXING * before.eigenvalues[-1] <= judge.goal * before.eigenvalues[0]:
+        return kept
+    for _ in range(PASSES):
         projections.rotate(before.vectors)
         kept = before.coordinates_of(kept)
-        noise = decided(comm, _changed, judge, before)
-        if noise <= judge.floor:
+        judge.noise = decided(comm, _changed, judge, before)
+        if judge.noise <= LITTLE * judge.goal:
             break
-    else:
-        judge.note_noise(noise)
+        before = decided(comm, projections.model)
     return kept
 
 

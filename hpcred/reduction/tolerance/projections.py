@@ -9,7 +9,7 @@ import numpy as np
 from ...linalg.basis import Basis
 from ...linalg.blocks import inner
 from ...model.viscoelastic import transformed
-from ..projection import project
+from ..projection import project, project_stiffness
 from ..run import Run
 from .pseudo_modal import Proportional, PseudoModal, diagonalised
 
@@ -110,7 +110,11 @@ class Projections:
         with self.run.progress.stage("project"):
             new = self.basis.columns_between(start, stop)
             self.L = np.vstack([self.L, inner(new, self.loads)])
-            self.K = extended(self.K, model.K, new, self.basis.columns, self.symmetric)
+            if start or not self.symmetric:
+                self.K = extended(self.K, model.K, new, self.basis.columns, self.symmetric)
+            else:
+                self.K = project_stiffness(model.K, new, self.run.cancels)
+                self.K = (self.K + self.K.T) / 2
             self.viscoelastic = tuple(
                 replace(part, matrix=extended(part.matrix, full.matrix, new, self.basis.columns))
                 for part, full in zip(self.viscoelastic, model.viscoelastic, strict=True)

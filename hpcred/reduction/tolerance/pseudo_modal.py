@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...linalg.eigensolver import graded_eigenpairs
 from ...linalg.pencil import squared_frequencies, with_masses
 from ...model.derivatives import Derivatives
 from ...model.viscoelastic import Viscoelastic, added_stiffness, excesses, transformed
@@ -31,6 +32,7 @@ LEAST_MASS = 1e-7  # of the coordinates of a model with masses, for its poles; t
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
 NEARLY_ZERO = 1e-12  # eigenvalue, relative to the largest, that round-off may have made of zero
 PUSHED = 1e-11  # of the norm of a load, or of a damping matrix: less on a motion is round-off
+MIXED = 1e-8  # lowest eigenvalue, relative to the highest, that combinations of both have few digits of
 NUMBERS_AT_A_TIME = 2**22  # complex numbers of states held at a time
 NUMBERS_KEPT = 2**24  # complex numbers of inverses that a model keeps
 
@@ -168,12 +170,18 @@ class PseudoModal:
         """Return the model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated.
         """
         M = None if self.masses is None else U.T @ (self.masses[:, None] * U)
-        K = U.T @ (self.eigenvalues[:, None] * U)
+        K, turn = U.T @ (self.eigenvalues[:, None] * U), None
+        # where stiff coordinates stand beside soft ones, pseudo-modes of their own keep the soft ones
+        if M is None and abs(self.eigenvalues[0]) < MIXED * abs(self.eigenvalues[-1]):
+            turn = np.linalg.eigh(K)[1]
+            U = U @ turn
+            K = U.T @ (self.eigenvalues[:, None] * U)
         K = K if self.N is None else (K + K.T) / 2 + U.T @ self.N @ U
         D = None if self.D is None else U.T @ self.D @ U
         parts = transformed(self.viscoelastic, lambda matrix: U.T @ matrix @ U)
         inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, parts, self.N is None, M, self.tau)
-        return inner, U @ inner.vectors
+        embedding = U @ inner.vectors
+        return inner if turn is None else replace(inner, vectors=turn @ inner.vectors), embedding
 
     def solve(self, frequencies, right: np.ndarray, transposed=False, accuracy=1e-14) -> np.ndarray:
         """A(s)^-1 right (S, m, l), or A(s)^-T right; `right` (m, l) or (S, m, l).
@@ -309,7 +317,7 @@ def diagonalised(
     io = io or InputsOutputs(*[np.eye(L.shape[1])] * 2)
     masses = None
     if M is None:
-        eigenvalues, vectors = np.linalg.eigh((K + K.T) / 2)
+        eigenvalues, vectors = graded_eigenpairs((K + K.T) / 2)
     else:
         eigenvalues, masses, vectors = with_masses((K + K.T) / 2, (M + M.T) / 2, tau)
     still = np.flatnonzero(np.abs(eigenvalues) <= NEARLY_ZERO * np.abs(eigenvalues).max(initial=0.0))

@@ -38,6 +38,7 @@ from .point_solver import NoRegularPoint
 from .rounds import take_round
 from .search_checks import check_massless, check_motions
 
+ROUND_OFF_SEEN = 5e-12  # of the terms of x^T K x, times sharp resonances, over a hundredth of the tolerance
 KEPT = 1e-13  # deflation tolerance: what round-off brings is compressed away at the end
 KEPT_WITHOUT_MASS = 1e-7  # the same with dofs without mass: round-off there grows by its inverse, and is stiff
 ABOVE = 1.5  # of the band: modes that come down to it are followed from there, where they are not counted
@@ -71,6 +72,7 @@ class Search:
         self, basis: Basis, run: Run, settings: Adaptive, groups: int = 1, candidate: Candidate | None = None
     ):
         self.run, self.settings = run, settings
+        run.cancels = ROUND_OFF_SEEN / settings.tolerance
         self.expansion = Expansion(basis, run, settings)
         self.projections, self.judge = self.expansion.projections, self.expansion.judge
         self.state, self.reason = State.SEEKING, ""
