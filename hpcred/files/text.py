@@ -50,8 +50,7 @@ class Piece:
 
 def shown(line: bytes, most=80) -> str:
     """The beginning of a line of a file for a message, which nothing in it can break or colour."""
-    text = line.decode("latin-1").strip()[:most]
-    return printable(text).replace("\n", " ")
+    return printable(line.decode("latin-1").strip()[:most])
 
 
 def absent(path) -> InputError:
