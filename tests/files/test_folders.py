@@ -192,8 +192,8 @@ def test_what_took_long_is_kept_elsewhere_where_a_later_output_fails(folder, com
 @pytest.mark.mpi(ranks=(1, 2))
 def test_a_temporary_folder_of_all(folder, comm):
     """What a killed process left is removed; what is of a living one, of another host or of the user is not."""
-    stay = [f".hpcred-{HOST}-{os.getpid()}-abcdefgh", f".hpcred-elsewhere-{GONE}-abcdefgh", f".hpcred-{HOST}-{GONE}-mine",
-            f".hpcred-{HOST}-{GONE}-alinkalk"]  # fmt: skip
+    stay = [f".hpcred-{HOST}-{os.getpid()}-abcdefgh", f".hpcred-elsewhere-{GONE}-abcdefgh",
+            f".hpcred-{HOST}-{GONE}-mine", f".hpcred-{HOST}-{GONE}-alinkalk"]  # fmt: skip
     if comm.rank == 0:
         for name in (*stay[:3], f".hpcred-{HOST}-{GONE}-abcdefgh"):
             (folder / name).mkdir()
