@@ -54,9 +54,11 @@ def shown(line: bytes, most=80) -> str:
 
 
 def absent(path) -> InputError:
-    """What to raise where no file has this name."""
-    folder = os.path.isdir(path)
-    return InputError(f"{str(path)[:200]}: {'this is a folder, expected a file' if folder else 'no such file'}")
+    """What to raise where no file has this name, but perhaps something else."""
+    found = "no such file"
+    if os.path.exists(path):
+        found = f"this is a {'folder' if os.path.isdir(path) else 'pipe or a device'}, expected a file"
+    return InputError(f"{str(path)[:200]}: {found}")
 
 
 def require_file(path):
