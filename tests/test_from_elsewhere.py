@@ -317,6 +317,18 @@ def test_names_do_not_colour_the_terminal(tmp_path, monkeypatch, capsys):
     assert "[31mred" in said.out and not set("\x1b\x07") & set(said.out + said.err)
 
 
+@pytest.mark.parametrize("line", [
+    'band = "a\\nhpcred: b"', 'tolerance = ["a\\nb"]', 'outputs = ["a\\nb"]', '"a\\nb" = 1', 'units = "a\\nb"',
+    '[[parameter]]\nname = "e"\nrange = [1.0, 2.0]\n[[term]]\nof = "K"\nfile = "k.mtx"\nfactor = """e\n+\n1"""',
+])  # fmt: skip
+def test_a_message_has_one_line_whatever_a_job_has(linkage_folder, capsys, line):
+    """A name with line breaks could end it by lines of its own."""
+    Path("job.toml").write_text(f'model = "model.h5"\n{line}\n')
+    assert run(["reduce", "job.toml"]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1 and said[0].startswith("hpcred: error: ") and "\n" not in said[0]
+
+
 def test_a_job_names_files_as_they_stand(linkage_folder, capsys):
     """No variable, pattern or command of a shell is followed in them."""
     for name in ("$HOME.h5", "~.h5", "$(touch ran).h5", "|touch ran.h5"):

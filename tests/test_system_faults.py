@@ -159,11 +159,10 @@ class Room:
             return [], "did not come to pass"
         file = Path(self.record.read_text().splitlines()[0].split(maxsplit=1)[1])
         after, found = contents(folder), []
-        refused = fault.kind == "memory" and fault.number.endswith("+")
-        killed = refused and status in ABORTED and "internal error" not in told
+        killed = fault.kind == "memory" and status in ABORTED and "internal error" not in told
         if status is None:
             found.append("hangs")
-        elif killed:  # by a library that does not live without memory, such as pydantic's: like any other kill
+        elif killed:  # by a library that does not live without memory, such as NumPy's buffers: like any other kill
             after = {name: content for name, content in after.items() if not name.endswith(".lock")}
         elif status not in (0, 1, 2):
             found.append(f"exit status {status}: {told[-1500:]}")

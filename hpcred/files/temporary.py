@@ -1,24 +1,51 @@
 """Make a temporary folder that all ranks see."""
 
+import os
+import re
+import shutil
 import tempfile
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..parallel.failures import agreed
+import psutil
+
+from ..parallel.failures import agreed, unfinished
 from ..parallel.petsc import MPI
+from .locks import HOST
 
 
 @contextmanager
 def folder_of_all(comm, place=None):
     """A temporary folder in `place`, by default that of the system, or the working folder for ranks on several nodes.
 
-    Collective.
+    What dead processes of this machine left there is removed. Collective.
     """
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    place = place or (None if node.size == comm.size else ".")
+    on_one_node, folder = node.size == comm.size, None
     node.Free()
     with agreed(comm):
-        made = tempfile.TemporaryDirectory(dir=place, prefix=".hpcred-") if comm.rank == 0 else nullcontext()
-    with made as folder:
-        yield Path(comm.bcast(folder))
+        if comm.rank == 0:
+            place = place or (tempfile.gettempdir() if on_one_node else ".")
+            _remove_left(place)
+            folder = Path(tempfile.mkdtemp(dir=place, prefix=f".hpcred-{HOST}-{os.getpid()}-"))
+    folder = comm.bcast(folder)
+    unfinished.add(folder)
+    try:
+        yield folder
         comm.Barrier()
+    finally:
+        if comm.rank == 0:
+            shutil.rmtree(folder, ignore_errors=True)
+        unfinished.discard(folder)
+
+
+def _remove_left(place):
+    """Remove temporary folders of dead processes of this machine and this user."""
+    pattern = re.compile(re.escape(f".hpcred-{HOST}-") + r"(\d{1,9})-[a-z0-9_]{8}")
+    with suppress(OSError), os.scandir(place) as items:
+        for item in items:
+            match = pattern.fullmatch(item.name)
+            if match and not psutil.pid_exists(int(match[1])):
+                with suppress(OSError):
+                    if item.is_dir(follow_symlinks=False) and item.stat(follow_symlinks=False).st_uid == os.geteuid():
+                        shutil.rmtree(item, ignore_errors=True)

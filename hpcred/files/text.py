@@ -50,14 +50,15 @@ class Piece:
 
 def shown(line: bytes, most=80) -> str:
     """The beginning of a line of a file for a message, which nothing in it can break or colour."""
-    text = line.decode("latin-1").strip()[:most]
-    return printable(text).replace("\n", " ")
+    return printable(line.decode("latin-1").strip()[:most])
 
 
 def absent(path) -> InputError:
-    """What to raise where no file has this name."""
-    found = "this is a folder" if os.path.isdir(path) else "this is a pipe or a device"
-    return InputError(f"{str(path)[:200]}: {f'{found}, expected a file' if os.path.exists(path) else 'no such file'}")
+    """What to raise where no file has this name, but perhaps something else."""
+    found = "no such file"
+    if os.path.exists(path):
+        found = f"this is a {'folder' if os.path.isdir(path) else 'pipe or a device'}, expected a file"
+    return InputError(f"{str(path)[:200]}: {found}")
 
 
 def require_file(path):

@@ -273,8 +273,8 @@ def _others_say_it():
 
 
 def printable(text: str) -> str:
-    """A text with blanks for what a terminal would not show as a letter, but for ends of lines."""
-    return "".join(letter if letter.isprintable() or letter == "\n" else " " for letter in text)
+    """A text in one line, with blanks for what a terminal would not show as a letter."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def _say(error, where=""):

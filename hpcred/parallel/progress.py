@@ -116,11 +116,11 @@ class Progress:
     def tell(self, text: str):
         """One line of rank 0, however short the run is, unless progress is off."""
         if self.comm.rank == 0 and self._after < float("inf"):
-            print(text, file=sys.stderr, flush=True)
+            print(printable(text), file=sys.stderr, flush=True)
 
     def warn(self, text: str):
         """Tell a warning while a run goes on; what is `warned` of needs no repetition at its end."""
-        self.tell(f"warning: {printable(text)}")
+        self.tell(f"warning: {text}")
         self.warned.append(text)
 
     def timing(self) -> Timing:

@@ -14,7 +14,6 @@ import shlex
 import shutil
 import struct
 import subprocess
-import tempfile
 import uuid
 import zipfile
 from dataclasses import dataclass, replace
@@ -26,9 +25,11 @@ import numpy as np
 
 from ..body.body import check_viscous, instability, maker
 from ..files.outputs import ZIP
+from ..files.temporary import folder_of_all
 from ..model.cut_outputs import cut_output_of
 from ..model.dofs import DIRECTIONS, QUANTITIES, SCALAR, named_quantity, target_of
 from ..parallel.failures import ComputationError, InputError, printable
+from ..parallel.petsc import MPI
 from ..reduction.massless import with_mass
 from ..reduction.maxwell_states import with_maxwell_states
 from ..reduction.reduced_model import ReducedModel, require_finite
@@ -105,9 +106,9 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None, parametric=N
     guid = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, name + data)}}}"
     data = f'#define GUID "{guid}"\n{data}'
     identifier = _identifier(name)
-    with tempfile.TemporaryDirectory() as build:
-        binary = Path(build) / f"{identifier}{suffix}"
-        (Path(build) / "body_data.h").write_text(data)
+    with folder_of_all(MPI.COMM_SELF) as build:
+        binary = build / f"{identifier}{suffix}"
+        (build / "body_data.h").write_text(data)
         _compile(compiler, build, binary)
         contents = {
             DESCRIPTION: _description(reduced, family, name, identifier, guid),

@@ -8,9 +8,10 @@ import pytest
 from hpcred.files import folders
 from hpcred.files.folders import atomic_folder, folder_for
 from hpcred.files.hdf5 import atomic_output
-from hpcred.files.locks import temporary_name
+from hpcred.files.locks import HOST, temporary_name
 from hpcred.files.outputs import keep_files
 from hpcred.files.room import NotWritten
+from hpcred.files.temporary import folder_of_all
 from hpcred.files.together import rescued, together
 from hpcred.parallel.failures import ComputationError, InputError, agreed, unfinished
 
@@ -186,3 +187,30 @@ def test_what_took_long_is_kept_elsewhere_where_a_later_output_fails(folder, com
         rescued(write, folder / "a.txt", comm)
         raise NotWritten("full")
     assert contents(folder, comm) == {"rescue/a-1.txt": "long"}
+
+
+@pytest.mark.mpi(ranks=(1, 2))
+def test_a_temporary_folder_of_all(folder, comm):
+    """What a killed process left is removed; what is of a living one, of another host or of the user is not."""
+    stay = [f".hpcred-{HOST}-{os.getpid()}-abcdefgh", f".hpcred-elsewhere-{GONE}-abcdefgh",
+            f".hpcred-{HOST}-{GONE}-mine", f".hpcred-{HOST}-{GONE}-alinkalk"]  # fmt: skip
+    if comm.rank == 0:
+        for name in (*stay[:3], f".hpcred-{HOST}-{GONE}-abcdefgh"):
+            (folder / name).mkdir()
+            (folder / name / "file").write_text(name)
+        (folder / stay[3]).symlink_to(folder / stay[2])
+    comm.Barrier()
+    stay = comm.bcast(stay)
+    with folder_of_all(comm, folder) as made:
+        (made / str(comm.rank)).write_text("here")
+        comm.Barrier()
+        assert len(os.listdir(made)) == comm.size and made in unfinished
+        assert sorted(os.listdir(folder)) == sorted([*stay, made.name])
+        comm.Barrier()
+    assert made not in unfinished
+    comm.Barrier()
+    assert sorted(os.listdir(folder)) == sorted(stay)
+    with pytest.raises(ComputationError, match="no"), folder_of_all(comm, folder):
+        raise ComputationError("no")
+    comm.Barrier()
+    assert sorted(os.listdir(folder)) == sorted(stay)

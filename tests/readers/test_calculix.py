@@ -164,6 +164,22 @@ def test_rows_of_expanded_elements_have_no_names(comm, folder):
         assert "found 1:y for several rows, since CalculiX makes solids of beams and shells" in model.remarks[0]
 
 
+BARS = INPUT.replace("TYPE=C3D4", "TYPE=T3D2").replace("1, 1, 2, 8, 9", "1, 1, 2\n2, 2, 8\n3, 8, 9")
+
+
+def test_bars_whose_nodes_have_one_row_each_keep_their_names(comm, folder):
+    put(comm, folder, text=BARS)
+    with load_export(folder / "a.inp", comm) as model:
+        node, direction = gathered(comm, model.dofs.node, model.dofs.direction)
+        assert list(zip(node.tolist(), (direction + 1).tolist(), strict=True)) == ROWS
+
+
+def test_bars_with_several_rows_of_a_name_are_told_by_one_of_the_file(comm, folder):
+    put(comm, folder, [*ROWS[:6], (8, 1)], text=BARS)
+    with load_export(folder / "a.inp", comm) as model:
+        assert model.dofs is None and "a.dof: found 8:x for several rows" in model.remarks[0]
+
+
 @pytest.mark.parametrize("kind, says", [("CPS4R", "rows of their thickness"), ("CAX4", "a sector of 2 degrees")])
 def test_rows_of_plane_elements_have_no_names(comm, folder, kind, says):
     put(comm, folder, text=INPUT.replace("TYPE=C3D4", f"TYPE={kind}"))

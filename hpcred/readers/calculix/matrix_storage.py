@@ -201,19 +201,23 @@ def _with_expanded_nodes(comm, path, label, mesh):
     _require_order(comm, path, label[~mine])
     if not comm.allreduce(int(mine.sum())):
         return label, mesh.nodes, (0, True)
+    again = repeated_key(comm, label[mine])
     ends = comm.allgather(label[-1:].tolist())
     before = np.array([-1, *(end for part in ends[: comm.rank] for end in part)][-1:] + label.tolist())[:-1]
     first = mine & ((before // STRIDE != node) | (label <= before))  # rows with which a node of a solid begins
     behind = comm.allreduce(max(int(part.max(initial=0)) for part in (mesh.nodes.label, node)), op=MPI.MAX) + 1
     number = behind + (comm.exscan(int(first.sum())) or 0) + np.cumsum(first) - 1
-    label = label.copy()
-    label[mine] = label_of(number[mine], direction[mine])
     there, places = look_up(comm, mesh.nodes.label, list(mesh.nodes.position.T), node[first])
     if not all(comm.allgather(bool(there.all()))):
         raise Unnamed("nodes of shells and beams have no coordinates")
     off = offsets(comm, mesh, node[first], number[first])
+    if off is None and again is None:  # one node of each, for which its own name serves
+        _require_order(comm, path, label)
+        return label, mesh.nodes, (0, True)
     if off is None and not comm.allreduce(int((~mine).sum())):  # no row would have a place that is known
-        raise Unnamed(SEVERAL.format(label_name(max(comm.allgather(int(label[0]) if len(label) else 0)))))
+        raise Unnamed(SEVERAL.format(label_name(again)))
+    label = label.copy()
+    label[mine] = label_of(number[mine], direction[mine])
     made = number[first], np.array(places).T.reshape(-1, 3) + (0.0 if off is None else off), number[first]
     parts = zip((mesh.nodes.label, mesh.nodes.position, mesh.nodes.place), made, strict=True)
     count = comm.allreduce(len(np.unique(sort_over_ranks(comm, node[mine])[0])))
