@@ -33,9 +33,10 @@ model = "model.h5"
 output = "bearings.h5"
 coordinates = "interface"
 frame = {kind = "buckens"}
-interface = [{name = "end", nodes = [20], kind = "rigid"}, {name = "root", nodes = [1], kind = "rigid"}]
+interface = [{name = "end", nodes = [20], kind = "rigid"}]
 [[basis]]
-kind = "constraint_modes"
+kind = "craig_bampton"
+count = 3
 """
 SWEEP = """
 job = "job.toml"

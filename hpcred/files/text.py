@@ -56,8 +56,8 @@ def shown(line: bytes, most=80) -> str:
 
 def absent(path) -> InputError:
     """What to raise where no file has this name."""
-    folder = os.path.isdir(path)
-    return InputError(f"{str(path)[:200]}: {'this is a folder, expected a file' if folder else 'no such file'}")
+    found = "this is a folder" if os.path.isdir(path) else "this is a pipe or a device"
+    return InputError(f"{str(path)[:200]}: {f'{found}, expected a file' if os.path.exists(path) else 'no such file'}")
 
 
 def require_file(path):

@@ -58,7 +58,7 @@ def stress_columns(model, outputs) -> np.ndarray:
 
     Collective. Raises InputError as Solids.
     """
-    solids = Solids(model, sorted({item.node for item in outputs}))
+    solids = Solids(model, {item.node for item in outputs})
     local = np.zeros((model.local_rows, len(outputs)))
     for column, item in enumerate(outputs):
         rows, values, count = _parts(solids, np.flatnonzero(solids.number == item.node), COMPONENTS.index(item.stress))

@@ -191,7 +191,7 @@ def _facts(sheet):
         "outputs": in_words(list(record.outputs)),
         "interface nodes": in_words(interface),
         "basis": "; ".join(kind_in_words(item) for item in record.basis) or "chosen to a tolerance",
-        **({"modes of the band": record.accuracy.modes_in_words} if record.accuracy is not None else {}),
+        "modes of the band": "not counted" if record.accuracy is None else record.accuracy.modes_in_words,
         "pseudo-frequencies (Hz)": f"{reduced.frequencies[0]:.6g} to {reduced.frequencies[-1]:.6g}",
         "band (Hz)": f"{sheet.band[0]:g} to {sheet.band[1]:g}",
         "max |V^T M V - I|": f"{record.orthonormality_defect:.1e}",

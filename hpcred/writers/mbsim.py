@@ -7,8 +7,6 @@ user block, which HDF5 passes over, stands a line by which the file is known.
 
 from __future__ import annotations
 
-import io
-
 import h5py
 import numpy as np
 
@@ -67,12 +65,13 @@ class MbsimFile(Writer):
 
     def write(self, target, source):
         body = source.body
-        content = io.BytesIO()  # so that a full disk leaves nothing half written
-        with h5py.File(content, "w", userblock_size=BLOCK) as file:
+        # in memory of HDF5 itself, which crashes at exit where writing to an object of Python failed
+        with h5py.File("body", "w", driver="core", backing_store=False, userblock_size=BLOCK) as file:
             for name, value in datasets_of(body).items():
                 file[name] = value
-        content.getbuffer()[:BLOCK] = (BEGIN + f", {maker(body.reduced)}\n".encode()).ljust(BLOCK, b"\0")
-        target.write_bytes(content.getbuffer())
+            file.flush()
+            content = file.id.get_file_image()
+        target.write_bytes((BEGIN + f", {maker(body.reduced)}\n".encode()).ljust(BLOCK, b"\0") + content)
         return [*remarks(body), *inputs_without_node(body), *_notes(body)]
 
     def begins(self, start):

@@ -7,7 +7,7 @@ from helpers import gather
 import hpcred
 from hpcred import Buckens, Modes
 from hpcred.body.body import body_of, inputs_without_node, remarks
-from hpcred.body.node_shapes import node_shapes
+from hpcred.body.node_shapes import node_shapes, shapes_of_rows
 from hpcred.model.dofs import OWN, SCALAR, Dofs
 from hpcred.parallel.failures import InputError
 
@@ -24,6 +24,20 @@ def test_shapes_of_nodes_with_three_and_six_dofs(comm):
                 assert (shape.psi == (rows[3:] if count == 6 else 0)).all()
                 with pytest.raises(InputError, match="node 999 does not exist"):
                     node_shapes(model, rom.columns, [999])
+
+
+def test_a_node_rotates_where_it_has_a_rotation_in_space():
+    """Node 1 has rx alone, 2 has x, y, z and a pressure, 3 has x and rz; each row has a number of its own."""
+    labels = [(1, 3), (2, 0), (2, 1), (2, 2), (2, SCALAR), (3, 0), (3, 5)]
+    node, direction = np.array(labels).T
+    rows = np.arange(1.0, 15.0).reshape(7, 2)
+    shapes = shapes_of_rows([1, 2, 3], node, direction, np.zeros((7, 3)), rows, "body")
+    assert [shape.rotates for shape in shapes] == [True, False, True]
+    expected = np.zeros((3, 6, 2))
+    for (number, place), row in zip(labels, rows, strict=True):
+        if place < SCALAR:
+            expected[number - 1, place] = row
+    assert (np.array([np.concatenate([shape.phi, shape.psi]) for shape in shapes]) == expected).all()
 
 
 @pytest.mark.mpi

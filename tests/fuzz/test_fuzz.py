@@ -143,7 +143,7 @@ def test_a_seal_that_is_not_checked_is_seen(monkeypatch, kind):
     command = containers.COMMANDS[kind][-1]
     case = containers.damaged(kind, command, "", in_the_seal(containers.files()[kind]))
     assert run_case(case)[0] == REFUSED
-    monkeypatch.setattr("hpcred.files.hdf5.is_broken", lambda path: False)
+    monkeypatch.setattr("hpcred.files.opened_hdf5.is_broken", lambda path: False)
     assert run_case(case)[0] == WRONG
 
 
@@ -151,7 +151,7 @@ def test_a_seal_of_the_store_that_is_not_checked_is_seen(monkeypatch):
     monkeypatch.setattr(beside, "bytes_changed", lambda good, rng: ("", in_the_seal(good)))
     case = make("point store", 1, 0)
     assert run_case(case)[0] == RIGHT
-    monkeypatch.setattr("hpcred.files.hdf5.is_broken", lambda path: False)
+    monkeypatch.setattr("hpcred.files.opened_hdf5.is_broken", lambda path: False)
     assert run_case(case)[0] == WRONG
 
 

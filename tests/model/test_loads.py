@@ -1,9 +1,11 @@
 """Load vectors against closed forms: shares of single faces, resultants, moments; and each refusal."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.sparse
-from helpers import block_with_ends, columns_of, dense_model, gather
+from helpers import block_with_ends, columns_of, dense_model, gather, to_dense
 
 import hpcred
 from hpcred import (
@@ -21,6 +23,7 @@ from hpcred import (
     Traction,
 )
 from hpcred.model.elements import FACES
+from hpcred.model.load_columns import loads_of, resultants
 from hpcred.model.rigid_body_modes import rigid_motions
 
 pytestmark = pytest.mark.mpi
@@ -204,6 +207,31 @@ def test_line_loads_on_edges_and_beams(comm):
         assert sums.force == pytest.approx((0.0, 0.0, 0.02))
 
 
+@pytest.mark.parametrize("middle", [0.5, 0.4, 0.6])
+def test_shares_of_an_edge_whose_middle_is_beside_the_middle(comm, middle):
+    """x(s) = (1 + s)/2 + c (1 - s^2), c = middle - 1/2: with dx/ds = 1/2 - 2 c s the shares of a load of 1 are the
+    integrals 1/6 + 2 c/3, 1/6 - 2 c/3 and 2/3; its moment is that of a uniform load."""
+    points = np.array([(0.0, 0, 0), (1, 0, 0), (middle, 0, 0)]) + [3.0, -2.0, 0.5]
+    with model_of(comm, points, {"line3": [[1, 2, 3]]}) as model:
+        b, sums = loaded(model, LineLoad(name="l", on=(1, 2, 3), value=(0.0, 1.0, 0.0)))
+    c = middle - 0.5
+    assert b[:, 1] == pytest.approx([1 / 6 + 2 * c / 3, 1 / 6 - 2 * c / 3, 2 / 3], abs=1e-13)
+    assert sums.moment == pytest.approx((-0.5, 0.0, 3.5), abs=1e-13)
+
+
+def test_the_length_of_an_edge_that_is_a_parabola(comm):
+    """y = 4 h x (1 - x): the shares are the integrals of N sqrt(1 + y'^2), by the trapezoidal rule."""
+    h = 0.05
+    points = np.array([(0.0, 0, 0), (1, 0, 0), (0.5, h, 0)]) + [3.0, -2.0, 0.5]
+    with model_of(comm, points, {"line3": [[1, 2, 3]]}) as model:
+        b, _ = loaded(model, LineLoad(name="l", on=(1, 2, 3), value=(0.0, 0.0, 1.0)))
+    x = np.linspace(0.0, 1.0, 20001)
+    length, weights = np.sqrt(1 + (4 * h * (1 - 2 * x)) ** 2), np.full(len(x), 1 / (len(x) - 1))
+    weights[[0, -1]] /= 2
+    N = np.stack([(1 - x) * (1 - 2 * x), x * (2 * x - 1), 4 * x * (1 - x)])
+    assert b[:, 2] == pytest.approx(N @ (weights * length), rel=1e-4)
+
+
 def test_loads_come_behind_the_inputs_and_are_kept_in_the_file(comm, folder):
     with hpcred.solid((3, 2, 2), inputs=2, comm=comm) as model:
         first = columns_of(model.B)
@@ -322,6 +350,45 @@ def test_refused_temperatures(comm, folder):
                 warm.with_loads([Temperature(name="hot", file=str(folder / name))])
     with hpcred.linkage(comm) as model, pytest.raises(InputError, match="load 'hot': found .* expected solids only"):
         model.with_loads([hot])
+
+
+def test_materials_expand_by_their_own_coefficients(comm):
+    """The load of a uniform rise is the sum over materials of K of their elements times alpha T x."""
+    rubber = replace(STEEL, name="rubber", expansion=7e-5)
+    hot = Temperature(name="hot", value=40.0)
+    with hpcred.solid((4, 2, 3), clamped=False, comm=comm) as block, block.with_material(STEEL) as plain:
+        table = {kind: part.copy() for kind, part in plain.properties.table.items()}
+        for part in table.values():
+            part[:, 2] = part[:, 0] % 4 >= 2
+        mixed = replace(plain.properties, materials=(STEEL, rubber), table=table)
+        with plain.with_fields(properties=mixed) as model:
+            b, _ = loaded(model, hot)
+            parts = [to_dense(hpcred.material_stiffness(model, item.name)) for item in (STEEL, rubber)]
+            x = np.concatenate(comm.allgather(model.dofs.position))[::3].ravel()
+    expected = sum(K @ (item.expansion * 40.0 * x) for K, item in zip(parts, (STEEL, rubber), strict=True))
+    assert np.abs(b.ravel() - expected).max() < 1e-10 * np.abs(expected).max()
+
+
+def test_all_inputs_that_are_no_directions_of_nodes_have_their_sums(comm):
+    """Known loads as they are, with what acts on held dofs; columns from elsewhere by their sums, R^T b in numpy."""
+    points = points_of("hexahedron")
+    top = Pressure(name="p", on=(5, 6, 7, 8))
+    with model_of(comm, points, {"hexahedron": np.arange(8)[None] + 1}, held=[5, 6]) as model, model.with_loads(
+        [top]
+    ) as found:
+        (known,) = found.loads
+        R, column = gather(rigid_motions(found)), np.random.default_rng(4).normal(size=found.size)
+        mine = slice(found.first_row, found.first_row + found.local_rows)
+        both = np.stack([columns_of(found.B)[mine, 0], column[mine]], axis=1)
+        with found.with_input_columns(both, ["p", "wind"]) as bare, bare.with_fields(loads=(known,)) as more:
+            pressure, wind = loads_of(more)
+            sums = resultants(more)
+    assert pressure == known and any(known.held_force)
+    assert (wind.name, wind.kind, wind.notes) == ("wind", "given", [])
+    assert [*wind.force, *wind.moment] == pytest.approx(R.T @ column, rel=1e-12)
+    assert sums[1] == pytest.approx(R.T @ column, rel=1e-12)
+    assert sums[0] == pytest.approx([*known.force, *known.moment], abs=1e-13)
+    assert [*wind.held_force, *wind.held_moment] == [0.0] * 6
 
 
 def test_a_moving_load_is_a_force_anywhere_on_its_path(comm):

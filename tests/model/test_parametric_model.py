@@ -277,6 +277,26 @@ def test_zero_matrices_and_factors(solid):
             assert model.frequency_response([100.0]) == pytest.approx(solid.frequency_response([100.0]), rel=1e-9)
 
 
+def test_a_skew_term_of_k_is_circulatory(comm):
+    """A shaft with internal damping d: K = k I + omega d J, so that H = (a I - omega d J) / (a^2 + (omega d)^2) with
+    a = s^2 + c s + k; a symmetric term and one that acts one way declare nothing."""
+    J, eye, frequencies = np.array([[0.0, 1.0], [-1.0, 0.0]]), np.eye(2), np.array([0.0, 2.0, 15.0])
+    with SecondOrderModel(eye, 3.0 * eye, 9e3 * eye, eye, comm=comm) as constant:
+        for mat, skew in ((J, True), (np.array([[0.0, 1.0], [1.0, 0.0]]), False), (np.triu(J), False)):
+            terms = [Term("M", eye, "0*omega"), Term("K", mat, "0.8*omega")]
+            with ParametricModel(constant, [OMEGA], terms) as parametric:
+                assert parametric.model.circulatory == skew
+        with (
+            ParametricModel(constant, [OMEGA], [Term("K", J, "0.8*omega")]) as parametric,
+            parametric.at(omega=7.0) as model, hpcred.reduce(model, hpcred.Krylov(frequency=1.0)) as rom,
+        ):  # fmt: skip
+            found = rom.frequency_response(frequencies)
+    s = 2j * np.pi * frequencies[:, None, None]
+    a, b = s**2 + 3.0 * s + 9e3, 5.6
+    expected = (a * eye - b * J) / (a**2 + b**2)
+    assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+
+
 @pytest.mark.mpi
 def test_mass_that_turns_negative_is_refused(solid):
     message = r"^solid at e = 1.5: the mass matrix has a negative diagonal entry"

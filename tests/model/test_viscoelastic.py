@@ -67,6 +67,26 @@ def test_two_parts_of_one_name_are_refused(comm, names):
         elastic.with_viscoelastic(parts)
 
 
+@pytest.mark.parametrize("high, low, fits", [
+    (None, -0.5, True), (None, -1.5, False), (20.0, -10.0, True), (20.0, -60.0, False), (20.0, 0.0, True),
+])  # fmt: skip
+def test_round_off_of_stiff_parts_passes(comm, high, low, fits):
+    """A diagonal of 1, and the eigenvalues `high` of the sum of all rows, `low` in 1e-7 of their alternating sum, and
+    one that all others have; what is below zero is measured by the largest."""
+    n, low = 40, low * 1e-7
+    high = high or (n - low) / (n - 1)
+    even, odd = np.full((n, n), 1 / n), np.where(np.indices((n, n)).sum(axis=0) % 2, -1 / n, 1 / n)
+    K = high * even + low * odd + (n - high - low) / (n - 2) * (np.eye(n) - even - odd)
+    assert np.diag(K) == pytest.approx(1.0) and np.linalg.eigvalsh(K)[0] == pytest.approx(low, abs=1e-13)
+    case = sandwich()
+    damped = Sandwich(case.K, case.M, case.B, [(K, ZENER)])
+    if fits:
+        damped.model(comm).close()
+    else:
+        with pytest.raises(InputError, match="comes down to"):
+            damped.model(comm)
+
+
 def test_what_is_no_law_is_refused():
     with pytest.raises(InputError, match="law: found 'rubber'"):
         Viscoelastic(np.eye(3), "rubber")

@@ -7,6 +7,7 @@ import pytest
 from adaptive_models import Case, chain, dashpots, estimated_and_true, fresh, unit, up_to
 
 import hpcred
+from hpcred.model.derivatives import Derivatives
 from hpcred.reduction.measure import MEASURES
 from hpcred.reduction.tolerance import refinement
 from hpcred.reduction.tolerance.compression import compressed
@@ -25,6 +26,11 @@ def damped(kind="D", n=16):
     io = InputsOutputs(*[np.eye(3)] * 2)
     if "outputs" in kind:
         io = InputsOutputs(np.eye(3)[:, :2] * 1e6, np.eye(3)[:, 1:] * 1e-6)
+    if "rates" in kind:  # an acceleration, a velocity, and a displacement with a velocity
+        parts = np.zeros((3, 3, 2))
+        parts[2, 0, 1] = parts[1, 1, 0] = parts[0, 2, 0] = 1.0
+        parts[1, 2, 1] = 0.05
+        io = InputsOutputs(io.inputs, io.outputs, Derivatives(parts))
     model = diagonalised(K, unit(n, 3, 12, 15), D, UNDAMPED, io)
     return Comparison(model, model, np.eye(n), measure_over(MEASURES["directions"], BAND, model))
 
@@ -36,7 +42,7 @@ def errors_of(pair, U):
 
 
 @pytest.mark.parametrize("fixed", [0, 2])
-@pytest.mark.parametrize("kind", ["D", "D, outputs", "unsymmetric D, outputs"])
+@pytest.mark.parametrize("kind", ["D", "D, outputs", "unsymmetric D, outputs", "unsymmetric D, outputs, rates"])
 def test_derivatives_are_differences(kind, fixed):
     pair, rng = damped(kind), np.random.default_rng(1)
     wide = np.linalg.qr(rng.standard_normal((16, 12)))[0]

@@ -168,6 +168,20 @@ def test_a_springpot_alone_has_poles():
     assert len(found) == 1 and abs(found[0] ** 2 + 1e8 * ZENER.excess(found[0])) < 1e-9 * abs(found[0]) ** 2
 
 
+@pytest.mark.parametrize("eta", [0.0, 0.1, 0.5])
+def test_poles_beside_a_loss_factor_are_roots_of_cubics(eta):
+    """(s^2 + d s + (1 + i eta) lambda)(1 + s t) + k g s t = 0 of each mode of diagonal matrices with a Maxwell element.
+    """
+    values, d, k = np.array([1e4, 9e4, 4e5, 2e6]), np.array([3.0, 0.0, 8.0, 20.0]), np.array([2e3, 1e4, 6e4, 1e5])
+    g, t = 0.7, 2e-3
+    exact = []
+    for value, damping, stiffness in zip((1 + 1j * eta) * values, d, k, strict=True):
+        roots = np.roots([t, 1 + damping * t, damping + (value + stiffness * g) * t, value])
+        exact.append(roots[roots.imag.argmax()])
+    found = oscillating_poles(values, np.diag(d), [Viscoelastic(np.diag(k), Maxwell([g], [t]), "rubber")], eta)
+    assert found == pytest.approx(np.array(exact), rel=1e-10)
+
+
 def test_no_poles_without_stiffness():
     part = Viscoelastic(np.zeros((2, 2)), ZENER)
     assert not len(oscillating_poles(np.zeros(2), np.zeros((2, 2)), [part]))

@@ -8,7 +8,22 @@ import scipy.linalg
 from helpers import dense_model, gather, to_dense
 
 import hpcred
-from hpcred import Buckens, ConstantLoad, InputError, Joint, Modes, Nodes, Simulation, SineLoad, StaticCorrection
+from hpcred import (
+    Buckens,
+    ConstantForce,
+    ConstantLoad,
+    InputError,
+    Joint,
+    Modes,
+    Nodes,
+    Simulation,
+    SineForce,
+    SineLoad,
+    SineMoment,
+    StaticCorrection,
+    TableForce,
+    TableLoad,
+)
 from hpcred.body.body import body_of
 from hpcred.model.rigid_body_modes import rigid_motions
 from hpcred.settings.simulation_file import read_simulation
@@ -90,13 +105,30 @@ def test_at_rest_it_deflects_as_the_full_model():
     assert not any("geometric stiffness" in note and "wind" in note for note in motion.notes)
 
 
+@pytest.mark.parametrize("frequency", [0.2, 50.0])
+def test_steps_see_a_load_that_varies(frequency):
+    """Eight in a period, between which a sine is straight to 1 - cos(pi / 8); those of a table up to a time."""
+    for load in (SineLoad("oil", 1.0, frequency), SineForce(1, (1.0, 0.0, 0.0), frequency),
+                 SineMoment(1, (0.0, 1.0, 0.0), frequency, np.pi / 8)):  # fmt: skip
+        assert load.longest_step() == load.longest_step(1e9) == pytest.approx(0.125 / frequency, rel=1e-15)
+    h = load.longest_step()
+    t = np.linspace(0.0, 8 * h, 801)
+    straight = np.interp(t, h * np.arange(9), [load(h * k)[1] for k in range(9)])
+    assert np.abs(straight - [load(x)[1] for x in t]).max() == pytest.approx(1 - np.cos(np.pi / 8), rel=1e-3)
+    values = [(0.0, 0.0, 1.0)] * 4
+    times = (0.0, 1.0, 1.5, 1.6)
+    for table in (TableLoad("oil", times, times), TableForce(1, times, values)):
+        assert table.longest_step() == pytest.approx(0.1) and table.longest_step(1.2) == pytest.approx(0.5)
+    assert ConstantLoad("oil", 1.0).longest_step() == ConstantForce(1, (1.0, 0.0, 0.0)).longest_step() == np.inf
+
+
 @pytest.mark.parametrize(
     ("make", "says"),
     [
         (lambda: ConstantLoad("oil", np.nan), "load.value: found nan, expected a finite number"),
         (lambda: SineLoad("oil", 1.0, -1.0), "load.frequency: found -1, expected a number of more than 0"),
-        (lambda: hpcred.TableLoad("oil", (0.0, 1.0), (2.0,)), "load.values: found 1 values for 2 times, expected as"),
-        (lambda: hpcred.TableLoad("oil", (1.0, 0.0), (2.0, 1.0)), "load.times: found 0 s after 1 s, expected"),
+        (lambda: TableLoad("oil", (0.0, 1.0), (2.0,)), "load.values: found 1 values for 2 times, expected as"),
+        (lambda: TableLoad("oil", (1.0, 0.0), (2.0, 1.0)), "load.times: found 0 s after 1 s, expected"),
     ],
 )
 def test_refused_settings(make, says):

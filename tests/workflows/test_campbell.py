@@ -1,10 +1,12 @@
 """Campbell diagrams of result files: the command, its files and pictures, and what is refused."""
 
+import errno
 import json
 from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -62,6 +64,50 @@ def test_a_blade_over_its_speed(blade, capsys):
     assert found.frequencies.shape[1] == 6
     assert found.frequencies[:, : squares.shape[1]] ** 2 == pytest.approx(squares, rel=1e-9)
     assert run([*command, "-o", "c.csv"]) == 0  # of the same kind
+
+
+def test_what_info_says_of_the_file_of_a_diagram(blade, capsys):
+    """In words and numbers, after its checksums, and nothing of a file that is damaged."""
+    assert run(["campbell", "result.h5", "--range", "0,6000", "--points", "3", "-o", "c.h5"]) == 0
+    found = hpcred.read_campbell("c.h5")
+    capsys.readouterr()
+    assert run(["info", "c.h5", "--json", "i.json"]) == 0
+    shown, report = " ".join(capsys.readouterr().out.split()), json.loads(Path("i.json").read_text())
+    assert "hpcred Campbell diagram" in shown and "omega in rad/s" in shown
+    assert report["from_to"] == [0.0, 6000.0] and report["values"] == 3 and report["modes"] == found.poles.shape[1]
+    assert report["critical_speeds"] == [item.value for item in found.critical_speeds]
+    assert report["stability_limit"] is None and "Coriolis forces are left out" in report["warnings"][0]
+    with h5py.File("c.h5") as file:
+        names = []
+        file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+    own = [name for name in names if not name.startswith("checksums/")]
+    assert run(["info", "c.h5", "--verify", "--json", "v.json"]) == 0
+    verified = json.loads(Path("v.json").read_text())
+    assert verified["verified_datasets"] == len(own) > 2
+    with h5py.File("c.h5", "a") as file:
+        file["poles"][0, 0] *= 1.0 + 1e-9
+    assert "poles" in refused(capsys, "info", "c.h5", "--verify") and "poles" in refused(capsys, "info", "c.h5")
+
+
+@pytest.mark.parametrize("error, status", [(OSError(errno.ENOSPC, "No space left on device"), 1), (ValueError(), 1)])
+@pytest.mark.parametrize("name", ["c.csv", "c.h5"])
+def test_both_outputs_or_none(blade, monkeypatch, capsys, name, error, status):
+    """The table is written before the picture, of which nothing can be written here; older ones stay as they were."""
+    command = ["campbell", "result.h5", "--range", "0,6000", "--points", "3", "-o", name, "--figure", "c.svg"]
+
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setenv("TMPDIR", str(blade / "elsewhere"))
+    before = sorted(blade.rglob("*"))
+    with monkeypatch.context() as patch:
+        patch.setattr("hpcred.workflows.campbell.campbell_figure", fail)
+        assert run(command) == status
+        assert sorted(blade.rglob("*")) == before
+        assert run(command[:-2]) == 0
+        older = Path(name).read_bytes()
+        assert run([*command, "--highest", "5000"]) == status and Path(name).read_bytes() == older
+    assert run(command) == 0 and Path("c.svg").stat().st_size > 1000 and Path(name).stat().st_size
 
 
 @pytest.mark.parametrize(
@@ -152,7 +198,7 @@ def test_a_result_with_parameters_beside_its_model(shaft, capsys):
         (["--range", "0,5000"], "omega"),
         (["--at", "f=3"], "f"),
         (["--at", "omega=3"], "at: found a value of omega, which the diagram is over"),
-        (["--full", "model.h5", "--solves", "0"], "solves: found 0, expected at least 1"),
+        (["--full", "model.h5", "--solves", "0"], "solves: found 0, expected 1 to 1e"),
         (["--full", "other.h5"], "other.h5: has "),
         (["-o", "model.h5", "--full", "model.h5"], "model.h5"),
     ],

@@ -229,7 +229,7 @@ def test_a_basis_by_hand_has_no_estimate(linkage_folder, capsys, arguments):
     "arguments, says",
     [
         (["--check", "3"], "--check: the model file is missing; give it by --full MODEL.h5"),
-        (["--check", "0", "--full", "model.h5"], "check: found 0, expected at least 1"),
+        (["--check", "0", "--full", "model.h5"], "check: found 0, expected 1 to 1e"),
         (["--check", "3", "--full", "model.h5", "--seed", "-1"], "seed: found -1"),
         (["--check", "3", "--full", "model.h5", "--band", "0,1"], "--check: cannot be combined with --band"),
         (["--estimate", "--full", "model.h5"], "--estimate: cannot be combined with --full"),

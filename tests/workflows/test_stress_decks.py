@@ -67,7 +67,7 @@ def test_answers_become_stress_modes_of_a_new_result(comm, folder):
         (folder / "stress.frd").write_text(frd_of(label, moved, 2 * stress))
     comm.Barrier()
     report = hpcred.add_stresses(folder / "result.h5", folder / "stress.frd", folder / "with.h5", comm=comm)
-    assert report["columns"] == 3 and report["nodes"] == 8
+    assert report["columns"] == 3 and report["nodes"] == 12
     found = hpcred.read_result(folder / "with.h5", comm).stress_modes()
     if comm.rank == 0:
         assert found.source == "CalculiX, means at nodes in .frd" and (found.node == label).all()
@@ -78,7 +78,7 @@ def test_answers_become_stress_modes_of_a_new_result(comm, folder):
     comm.Barrier()
     assert hpcred.verify_file(folder / "with.h5", comm=comm)
     about = hpcred.describe_file(folder / "with.h5", comm=comm)
-    assert about["stress"] == "8 nodes; CalculiX, means at nodes in .frd"
+    assert about["stress"] == "12 nodes; CalculiX, means at nodes in .frd"
 
 
 @pytest.mark.mpi
@@ -144,6 +144,7 @@ def test_the_input_of_ansys_and_nastran(tmp_path, program, text, job):
     main = (tmp_path / "new" / job).read_text()
     with h5py.File(tmp_path / "result.h5") as file:
         node, direction, V = (file[key][...] for key in ("dofs/node", "dofs/direction", "basis/V"))
+        held = zip(file["held/node"][...], file["held/direction"][...], strict=True)
     column = (tmp_path / "new" / ("column_0002.inp" if program == "ansys" else "column_0002.bdf")).read_text()
     if program == "ansys":
         assert main.startswith(ARCHIVE.rstrip()) and main.count("SOLVE") == 3 and "/INPUT,column_0002,inp\n" in main
@@ -154,7 +155,8 @@ def test_the_input_of_ansys_and_nastran(tmp_path, program, text, job):
         assert "METHOD" not in main and "MPC = 4\n" in main and main.endswith("ENDDATA\n")
         assert main.count("GRID,") == 2 and main.count("SUBCASE") == 3 == main.count("  LOAD = 9000000")
         supports = (tmp_path / "new" / "supports.bdf").read_text().splitlines()
-        assert supports == [f"SPC1,90000000,{d + 1},{n}" for n, d in zip(node, direction, strict=True)]
+        rows = [*zip(node, direction, strict=True), *held]
+        assert supports == [f"SPC1,90000000,{d + 1},{n}" for n, d in rows]
         rows = column.splitlines()[::2]
         assert {row[:24] for row in rows} == {f"SPCD*   {90000002:16d}"} and set(column.splitlines()[1::2]) == {"*"}
         found = [(int(row[24:40]), int(row[40:56]) - 1, float(row[56:72])) for row in rows]
@@ -169,7 +171,7 @@ def test_the_input_of_ansys_and_nastran(tmp_path, program, text, job):
     (lambda n, u, s: frd_of(n, u, s)[:-6], r"found no end \(9999\)"),
     (lambda n, u, s: frd_of(n, u, s).replace("DISP", "DISX"), "found 0 fields of displacements and 3 of stresses"),
     (lambda n, u, s: frd_of(n, u, s).replace(" -1         2", " -1         x", 1), "found '-1         x"),
-    (lambda n, u, s: frd_of(n, u, s).replace(f"{8:12d}", f"{9:12d}"), "found results of 8 nodes, expected 9"),
+    (lambda n, u, s: frd_of(n, u, s).replace(f"{12:12d}", f"{13:12d}"), "found results of 12 nodes, expected 13"),
     (lambda n, u, s: "t,q1\n0,1\n", "found no results of a known program"),
 ])  # fmt: skip
 def test_answers_that_do_not_fit_are_refused(tmp_path, change, says):

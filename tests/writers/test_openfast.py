@@ -1,12 +1,16 @@
 """Files for the module ExtPtfm of OpenFAST, read back by a reader made here of its two readers' rules."""
 
+import os
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import block_with_ends, interface_model
 
 import hpcred
+from hpcred.cli.main import run
 from hpcred.parallel.failures import InputError
 
 
@@ -71,6 +75,25 @@ def test_matrices_and_loads_are_read_back(tmp_path, layout):
     assert any("axes" in text for text in report["remarks"])
     assert hpcred.describe_file(path)["coordinates"] == str(model.size)
     exported(tmp_path, model, layout=layout)  # which replaces its own files
+
+
+@pytest.mark.parametrize("layout", ["flex", "keywords"])
+def test_names_in_other_bytes_than_utf_8(tmp_path, layout):
+    """The input file of the module names files by their bytes, from a result and a table of loads with such names."""
+    model, loads, result = tower_base(), str(tmp_path / "w\udce9.csv"), str(tmp_path / "j\udcff.h5")
+    Path(loads).write_text("t,mooring\n0,1\n0.5,2\n")
+    hpcred.write_result(tmp_path / "jacket.h5", model)
+    os.rename(tmp_path / "jacket.h5", result)
+    options = ["--set", f"openfast.layout={layout}", "--set", f"openfast.loads={loads}"]
+    before = set(os.listdir(os.fsencode(tmp_path)))
+    assert run(["--quiet", "export", result, "--format", "openfast", *options]) == 0
+    made = set(os.listdir(os.fsencode(tmp_path))) - before
+    named = re.findall(rb'"(j\xff[^"]*)"', (tmp_path / "j\udcff_ExtPtfm_input.dat").read_bytes())
+    assert b"j\xff_ExtPtfm.dat" in named and {*named, b"j\xff_ExtPtfm_input.dat"} == made
+    lines = (tmp_path / "j\udcff_ExtPtfm.dat").read_text(errors="surrogateescape")
+    (tmp_path / "plain.dat").write_text(lines.replace("\udcff", "y"))
+    found, size = sections(tmp_path / "plain.dat", layout == "flex")
+    assert size == model.size and np.abs(found["MASS"] - model.M).max() <= 1e-15 * np.abs(model.M).max()
 
 
 def test_a_floating_body_has_no_stiffness_at_its_interface(tmp_path):

@@ -1,5 +1,6 @@
 """Superelements for other programs: every file is read back, by the house's readers, by others, or by one made here."""
 
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -10,9 +11,10 @@ import pytest
 import scipy.io
 import scipy.linalg
 from foreign import gathered
-from helpers import interface_model, to_dense
+from helpers import interface_model, refused, to_dense
 
 import hpcred
+from hpcred.cli.main import run
 from hpcred.model.dofs import SCALAR
 from hpcred.model.units import units_of
 from hpcred.parallel.failures import InputError
@@ -142,6 +144,32 @@ def test_nastran_files_in_pynastran(tmp_path, kind):
 
 
 SIZES = {"mm,t,s": (1e-3, 1e3, 1.0), "mm-kg-ms": (1e-3, 1.0, 1e-3)}  # of length, mass and time in SI
+
+
+@pytest.mark.parametrize(
+    "format, ending", [("nastran", ".pch"), ("nastran-op4", "_external.op4"), ("abaqus", "_abaqus.inp")]
+)
+def test_names_in_other_bytes_than_utf_8(tmp_path, comm, capsys, format, ending):
+    """Files have the bytes of the name, cards too, and matrices are read back; ANSYS has no such names."""
+    model = interface_model(modes=5, damping=10.0)
+    hpcred.write_result(tmp_path / "arm.h5", model)
+    source = str(tmp_path / "arm\udcff.h5")
+    os.rename(tmp_path / "arm.h5", source)
+    before = set(os.listdir(os.fsencode(tmp_path)))
+    assert run(["--quiet", "export", source, "--format", format]) == 0
+    path = tmp_path / f"arm\udcff{ending}"
+    made = set(os.listdir(os.fsencode(tmp_path))) - before
+    assert made == {b"arm\xff" + ending.encode(), *([b"arm\xff_external.pch"] if format == "nastran-op4" else [])}
+    assert hpcred.describe_file(path)["format"]
+    if format == "abaqus":
+        matrices = abaqus(path.read_text(encoding="latin-1"))[2]
+        assert np.allclose(matrices["STIFFNESS"], model.K, rtol=1e-9, atol=1e-10 * np.abs(model.K).max())
+        assert "a name that commands of ANSYS cannot hold" in refused(capsys, "export", source, "--format", "ansys")
+        return
+    with load_export(path, comm) as found:
+        check(model, *(to_dense(found.matrices[key]) for key in "KMD"), tolerance=1e-9)
+    if format == "nastran-op4":
+        assert b"the matrices of arm\xff_external.op4;" in path.with_suffix(".pch").read_bytes()
 
 
 @pytest.mark.parametrize("text", SIZES)

@@ -69,7 +69,7 @@ def test_a_motion_for_paraview(linkage_folder):
     Path("sim.toml").write_text(SIMULATION + "\n")
     assert run(["reduce", "modes.toml"]) == 0
     Path("simulation_vtu").mkdir()
-    (Path("simulation_vtu") / "old.vtu").write_text("of an earlier run")
+    (Path("simulation_vtu") / "simulation_vtu_99999.vtu").touch()  # of an earlier run
     assert run(["simulate", "sim.toml", "--set", "paraview=true", "--set", "rotation=[0.0, 0.0, 0.3]"]) == 0
     sets = ElementTree.parse("simulation.pvd").getroot().findall("Collection/DataSet")
     with h5py.File("simulation.h5") as file:

@@ -1,0 +1,28 @@
+"""Poles of factors in the ranges of their parameters are found whatever the scale of what is divided by."""
+
+import pytest
+
+from hpcred.model.expressions import Expression
+from hpcred.model.factor_ranges import possible_pole
+
+ROOT = 2**0.5  # whose square is no float: x^2 - 2 is 4e-16 at the least
+
+
+@pytest.mark.parametrize(
+    ("text", "low", "high"),
+    [
+        ("1/(1e12*x^2 - 2e12)", 0.0, 2.0),
+        ("1/(1e-12*x^2 - 2e-12)", 0.0, 2.0),
+        ("1/(x^2 - 2)", ROOT - 1e-11, 10.0),  # nearly all of the range on one side of the zero
+        ("1/(2 - x^2)", ROOT - 1e-11, 10.0),
+        ("1/(x^2 - 2)", 0.0, ROOT + 1e-11),
+    ],
+)
+def test_zeros_of_any_scale(text, low, high):
+    found = possible_pole(Expression(text), {"x": (low, high)})
+    assert found and found["x"] == pytest.approx(ROOT, abs=1e-5)
+
+
+@pytest.mark.parametrize("text", ["1/(x^2 - 2)", "1/(2 - x^2)"])
+def test_no_zero_in_the_range_is_no_pole(text):
+    assert possible_pole(Expression(text), {"x": (ROOT + 1e-6, 10.0)}) is None
