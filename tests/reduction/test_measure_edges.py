@@ -4,7 +4,7 @@ pass zero in ranges of parameters, and complete models."""
 import numpy as np
 import pytest
 from adaptive_models import chain, tied_chains, unit, up_to
-from measure_models import random_case
+from random_models import random_case
 
 import hpcred
 from hpcred.reduction.measure import Directions
@@ -127,9 +127,10 @@ def test_a_complete_model_has_few_frequencies():
         assert rom.size == 4 and len(rom.record.accuracy.frequencies) < 1500
 
 
-@pytest.mark.parametrize("kind, seed", [("silent", 1), ("silent", 4), ("vanishing", 1), ("signs", 2)])
+@pytest.mark.parametrize("kind, seed", [("silent", 1), ("silent", 4), ("vanishing", 1), ("signs", 2),
+                                        ("soft-mounts", 7), ("hidden-modes", 0)])  # fmt: skip
 def test_random_models(kind, seed):
-    """A few of benchmarks/hunt_measure.py."""
+    """A few of benchmarks/hunt.py."""
     case = random_case(kind, seed)
     with case.reduced() as rom:
         accuracy = rom.record.accuracy

@@ -41,7 +41,10 @@ def find_hidden(
         else:
             used += _extend_by_modes(solver, moving)
         if projections.basis.size == before:
-            break
+            if moving is None:
+                break
+            moving = None  # these modes are all there, as one of each multiple eigenvalue is
+            continue
         quiet = quiet + 1 if moving is None else 0
         moving, lack = decided(run.model.comm, _moving, projections, np.arange(before), band, lack_of)
         quiet = quiet if moving is None else 0

@@ -4,7 +4,8 @@ Where every entry of A(s) is known to one unit of round-off u, the response c^T 
 the states x = A^-1 b and y = A^-T c. This bound is small where the output is well isolated, and does not depend on
 units: a factor on dofs multiplies all of its terms alike. (Higham, Accuracy and Stability of Numerical Algorithms,
 2002, section 7.2.) A small model, whose coordinates are those of the whole body, tells no response below
-u ||y|| ||x|| in the norm of the energies.
+u ||y|| ||x|| in the norm of the energies, nor below u/2 times its highest eigenvalue times |y| |x|: stiff columns mix
+what is soft and apart.
 """
 
 from __future__ import annotations
@@ -28,12 +29,14 @@ AT_A_TIME = 8  # outputs
 
 class Quiet(NamedTuple):
     """A column of C^T that hardly feels the inputs: its place, where it feels them most (`frequency`, Hz), the
-    response there (`size`), the same over the energies (`ratio`), and the states x and y (m,) in terms of the basis."""
+    response there (`size`), the same over the energies (`ratio`), the round-off of it in the small model (`mixed`), and
+    the states x and y (m,) in terms of the basis."""
 
     column: int
     frequency: float
     size: float
     ratio: float
+    mixed: float
     x: np.ndarray
     y: np.ndarray
 
@@ -47,7 +50,7 @@ def silent_columns(projections, band) -> tuple[int, ...]:
         some = quiet[start : start + AT_A_TIME]
         bounds = _round_off(projections, some)
         silent += [item.column for item, bound in zip(some, bounds, strict=True)
-                   if item.size <= SURE * bound or item.ratio <= SURE * UNIT]  # fmt: skip
+                   if item.size <= max(SURE * bound, item.mixed) or item.ratio <= SURE * UNIT]  # fmt: skip
     return tuple(silent)
 
 
@@ -63,7 +66,9 @@ def _quiet(projections, band):
         at = S[[k]]
         x, y = model.solve(at, model.B[:, [i]])[0, :, 0], model.solve(at, model.Ct[:, [j]], transposed=True)[0, :, 0]
         size = float(abs(model.Ct[:, j] @ x))
-        quiet.append(Quiet(int(j), float(at[0]), size, float(ratio[k, j, i]), model.vectors @ x, model.vectors @ y))
+        mixed = float(UNIT / 2 * abs(model.eigenvalues).max() * np.linalg.norm(x) * np.linalg.norm(y))
+        states = model.vectors @ x, model.vectors @ y
+        quiet.append(Quiet(int(j), float(at[0]), size, float(ratio[k, j, i]), mixed, *states))
     return quiet
 
 
