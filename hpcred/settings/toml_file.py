@@ -58,7 +58,7 @@ def parse(kind, table: dict):
     try:
         found = TypeAdapter(kind).validate_json(text, strict=True)
     except ValidationError as error:
-        if (stray := _stray_text(table)) is not None:
+        if r"\udc" in text and (stray := _stray_text(table)) is not None:  # as JSON has such bytes
             raise InputError(f"{stray[0]}: {_not_in_locale(stray[1])}") from error
         # of several mistakes the deepest: of the kinds of value that a key takes, the one that was meant
         meant = (UNKNOWN, "value_error")
