@@ -34,7 +34,7 @@ class NodeBlocks:
         turning = model.comm.allreduce(int(np.isin(direction, (3, 4, 5)).sum()))
         self.size = 6 if 3 * turning >= model.size else 3
         self.motions = rigid_motions(model)
-        self.free = support_of(model).movable.shape[1]
+        self.free = support_of(model).free.shape[1]
         self.expansion, blocks = self._expansion(model)
         self.contraction = None
         if self.expansion is not None:

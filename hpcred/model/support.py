@@ -90,8 +90,10 @@ def support_of(model) -> Support:
     # what round-off and digits leave
     digits, of_nodes = _error_of_rotations(model, reach)
     least = max(ROUND_OFF, _error_of_entries(model.K))
-    seen = [min(MANY * _median(comm, met[:, part].max(axis=1)), MOST_ROUND_OFF) for part in (slice(3), slice(3, 6))]
-    round_off = np.array([max(least, seen[0]), max(least, seen[1], of_nodes)])
+    common = [MANY * _median(comm, met[:, part].max(axis=1)) for part in (slice(3), slice(3, 6))]
+    seen = np.minimum(common, MOST_ROUND_OFF)
+    # few digits of nodes leave forces in most rows, supports in some: those of a grid are few, and without an error
+    round_off = np.array([max(least, seen[0]), max(least, seen[1], min(of_nodes, common[1]))])
     # combinations that no row resists, but for that
     overlaps, sizes = inner(motions, motions), column_norms(motions)
     none, little = np.repeat(round_off, 3), np.maximum(np.repeat(round_off, 3), SOFT)

@@ -61,6 +61,14 @@ def test_the_decision_has_no_units(comm, scale):
         assert first.free.shape == second.free.shape == (6, 5)
 
 
+def test_coordinates_of_a_grid_have_no_error(comm):
+    """A slender bar, held at one end: 1/32 m has few digits, which are all that there are."""
+    with hpcred.solid((32, 4, 4), size=(1.0, 0.01, 0.01), inputs=1, comm=comm) as model:
+        found = support_of(model)
+        assert found.node_digits == 5 and found.free.shape[1] == found.movable.shape[1] == 0
+
+
+@pytest.mark.mpi
 def test_a_body_without_stiffness_is_free(comm):
     K, M, dofs = block(comm, (1, 1, 1))
     with hpcred.SecondOrderModel.from_scipy(0 * K, M, comm=comm, dofs=dofs) as model:
