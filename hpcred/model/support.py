@@ -92,7 +92,7 @@ def support_of(model) -> Support:
     least = max(ROUND_OFF, _error_of_entries(model.K))
     common = [MANY * _median(comm, met[:, part].max(axis=1)) for part in (slice(3), slice(3, 6))]
     seen = np.minimum(common, MOST_ROUND_OFF)
-    # few digits of nodes leave forces in most rows, supports in some: those of a grid are few, and without an error
+    # few digits of nodes leave forces in most rows, supports in some: those of a grid are few, without an error
     round_off = np.array([max(least, seen[0]), max(least, seen[1], min(of_nodes, common[1]))])
     # combinations that no row resists, but for that
     overlaps, sizes = inner(motions, motions), column_norms(motions)

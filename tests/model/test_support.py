@@ -68,7 +68,6 @@ def test_coordinates_of_a_grid_have_no_error(comm):
         assert found.node_digits == 5 and found.free.shape[1] == found.movable.shape[1] == 0
 
 
-@pytest.mark.mpi
 def test_a_body_without_stiffness_is_free(comm):
     K, M, dofs = block(comm, (1, 1, 1))
     with hpcred.SecondOrderModel.from_scipy(0 * K, M, comm=comm, dofs=dofs) as model:
