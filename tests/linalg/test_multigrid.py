@@ -187,9 +187,10 @@ def test_rough_solutions_leave_what_they_may_of_the_residual(comm):
         right, left = block_from(model.K, loads), create_block(model.K, 3)
         V, mass = shapes[:, :8], -(values[5] + values[6]) / 2
         basis, beside = block_from(model.K, V), loads - M @ V @ (V.T @ loads)
+        shifted = K + mass * M
         for solve, A, first in (
             (lambda *rough: solver.solve(right, left, 0, *rough), K, loads),
-            (lambda *rough: solver.solve_below(mass, right, left, basis, V.T @ (K + mass * M) @ V, *rough), K + mass * M, beside),
+            (lambda *rough: solver.solve_below(mass, right, left, basis, V.T @ shifted @ V, *rough), shifted, beside),
         ):
             shares, iterations = [], []
             for asked in ((), (rough,)):
