@@ -82,7 +82,7 @@ def test_turning_faster_than_the_first_frequency_is_told_while_it_runs_and_noted
         assert first < speed < 1.5 * first and most >= speed
         place = re.search(r"node hub is ([\d.e+]+) m from .* size is ([\d.]+) m", warnings[-1])
         moved, size = map(float, place.groups())
-        assert moved > size == 1.0
+        assert moved >= size == 1.0  # as printed, to three digits
 
 
 @pytest.mark.parametrize("share, noted", [(0.1, False), (0.6, True)])
