@@ -210,7 +210,7 @@ def job(linkage_folder):
         (GIVEN.replace('factor = "omega"', 'factor = "omgea"'), r"found 'omgea' \(did you mean 'omega'\?\), "),
         (GIVEN.replace('factor = "omega"', 'factor = "omega +"'), r"expression 'omega \+': found .*syntax"),
         (GIVEN.replace('factor = "omega"', 'factor = "1/omega"'),
-         r"term of D: factor '1/omega': found no number .* at omega = 0, expected one in all .*omega 0 to 800 rad/s"),
+         r"term of D: factor '1/omega': found no number .* at omega = 0, expected a number .*omega 0 to 800 rad/s"),
         (GIVEN.replace("[0.0, 800.0]", "[300.0, 300.0]"), "found .300.0, 300.0., .*; a parameter of one value is none"),
         (GIVEN.replace('factor = "omega"', "factor = 2.0"), r"term\[0\].factor: found 2.0, expected a text"),
         (GIVEN.replace('"D"', '"G"'), r"term\[0\].of: found 'G', expected 'M' or 'D' or 'K'"),

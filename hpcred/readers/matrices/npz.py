@@ -3,6 +3,7 @@
 The arrays are compressed in a zip archive: each rank unpacks them up to the end of its share, and keeps its share.
 """
 
+import errno
 import struct
 import zipfile
 import zlib
@@ -21,6 +22,16 @@ DAMAGES = (
     zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError, ValueError, struct.error,
 )  # fmt: skip
 NEEDED = {"coo": ("row", "col"), "csr": ("indptr", "indices"), "csc": ("indptr", "indices")}
+
+
+def _read_archive(path, comm):
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return _read(path, archive, comm)
+    except OSError as error:
+        if error.errno == errno.EINVAL:
+            raise zipfile.BadZipFile("it names a place outside of the file") from error
+        raise
 
 
 def _read(path, archive, comm):
@@ -149,8 +160,8 @@ class Npz(Reader):
     def read_matrix(self, path, comm):
         with agreed(comm):
             try:
-                with reading_from(path), zipfile.ZipFile(path) as archive:
-                    return _read(path, archive, comm)
+                with reading_from(path):
+                    return _read_archive(path, comm)
             except InputError:
                 raise
             except DAMAGES as error:
