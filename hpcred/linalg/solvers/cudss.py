@@ -72,9 +72,7 @@ class Cudss(Factorisation):
 
     def estimate(self):
         """See Solver: of the memory of the GPUs, by an analysis, which the next factor uses."""
-        matrix = self._gathered_matrix()
-        self._look_around()
-        found = None
+        matrix, found = self._gathered_matrix(), None
         with agreed(self._comm):
             if self._leads:
                 with _failures():
@@ -85,7 +83,6 @@ class Cudss(Factorisation):
 
     def _factor(self):
         matrix, found = self._gathered_matrix(), None
-        self._look_around()
         try:
             with agreed(self._comm):
                 if self._leads:
@@ -169,6 +166,7 @@ class Cudss(Factorisation):
         """The matrix as it is now, on the first rank; None on others."""
         indptr, column, value = self.matrix.getValuesCSR()
         if self._kept is None:
+            self._look_around()
             self._gather_pattern(indptr, column)
         values = self._gathered(value[self._kept].astype(self._scalar, copy=False))
         if not self._leads:
