@@ -220,12 +220,16 @@ class BasisReductor(Reductor):
         """Return the reduced model with its basis in all dofs, and the orthonormality defect."""
         (vectors,), full, drop_above = bases, framed.model, self.settings.drop_above
         static = 0
+
+        def stiffness(columns):
+            if full.is_symmetric("K"):
+                return project_stiffness(full.K, columns, run.cancels)
+            return project(full.K, columns)
+
         if run.tau:
-            eigenvalues, static = diagonalise_with_massless(vectors, run.mass, full.K, run.tau)
-        elif full.is_symmetric("K"):
-            eigenvalues = diagonalise(vectors, project_stiffness(full.K, vectors.columns, run.cancels))
+            eigenvalues, static = diagonalise_with_massless(vectors, run.mass, stiffness, run.tau)
         else:
-            eigenvalues = diagonalise(vectors, project(full.K, vectors.columns))
+            eigenvalues = diagonalise(vectors, stiffness(vectors.columns))
         frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
         if drop_above is not None:
             kept = int((frequencies <= drop_above).sum())

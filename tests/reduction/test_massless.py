@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import random_models
 import scipy.sparse
+from fifty_digits import at_peaks, exact_response, with_other_last_digits
 
 import hpcred
 from hpcred import InputError
@@ -258,3 +259,34 @@ def test_interface_coordinates(linkage):
         found = replace(rom, loss_factor=eta).frequency_response(f)
     assert hpcred.relative_error(full, found).max() < 1e-5
     assert np.allclose(rom.B[:12], np.eye(12), atol=1e-9)
+
+
+def slender(count, damper):
+    """K, M and D of a clamped beam without rotational inertia, with one dashpot (N s/m); forces act on two places."""
+    h, rng = 1.0 / count, np.random.default_rng(1)
+    k = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
+                  [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]) / h**3  # fmt: skip
+    K = np.zeros((2 * count + 2,) * 2)
+    for e in range(count):
+        K[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += k * rng.uniform(0.9, 1.1)
+    K = K[2:, 2:]
+    M, D = np.diag(np.tile([h, 0.0], count)), np.zeros_like(K)
+    D[count - count % 2, count - count % 2] = damper
+    return K, M, D, np.array([count - count % 2, 2 * count - 2])
+
+
+@pytest.mark.parametrize("count, damper, warned", [(60, 3e-6, True), (60, 1.0, False), (6, 3e-6, False)])
+def test_peaks_sharper_than_the_last_digits_of_K(count, damper, warned):
+    """Right for K as stored, against 50 digits; what other last digits would do is said, with what helps."""
+    K, M, D, rows = slender(count, damper)
+    with hpcred.SecondOrderModel(M, D, K, unit(len(K), *rows)) as model:
+        rom = hpcred.reduce(model, tolerance=1e-4, band=(0.0, 8.0))
+    said = [line for line in rom.record.warnings if "last digits of K, where stiff parts cancel, move its" in line]
+    assert rom.record.accuracy.reached and bool(said) == warned
+    f = at_peaks(rom, 2)
+    exact = np.array([exact_response(K, M, D, rows, at) for at in f])
+    found = np.array([rom.transfer_function(2j * np.pi * at) for at in f])
+    assert hpcred.relative_error(exact, found).max() < 1e-4
+    other = with_other_last_digits(K)
+    moved = hpcred.relative_error(exact, np.array([exact_response(other, M, D, rows, at) for at in f])).max()
+    assert moved > 1e-3 if warned else moved < 1e-6
