@@ -14,6 +14,7 @@ from hpcred.linalg.pencil import massless_last, modes_of
 from hpcred.reduction.massless import static_coordinates, with_mass
 
 KINDS = ("chain-without-mass", "skew-without-mass", "beam-without-inertia", "rotor-without-inertia")
+AT_FEW_VALUES = 4, 7  # seeds of random models with parameters that take little time
 BAND = (0.0, 2.0)
 
 
@@ -63,6 +64,71 @@ POINTS = 2j * np.pi * np.array([0.01, 0.3, 1.1, 1.9])
 def test_random_models(kind, seed):
     """The claim against dense solves, over the band and around all poles."""
     require_right(random_models.random_case(kind, seed))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", AT_FEW_VALUES)
+def test_random_models_with_parameters(seed):
+    require_right(random_models.random_case("parameters-without-mass", seed))
+
+
+@pytest.fixture(scope="module")
+def parametric():
+    """A spring, a dashpot and a mass of dofs without mass that depend on a parameter; and the full matrices."""
+    M, K = chain()
+    D, B, C = np.diag([3.0, 0.2, 0.0, 0.2, 0.0, 0.2]), unit(6, 0, 2, 3), np.eye(6)[[0, 2, 4, 5]]
+    spring, dashpot, mass = np.outer(unit(6, 2) - unit(6, 5), unit(6, 2) - unit(6, 5)), *map(np.diag, np.eye(6)[[2, 4]])
+    terms = [hpcred.Term("K", 60.0 * spring, "p"), hpcred.Term("D", dashpot, "p"), hpcred.Term("M", mass, "p")]
+
+    def response(s, p):
+        A = s * s * (M + p * mass) + s * (D + p * dashpot) + K + 60.0 * p * spring
+        return C @ np.linalg.solve(A, B)
+
+    with (
+        hpcred.SecondOrderModel(M, D, K, B, C) as constant,
+        hpcred.ParametricModel(constant, [hpcred.Parameter("p", (0.0, 1.5), 0.0)], terms) as model,
+    ):
+        return replace(hpcred.reduce(model, tolerance=1e-8, band=BAND)), response
+
+
+@pytest.mark.parametrize("p", [0.0, 0.4, 1.5])
+def test_parameters_of_dofs_without_mass(parametric, p):
+    """Claims over the ranges, models at values, and their states, against dense solves."""
+    rom, response = parametric
+    assert rom.record.accuracy.reached and static_coordinates(rom) == 3
+    at = rom.at(p=p)
+    assert static_coordinates(at) == (3 if p == 0 else 2) and np.allclose(np.diag(np.diag(at.K)), at.K, atol=1e-9)
+    states = hpcred.state_space(at)
+    for s in POINTS:
+        assert np.allclose(rom.transfer_function(s, p=p), response(s, p), rtol=1e-7, atol=1e-10)
+        assert np.allclose(at.transfer_function(s), response(s, p), rtol=1e-7, atol=1e-10)
+        inside = np.linalg.solve(s * np.eye(len(states["A"])) - states["A"], states["B"])
+        assert np.allclose(states["C"] @ inside + states["D"], response(s, p), rtol=1e-7, atol=1e-10)
+
+
+def test_parameters_are_fixed_in_an_fmu(parametric, tmp_path):
+    """What follows forces at once would follow them otherwise at each value."""
+    rom, _ = parametric
+    remarks = rom.export(tmp_path / "x.fmu")["remarks"]
+    assert any("the motion of coordinates without mass follows forces by the stiffness" in line for line in remarks)
+
+
+def test_components_at_values_of_parameters():
+    """Without a tolerance."""
+    M, K = chain()
+    B, spring = unit(6, 0, 1), np.diag(unit(6, 2)[:, 0])
+    with (
+        hpcred.SecondOrderModel(M, None, K, B) as constant,
+        hpcred.ParametricModel(
+            constant, [hpcred.Parameter("p", (0.0, 2.0))], [hpcred.Term("K", 80 * spring, "p")]
+        ) as model,
+    ):
+        rom = hpcred.reduce(model, [hpcred.Krylov(1.0, 1)], parameter_points=[{"p": 0.5}, {"p": 2.0}])
+    for p in (0.5, 2.0):
+        s = 2j * np.pi
+        H = B.T @ np.linalg.solve(s * s * M + K + 80 * p * spring, B)
+        assert np.allclose(rom.transfer_function(s, p=p), H, rtol=1e-9)
+    assert not rom.record.warnings
 
 
 def test_dashpots_on_dofs_without_mass_that_no_load_acts_on():
