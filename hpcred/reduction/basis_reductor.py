@@ -21,7 +21,7 @@ from ..parallel.memory import give_back
 from ..parallel.petsc import free_dropped
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
-from .checks import check_circulatory, check_model, check_viscoelastic, warnings_of
+from .checks import check_circulatory, check_model, check_series, check_viscoelastic, warnings_of
 from .components.component import Component, PointComponent
 from .components.groups import blocks_in_groups, number_of_groups
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
@@ -149,6 +149,7 @@ class BasisReductor(Reductor):
         check_model(model)
         check_viscoelastic(model, self.damping)
         check_circulatory(model, self.damping)
+        check_series(model, self.damping)
         self._check_room(model)
         if self.settings.coordinates == "interface":
             check_interface_coordinates(model, self.frame)
@@ -173,7 +174,7 @@ class BasisReductor(Reductor):
         serve: a time of the frequencies that count, by default of the highest point, else of the whole model."""
         if (caughey_terms(self.damping) or ())[2:]:  # powers of M^-1 K
             return 0.0
-        points = [abs(item.point) for item in self.basis if isinstance(item, PointComponent) and hasattr(item, "point")]
+        points = [abs(item.point) for item in self.basis if hasattr(item, "point")]
         highest = max([point for point in points if np.isfinite(point)], default=0.0)
         return 1 / (highest or np.sqrt(abs(framed.model.mean_eigenvalue)))
 

@@ -77,6 +77,21 @@ def check_viscoelastic(model, damping):
         )
 
 
+def check_series(model, damping):
+    """Refuse forces and outputs on dofs without mass beside a Caughey series of more than two terms. Collective."""
+    terms = caughey_terms(damping)
+    if terms is None:
+        return
+    without = diagonal_of(model.M) == 0
+    mine = any(bool(mat.getDenseArray()[without].any()) for mat in (model.B, model.Ct) if mat is not None)
+    if model.comm.allreduce(mine, op=MPI.LOR):
+        raise InputError(
+            f"damping.kind: found 'caughey' with {len(terms)} terms and forces or outputs on dofs without mass of "
+            f"{model.name}, where M (M^-1 K)^k has no value; take two terms (Rayleigh), modal ratios or a loss factor, "
+            "or give these dofs some mass"
+        )
+
+
 def require_no_series(model, damping):
     """Refuse a Caughey series of more than two terms beside viscoelastic parts."""
     if model.viscoelastic and caughey_terms(damping) is not None:

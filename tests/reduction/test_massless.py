@@ -11,6 +11,7 @@ from fifty_digits import at_peaks, exact_response, with_other_last_digits
 import hpcred
 from hpcred import InputError
 from hpcred.linalg.pencil import massless_last, modes_of
+from hpcred.reduction.irka import mirrored
 from hpcred.reduction.massless import static_coordinates, with_mass
 
 KINDS = ("chain-without-mass", "skew-without-mass", "beam-without-inertia", "rotor-without-inertia")
@@ -211,6 +212,77 @@ def test_other_damping(damping):
         s = 3j
         H = B.T @ np.linalg.solve(s * s * M + s * (0.1 * M + 1e-2 * K) + K, B)
         assert np.allclose(rom.transfer_function(s), H, rtol=1e-5)
+
+
+@pytest.mark.parametrize("rows", [(0, 3), (2,)])
+def test_a_caughey_series_has_no_value_without_mass(rows):
+    """A basis of components had an error of more than 1 without a word; what the sentence names works."""
+    M, K = chain()
+    series = hpcred.Caughey((0.1, 1e-2, 1e-7))
+    for B, C in ((unit(6, *rows), None), (unit(6, 1), unit(6, *rows).T)):
+        for basis in ({"tolerance": 1e-6, "band": BAND}, {"basis": [hpcred.Krylov(1.0, 1)]}):
+            with (
+                hpcred.SecondOrderModel(M, None, K, B, C) as model,
+                pytest.raises(InputError, match="'caughey' with 3 terms and forces or outputs on dofs without mass"),
+            ):
+                hpcred.reduce(model, damping=series, **basis)
+    for damping in (hpcred.Rayleigh(0.1, 1e-2), hpcred.Structural(0.05), hpcred.ModalDamping(0.02)):
+        assert reduced(M, K, unit(6, *rows), damping=damping, tolerance=1e-6).record.accuracy.reached
+
+
+TWO_SIDED = {"projection": "two_sided", "allow_unstable": True}
+
+
+@pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.parametrize("loaded, measured", [((0, 3), (2, 5)), ((4, 3), (0, 4)), ((0,), (2,))])
+def test_two_sided_projections(loaded, measured, comm):
+    """Interpolation at the point, and the same as states, with dashpots on dofs without mass."""
+    M, K = chain(8)
+    D, B, C = np.diag([3.0, 0.2, 0.0, 0.2, 1.0, 0.2, 0.0, 0.2]), unit(8, *loaded), np.eye(8)[list(measured)]
+    basis = [hpcred.SecondOrderKrylov(frequency=1.0, order=1)]
+    with (
+        hpcred.SecondOrderModel(M, D, K, B, C, comm=comm) as model,
+        hpcred.reduce(model, basis, damping=hpcred.GivenDamping(), **TWO_SIDED) as rom,
+    ):
+        assert not any("M is singular" in line for line in rom.record.warnings)
+        found = hpcred.state_space(rom)
+        count = static_coordinates(rom)
+        moving = rom.size - count
+        assert np.allclose(rom.M, np.diag([1.0] * moving + [0.0] * count), atol=1e-11)
+        step = 1e-4
+        for s in (2j * np.pi, 2j * np.pi * (1 + step)):  # values and first derivatives of both sides
+            H = C @ np.linalg.solve(s * s * M + s * D + K, B)
+            size = np.abs(H).max()
+            assert np.abs(rom.transfer_function(s) - H).max() < 1e-10 * size
+            inside = np.linalg.solve(s * np.eye(len(found["A"])) - found["A"], found["B"])
+            assert np.abs(found["C"] @ inside + found["D"] - H).max() < 1e-9 * size
+        assert len(loaded) == 1 or count == 2
+
+
+def test_two_sided_projections_without_dampers():
+    """All of what loads and outputs reach: exact at any frequency."""
+    M, K = chain(8)
+    B, C = unit(8, 0, 3), np.eye(8)[[2, 5]]
+    with hpcred.SecondOrderModel(M, None, K, B, C) as model:
+        rom = replace(hpcred.reduce(model, [hpcred.Krylov(1.0, 2)], **TWO_SIDED))
+    for s in POINTS:
+        assert np.allclose(rom.transfer_function(s), C @ np.linalg.solve(s * s * M + K, B), rtol=1e-9, atol=1e-14)
+
+
+@pytest.mark.parametrize("rows, C, size", [((0, 3), None, 8), ((0,), np.eye(12)[[4]], 6)])
+def test_irka(rows, C, size):
+    """It interpolates at its mirrored poles, with forces and dashpots on dofs without mass."""
+    M, K = chain(12)
+    D, B = np.diag(np.tile([3.0, 0.4], 6)), unit(12, *rows)
+    with hpcred.SecondOrderModel(M, D, K, B, C) as model:
+        rom = replace(hpcred.IRKA(size=size, band=BAND, turns=200).reduce(model))
+    assert not rom.record.warnings
+    measured = B.T if C is None else C
+    points, inputs, outputs = mirrored(rom, size // 2)
+    for s, b, c in zip(points, inputs, outputs, strict=True):
+        H, found = measured @ np.linalg.solve(s * s * M + s * D + K, B), rom.transfer_function(s)
+        assert np.abs((H - found) @ b).max() < 1e-4 * np.abs(H).max()
+        assert C is None or np.abs(c @ (H - found)).max() < 1e-4 * np.abs(H).max()
 
 
 def test_viscoelastic_parts_on_dofs_without_mass():

@@ -26,9 +26,9 @@ class Part(NamedTuple):
 class AffineForm:
     """The matrices of a parametric model, with the loads of all its inputs and outputs in the coordinates of a frame.
 
-    `parts`: of M (none where it is the inner product of bases at all values), K and D (none unless `damped`), and K_v of
-    viscoelastic parts as Kv1, Kv2, ..., which are constant; `tau`: see Run; `loads` L: independent columns of all parts
-    of B and C^T, of which `inputs` and `outputs` (None for C = B^T) are lists of (place, factor); `restore`: see
+    `parts`: of M (none where it is the inner product of bases at all values), K and D (none unless `damped`), and K_v
+    of viscoelastic parts as Kv1, Kv2, ..., which are constant; `tau`: see Run; `loads` L: independent columns of all
+    parts of B and C^T, of which `inputs` and `outputs` (None for C = B^T) are lists of (place, factor); `restore`: see
     FramedModel. Collective.
     """
 
