@@ -593,3 +593,11 @@ def test_damping_leaves_rigid_body_motion_in_interface_coordinates_alone(damping
             D = rom.matrices({"e": 0.9})["D"]
             assert np.abs(D @ R).max() < 1e-6 * np.abs(D).max()
             rom.close()
+
+
+def test_where_larger_errors_are_looked_for():
+    """The worst values, each two first steps away from the others, and none with half of the largest error."""
+    errors = {0.0: 1.0, 0.1: 0.9, 0.5: 0.8, 0.55: 0.95, 0.71: 0.4, 0.9: 0.6}
+    points = [(value,) for value in errors]
+    found = compression._worst_apart([Parameter("a", (0.0, 1.0))], points, np.array(list(errors.values())))
+    assert found == [(0.0,), (0.55,), (0.9,)]

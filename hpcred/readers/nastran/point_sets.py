@@ -77,20 +77,20 @@ def _numbers(words) -> tuple[list[int], list[tuple[int, int]]]:
     """Return numbers by themselves and ranges of a list with THRU and EXCEPT, whose numbers end with one that is not in
     the range before it; nothing of what is no such list."""
     single, ranges, excepted = [], [], 0
-    words = [word.upper() for word in words]
+    words = [word.upper() for word in reversed(words)]
     while words:
-        word = words.pop(0)
+        word = words.pop()
         if word == "EXCEPT" and ranges:
             excepted = ranges[-1][1]
             continue
         if not NUMBER.fullmatch(word):
             return [], []
         first = last = int(word)
-        if words[:1] == ["THRU"]:
-            if len(words) < 2 or not NUMBER.fullmatch(words[1]) or int(words[1]) < first:
+        if words[-1:] == ["THRU"]:
+            if len(words) < 2 or not NUMBER.fullmatch(words[-2]) or int(words[-2]) < first:
                 return [], []
-            last = int(words[1])
-            del words[:2]
+            last = int(words[-2])
+            del words[-2:]
         if excepted and ranges[-1][0] <= first and last <= excepted:
             low, high = ranges.pop()
             ranges += [(low, first - 1), (last + 1, high)]
