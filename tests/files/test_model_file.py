@@ -81,6 +81,7 @@ def test_names_of_sets_that_mean_something_to_hdf5(comm, folder, name):
 def test_a_set_without_a_name_is_refused(comm, folder):
     with chain(comm, sets={"": np.array([2])}) as model, pytest.raises(hpcred.InputError, match="without a name"):
         hpcred.write_model(folder / "a.h5", model)
+    comm.Barrier()
     assert not list(folder.iterdir())
 
 
