@@ -89,6 +89,7 @@ def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", 
             if not low_rank:
                 _load_scotch()
         start_mpi()
+        _import_wheel()
         try:
             import petsc4py
         except ModuleNotFoundError as error:
@@ -112,6 +113,17 @@ def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", 
             f"leave the option out or set PETSC_DIR and SLEPC_DIR to a {_insisted} build"
         )
     return _scalar
+
+
+def _import_wheel():
+    """Import the wheel of PETSc from PyPI, where it is installed, before petsc4py: it sees to it that MPI comes first,
+    and refuses a petsc4py of another PETSc. Raises InputError."""
+    if importlib.util.find_spec("dolfinx_solver") is None:
+        return
+    try:
+        importlib.import_module("dolfinx_solver")
+    except ImportError as error:
+        raise InputError(str(error)) from error
 
 
 def _options() -> list[str]:
