@@ -138,7 +138,7 @@ def damped_modes(
         shift = 2j * np.pi * target if target else 0.0
         kind = ComplexSolver if target else ShiftedSolver
         solver = owned.owns(kind(free, prefix="damped_", factoring=factoring))
-        with progress.stage("factor", f"{target:g} Hz"):
+        with progress.stage("factor", f"{target:g} Hz", solver.known):
             try:
                 solver.factor(shift**2, shift)
             except SingularMatrix:

@@ -62,7 +62,7 @@ class RunSolvers:
         TooSlow is raised.
         """
         if self.real.factored != (mass, damping):
-            with self._progress.stage("factor", name):
+            with self._progress.stage("factor", name, lambda: self._real.known()):
                 try:
                     self.real.factor(mass, damping)
                 except SingularMatrix as error:

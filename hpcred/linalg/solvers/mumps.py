@@ -46,6 +46,7 @@ class Mumps(PetscFactorisation):
         super().__init__(matrix, symmetric, prefix, factoring, inertia=inertia)
         self._ksp.setErrorIfNotConverged(False)  # for codes of MUMPS say more
         self._chosen = False
+        self._under_way: PETSc.Mat | None = None  # the factor that is being made
         if self.factoring.single:
             _check_single()
         self._settings = {
@@ -136,7 +137,23 @@ class Mumps(PetscFactorisation):
             temporary_options(self.prefix + "mat_mumps_", self._settings | more, forced),
             temporary_options(self.prefix, {}, precision),
         ):
-            return super()._set_up()
+            pc = self._ksp.getPC()
+            self._ksp.setOperators(self.matrix)
+            pc.setFactorSetUpSolverType()
+            self._under_way = pc.getFactorMatrix()
+            try:
+                return super()._set_up()
+            finally:
+                self._under_way = None
+
+    def known(self):
+        """See Solver: operations by the analysis, and seconds at the pace of the factor before."""
+        factor = self._under_way
+        operations = 0.0 if factor is None else factor.getMumpsRinfog(1)
+        if not operations > 0:
+            return "", None
+        before = next((record for record in reversed(self.records) if record.flops), None)
+        return f"{operations:.1e} operations", before and before.factor_seconds * operations / before.flops
 
     def _made(self):
         self._choose_ordering()
