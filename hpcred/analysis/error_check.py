@@ -126,7 +126,7 @@ def check_reduced(
     factoring : Factoring, optional
         How to factor, and in how much memory.
     progress : Progress, optional
-        Shows stages and times; by default nothing is shown.
+        By default one that shows stages and times on stderr once they take long.
 
     Returns
     -------

@@ -22,7 +22,7 @@ def info(
     below: Annotated[str | None, typer.Option(metavar="F1,F2", help="Count modes below (Hz).")] = None,
     band_top: Annotated[float | None, typer.Option(help="Upper end of the band (Hz): size hint.")] = None,
     modes: Annotated[int | None, typer.Option(help="Find so many of the lowest frequencies.")] = None,
-    verify: Annotated[bool, typer.Option("--verify", help="Read all of it, and check all checksums.")] = False,
+    verify: Annotated[bool, typer.Option("--verify", help="Read all of it, check all checksums, factor M.")] = False,
     figure: Annotated[
         str | None, typer.Option(metavar="FILE", help="Draw node sets, or the interfaces of a job: .png, .svg, .pdf.")
     ] = None,
@@ -41,7 +41,7 @@ def info(
         raise InputError("--sets: belongs to --figure")
     if verify and (below or band_top or modes or figure):
         raise InputError("--verify: cannot be combined with other questions; call info twice")
-    report = hpcred.verify_file(file) if verify else hpcred.describe_file(
+    report = hpcred.verify_file(file, progress=session.progress()) if verify else hpcred.describe_file(
         file, frequencies=values.numbers(below, "--below"), band_top=band_top, modes=modes, figure=figure,
         sets=names.split(",") if names else None, progress=session.progress(),
     )  # fmt: skip
