@@ -12,7 +12,8 @@ from ..parallel.failures import InputError
 from ..report.tables import in_words, show_table
 from ..settings.preload_text import preload_of
 from . import session, values
-from .options import INTERFACES, JsonFile, LowRank, OutOfCore, Package, PreloadTable
+from .details import show_details
+from .options import INTERFACES, Details, JsonFile, LowRank, OutOfCore, Package, PreloadTable
 
 MOST_SETS = 20  # node sets that are listed
 
@@ -27,6 +28,7 @@ def info(
         str | None, typer.Option(metavar="FILE", help="Draw node sets, or the interfaces of a job: .png, .svg, .pdf.")
     ] = None,
     names: Annotated[str | None, typer.Option("--sets", metavar="A,B", help="Draw these node sets only.")] = None,
+    details: Details = False,
     json: JsonFile = None,
 ):
     """Say what a file is: what a model contains and needs, and the format and matrices of any other file."""
@@ -56,6 +58,10 @@ def info(
     show_table(None, sets[:MOST_SETS])
     if len(sets) > MOST_SETS:
         print(f"and {len(sets) - MOST_SETS} more node sets; --json - lists all")
+    if details:
+        record = hpcred.read_result(file).reduced.record
+        if record is not None:
+            show_details(record)
     session.written(figure)
     session.warn(report["warnings"])
     session.write_json(json, report)
