@@ -123,8 +123,7 @@ def test_a_factor_that_does_not_fit_is_refused_before_it_is_made(comm, monkeypat
         with pytest.raises(ComputationError, match=r"about \d+ MB on one rank .* a rank has 3 MB.*out_of_core"):
             package.reduce(model, [Krylov(frequency=100.0)])
         with pytest.raises(ComputationError, match=r"does not fit"):
-            direct = Factoring(solver=package.LinearSolver(kind="direct"))
-            package.reduce(model, [Modes(band=(0.0, 3000.0))], factoring=direct)
+            package.reduce(model, [Modes(band=(0.0, 3000.0))])
         monkeypatch.delenv("HPCRED_MEMORY_MB")
         solver = ShiftedSolver(model)
         need, have = solver.estimate()

@@ -24,7 +24,7 @@ OTHERS = ("superlu_dist", "petsc")
 
 
 def by(package, **more):
-    return Factoring(solver=LinearSolver(package=package, kind="direct"), **more)
+    return Factoring(solver=LinearSolver(package=package), **more)
 
 
 def case(name, comm):

@@ -86,13 +86,14 @@ class Mumps(PetscFactorisation):
 
     def expected(self, orderings) -> dict[int, dict]:
         """What a factor with each of the orderings (icntl_7) takes, as MUMPS estimates by analyses alone: `flops`,
-        `entries`, `mb` in all and `mb_max_rank`."""
+        `entries`, `mb` in all and `mb_max_rank`, and `mb_on_disk`, those in all where factors are on a disk."""
         found = {}
         for ordering in orderings:
             mumps = self._set_up(ANALYSIS | {"icntl_7": ordering})
             found[ordering] = {
                 "flops": mumps.getMumpsRinfog(1), "entries": _entries(mumps.getMumpsInfog(20)),
                 "mb": mumps.getMumpsInfog(17), "mb_max_rank": mumps.getMumpsInfog(16),
+                "mb_on_disk": mumps.getMumpsInfog(27),
             }  # fmt: skip
             self.release()
         return found
@@ -126,8 +127,8 @@ class Mumps(PetscFactorisation):
         return (
             f"the factorisation does not fit: it needs about {rank} MB on one rank and {total} MB in all, and a rank "
             f"has {self._limit} MB; take more ranks on more nodes, fewer groups, or keep factors on a disk "
-            f"(out_of_core: about {on_disk} MB a rank); real points, 0 Hz or decays, need no factor with "
-            "solver.kind = 'multigrid'"
+            f"(out_of_core: about {on_disk} MB a rank); with solver.unfit = 'multigrid' real points, 0 Hz or decays, "
+            "are solved by multigrid"
         )
 
     def _set_up(self, forced=None, **more):
@@ -141,6 +142,7 @@ class Mumps(PetscFactorisation):
             self._ksp.setOperators(self.matrix)
             pc.setFactorSetUpSolverType()
             self._under_way = pc.getFactorMatrix()
+            self._under_way.setOptionsPrefix(self.prefix)  # which the set-up gives only to those that it makes
             try:
                 return super()._set_up()
             finally:
