@@ -103,22 +103,25 @@ def modes(
 ):
     """Lowest natural frequencies, effective masses and participation factors of a model.
 
-    A free body shows its rigid-body modes at 0 Hz, unless a frame other than auto holds it.
+    The rigid-body modes of a free body are counted, not listed.
     """
     report = hpcred.modes_of_file(
         model, count, frame=None if frame == "auto" else values.frame(frame), figure=figure,
         preload=preload_of(preload), factoring=values.factoring(out_of_core, low_rank, package),
         progress=session.progress(),
     )  # fmt: skip
-    f = report["frequencies_hz"]
-    if "masses" in report:
+    f, rigid = report["frequencies_hz"], report["rigid_body_modes"]
+    if "masses" in report and rigid < 6:  # all of which take all of the mass
         share, factors = hpcred.tables_of_modes(report)
         show_table(f"{model}: effective masses in % of the mass along x, y, z and of the inertia about them", share)
         show_table("Participation factors (kg^(1/2); kg^(1/2) m)", factors)
         print(hpcred.mass_in_words(report))
     else:
-        show_table(model, [{"mode": i, "f (Hz)": value} for i, value in enumerate(f, 1)])
-    print(f"{report['rigid_body_modes']} rigid-body modes; largest residual {report['residual']:.1e}")
+        show_table(model, [{"mode": i, "f (Hz)": value} for i, value in enumerate(f[rigid:], rigid + 1)])
+        if "masses" in report:
+            print(hpcred.mass_in_words(report))
+    moved = " at 0 Hz, which move all of the mass" if rigid == 6 else ""
+    print(f"{rigid} rigid-body modes{moved}; largest residual {report['residual']:.1e}")
     session.written(figure)
     session.warn(report["warnings"])
     session.write_json(json, report)

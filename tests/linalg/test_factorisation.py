@@ -140,7 +140,7 @@ def test_a_factor_that_does_not_fit_is_refused_before_it_is_made(comm, monkeypat
     [
         ({"low_rank": 0.5}, "low_rank: found 0.5"),
         ({"low_rank": -1e-8}, "low_rank: found -1e-08"),
-        ({"out_of_core": "/nowhere/at/all"}, "the folder /nowhere/at/all cannot be written"),
+        ({"out_of_core": "/dev/null/at"}, "the folder /dev/null/at cannot be made or written"),
     ],
 )
 def test_options_that_make_no_sense(options, says):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import Literal
@@ -76,12 +77,12 @@ class LinearSolver:
 class Factoring:
     """How matrices are factored, wherever it is done.
 
-    `out_of_core`: a folder for the factors, on a fast local disk, instead of memory. `low_rank`: relative accuracy of
-    block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019); solutions are refined to the residual
-    of full factors, and the run fails if that is not reached; modes are counted where refinement with them converges.
-    `memory_mb`: what a rank may take for a factor, by default what the machine and the batch system leave. These three
-    take MUMPS. `solver`: the package that makes factors, and what a reduction does where there shall be no factor, or
-    where a factor does not fit.
+    `out_of_core`: a folder for the factors, on a fast local disk, instead of memory; it is made. `low_rank`: relative
+    accuracy of block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019); solutions are refined
+    to the residual of full factors, and the run fails if that is not reached; modes are counted where refinement
+    with them converges. `memory_mb`: what a rank may take for a factor, by default what the machine and the batch
+    system leave. These three take MUMPS. `solver`: the package that makes factors, and what a reduction does where
+    there shall be no factor, or where a factor does not fit.
     """
 
     out_of_core: str | None = None
@@ -95,9 +96,12 @@ class Factoring:
             raise InputError(f"low_rank: found {self.low_rank:g}, expected a number from 0 to 0.01, such as 1e-8")
         if self.memory_mb is not None and not 1 <= self.memory_mb < 1e12:
             raise InputError(f"memory_mb: found {self.memory_mb:g}, expected MB of a rank, more than 0")
-        if self.out_of_core is not None and not os.access(self.out_of_core, os.W_OK | os.X_OK):
-            raise InputError(f"out_of_core: the folder {self.out_of_core} cannot be written; create it or name another")
         self.package.check(self)
+        if self.out_of_core is not None:
+            with suppress(OSError):  # on each node, whose own disk it may be on
+                os.makedirs(self.out_of_core, exist_ok=True)
+            if not os.access(self.out_of_core, os.W_OK | os.X_OK):
+                raise InputError(f"out_of_core: the folder {self.out_of_core} cannot be made or written; name another")
 
     @property
     def package(self) -> type:
