@@ -1,6 +1,7 @@
 """Which PETSc is taken, where Debian has two builds."""
 
 import os
+import re
 import subprocess
 import sys
 
