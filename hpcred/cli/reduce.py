@@ -46,10 +46,10 @@ def reduce(
     overrides = [*(set_ or []), *(f"{key}={value}" for key, value in given.items() if value is not None)]
     found = hpcred.reduce_job(job, overrides=overrides, basis=basis, progress=session.progress())
     record, accuracy = found.record, found.record.accuracy
-    verdict = found.size_in_words if accuracy is None else accuracy.sentence
+    size, output = f"{found.size_in_words} for {record.size} dofs", os.path.normpath(found.output)
+    verdict = size if accuracy is None else accuracy.sentence
     session.verdict(verdict, accuracy is None or accuracy.reached)
-    size = "" if accuracy is None else f"{found.size_in_words} for {record.size} dofs, "
-    print(f"{size}{record.effort}, {in_time(record.timing.elapsed)}")
+    print(f"{'' if accuracy is None else f'{size}, '}{record.effort}, {in_time(record.timing.elapsed)}")
     if accuracy is not None and accuracy.directions:
         show_table(f"Least accurate of {counted(len(accuracy.directions), 'direction')} (|H| in SI units)",
                    rows_of_directions(accuracy.directions[:WORST], accuracy.band))  # fmt: skip
@@ -57,25 +57,25 @@ def reduce(
         show_details(record)
         session.list_all("hint", record.hints)
     session.warn([item for item in record.warnings if item != verdict])
-    session.written(found.output, found.report)
-    _show_next(found)
+    session.written(output, found.report)
+    _show_next(found, output)
     session.write_json(json, {**asdict(record), "output": found.output, "reduced_size": found.size,
                               "frequencies_hz": found.frequencies})  # fmt: skip
     return int(accuracy is not None and not accuracy.reached)
 
 
-def _show_next(found):
+def _show_next(found, output):
     """Print what is usually done with a result."""
     named = (found.record.job or {}).get("model")
     model = os.path.relpath(named) if isinstance(named, str) else "MODEL.h5"
     rows = [
-        (f"evaluate {found.output} --full {model} --check 5", "more full solves"),
-        (f"report {found.output}", "responses, error and shapes"),
-        (f"export {found.output} --format sid", "for a multibody program (--help: others)"),
-        (f"info {found.output} --details", "basis, points, time, memory"),
+        (f"evaluate {output} --full {model} --check 5", "more full solves"),
+        (f"report {output}", "responses, error and shapes"),
+        (f"export {output} --format sid", "for a multibody program (--help: others)"),
+        (f"info {output} --details", "basis, points, time, memory"),
     ]  # fmt: skip
     if found.record.accuracy is None:
-        rows[0] = (f"evaluate {found.output} --full {model}", "the error, by full solves")
+        rows[0] = (f"evaluate {output} --full {model}", "the error, by full solves")
     if found.report:
         del rows[1]
     width = max(len(command) for command, _ in rows)
