@@ -11,8 +11,7 @@ import hpcred
 
 from ..parallel.failures import InputError
 from ..settings.preload_text import preload_of
-from ..workflows.export import PROGRAMS
-from ..writers.registry import WRITERS
+from ..writers.registry import PROGRAMS, WRITERS
 from . import session, values
 from .options import AtValues, JsonFile, PreloadTable
 

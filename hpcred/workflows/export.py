@@ -26,10 +26,9 @@ from ..reduction.parametric.accuracy import in_words
 from ..reduction.reduced_model import ReducedModel
 from ..settings.toml_file import override
 from ..writers.base import OF_NAMES, ExportSource
-from ..writers.registry import WRITERS
+from ..writers.registry import PROGRAMS, WRITERS
 from .workflow import workflow
 
-PROGRAMS = {"simpack": "sid", "simulink": "simscape", "dymola": "fmu", "paraview": "vtk"}  # names for a format
 WITHOUT_NODES = {
     "shapes": "shows all nodes",
     "reduced": "has inputs and outputs, and no nodes",
@@ -44,7 +43,7 @@ def export_result(
 ) -> dict:  # fmt: skip
     """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
 
-    `kind`: a format, see `hpcred export --help`, or a program of PROGRAMS, by default what the name of `path` ends in,
+    `kind`: a format, see `hpcred export --help`, or one of PROGRAMS, by default what the name of `path` ends in,
     or else "sid"; `path`: by default the name of the result with the suffix of the format. `nodes`: numbers of the
     interface nodes, or names of interfaces or node sets, by default those of the inputs and outputs; a superelement
     has those of its coordinates. `units`: of the file, see model.units.units_of; bodies and superelements have
