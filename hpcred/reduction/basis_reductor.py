@@ -86,7 +86,8 @@ class BasisReductor(Reductor):
     def _reduce(self, model) -> ReducedModel:
         """Reduce a model in usual units: again, where M has turned out not to see all motions that count."""
         self.progress.expect(model.size)
-        warnings = self._check(model)
+        with self.progress.stage("check"):
+            warnings = self._check(model)
         with self.progress.stage("frame"):
             framed = apply_frame(model, self.frame, self.damping)
             warnings += inputs_without_effect(framed)
@@ -118,7 +119,8 @@ class BasisReductor(Reductor):
                 tau=tau,
             ))  # fmt: skip
             runs = [run, *(owned.owns(other) for other in self._more_runs(run))]
-            run.mass, run.inner  # noqa: B018  (made before memory is given back)
+            with progress.stage("copy of M"):
+                run.mass, run.inner  # noqa: B018  (made before memory is given back)
             give_back()  # what it took to read and copy matrices, of which a basis may not find enough in one piece
             bases = [run.new_basis(columns) for _ in runs]
             groups = number_of_groups(settings.groups, run, self._points(model))

@@ -1,6 +1,7 @@
 """Which PETSc is taken: of Debian's two builds, of another origin, of the wheel from PyPI."""
 
 import os
+import re
 import subprocess
 import sys
 
@@ -87,3 +88,15 @@ def test_what_a_single_process_starts_may_look_for_networks(given, left):
     environment = {name: word for name, word in mpi_environment().items() if name != "OMPI_MCA_pml"}
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment | given)
     assert run.stdout.split() == [left, str(not given)], run.stderr
+
+
+@pytest.mark.parametrize("name, number, says", [
+    ("SLURM_STEP_NUM_TASKS", "SLURM_PROCID", "srun started 4 ranks, .* finds one: take `srun --mpi=pmix`"),
+    ("PMI_SIZE", "PMI_RANK", "the mpiexec of MPICH or Intel MPI started 4 ranks"),
+])  # fmt: skip
+def test_ranks_that_do_not_find_each_other_are_refused_by_one_of_them(hpcred, name, number, says):
+    """Each would do the whole job. A launcher of another MPI shows by its variables alone."""
+    for rank, said in (("0", 1), ("2", 0)):
+        run = hpcred("info", **{name: "4", number: rank})
+        assert run.returncode == 2 and len(run.stderr.splitlines()) == said
+        assert not said or re.search(says, run.stderr)
