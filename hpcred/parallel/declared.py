@@ -90,14 +90,16 @@ def spelled_with(table: type) -> Callable[[Function], Function]:
     def decorated(function: Function) -> Function:
         parameters = signature(function).parameters.values()
         names = [item.name for item in parameters if item.kind in (item.POSITIONAL_OR_KEYWORD, item.KEYWORD_ONLY)]
-        names += getattr(table, "__annotations__", ())
+        names = [name for name in names if name != "self"] + list(getattr(table, "__annotations__", ()))
+        *_, owner, own = ("", *function.__qualname__.split("."))
+        called = owner if own == "__init__" else own
 
         @wraps(function)
         def checked(*arguments, **keywords):
             for key in keywords:
                 if key not in names:
                     raise InputError(
-                        f"{function.__name__}: unknown keyword '{key}'{nearest(key, names)}; known are "
+                        f"{called}: unknown keyword '{key}'{nearest(key, names)}; known are "
                         f"{', '.join(names)}"
                     )
             return function(*arguments, **keywords)
@@ -105,6 +107,13 @@ def spelled_with(table: type) -> Callable[[Function], Function]:
         return checked  # type: ignore[return-value]
 
     return decorated
+
+
+def with_spelled_fields(item):
+    """Have a dataclass refuse keywords that it does not have, as spelled functions do; others are as they were."""
+    if isinstance(item, type) and is_dataclass(item) and not hasattr(item.__init__, "__wrapped__"):
+        item.__init__ = spelled(item.__init__)
+    return item
 
 
 def nearest(word, words) -> str:

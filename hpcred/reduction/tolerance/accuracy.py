@@ -10,18 +10,20 @@ import numpy as np
 from ...linalg.known import ModeCount, Source
 from ...model.damping import Caughey, GivenDamping, ModalDamping, NoDamping, Rayleigh, Structural
 from ...model.second_order_model import listed
+from ...parallel.as_html import as_html
 from ...parallel.declared import as_declared, renamed
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, FREQUENCY, require_band, within
 from ..measure import PAPER, AnyMeasure, Measure, Paper, measure_called
 from ..parametric.accuracy import ParameterAccuracy, in_words
-from .directions import Direction
+from .directions import Direction, rows_of_directions
 from .error_estimate import UNIFORM
 from .pseudo_modal import Proportional
 
 ROUND_OFF = "limited by round-off"  # why a search ended
 UNDAMPED = 1e-8  # damping ratio up to which a mode counts as undamped
 NAMED = 3  # outputs that a warning names
+SHOWN = 5  # directions that a notebook shows, the worst
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,6 +224,11 @@ class Accuracy:
         )  # fmt: skip
         unproven = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
         return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}{unproven}"
+
+    def _repr_html_(self):
+        """Return the verdict and the least accurate directions for notebooks."""
+        rows = rows_of_directions(self.directions[:SHOWN], self.band)
+        return as_html(self.sentence, {}, rows, notes=(self.measured,))
 
     @property
     def beyond(self) -> tuple[Direction, ...]:
