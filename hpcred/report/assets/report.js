@@ -7,7 +7,11 @@ function numbers(packed) {
   return new KINDS[packed.dtype](bytes.buffer);
 }
 const data = JSON.parse(document.getElementById("data").textContent);
-const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"];
+const CURVES = {
+  light: ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"],
+  dark: ["#5ab4f0", "#ff914d", "#3fcf9f", "#e9a6cb", "#a8dcff", "#ffc857"],
+};
+let COLOURS;
 const MORE = ["#999999", "#f0e442", "#44525a", "#8c510a", "#762a83", "#b2df8a", "#c7e9ff", "#fdbf6f"]; // of stages
 const DASHES = ["solid", "dash", "dot", "dashdot"];
 // the colours of the style sheet, dark where the reader has chosen so, light on paper
@@ -15,6 +19,7 @@ const dark = matchMedia("(prefers-color-scheme: dark)"), paper = matchMedia("pri
 const COLOUR = {};
 function takeTheme() {
   document.documentElement.dataset.theme = dark.matches && !paper.matches ? "dark" : "light";
+  COLOURS = CURVES[document.documentElement.dataset.theme];
   const style = getComputedStyle(document.documentElement);
   for (const name of ["ink", "soft", "paper", "grid", "line", "band"]) COLOUR[name] = style.getPropertyValue("--" + name).trim();
 }
@@ -28,7 +33,7 @@ const layout = (more) => ({
 const plain = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;"); // Plotly takes <a> and <b> for marks
 const named = (i) => plain(data.results[i].name);
 const positive = (value) => (value > 0 ? value : null);
-const powers = { type: "log", exponentformat: "power", nticks: 4 }; // few, so that those of 2 and 5 never touch
+const powers = { type: "log", tickformat: ".2~e", nticks: 5 }; // 2e-5, where Plotly by itself writes 2
 
 // ---------------------------------------------------------------- responses
 function magnitude(re, im) { return Array.from(re, (x, k) => positive(Math.hypot(x, im[k]))); }
@@ -162,8 +167,9 @@ void main() { gl_FragColor = vec4(colour, 1.0); }`;
 class BodyView {
   constructor(element, shape) {
     this.element = element; this.shape = shape; this.mode = shape.start; this.phase = 1;
-    this.renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
+    this.renderer = new THREE.WebGLRenderer({ alpha: true, antialias: true, preserveDrawingBuffer: true });
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    this.renderer.setClearColor(0, 0); // what is behind has the colour of the style sheet
     element.appendChild(this.renderer.domElement);
     this.scene = new THREE.Scene();
     this.place = new THREE.BufferAttribute(numbers(shape.points), 3);
@@ -274,20 +280,19 @@ class BodyView {
   paint() {
     this.amplitude.value = this.phase * Number(document.getElementById("amplitude").value);
     this.fade.value = this.moves ? 1 : Math.min(Math.abs(this.amplitude.value), 1);
-    this.renderer.setClearColor(COLOUR.paper);
     this.renderer.render(this.scene, this.camera);
     const v = new THREE.Vector3(), p = this.place.array, u = this.fields[this.mode], a = this.amplitude.value * this.shape.swing;
     this.tags.forEach((tag, k) => {
       const j = this.markIndex[k], i = 3 * j;
       v.set(p[i] + a * u.getX(j), p[i + 1] + a * u.getY(j), p[i + 2] + a * u.getZ(j)).project(this.camera);
-      tag.style.left = ((v.x + 1) / 2) * this.wide + 8 + "px"; tag.style.top = ((1 - v.y) / 2) * this.tall - 18 + "px";
+      tag.style.left = `calc(${50 * (v.x + 1)}% + 8px)`; tag.style.top = `calc(${50 * (1 - v.y)}% - 18px)`; // paper has another size
       tag.style.display = this.marks.visible ? "" : "none";
     });
     let lines = "";
     this.triad.forEach((tag, k) => {
       v.set(0, 0, 0).setComponent(k, 1).transformDirection(this.camera.matrixWorldInverse);
       lines += `<line x1="35" y1="35" x2="${35 + 22 * v.x}" y2="${35 - 22 * v.y}" stroke="${COLOUR.soft}" stroke-width="1.5"/>`;
-      tag.style.left = 8 + 35 + 30 * v.x - 4 + "px"; tag.style.top = this.tall - 8 - 70 + 35 - 30 * v.y - 9 + "px";
+      tag.style.left = 8 + 35 + 30 * v.x - 4 + "px"; tag.style.bottom = 8 + 35 + 30 * v.y - 9 + "px";
     });
     this.arrows.innerHTML = lines;
   }
