@@ -136,9 +136,12 @@ class Given(hpcred.Component):
 @pytest.mark.mpi(ranks=(1, 3))
 def test_components_on_plain_arrays(comm):
     """Their span is that of the basis."""
-    with hpcred.SecondOrderModel(M, None, K, B) as fom, hpcred.reduce(fom, [Given()]) as rom:
-        with local_rows(rom.columns) as rows:
-            V = np.concatenate(comm.allgather(rows.real.copy()))
+    with (
+        hpcred.SecondOrderModel(M, None, K, B) as fom,
+        hpcred.reduce(fom, [Given()]) as rom,
+        local_rows(rom.columns) as rows,
+    ):
+        V = np.concatenate(comm.allgather(rows.real.copy()))
     assert V.shape == (N, 3) and np.abs(V - SHAPES @ np.linalg.lstsq(SHAPES, V, rcond=None)[0]).max() < 1e-9
 
 

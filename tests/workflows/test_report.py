@@ -92,10 +92,14 @@ def test_the_page_is_whole_and_needs_no_network(linkage_report):
 def test_units_that_were_converted_are_named(tmp_path, monkeypatch):
     """In the record, in Python and on the page."""
     monkeypatch.chdir(tmp_path)
-    with package.linkage() as model, package.in_si(model, package.units_of("mm,t,s")) as converted:
-        with converted.with_inputs([(20, "z")]) as loaded, package.reduce(loaded, [package.Modes(count=8)]) as rom:
-            rom.save("rod.h5")
-            assert rom.record.units == converted.converted_from and rom.record.units in rom._repr_html_()
+    with (
+        package.linkage() as model,
+        package.in_si(model, package.units_of("mm,t,s")) as converted,
+        converted.with_inputs([(20, "z")]) as loaded,
+        package.reduce(loaded, [package.Modes(count=8)]) as rom,
+    ):
+        rom.save("rod.h5")
+        assert rom.record.units == converted.converted_from and rom.record.units in rom._repr_html_()
     report_file(["rod.h5"], output="rod.html")
     page, _ = page_of("rod.html")
     assert "kg, m, s, converted from mm,t,s" in " ".join(page.texts)

@@ -86,9 +86,12 @@ def moving_page(tmp_path_factory):
     """A report of a rod with stress modes and a motion, whose stress is largest at 0.2 s."""
     folder = tmp_path_factory.mktemp("moving")
     inputs = [(1, "x"), (7, "z")]
-    with package.crank(600) as rod, rod.with_inputs(inputs) as model:
-        with package.reduce(model, [package.Modes(index=(7, 8, 9))], package.Buckens()) as rom:
-            rom.save(folder / "rod.h5", stress=package.stress_modes(model, rom.columns))
+    with (
+        package.crank(600) as rod,
+        rod.with_inputs(inputs) as model,
+        package.reduce(model, [package.Modes(index=(7, 8, 9))], package.Buckens()) as rom,
+    ):
+        rom.save(folder / "rod.h5", stress=package.stress_modes(model, rom.columns))
     rows = [[0.0, 0, 0, 0], [0.1, 1e-4, 0, 0], [0.2, 2e-3, 1e-3, 0], [0.3, 0, 1e-4, 1e-4]]
     text = "t,q1,q2,q3\n" + "".join(",".join(map(str, row)) + "\n" for row in rows)
     (folder / "motion.csv").write_text(text)
@@ -99,7 +102,8 @@ def moving_page(tmp_path_factory):
 def test_stress_is_coloured_and_its_motion_steps(moving_page):
     text = moving_page.read_text(encoding="utf-8")
     hand = """<script>const c = document.getElementById("colour"), t = document.querySelector(".moving .mode");
-    c.value = "stress"; c.dispatchEvent(new Event("change")); t.value = 2; t.dispatchEvent(new Event("input"));</script>"""
+    c.value = "stress"; c.dispatchEvent(new Event("change"));
+    t.value = 2; t.dispatchEvent(new Event("input"));</script>"""
     moved = moving_page.with_name("moved.html")
     moved.write_text(text.replace("</body>", f"{hand}</body>"), encoding="utf-8")
     before, after = browse(moving_page, "--dump-dom"), browse(moved, "--dump-dom")
