@@ -116,11 +116,19 @@ def with_spelled_fields(item):
     return item
 
 
+def refuse_file(key: str, value, instead: str):
+    """Raise InputError for the name of a file where an object is expected; `instead`: the function that takes files."""
+    if isinstance(value, (str, os.PathLike)):
+        raise InputError(f"{key}: found '{os.fspath(value)}', expected an object in memory; files are taken by hpcred."
+                         f"{instead}")  # fmt: skip
+
+
 def nearest(word, words) -> str:
     """Words in brackets that ask whether the one of some words was meant that is most alike; empty for none."""
     asked, by_lower = str(word).lower(), {str(item).lower(): item for item in words}
     close = get_close_matches(asked, by_lower, n=5, cutoff=0.55)
-    close.sort(key=lambda item: sorted(item) != sorted(asked))  # two letters that changed places come first
+    # two letters that changed places come first, and what begins so
+    close.sort(key=lambda item: sorted(item) != sorted(asked) and not item.startswith(f"{asked}_"))
     return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""
 
 

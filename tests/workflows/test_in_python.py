@@ -93,8 +93,12 @@ def test_commands_are_found_under_their_names():
     for name in set(typer.main.get_command(app).commands) - others:
         assert callable(getattr(hpcred, name)) and name in dir(hpcred)
     assert hpcred.info is hpcred.describe_file
-    with pytest.raises(AttributeError, match="did you mean 'info'"):
-        hpcred.inof  # noqa: B018
+    for word, meant in (("inof", "info"), ("reprot_file", "report_file")):
+        with pytest.raises(AttributeError, match=f"did you mean '{meant}'"):
+            getattr(hpcred, word)
+    for function, other in ((hpcred.reduce, "reduce_job"), (hpcred.campbell, "campbell_file")):
+        with pytest.raises(InputError, match=f"found 'a.h5', expected an object in memory; .*hpcred.{other}"):
+            function("a.h5")
 
 
 @pytest.mark.mpi(ranks=(1, 3))
