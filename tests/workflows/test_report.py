@@ -96,7 +96,7 @@ def test_units_that_were_converted_are_named(tmp_path, monkeypatch):
         package.linkage() as model,
         package.in_si(model, package.units_of("mm,t,s")) as converted,
         converted.with_inputs([(20, "z")]) as loaded,
-        package.reduce(loaded, [package.Modes(count=8)]) as rom,
+        package.reduce(loaded, [package.Modes(index=(7, 8, 9))], package.Buckens()) as rom,
     ):
         rom.save("rod.h5")
         assert rom.record.units == converted.converted_from and rom.record.units in rom._repr_html_()
