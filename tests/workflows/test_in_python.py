@@ -113,6 +113,23 @@ def test_what_notebooks_show(comm):
     assert accuracy._repr_html_().count("<tr>") == 1 + min(5, len(accuracy.directions))
 
 
+def test_a_campbell_diagram_draws_and_shows_itself():
+    """Two modes of a rotor that split with its speed, one of which crosses it."""
+    omega = np.linspace(0.0, 800.0, 9)
+    poles = 1j * (500.0 + np.array([0.25, -0.25]) * omega[:, None]) - 1.0
+    crossing = hpcred.CriticalSpeed(order=1.0, mode=1, value=400.0, frequency=63.66, damping_ratio=2.5e-3,
+                                    whirl="backward")  # fmt: skip
+    found = hpcred.Campbell(parameter="omega", unit="rad/s", values=omega, poles=poles, orbits=np.full((9, 2), np.nan),
+                            highest=200.0, orders=(1.0,), critical_speeds=(crossing,))  # fmt: skip
+    figure = found.plot()
+    assert figure.axes[0].get_title() == found.sentence == "stable for omega = 0 to 800 rad/s"
+    drawn = [line.get_ydata() for line in figure.axes[0].lines]
+    assert any(len(y) == 9 and np.allclose(y, poles[:, 0].imag / 2 / np.pi) for y in drawn)
+    html = found._repr_html_()
+    assert all(f"<td>{word}</td>" in html for word in ("400", "63.66", "0.25", "backward")) and found.sentence in html
+    assert figure._repr_png_()[:4] == b"\x89PNG"
+
+
 SHAPES = np.random.default_rng(3).standard_normal((N, 3))
 
 
