@@ -94,7 +94,7 @@ def pictures(text: str, page: Path) -> list[str]:
 
 def picture(folder, name) -> Path:
     """Where a run left a picture. Raises Failed."""
-    for path in Path(folder).rglob(name):
+    for path in sorted(Path(folder).rglob(name)):
         return path
     raise Failed(f"the page has the picture {name}, which no command made")
 
