@@ -34,8 +34,9 @@ load = [{name = "weight", kind = "gravity", value = [0.0, 0.0, -9.81]}]
 '''
 SWEEP = """job = "job.toml"
 output = "runs"
-[sweep]
-tolerance = [1e-2, 1e-3]
+[[vary]]
+key = "tolerance"
+values = [1e-2, 1e-3]
 """
 
 
