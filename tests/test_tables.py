@@ -66,7 +66,7 @@ class Printed:
         for width in (80, 120):
             self.patch.setenv("COLUMNS", str(width))
             with redirect_stdout(io.StringIO()) as out:
-                self.show(None, rows)
+                self.show(title, rows)
             lines = out.getvalue().splitlines()
             self.faults += [line for line in lines if len(line) > width or line != line.rstrip()]
 

@@ -25,10 +25,11 @@ def show_table(title, rows: list[dict]):
     """
     if MPI.COMM_WORLD.rank or not rows:
         return
+    columns = shutil.get_terminal_size().columns
     if title:
-        print(title)
+        print(textwrap.fill(title, columns, break_long_words=False, break_on_hyphens=False))
     first, *left = rows[0]
-    whole = shutil.get_terminal_size().columns - 2
+    whole = columns - 2
     start = _width(first, rows, whole // 3, True)
     room = whole - start - 2
     while True:
