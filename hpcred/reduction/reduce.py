@@ -13,7 +13,7 @@ from ..model.damping import Damping, damping_or_given
 from ..model.frames import Frame, NoFrame
 from ..model.parametric_model import ParametricModel
 from ..model.second_order_model import SecondOrderModel, require_model
-from ..parallel.declared import declared, spelled
+from ..parallel.declared import declared, refuse_file, spelled
 from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 from .basis_reductor import BasisReductor
@@ -115,6 +115,7 @@ def reduce(
     -----
     Equations (20), (32), (41-50) and (52-54) of Lehner and Eberhard (2006); the error is (55) or that of docs/theory.
     """
+    refuse_file("model", model, "reduce_job")
     parametric = isinstance(model, ParametricModel)
     require_model(model.model if parametric else model)
     given = {

@@ -15,6 +15,7 @@ from ..model.derivatives import Derivatives, combined
 from ..model.interfaces import InterfaceNode
 from ..model.second_order_model import SecondOrderModel, listed
 from ..model.viscoelastic import Maxwell, Viscoelastic, added_stiffness, matrices_by_key, transformed
+from ..parallel.as_html import as_html
 from ..parallel.failures import InputError, settle
 from .massless import first_order, static_coordinates
 from .maxwell_states import maxwell_states, with_maxwell_states
@@ -105,6 +106,19 @@ class ReducedModel:
         ])  # fmt: skip
 
     __repr__ = __str__
+
+    def _repr_html_(self):
+        """Return a table for notebooks."""
+        record, accuracy = self.record, None if self.record is None else self.record.accuracy
+        facts = {"full model": f"{record.model}, {record.size} dofs"} if record is not None else {}
+        facts["pseudo-frequencies (Hz)"] = f"{self.frequencies[0]:.6g} to {self.frequencies[-1]:.6g}"
+        if record is not None:
+            facts |= {"units": f"SI, converted from {record.units}"} if record.units else {}
+            facts |= {"frame": record.frame.kind, "damping": record.damping.kind}
+        facts |= {"inputs": listed(self.input_names), "outputs": listed(self.output_names)}
+        notes = [f"warning: {text}" for text in (() if record is None else record.warnings)]
+        known = "" if accuracy is None else accuracy._repr_html_()
+        return as_html(f"reduced model: {self.size_in_words}", facts, notes=notes) + known
 
     def transfer_function(self, s: complex | np.ndarray) -> np.ndarray:
         """Return H(s) = (C + s C_v + s^2 C_a) A(s)^-1 B (r, p), (25, 41); (..., r, p) for an array (...) of

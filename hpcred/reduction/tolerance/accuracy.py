@@ -10,12 +10,13 @@ import numpy as np
 from ...linalg.known import ModeCount, Source
 from ...model.damping import Caughey, GivenDamping, ModalDamping, NoDamping, Rayleigh, Structural
 from ...model.second_order_model import listed
+from ...parallel.as_html import as_html
 from ...parallel.declared import as_declared, renamed
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, FREQUENCY, require_band, within
 from ..measure import PAPER, AnyMeasure, Measure, Paper, measure_called
 from ..parametric.accuracy import ParameterAccuracy, in_words
-from .directions import Direction
+from .directions import Direction, rows_of_directions
 from .error_estimate import UNIFORM
 from .pseudo_modal import Proportional
 
@@ -24,6 +25,7 @@ PERCENT = 1e-6  # tolerance below which errors are not in percent, and percentag
 UNDAMPED = 1e-8  # damping ratio up to which a mode counts as undamped
 WORST = 5  # directions that are shown where nobody asks for all
 NAMED = 3  # outputs that a warning names
+SHOWN = 5  # directions that a notebook shows, the worst
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,6 +239,11 @@ class Accuracy:
         named = [f"{item.output} {in_percent(item.largest, self.tolerance)} at {item.frequency:.4g} Hz"
                  for item in self.directions[:WORST]]  # fmt: skip
         return f"least accurate directions: {', '.join(named)}" if named else ""
+
+    def _repr_html_(self):
+        """Return the verdict and the least accurate directions for notebooks."""
+        rows = rows_of_directions(self.directions[:SHOWN], self.band)
+        return as_html(self.sentence, {}, rows, notes=(self.measured,))
 
     @property
     def beyond(self) -> tuple[Direction, ...]:
