@@ -48,12 +48,13 @@ def _compressed(search, drop_above, kept, beside):
 
 
 def _project_again(search, kept) -> np.ndarray:
-    """Project on the pseudo-modes of the basis where round-off of K on stiff columns may have mixed soft ones, until
-    that changes nothing: what it changes last is the noise of the models that follow, in place of that of the search,
-    whose models had no digits of soft modes. Returns the columns `kept` in terms of the new basis. Collective."""
+    """Project on the pseudo-modes of the basis where round-off of K on stiff columns may have mixed soft ones, or parts
+    that hardly couple, until that changes nothing: what it changes last is the noise of the models that follow, in
+    place of that of the search, whose models had no digits of these. Returns the columns `kept` in terms of the new
+    basis. Collective."""
     projections, judge, comm = search.projections, search.judge, search.run.model.comm
     before = decided(comm, projections.model)
-    if MIXING * before.eigenvalues[-1] <= judge.goal * before.eigenvalues[0]:
+    if not (mixes_soft_and_stiff(before, judge.goal) or projections.io.quiet):
         return kept
     for _ in range(PASSES):
         projections.rotate(before.vectors)
@@ -62,13 +63,25 @@ def _project_again(search, kept) -> np.ndarray:
         if judge.noise <= LITTLE * judge.goal:
             break
         before = decided(comm, projections.model)
+    search.expansion.look_at_outputs_again()
     return kept
 
 
 def _changed(judge, before) -> float:
     """Return how far responses of the model of all columns are from those of one projected before; local."""
     pair = judge.compare(before, judge.projections.model(), np.eye(len(before)))
-    S = grid([before, pair.outer], judge.settings.band)
+    return changed(before, pair, judge.settings.band)
+
+
+def mixes_soft_and_stiff(model, goal) -> bool:
+    """Test whether round-off of K on the stiffest columns of a model may have mixed the soft ones; local."""
+    return not MIXING * model.eigenvalues[-1] <= goal * model.eigenvalues[0]
+
+
+def changed(before, pair, band) -> float:
+    """Return how far responses of `pair.outer` are from those of a model of the same columns that were projected
+    before; local."""
+    S = grid([before, pair.outer], band)
     H, drive = pair.outer.responses(S)
     return float(pair.measure.eps(H - before.response(S), H, drive).max())
 
