@@ -28,7 +28,7 @@ from ..checks import check_viscoelastic, require_no_frequencies
 from ..notes import Notes
 from ..record import TERMS
 from ..run import Run, identity_of_model
-from ..tolerance.outcome import LITTLE, PASSES, accuracy_of, changed, mixes_soft_and_stiff
+from ..tolerance.outcome import LITTLE, PASSES, accuracy_of, changed, lack_digits
 from ..tolerance.reductor import ToleranceReductor
 from .accuracy import ParameterAccuracy, in_words
 from .compression import at_ends_of_band, compress, turned
@@ -55,9 +55,6 @@ class ParametricBasisReductor(BasisReductor):
 
     def _constant(self):
         return self.parametric.model
-
-    def _tau(self, framed):
-        return 0.0  # V^T M V = I at the reference values
 
     def _expected_columns(self, framed):
         return max(len(self.parameter_points), 1) * super()._expected_columns(framed)
@@ -92,9 +89,6 @@ class ParametricReductor(ToleranceReductor):
 
     def _constant(self):
         return self.parametric.model
-
-    def _tau(self, framed):
-        return 0.0  # V^T M V = I at the reference values
 
     def _search(self, vectors, run, groups, kept):
         terms = digests_of_terms(self.parametric) if self.store is not None else []
@@ -155,7 +149,7 @@ def _project_again(greedy, kept) -> tuple[np.ndarray, float]:
     comm, judge, projections = greedy.parametric.comm, greedy.first.judge, greedy.projections
     noise = max(search.judge.noise for search in greedy.searches)
     pair, outward, inward = decided(comm, turned, projections, greedy.reference, greedy.goal)
-    for _ in range(PASSES if mixes_soft_and_stiff(pair.outer, judge.goal) else 0):
+    for _ in range(PASSES if lack_digits(greedy.run, judge, pair.outer) else 0):
         projections.rotate(outward)
         kept, before = inward @ kept, pair.outer
         pair, outward, inward = decided(comm, turned, projections, greedy.reference, greedy.goal)
@@ -215,7 +209,7 @@ def run_at(reductor, first, point, asked=()):
             identity = identity_of_model(model, framed, frame=reductor.frame, damping=reductor.damping, basis=basis)
         run = owned.owns(Run(
             framed, reductor.progress, first.tolerance, reductor.factoring, first.columns, reductor.counts_modes,
-            reductor.store, identity, Notes(components=first.notes.components),
+            reductor.store, identity, Notes(components=first.notes.components), tau=first.tau,
         ))  # fmt: skip
         yield run
         first.notes.add(run.recorded, components=False)

@@ -12,13 +12,14 @@ from ..measure import MEASURES
 from .accuracy import Accuracy
 from .compression import compress
 from .directions import Direction, directions_table
-from .error_estimate import grid, measure_over
+from .error_estimate import SHARPEST, grid, measure_over, resonances
 from .search import Search
 
 UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
 ENDED = "the search ended before a second point"
 LITTLE = 1e-3  # of the goal: round-off that is no matter
 MIXING = 1e-12  # round-off of K on the columns of a basis at sharp resonances, relative to the highest eigenvalue
+SHARP = 5e-4  # damping ratio of these
 PASSES = 4  # of projections
 TOGETHER = 2**22  # errors of single responses that are held at a time
 
@@ -48,13 +49,12 @@ def _compressed(search, drop_above, kept, beside):
 
 
 def _project_again(search, kept) -> np.ndarray:
-    """Project on the pseudo-modes of the basis where round-off of K on stiff columns may have mixed soft ones, or parts
-    that hardly couple, until that changes nothing: what it changes last is the noise of the models that follow, in
-    place of that of the search, whose models had no digits of these. Returns the columns `kept` in terms of the new
-    basis. Collective."""
+    """Project on the pseudo-modes of the basis where its models lack digits (see lack_digits), until that changes
+    nothing: what it changes last is the noise of the models that follow, in place of that of the search. Returns the
+    columns `kept` in terms of the new basis. Collective."""
     projections, judge, comm = search.projections, search.judge, search.run.model.comm
     before = decided(comm, projections.model)
-    if not (mixes_soft_and_stiff(before, judge.goal) or projections.io.quiet):
+    if not (lack_digits(search.run, judge, before) or projections.io.quiet):
         return kept
     for _ in range(PASSES):
         projections.rotate(before.vectors)
@@ -67,15 +67,24 @@ def _project_again(search, kept) -> np.ndarray:
     return kept
 
 
+def _sharper(model, band) -> float:
+    """Return by how much resonances of a band (Hz) are sharper than SHARP, at least 1."""
+    f, ratios = resonances(model)
+    return max(1.0, SHARP / max(ratios[(f >= band[0]) & (f <= band[1])].min(initial=SHARP), SHARPEST))
+
+
 def _changed(judge, before) -> float:
     """Return how far responses of the model of all columns are from those of one projected before; local."""
     pair = judge.compare(before, judge.projections.model(), np.eye(len(before)))
     return changed(before, pair, judge.settings.band)
 
 
-def mixes_soft_and_stiff(model, goal) -> bool:
-    """Test whether round-off of K on the stiffest columns of a model may have mixed the soft ones; local."""
-    return not MIXING * model.eigenvalues[-1] <= goal * model.eigenvalues[0]
+def lack_digits(run, judge, model) -> bool:
+    """Test whether round-off of K on the stiffest columns of a model may have mixed the soft ones, or resonances are so
+    sharp that less of it counts, also in the projections of the run that follow. Collective."""
+    sharper = decided(run.model.comm, _sharper, model, judge.settings.band)
+    run.cancels *= sharper
+    return sharper > 1 or not MIXING * model.eigenvalues[-1] <= judge.goal * model.eigenvalues[0]
 
 
 def changed(before, pair, band) -> float:
