@@ -128,8 +128,8 @@ def test_a_complete_model_has_few_frequencies():
 
 
 @pytest.mark.parametrize("kind, seed", [
-    ("silent", 1), ("silent", 4), ("silent", 28), ("silent", 89), ("vanishing", 1), ("signs", 2), ("signs", 1040),
-    ("soft-mounts", 7), ("hidden-modes", 0),
+    ("silent", 1), ("silent", 4), ("silent", 28), ("vanishing", 1), ("signs", 2), ("soft-mounts", 7),
+    ("hidden-modes", 0), *(pytest.param(*case, marks=pytest.mark.slow) for case in (("silent", 89), ("signs", 1040))),
 ])  # fmt: skip
 def test_random_models(kind, seed):
     """A few of benchmarks/hunt.py."""
