@@ -7,10 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, inner, times, view_of
+from ...linalg.eigensolver import congruent
 from ...model.viscoelastic import Viscoelastic, matrices_by_key, parts_from, transformed
+from ..projection import project_stiffness
 from ..tolerance.independent_loads import independent_columns
 from ..tolerance.projections import extended
-from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, congruent, diagonalised
+from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
 from .singular import factor_of_mass
 
 
@@ -27,14 +29,14 @@ class AffineForm:
     """The matrices of a parametric model, with the loads of all its inputs and outputs in the coordinates of a frame.
 
     `parts`: of M (none where it is the inner product of bases at all values), K and D (none unless `damped`), and K_v
-    of viscoelastic parts as Kv1, Kv2, ..., which are constant; `tau`: see Run; `loads` L: independent columns of all
-    parts of B and C^T, of which `inputs` and `outputs` (None for C = B^T) are lists of (place, factor); `restore`: see
-    FramedModel. Collective.
+    of viscoelastic parts as Kv1, Kv2, ..., which are constant; `run`: that of the reference; `loads` L: independent
+    columns of all parts of B and C^T, of which `inputs` and `outputs` (None for C = B^T) are lists of (place, factor);
+    `restore`: see FramedModel. Collective.
     """
 
-    def __init__(self, parametric, framed, damped: bool, tau=0.0):
-        model, self.restore = parametric.model, framed.restore
-        self.parametric, self.framed, self.tau = parametric, framed, tau
+    def __init__(self, parametric, run, damped: bool):
+        model, framed, tau, self.restore = parametric.model, run.framed, run.tau, run.framed.restore
+        self.parametric, self.run, self.framed, self.tau = parametric, run, framed, tau
         terms = [(1 + k, item) for k, item in enumerate(parametric.terms)]
         symmetric = (True, *parametric.symmetric_terms)
         self.parts: dict[str, list[Part]] = {"M": [], "K": [], "D": []}
@@ -140,7 +142,15 @@ class AffineProjections:
         for of, parts in form.parts.items():
             small = self.small[of]
             for i, part in enumerate(parts):
+                if of == "K" and part.symmetric and not start:
+                    small[i] = project_stiffness(part.mat, new, self.form.run.cancels)
+                    continue
                 small[i] = extended(small[i], part.mat, new, columns, part.symmetric)
+
+    def rotate(self, turn: np.ndarray):
+        """Replace the basis by its combinations `turn` (m, m), and project on these. Collective."""
+        self.basis.multiply(turn)
+        self.restart()
 
     def turn(self, factor: np.ndarray):
         """Follow a basis V that has become V factor; local."""

@@ -31,19 +31,20 @@ class Projections:
     """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
 
     `K` (m, m) = V^T K V, which may be `symmetric`, `L` (m, l) = V^T L for the block `loads` L of the run, `D` (m, m) =
-    V^T D V, or None unless `damped`, `M` (m, m) = V^T M V, or None where it is the identity, and `viscoelastic` parts
-    V^T K_v V: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `io`: inputs and
-    outputs in terms of L; `damping`: the proportional damping of the models. Raises InputError (see io).
+    V^T D V, or None unless `damped`, `M` (m, m) = V^T M V, or None where it counts as the identity unless `measured`,
+    and `viscoelastic` parts V^T K_v V: small arrays, the same on all ranks. Models of columns of the basis are parts of
+    them. `io`: inputs and outputs in terms of L; `damping`: the proportional damping of the models. Raises InputError
+    (see io).
     """
 
-    def __init__(self, run: Run, basis: Basis, damping: Proportional, damped: bool):
+    def __init__(self, run: Run, basis: Basis, damping: Proportional, damped: bool, measured=False):
         self.run, self.basis, self.damping = run, basis, damping
         self.loads, self.io = run.independent_loads
         self._starts: list[int] = []  # first columns of the blocks
         self.K = np.zeros((0, 0))
         self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
         self.D = np.zeros((0, 0)) if damped else None
-        self.M = np.zeros((0, 0)) if run.tau else None
+        self.M = np.zeros((0, 0)) if run.tau or measured else None
         self.viscoelastic = self._no_parts()
         self.symmetric = run.model.is_symmetric("K")
         self._project(0)
@@ -62,13 +63,14 @@ class Projections:
         """Measure responses with a loss factor besides the damping matrix; local."""
         self.damping = self.damping._replace(eta=eta)
 
-    def note_silent(self, columns: tuple[int, ...]):
-        """Keep which columns of C^T have responses that are round-off; local."""
-        self.io = self.io._replace(silent=columns)
+    def note_silent(self, columns: tuple[int, ...], quiet: bool):
+        """Keep which columns of C^T have responses that are round-off, and whether others are quiet; local."""
+        self.io = self.io._replace(silent=columns, quiet=quiet)
 
     def rotate(self, turn):
         """Replace the basis by its combinations `turn` (m, m), orthonormal like itself, and project on these."""
         self.basis.multiply(turn)
+        self.M = np.zeros((0, 0))  # the round-off of the product is measured
         self._project_all()
 
     def replace(self, block):
@@ -133,5 +135,5 @@ class Projections:
         k = np.arange(self.basis.size) if columns is None else columns
         D, M = (None if matrix is None else matrix[np.ix_(k, k)] for matrix in (self.D, self.M))
         parts = transformed(self.viscoelastic, lambda matrix: matrix[np.ix_(k, k)])
-        given = D, self.damping, self.io, parts, self.symmetric
-        return diagonalised(self.K[np.ix_(k, k)], self.L[k], *given, M, self.run.tau)
+        given = self.K[np.ix_(k, k)], self.L[k], D, self.damping, self.io, parts, self.symmetric
+        return diagonalised(*given, M, self.run.tau) if self.run.tau else diagonalised(*given, gram=M)

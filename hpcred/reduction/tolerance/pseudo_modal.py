@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...linalg.eigensolver import graded_eigenpairs
+from ...linalg.eigensolver import congruent, graded_eigenpairs, settled
 from ...linalg.pencil import squared_frequencies, with_masses
 from ...model.derivatives import Derivatives
 from ...model.viscoelastic import Viscoelastic, added_stiffness, excesses, transformed
@@ -62,12 +62,13 @@ UNDAMPED = Proportional()
 class InputsOutputs(NamedTuple):
     """Inputs and outputs in terms of independent loads L: B = L `inputs` (l, p), C^T = L `outputs` (l, r), which are
     one array where C = B^T; `derivatives`: what the outputs are of them, the same if None; `silent`: the columns of C^T
-    whose responses are round-off, None where that was not computed."""
+    whose responses are round-off, None where that was not computed; `quiet`: whether others hardly feel the inputs."""
 
     inputs: np.ndarray
     outputs: np.ndarray
     derivatives: Derivatives | None = None
     silent: tuple[int, ...] | None = None
+    quiet: bool = False
 
     @property
     def output_count(self) -> int:
@@ -171,15 +172,15 @@ class PseudoModal:
         """
         M = None if self.masses is None else U.T @ (self.masses[:, None] * U)
         K, turn = U.T @ (self.eigenvalues[:, None] * U), None
-        # where stiff coordinates stand beside soft ones, pseudo-modes of their own keep the soft ones
-        if M is None and abs(self.eigenvalues[0]) < MIXED * abs(self.eigenvalues[-1]):
+        # where columns may mix soft coordinates and stiff ones, or parts that hardly couple, pseudo-modes keep these
+        if M is None and (self.io.quiet or abs(self.eigenvalues[0]) < MIXED * abs(self.eigenvalues[-1])):
             turn = np.linalg.eigh(K)[1]
             U = U @ turn
             K = U.T @ (self.eigenvalues[:, None] * U)
         K = K if self.N is None else (K + K.T) / 2 + U.T @ self.N @ U
         D = None if self.D is None else U.T @ self.D @ U
         parts = transformed(self.viscoelastic, lambda matrix: U.T @ matrix @ U)
-        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, parts, self.N is None, M, self.tau)
+        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, parts, self.N is None, M, self.tau, U.T @ U)
         embedding = U @ inner.vectors
         return inner if turn is None else replace(inner, vectors=turn @ inner.vectors), embedding
 
@@ -201,7 +202,7 @@ class PseudoModal:
                 states += nearly(rest)
                 rest = right - self.multiply(frequencies, states, transposed)
                 scale = size + _column_norms(self._diagonal(frequencies)[:, :, None] * states)
-                if (_column_norms(rest) <= accuracy * scale).all():
+                if (_column_norms(rest) <= accuracy * scale).all() and not self.io.quiet:
                     break
             wrong = np.flatnonzero(~(_column_norms(rest) <= 1e3 * accuracy * scale).all(axis=1))
         parts = 1 + len(wrong) * len(self) ** 2 // NUMBERS_AT_A_TIME
@@ -300,24 +301,19 @@ class PseudoModal:
         return np.concatenate(H), np.concatenate(drive)
 
 
-def congruent(matrix: np.ndarray, X: np.ndarray) -> np.ndarray:
-    """Return X^T A X, exactly symmetric where the matrix A is."""
-    found = X.T @ matrix @ X
-    return (found + found.T) / 2 if np.array_equal(matrix, matrix.T) else found
-
-
 def diagonalised(
     K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, damping: Proportional = UNDAMPED,
     io: InputsOutputs | None = None, viscoelastic: tuple[Viscoelastic, ...] = (), symmetric=True,
-    M: np.ndarray | None = None, tau=0.0,
+    M: np.ndarray | None = None, tau=0.0, gram: np.ndarray | None = None,
 ) -> PseudoModal:  # fmt: skip
     """Return the model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) and viscoelastic parts (m, m) in pseudo-modal
     coordinates (53, 54); by default the columns L are its inputs and outputs. `symmetric`: whether K is, but for
-    round-off. `M` (m, m) = V^T M V and `tau`: where V is orthonormal in M + tau^2 K."""
+    round-off. `M` (m, m) = V^T M V and `tau`: where V is orthonormal in M + tau^2 K; `gram` (m, m): V^T M V where it is
+    I but for round-off, of which the couplings of parts that hardly couple are made."""
     io = io or InputsOutputs(*[np.eye(L.shape[1])] * 2)
     masses = None
     if M is None:
-        eigenvalues, vectors = graded_eigenpairs((K + K.T) / 2)
+        eigenvalues, vectors = graded_eigenpairs((K + K.T) / 2) if gram is None else settled(K, gram)
     else:
         eigenvalues, masses, vectors = with_masses((K + K.T) / 2, (M + M.T) / 2, tau)
     still = np.flatnonzero(np.abs(eigenvalues) <= NEARLY_ZERO * np.abs(eigenvalues).max(initial=0.0))

@@ -32,11 +32,12 @@ def projected_again(projections: Projections) -> Iterator[PseudoModal]:
         factors = random.uniform(*FACTORS, basis.size)
         basis.multiply(np.diag(factors / lengths))
         lengths = factors
-        again, scale = Projections(projections.run, basis, damping, damped), np.outer(lengths, lengths)
-        D, M = (None if matrix is None else matrix / scale for matrix in (again.D, again.M))
+        again, scale = Projections(projections.run, basis, damping, damped, measured=True), np.outer(lengths, lengths)
+        D, M, tau = None if again.D is None else again.D / scale, again.M / scale, again.run.tau
         parts = transformed(again.viscoelastic, lambda matrix: matrix / scale)  # noqa: B023  (used here)
         L = again.L / lengths[:, None]
-        yield diagonalised(again.K / scale, L, D, damping, again.io, parts, again.symmetric, M, again.run.tau)
+        given = again.K / scale, L, D, damping, projections.io, parts, again.symmetric
+        yield diagonalised(*given, M, tau) if tau else diagonalised(*given, gram=M)
 
 
 def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Projections) -> Accuracy:
