@@ -236,7 +236,12 @@ class PseudoModal:
         inverse = Poles(self.poles.values, self.poles.left.T, self.poles.right.T) if transposed else self.poles
         s = self.damping.coefficients(frequencies)[2]
         factor = _reciprocal(s[:, None, None] - inverse.values[:, None])
-        return lambda columns: times(inverse.right, factor * times(inverse.left, columns))
+
+        def nearly(columns):
+            same = columns.strides[0] == 0  # at all frequencies
+            return times(inverse.right, factor * (inverse.left @ columns[:1] if same else times(inverse.left, columns)))
+
+        return nearly
 
     def _kept_inverses(self, frequencies):
         """Return A(s)^-1 (S, m, m), which are kept, or None where there is no room for them."""
@@ -288,7 +293,21 @@ class PseudoModal:
 
     def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return H (S, r, p), without the factor s^k of derivatives, and the drive-point responses b_i^T A^-1 b_i
-        (S, p) of the inputs."""
+        (S, p) of the inputs; they are kept as there is room."""
+        known, H, drive = vars(self).get("_responses", (np.zeros(0), None, None))
+        new = np.setdiff1d(frequencies, known)
+        if (len(known) + len(new)) * (self.io.output_count + 1) * self.B.shape[1] > NUMBERS_AT_A_TIME:
+            return self._responses_at(frequencies)
+        if len(new):
+            made, order = self._responses_at(new), np.argsort(np.concatenate([known, new]))
+            if len(known):
+                made = [np.concatenate(pair) for pair in zip((H, drive), made, strict=True)]
+            known, H, drive = (part[order] for part in (np.concatenate([known, new]), *made))
+            vars(self)["_responses"] = known, H, drive
+        at = np.searchsorted(known, frequencies)
+        return H[at], drive[at]
+
+    def _responses_at(self, frequencies):
         left, right = self.Ct.T, self.B
         H, drive = [], []
         for part in self.parts_of(frequencies):
