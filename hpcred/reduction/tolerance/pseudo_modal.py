@@ -294,18 +294,7 @@ class PseudoModal:
     def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return H (S, r, p), without the factor s^k of derivatives, and the drive-point responses b_i^T A^-1 b_i
         (S, p) of the inputs; they are kept as there is room."""
-        known, H, drive = vars(self).get("_responses", (np.zeros(0), None, None))
-        new = np.setdiff1d(frequencies, known)
-        if (len(known) + len(new)) * (self.io.output_count + 1) * self.B.shape[1] > NUMBERS_AT_A_TIME:
-            return self._responses_at(frequencies)
-        if len(new):
-            made, order = self._responses_at(new), np.argsort(np.concatenate([known, new]))
-            if len(known):
-                made = [np.concatenate(pair) for pair in zip((H, drive), made, strict=True)]
-            known, H, drive = (part[order] for part in (np.concatenate([known, new]), *made))
-            vars(self)["_responses"] = known, H, drive
-        at = np.searchsorted(known, frequencies)
-        return H[at], drive[at]
+        return kept(self, "_responses", frequencies, self._responses_at, (self.io.output_count + 1) * self.B.shape[1])
 
     def _responses_at(self, frequencies):
         left, right = self.Ct.T, self.B
@@ -317,6 +306,24 @@ class PseudoModal:
             by_itself = self.io.are_same
             drive.append(np.einsum("spp->sp", rows) if by_itself else np.einsum("mp,smp->sp", right, states))
         return np.concatenate(H), np.concatenate(drive)
+
+
+def kept(owner, name: str, frequencies, compute, size: int) -> tuple[np.ndarray, ...]:
+    """Return the arrays (S, ...) that `compute` gives at frequencies (S,), of `size` numbers at each: those that an
+    object has computed before and keeps, as there is room, and new ones."""
+    known, *arrays = vars(owner).get(name, (np.zeros(0),))
+    new = np.setdiff1d(frequencies, known)
+    if (len(known) + len(new)) * size > NUMBERS_AT_A_TIME:
+        return compute(frequencies)
+    if len(new):
+        made = compute(new)
+        if len(known):
+            made = [np.concatenate(pair) for pair in zip(arrays, made, strict=True)]
+        known = np.concatenate([known, new])
+        order = np.argsort(known)
+        known, *arrays = vars(owner)[name] = [part[order] for part in (known, *made)]
+    at = np.searchsorted(known, frequencies)
+    return tuple(part[at] for part in arrays)
 
 
 def congruent(matrix: np.ndarray, X: np.ndarray) -> np.ndarray:
