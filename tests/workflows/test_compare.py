@@ -57,7 +57,7 @@ def test_results_of_other_questions_are_refused(comm, folder):
         with pytest.raises(hpcred.InputError, match="expected two or more, each once"):
             hpcred.compare_results([folder / "a.h5", folder / "a.h5"], folder / "model.h5")
         # digests of an earlier version, which tell nothing about the model of today
-        old = {key: "0" * 64 for key in rom.record.digests}
+        old = dict.fromkeys(rom.record.digests, "0" * 64)
         rom.record = replace(rom.record, digests=old)
         hpcred.write_result(folder / "old.h5", rom)
         with pytest.raises(hpcred.InputError, match=r"old\.h5: an earlier version wrote it, .*; reduce again"):

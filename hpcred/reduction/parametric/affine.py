@@ -110,9 +110,7 @@ class PointModels(NamedTuple):
         k = slice(count)
         D, M = (None if matrix is None else matrix[k, k] for matrix in (self.D, self.M))
         parts = transformed(self.viscoelastic, lambda matrix: matrix[k, k])
-        return diagonalised(
-            self.K[k, k], self.L[k], D, self.damping, self.io, parts, self.symmetric, M, self.tau
-        )
+        return diagonalised(self.K[k, k], self.L[k], D, self.damping, self.io, parts, self.symmetric, M, self.tau)
 
 
 class AffineProjections:

@@ -237,7 +237,12 @@ class PseudoModal:
         inverse = Poles(self.poles.values, self.poles.left.T, self.poles.right.T) if transposed else self.poles
         s = self.damping.coefficients(frequencies)[2]
         factor = _reciprocal(s[:, None, None] - inverse.values[:, None])
-        return lambda columns: times(inverse.right, factor * times(inverse.left, columns))
+
+        def nearly(columns):
+            same = columns.strides[0] == 0  # at all frequencies
+            return times(inverse.right, factor * (inverse.left @ columns[:1] if same else times(inverse.left, columns)))
+
+        return nearly
 
     def _kept_inverses(self, frequencies):
         """Return A(s)^-1 (S, m, m), which are kept, or None where there is no room for them."""
@@ -289,7 +294,10 @@ class PseudoModal:
 
     def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return H (S, r, p), without the factor s^k of derivatives, and the drive-point responses b_i^T A^-1 b_i
-        (S, p) of the inputs."""
+        (S, p) of the inputs; they are kept as there is room."""
+        return kept(self, "_responses", frequencies, self._responses_at, (self.io.output_count + 1) * self.B.shape[1])
+
+    def _responses_at(self, frequencies):
         left, right = self.Ct.T, self.B
         H, drive = [], []
         for part in self.parts_of(frequencies):
@@ -299,6 +307,24 @@ class PseudoModal:
             by_itself = self.io.are_same
             drive.append(np.einsum("spp->sp", rows) if by_itself else np.einsum("mp,smp->sp", right, states))
         return np.concatenate(H), np.concatenate(drive)
+
+
+def kept(owner, name: str, frequencies, compute, size: int) -> tuple[np.ndarray, ...]:
+    """Return the arrays (S, ...) that `compute` gives at frequencies (S,), of `size` numbers at each: those that an
+    object has computed before and keeps, as there is room, and new ones."""
+    known, *arrays = vars(owner).get(name, (np.zeros(0),))
+    new = np.setdiff1d(frequencies, known)
+    if (len(known) + len(new)) * size > NUMBERS_AT_A_TIME:
+        return compute(frequencies)
+    if len(new):
+        made = compute(new)
+        if len(known):
+            made = [np.concatenate(pair) for pair in zip(arrays, made, strict=True)]
+        known = np.concatenate([known, new])
+        order = np.argsort(known)
+        known, *arrays = vars(owner)[name] = [part[order] for part in (known, *made)]
+    at = np.searchsorted(known, frequencies)
+    return tuple(part[at] for part in arrays)
 
 
 def diagonalised(
