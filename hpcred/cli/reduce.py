@@ -80,7 +80,7 @@ def _show_next(found, output):
         del rows[1]
     width = max(len(command) for command, _ in rows)
     for k, (command, what) in enumerate(rows):
-        print(f"{'next: ' if k == 0 else '      '}hpcred {command:{width}}  {what}")
+        print(f"{'next: ' if k == 0 else '      '}hpcred {command:{width}}  # {what}")
 
 
 def store(
