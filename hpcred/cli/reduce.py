@@ -71,7 +71,7 @@ def _show_next(found, output):
     rows = [
         (f"evaluate {output} --full {model} --check 5", "more full solves"),
         (f"report {output}", "responses, error and shapes"),
-        (f"export {output} --format sid", "for a multibody program (--help: others)"),
+        (f"export {output} --format sid", "for a multibody program"),
         (f"info {output} --details", "basis, points, time, memory"),
     ]  # fmt: skip
     if found.record.accuracy is None:
