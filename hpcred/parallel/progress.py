@@ -75,13 +75,13 @@ class Progress:
         """Charge the time of the block to `name`; also a PETSc log stage, so that -log_view lists it. `known`: see
         Stage; the thread calls it, so that it must not communicate."""
         self._charge()
+        if detail:
+            self.say(f"{name}: {detail}")
         stage = Stage(name=name, detail=detail, begun=self.elapsed(), known=known)
         self._open.append(stage)
         self._watch()
         log = PETSc.Log.Stage(name)
         log.push()
-        if detail:
-            self.say(f"{name}: {detail}")
         try:
             yield
             self._tell_known(stage)

@@ -205,7 +205,7 @@ def test_lists_are_matrices_too():
 
 def test_warnings_and_the_measure_are_printed():
     rom = hpcred.reduce(hpcred.SecondOrderModel(M, D, K, B), tolerance=1e-3, band=(0, 300), damping=hpcred.NoDamping())
-    assert "; measured with the loss factor 0.002 (undamped)\n  warning: damping: none, though model has" in str(rom)
+    assert "\n  measured with the loss factor 0.002 (undamped)\n  warning: damping: none, though model has" in str(rom)
 
 
 @pytest.mark.mpi(build="real")
