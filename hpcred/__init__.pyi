@@ -174,6 +174,7 @@ from .workflows.notebook import plot_campbell as plot_campbell
 from .workflows.notebook import plot_modes as plot_modes
 from .workflows.notebook import plot_response as plot_response
 from .workflows.paper import reproduce as reproduce
+from .workflows.plan import plan_file as plan_file
 from .workflows.recover import recover as recover
 from .workflows.reduce import reduce_job as reduce_job
 from .workflows.report import report_file as report_file

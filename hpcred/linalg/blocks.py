@@ -172,6 +172,27 @@ def from_dense(mat: PETSc.Mat | np.ndarray, like: PETSc.Mat | None = None) -> SL
     return new
 
 
+def multiply_dense(mat: PETSc.Mat, source: PETSc.Mat, target: PETSc.Mat):
+    """target = mat source, with a sparse matrix and dense ones.
+
+    PETSc 3.25 crashes where a rank has rows of the sparse matrix but none of the dense one, as it then writes the first
+    entry of an array that has as many entries as that rank has rows. There the columns go one by one.
+    """
+    rows, columns = np.diff(mat.getOwnershipRanges()), np.diff(mat.getOwnershipRangesColumn())
+    if not (rows[columns == 0] > 0).any():
+        mat.matMult(source, target)
+        return
+    x, y = mat.createVecs()
+    given, found = source.getDenseArray(readonly=True), target.getDenseArray()
+    for k in range(source.getSize()[1]):
+        x.setArray(given[:, k])
+        mat.mult(x, y)
+        found[:, k] = y.getArray(readonly=True)
+    target.stateIncrease()
+    for vector in (x, y):
+        vector.destroy()
+
+
 def _own_rows(array, like) -> np.ndarray:
     """Return an array of the rows of this rank as real (rows, k). Raises InputError."""
     local = np.asarray(array)
@@ -189,7 +210,7 @@ def _own_rows(array, like) -> np.ndarray:
 def apply(mat: PETSc.Mat, block: Block, result: Block):
     """result = mat block."""
     with dense(block) as source, dense(result) as target:
-        mat.matMult(source, target)
+        multiply_dense(mat, source, target)
 
 
 def times(mat: PETSc.Mat, block: Block) -> SLEPc.BV:

@@ -95,7 +95,7 @@ def reduce(
         Where blocks of points and sets of modes are kept from one reduction to the next, so that no point is factored
         twice; PointStore is one in a folder.
     progress : Progress, optional
-        Shows stages and times; by default nothing is shown.
+        By default one that shows stages and times on stderr once they take long.
     deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates
         See Reduction.
 
@@ -145,7 +145,7 @@ def reduce(
             raise InputError(f"{key}: found it for a model without parameters; leave it out")
     asked = {"basis": basis, "frame": frame, "damping": damping, "settings": settings,
              "factoring": factoring or Factoring(), "store": store,
-             "progress": progress or Progress(model.comm, show=False)}  # fmt: skip
+             "progress": progress or Progress(model.comm)}  # fmt: skip
     if parametric:
         if adaptive is None:
             if parameter_search is not None:

@@ -88,22 +88,22 @@ class ReducedModel:
         return f"{self.size} coordinates" + (f" ({rigid} rigid-body, {self.size - rigid} elastic)" if rigid else "")
 
     def __str__(self):
-        """Describe the model in a few lines, with its accuracy if it was reduced to a tolerance."""
-        record = self.record
+        """Describe the model in a few lines; one that was reduced to a tolerance begins with its error."""
+        record, first, last = self.record, [], []
+        if record is not None:
+            last = [f"warning: {text}" for text in record.warnings]
+            if (accuracy := record.accuracy) is not None:
+                first = [accuracy.sentence]
+                last = [accuracy.least_accurate, accuracy.measured, *last]
+                last = [text for text in last if text and text != f"warning: {accuracy.sentence}"]
         origin = f" for the {record.size} dofs of {record.model}" if record is not None else ""
         frame = f", frame {record.frame.kind}, damping {record.damping.kind}" if record is not None else ""
-        return (
-            f"reduced model: {self.size_in_words}{origin}\n"
-            f"  pseudo-frequencies {self.frequencies[0]:.6g} to {self.frequencies[-1]:.6g} Hz{frame}\n"
-            f"  inputs {listed(self.input_names)}; outputs {listed(self.output_names)}"
-            + "".join(f"\n  {text}" for text in self._known())
-        )
-
-    def _known(self):
-        """Yield the accuracy and the warnings of the record as text."""
-        if self.record is not None and (accuracy := self.record.accuracy) is not None:
-            yield f"{accuracy.sentence}; {accuracy.measured}"
-        yield from (f"warning: {text}" for text in (self.record.warnings if self.record is not None else ()))
+        return "\n  ".join([
+            "\n".join([*first, f"reduced model: {self.size_in_words}{origin}"]),
+            f"pseudo-frequencies {self.frequencies[0]:.6g} to {self.frequencies[-1]:.6g} Hz{frame}",
+            f"inputs {listed(self.input_names)}; outputs {listed(self.output_names)}",
+            *last,
+        ])  # fmt: skip
 
     __repr__ = __str__
 

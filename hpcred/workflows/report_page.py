@@ -8,6 +8,7 @@ from ..model.dofs import named_quantity, target_of
 from ..model.units import unit_of_response
 from ..reduction.parametric.accuracy import in_words as values_in_words
 from ..reduction.record import version_of
+from ..reduction.tolerance.accuracy import WORST
 from ..reduction.tolerance.directions import rows_of_directions
 from ..report.figures import UNKNOWN
 from ..report.page import packed
@@ -35,6 +36,7 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
         "notes": list(dict.fromkeys(note for sheet in sheets for note in sheet.notes)),
         "response_notes": [f"{name}: responses and errors are {words}" for name, words in whose.items()],
         "paper": [sheet.name for sheet in sheets if _is_of_paper(sheet)],
+        "worst": WORST,
         "searched": any(result["points"] for result in results),
         "shaped": any(result["shape"] for result in results),
         "stressed": any(sheet.has_stress for sheet in sheets),

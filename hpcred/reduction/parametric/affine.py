@@ -26,20 +26,21 @@ class Part(NamedTuple):
 class AffineForm:
     """The matrices of a parametric model, with the loads of all its inputs and outputs in the coordinates of a frame.
 
-    `parts`: of M (none where it does not depend on parameters), K and D (none unless `damped`), and K_v of viscoelastic
-    parts as Kv1, Kv2, ..., which are constant; `loads` L: independent columns of all parts of B and C^T, of which
-    `inputs` and `outputs` (None for C = B^T) are lists of (place, factor); `restore`: see FramedModel. Collective.
+    `parts`: of M (none where it is the inner product of bases at all values), K and D (none unless `damped`), and K_v
+    of viscoelastic parts as Kv1, Kv2, ..., which are constant; `tau`: see Run; `loads` L: independent columns of all
+    parts of B and C^T, of which `inputs` and `outputs` (None for C = B^T) are lists of (place, factor); `restore`: see
+    FramedModel. Collective.
     """
 
-    def __init__(self, parametric, framed, damped: bool):
+    def __init__(self, parametric, framed, damped: bool, tau=0.0):
         model, self.restore = parametric.model, framed.restore
-        self.parametric, self.framed = parametric, framed
+        self.parametric, self.framed, self.tau = parametric, framed, tau
         terms = [(1 + k, item) for k, item in enumerate(parametric.terms)]
         symmetric = (True, *parametric.symmetric_terms)
         self.parts: dict[str, list[Part]] = {"M": [], "K": [], "D": []}
         for of, mat in (("M", model.M), ("K", model.K), ("D", model.D)):
             own = [Part(k, item.matrix, symmetric[k]) for k, item in terms if item.of == of]
-            if of == "K" or (of == "M" and own) or (of == "D" and damped):
+            if of == "K" or (of == "M" and (own or tau)) or (of == "D" and damped):
                 self.parts[of] = [Part(0, mat, model.is_symmetric(of)), *own]
         self.parts |= {key: [Part(0, mat)] for key, mat in matrices_by_key(model.viscoelastic).items()}
         blocks, places = [], {"B": [], "C": []}
@@ -87,8 +88,8 @@ class AffineForm:
 
 class PointModels(NamedTuple):
     """Projections at values of the parameters on a basis that was made orthonormal there, by the upper triangular
-    `turn` (m, m), so that its first columns still span what those of the basis span; `size_of_k`: the sum of the norms
-    of what adds up to K. Local."""
+    `turn` (m, m), so that its first columns still span what those of the basis span; `M` and `tau`: where they are
+    orthonormal in M + tau^2 K; `size_of_k`: the sum of the norms of what adds up to K. Local."""
 
     K: np.ndarray
     L: np.ndarray
@@ -99,13 +100,17 @@ class PointModels(NamedTuple):
     symmetric: bool
     viscoelastic: tuple[Viscoelastic, ...]
     size_of_k: float
+    M: np.ndarray | None = None
+    tau: float = 0.0
 
     def model(self, count: int | None = None) -> PseudoModal:
         """Return the model of the first `count` columns, by default of all."""
         k = slice(count)
-        D = None if self.D is None else self.D[k, k]
+        D, M = (None if matrix is None else matrix[k, k] for matrix in (self.D, self.M))
         parts = transformed(self.viscoelastic, lambda matrix: matrix[k, k])
-        return diagonalised(self.K[k, k], self.L[k], D, self.damping, self.io, parts, self.symmetric)
+        return diagonalised(
+            self.K[k, k], self.L[k], D, self.damping, self.io, parts, self.symmetric, M, self.tau
+        )
 
 
 class AffineProjections:
@@ -144,18 +149,20 @@ class AffineProjections:
 
     def at(self, point) -> PointModels:
         """Return the projections at a point; local. Raises InputError where M is not positive definite."""
-        theta = self.form.theta(point)
+        theta, tau = self.form.theta(point), self.form.tau
         summed = {of: found for of in self.form.parts if (found := self._sum(of, theta)) is not None}
-        M, L, turn = summed.pop("M", None), self.L, np.eye(len(self.L))
-        if M is not None:
-            turn = np.linalg.inv(factor_of_mass(M, self.form.values(point))).T
+        L, turn = self.L, np.eye(len(self.L))
+        if "M" in summed:
+            inner = summed["M"] + tau**2 * (summed["K"] + summed["K"].T) / 2 if tau else summed["M"]
+            turn = np.linalg.inv(factor_of_mass(inner, self.form.values(point))).T
             summed, L = {of: congruent(part, turn) for of, part in summed.items()}, turn.T @ L
         symmetric = all(part.symmetric for part in self.form.parts["K"])
         parts = parts_from(self.form.parametric.model.viscoelastic, summed)
         size = sum(abs(theta[part.place]) * np.linalg.norm(small)
                    for part, small in zip(self.form.parts["K"], self.small["K"], strict=True))  # fmt: skip
         return PointModels(
-            summed["K"], L, summed.get("D"), turn, self.damping, self.form.io(theta), symmetric, parts, float(size)
+            summed["K"], L, summed.get("D"), turn, self.damping, self.form.io(theta), symmetric, parts, float(size),
+            summed["M"] if tau else None, tau,
         )
 
     def _sum(self, of, theta):
