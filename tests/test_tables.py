@@ -80,8 +80,9 @@ def test_tables_of_all_commands_fit_and_have_no_trailing_blanks(linkage_folder, 
     Path("simulation.toml").write_text(SIMULATION.replace("result.h5", "auto.h5"))
     for line in (
         "convert --list-formats", "info model.h5", "info crank.h5", "bores crank.h5", "modes crank.h5 --count 8",
-        "info", "modes model.h5 --count 8", "reduce job.toml --store store", "reduce job.toml --set output='other.h5'",
-        "store store", "reduce turning.toml", "info turning.h5", "campbell turning.h5 --range 0,3000 --points 3",
+        "info", "modes model.h5 --count 8", "reduce job.toml --store store",
+        "reduce job.toml --details --set output='other.h5'", "store store", "plan model.h5 --ranks 4",
+        "reduce turning.toml", "info turning.h5", "campbell turning.h5 --range 0,3000 --points 3",
         "evaluate auto.h5 --estimate", "evaluate auto.h5 --full model.h5", "evaluate auto.h5 --full model.h5 --check 2",
         "evaluate auto.h5 other.h5 --full model.h5", "simulate simulation.toml",
         "recover auto.h5 simulation.h5 -o r.csv", "sweep sweep.toml", "collect sweep.toml",
