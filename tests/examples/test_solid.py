@@ -9,7 +9,6 @@ from hpcred import ElementProperties, InputError, Modes, Preload
 from hpcred.body.preload import preloaded
 from hpcred.model.material_stiffness import material_stiffness
 from hpcred.model.solids import Solids
-from hpcred.parallel.failures import InputError
 
 pytestmark = pytest.mark.mpi
 
