@@ -148,7 +148,9 @@ def damped_modes(
             poles, block = damped_eigenpairs(free.M, free.D, free.K, count, shift, solver.solve)
         found = damped_residuals(free.M, free.D, free.K, poles, block)
         shapes = everywhere(model, framed, block)
-    return DampedModes(poles=poles, residuals=found, shapes=shapes, warnings=_warnings(count, poles, found))
+    return progress.found(
+        DampedModes(poles=poles, residuals=found, shapes=shapes, warnings=_warnings(count, poles, found))
+    )
 
 
 def _warnings(count, poles, found):
