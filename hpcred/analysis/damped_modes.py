@@ -150,7 +150,7 @@ def damped_modes(
         found = damped_residuals(free.M, free.D, free.K, poles, block)
         shapes = everywhere(model, framed, block)
     warnings = (*warnings_of_rows_alone(model), *_warnings(count, poles, found))
-    return DampedModes(poles=poles, residuals=found, shapes=shapes, warnings=warnings)
+    return progress.found(DampedModes(poles=poles, residuals=found, shapes=shapes, warnings=warnings))
 
 
 def _warnings(count, poles, found):

@@ -235,11 +235,11 @@ def _by_search(
         factorisations, warnings = tuple(run.factorisations), (*warnings, *run.notes.warnings)
     if model.derivatives is not None:
         values = model.derivatives.factors_at(2j * np.pi * frequencies) * values
-    return FullResponse(
+    return progress.found(FullResponse(
         frequencies=frequencies, response=values, eps=eps, accuracy=accuracy, input_names=model.input_names,
         output_names=model.output_names, factorisations=factorisations, warnings=warnings,
         timing=progress.timing(), models=models,
-    ), models  # fmt: skip
+    )), models  # fmt: skip
 
 
 def _damping_of_response(damping) -> Proportional:
