@@ -128,7 +128,7 @@ def require_translations(model, e):
     Collective."""
     dofs = require_dofs(model, "a rotation")
     moved, rows = _rows_of_nodes(model)
-    mixed = np.abs(skew(e)) + np.abs(skew(e) @ skew(e)) * (1 - np.eye(3)) > 0
+    mixed = np.abs(skew(e)) + np.abs(skew(e) @ skew(e)) > 0  # also with itself, which each row has
     lacking = (rows < 0) & mixed[dofs.direction[moved]]
     found = [item for part in model.comm.allgather(_first_lacking(dofs, moved, lacking)) for item in part]
     if found:

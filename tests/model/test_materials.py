@@ -9,7 +9,8 @@ from foreign import gathered
 
 import hpcred
 from hpcred import ElementProperties, Material
-from hpcred.model.materials import MATERIAL, NUMBER, TYPE, material_of
+from hpcred.model.material_stiffness import _row_norms
+from hpcred.model.materials import MATERIAL, NUMBER, TYPE, check_properties, material_of
 from hpcred.parallel.shares import row_range
 
 STEEL = Material(name="steel", young=2.1e11, poisson=0.3, density=7850.0, expansion=1.2e-5)
@@ -119,3 +120,21 @@ def test_properties_of_other_elements_are_refused(table, says):
         hpcred.SecondOrderModel.from_scipy(
             np.eye(3), np.eye(3), name="from_scipy", elements={"tetra": np.array([[1, 2, 3, 4]])}, properties=properties
         )
+
+
+@pytest.mark.parametrize(("column", "place", "says"), [(TYPE, 2, "the type 2"), (MATERIAL, 1, "the material 1")])
+def test_a_place_beyond_the_names_is_refused_whatever_the_others_are(column, place, says):
+    table = np.array([[1, 0, -1], [2, 1, 0], [3, 0, 0]])
+    elements = {"tetra": np.ones((3, 4), int)}
+    properties = ElementProperties("hpcred", ("a", "b"), (STEEL,), {"tetra": table})
+    check_properties(properties, elements, "m")
+    table[1, column] = place
+    with pytest.raises(hpcred.InputError, match=says):
+        check_properties(properties, elements, "m")
+
+
+def test_norms_of_rows():
+    """The Euclidean ones."""
+    K = np.array([[3.0, 4.0, 0.0], [4.0, 9.0, 0.0], [0.0, 0.0, 2.0]])
+    with hpcred.SecondOrderModel(np.eye(3), None, K) as model:
+        assert np.allclose(_row_norms(model.K), [5.0, 97**0.5, 2.0])
