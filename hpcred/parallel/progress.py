@@ -102,7 +102,7 @@ class Progress:
             self._watched = True
             threading.Thread(target=_look_after, args=(weakref.ref(self),), daemon=True).start()
 
-    def look(self):
+    def look(self) -> None:
         """Say what has become known of the present stage, and that it goes on: after SILENT seconds without a line,
         then once a MINUTE."""
         stage = next(iter(self._open[-1:]), None)  # which the other thread may close meanwhile

@@ -206,7 +206,7 @@ def _refuse_singletons():
         ranks = os.environ.get(name, "")
         if MPI.COMM_WORLD.size == 1 and ranks.isdigit() and int(ranks) > 1:
             if os.environ.get(number, "0") != "0":
-                sys.exit(2)  # the first one says it
+                os._exit(InputError.exit_status)  # the first one says it
             how = f"`srun --mpi=pmix` (`srun --mpi=list` shows what there is) or `mpiexec -n {ranks}`"
             raise InputError(
                 f"{launcher} started {ranks} ranks, and {library}, which mpi4py uses, finds one: take "

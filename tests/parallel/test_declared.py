@@ -57,7 +57,7 @@ def test_numbers_lists_and_paths_of_all_kinds_become_plain_ones(given, plain):
         (lambda: Rayleigh(np.float32("nan")), "^damping.alpha: found nan, expected a finite number of 0 to 1e"),
         (lambda: ModalDamping(ratios=[]), "kind 'modal' needs exactly one of ratio"),
         (lambda: Buckens(3), r"^frame.supports: found 3, expected a list of \[a whole number, a text\]$"),
-        (lambda: Factoring(solver="direct"), "^solver: found 'direct', expected LinearSolver$"),
+        (lambda: Factoring(solver="direct"), "^solver: found 'direct', expected LinearSolver, such as LinearSolver"),
         (lambda: Adaptive(tolerance="1e-4", band=(0, 1)), "^tolerance: found '1e-4', expected a number$"),
         (lambda: Adaptive(tolerance=1e-4, band=(0, 1), size=2.5), "^adaptive.size: found 2.5, expected a whole numb"),
         (lambda: Interface(name="a", nodes=(1,), kind="soft"), "^interface 'a': kind: found 'soft', expected 'averag"),
