@@ -98,8 +98,7 @@ def check(model) -> dict:
                 f"looks like {report['units']}: from the mass, the size, and the speed of waves between neighbouring "
                 "nodes"
             )
-    if model.viscoelastic:
-        report["viscoelastic"] = [part.in_words for part in model.viscoelastic]
+    report |= model.operator.families
     if loads := loads_of(model):
         report["loads"] = [item.row for item in loads]
     digits = digits_of(model.K) or FEW_DIGITS

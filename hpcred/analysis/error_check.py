@@ -156,7 +156,7 @@ def check_reduced(
 def _resonances(reduced, accuracy):
     """Return the frequencies (k,) in Hz where the response may peak as it is measured, and the damping ratios there: by
     the poles, which a given D moves off the pseudo-frequencies."""
-    if accuracy.loss_factor and not (accuracy.beside_damping or reduced.viscoelastic):
+    if accuracy.loss_factor and not (accuracy.beside_damping or reduced.added):
         return reduced.frequencies, accuracy.loss_factor / 2
     f, ratios = at_poles(reduced.poles())
     return f, ratios + accuracy.loss_factor / 2

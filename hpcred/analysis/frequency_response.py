@@ -18,7 +18,6 @@ from ..model.frames import Frame, apply_frame
 from ..model.input_output_counts import require_room
 from ..model.scales import in_usual_units, unscaled
 from ..model.second_order_model import SecondOrderModel, require_inputs, require_model
-from ..model.viscoelastic import added_stiffness, transformed
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.petsc import MPI, PETSc
@@ -237,12 +236,12 @@ def _by_full_matrices(solvers, frequencies, response, step) -> np.ndarray:
     D = np.zeros_like(K) if model.D is None else _full_matrix(model.D)
     C = B.T if model.Ct is None else _full_matrix(model.Ct).T
     terms = np.stack([K + 1j * solvers.loss * K, 1j * D, -M]).reshape(3, -1)  # of 1, omega, omega^2
-    parts = transformed(model.viscoelastic, _full_matrix)
+    added = model.added.map(_full_matrix)
     for part in _parts(len(frequencies), model.size):
         omega = 2 * np.pi * frequencies[part]
         A = (np.vander(omega, 3, increasing=True) @ terms).reshape(-1, *K.shape)
-        if parts:
-            A += added_stiffness(parts, 1j * omega)
+        if added:
+            A += added.at(1j * omega)
         try:
             X = np.linalg.solve(A, np.broadcast_to(B.astype(complex), (len(A), *B.shape)))
         except np.linalg.LinAlgError:
@@ -268,9 +267,7 @@ class _Solvers:
         self.model, self.rigid, self.factoring = framed.model, framed.rigid, factoring
         self.terms = caughey_terms(framed.damping)
         self.loss = loss_factor_of(framed.damping)
-        self.damped = bool(
-            self.model.D is not None or self.terms is not None or self.loss > 0 or self.model.viscoelastic
-        )
+        self.damped = bool(self.model.D is not None or self.terms is not None or self.loss > 0 or self.model.added)
         self._shifted = self._complex = None
 
     def close(self):

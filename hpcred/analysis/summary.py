@@ -69,8 +69,7 @@ def inspect(
     }
     if model.circulatory:
         report["circulatory"] = "yes: K may be unsymmetric"
-    if model.viscoelastic:
-        report["viscoelastic"] = [part.in_words for part in model.viscoelastic]
+    report |= model.operator.families
     if model.converted_from:
         report["converted_from"] = model.converted_from
     if model.properties is not None:

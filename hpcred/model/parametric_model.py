@@ -21,7 +21,6 @@ from .parameters import Parameter, Term, check_terms, checked_values, factors_of
 from .petsc_matrices import on_one_pattern
 from .second_order_model import SYMMETRIC_TO, SecondOrderModel, is_symmetric_to, listed, require_model
 from .term_matrices import FIELD, term_matrix
-from .viscoelastic import parts_from
 
 OF_MASS = ("gravity", "centrifugal")  # loads that are M times accelerations
 
@@ -80,20 +79,17 @@ class ParametricModel:
                              "expected displacements")  # fmt: skip
         terms = tuple(replace(item, matrix=term_matrix(model, item)) for item in terms)
         square = [item.matrix for item in terms if item.of in "MDK"]
-        mats = model.matrices
+        mats = dict(model.matrices)
         if model.D is None and any(item.of == "D" for item in terms):
             mats["D"] = model.K.duplicate(copy=False)
             mats["D"].zeroEntries()
         mats, known = on_one_pattern(mats, square), model.matrices
-        parts = parts_from(model.viscoelastic, mats)
-        mats = {key: mat for key, mat in mats.items() if key in "MDK" and mat is not known.get(key)}
-        if "K" in mats:
-            mats["viscoelastic"] = parts
+        changed: dict[str, Any] = {key: mat for key, mat in mats.items() if mat is not known.get(key)}
         if any(item.of == "K" and _is_skew(item.matrix) for item in terms):
-            mats["circulatory"] = True
+            changed["circulatory"] = True
         if any(item.of == "M" for item in terms):
-            mats["loads"] = tuple(_of_constant_mass(item) for item in model.loads)
-        self._take(model.with_fields(**mats), parameters, terms)
+            changed["loads"] = tuple(_of_constant_mass(item) for item in model.loads)
+        self._take(model.with_fields(**changed), parameters, terms)
 
     def _take(self, model, parameters, terms):
         if any(item.of == "K" for item in terms) and any(map(cut_output_of, model.own_output_names)):

@@ -29,9 +29,10 @@ from .load_columns import with_loads
 from .loads import AnyLoad, LoadColumn
 from .materials import ElementProperties, Material
 from .motion_outputs import MotionOutput
+from .operator import ADDED, KEY, ORDERS, Operator, Term
 from .stress_outputs import StressOutput
 from .targets import interface_targets, output_columns, unit_columns
-from .viscoelastic import KEY, Viscoelastic, matrices_by_key, parts_from, transformed, with_viscoelastic
+from .viscoelastic import Viscoelastic, with_viscoelastic
 
 if TYPE_CHECKING:
     from typing import TypeAlias
@@ -137,15 +138,15 @@ class SecondOrderModel:
         How velocities, accelerations and mixed outputs follow from the columns of Ct; None if these are the outputs.
     properties : ElementProperties or None
         Numbers, types and materials of the elements, if known, for stresses and loads.
-    viscoelastic : tuple of Viscoelastic
-        Parts that add (g(s) - g(0)) K_v to K, the static stiffness; their matrices are on the pattern of K.
+    operator : Operator
+        M, D, K, and terms that are added to K, the static stiffness, all on one pattern.
+    viscoelastic : tuple of Term
+        The added terms, which viscoelastic parts are: (g(s) - g(0)) K_v.
     circulatory : bool
         Whether K may be unsymmetric.
     """
 
-    M: PETSc.Mat
-    K: PETSc.Mat
-    D: PETSc.Mat | None = None
+    operator: Operator
     B: PETSc.Mat | None = None
     Ct: PETSc.Mat | None = None
     dofs: Dofs | None = None
@@ -162,7 +163,6 @@ class SecondOrderModel:
     converted_from: str = ""
     properties: ElementProperties | None = None
     derivatives: Derivatives | None = None
-    viscoelastic: tuple[Viscoelastic, ...] = ()
     circulatory: bool = False
 
     def __init__(
@@ -183,10 +183,11 @@ class SecondOrderModel:
         circulatory: bool = False,
     ) -> None:
         rates = Cv is not None or Ca is not None
-        self._take(construction.from_given(
+        given = construction.from_given(
             M, D, K, B, None if rates else C, comm, dofs=dofs, input_names=input_names,
             output_names=() if rates else output_names, name=name, circulatory=circulatory,
-        ))  # fmt: skip
+        )  # fmt: skip
+        self._take({"operator": Operator.of(*(given.pop(key, None) for key in "MDK"))} | given)
         if rates:
             local = [construction.local_columns(self, key, item, isinstance(K, PETSc.Mat))
                      for key, item in (("C", C), ("Cv", Cv), ("Ca", Ca))]  # fmt: skip
@@ -195,8 +196,13 @@ class SecondOrderModel:
     @classmethod
     def assembled(cls, M, K, D=None, **known) -> SecondOrderModel:
         """Return a model that takes over these fields, which must fit each other. Collective."""
+        return cls.of_operator(Operator.of(M, D, K), **known)
+
+    @classmethod
+    def of_operator(cls, operator: Operator, **known) -> SecondOrderModel:
+        """Return a model that takes over an operator and further fields, which must fit each other. Collective."""
         model = object.__new__(cls)
-        model._take({"M": M, "K": K, "D": D, **known})
+        model._take({"operator": operator, **known})
         return model
 
     def _take(self, given):
@@ -226,26 +232,25 @@ class SecondOrderModel:
 
     def close(self) -> None:
         """Free the PETSc objects. Collective."""
-        for mat in (*map(vars(self).get, ("M", "D", "K", "B", "Ct", "Gt")), *(p.matrix for p in self.viscoelastic)):
+        own = vars(self).pop("operator", Operator({}))  # PETSc ends the process that uses a destroyed matrix
+        for mat in (*own.matrices.values(), self.B, self.Ct, self.Gt):
             if mat is not None:
                 mat.destroy()
-        for key in ("M", "K"):  # PETSc ends the process that uses a destroyed matrix
-            vars(self).pop(key, None)
 
     def __getattr__(self, name):
-        if name in ("M", "K"):
+        if name == "operator":
             raise InputError(f"{vars(self).get('name')}: this model was closed, and has no matrices any more")
         raise AttributeError(f"a SecondOrderModel has no attribute '{name}'")
 
     def __repr__(self):
         """Return one line. Not collective, since notebooks and debuggers call it on one rank."""
-        size = f"{self.K.getSize()[0]} dofs" if "K" in vars(self) else "closed"
+        size = f"{self.K.getSize()[0]} dofs" if "operator" in vars(self) else "closed"
         return (f"<SecondOrderModel {self.name}: {size}, {len(self.input_names)} inputs, {len(self.output_names)} "
                 "outputs>")  # fmt: skip
 
     def __str__(self):
         """Return three lines that describe the model. Collective."""
-        matrices = ", ".join(sorted(self.matrices))
+        matrices = ", ".join(sorted(self.operator.terms))
         nodes = "without nodes" if self.dofs is None else f"{self.node_count} nodes"
         return (
             f"{self.name}: {self.size} dofs, {nodes}, on {self.comm.size} rank(s)\n"
@@ -259,17 +264,41 @@ class SecondOrderModel:
 
     def with_fields(self, **changed) -> SecondOrderModel:
         """Return the model with other fields, and its own references to the other PETSc objects. Collective."""
-        kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct", "Gt")
+        kept = {key: copy(mat) for key in ("B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
-        if "viscoelastic" not in changed:
-            kept["viscoelastic"] = transformed(self.viscoelastic, copy)
-        other = self.assembled(**{item.name: getattr(self, item.name) for item in fields(self)} | kept | changed)
+        if "operator" not in changed:
+            mats = {key: changed[key] if key in changed else copy(mat) for key, mat in self.operator.matrices.items()}
+            kept["operator"] = self.operator.with_matrices(changed | mats)
+        fresh = {key: value for key, value in changed.items() if key not in {*ORDERS, *self.operator.terms}}
+        other = self.of_operator(**{item.name: getattr(self, item.name) for item in fields(self)} | kept | fresh)
         for name in ("_digests", "_defects", "_signs"):
             known, shared = getattr(self, name), getattr(other, name)
             other_parts = {*changed, "labels" if "dofs" in changed else "", "interfaces" if "Gt" in changed else ""}
+            other_parts |= {*ORDERS, ADDED} if "operator" in changed else set()
             shared.update({key: value for key, value in known.items()
                            if key not in other_parts and not key.startswith(KEY)})  # fmt: skip
         return other
+
+    @property
+    def M(self) -> PETSc.Mat:
+        return self.operator["M"]
+
+    @property
+    def K(self) -> PETSc.Mat:
+        return self.operator["K"]
+
+    @property
+    def D(self) -> PETSc.Mat | None:
+        return self.operator.get("D")
+
+    @property
+    def added(self) -> Operator:
+        """The terms beside M, D and K."""
+        return self.operator.added
+
+    @property
+    def viscoelastic(self) -> tuple[Term, ...]:
+        return tuple(self.added)
 
     @cached_property
     def comm(self) -> MPI.Comm:
@@ -304,9 +333,8 @@ class SecondOrderModel:
 
     @property
     def matrices(self) -> dict:
-        """M, K and, if it is not None, D, by name, and the matrices of viscoelastic parts as Kv1, Kv2, ..."""
-        found = {key: mat for key, mat in (("M", self.M), ("K", self.K), ("D", self.D)) if mat is not None}
-        return found | matrices_by_key(self.viscoelastic)
+        """M, K and, if it is not None, D, by name, and the matrices of added terms as Kv1, Kv2, ..."""
+        return self.operator.matrices
 
     @property
     def nonzeros(self) -> int:
@@ -633,17 +661,16 @@ class SecondOrderModel:
                 changed[key] = getattr(self, key).transpose(PETSc.Mat())
         return self.with_fields(**changed)
 
-    def in_coordinates(self, matrices, T, dofs) -> SecondOrderModel:
-        """Return the model in coordinates p with q = T p, from the `matrices` T^T A T by name and labels of the rows.
+    def in_coordinates(self, operator, T, dofs) -> SecondOrderModel:
+        """Return the model in coordinates p with q = T p, from the `operator` T^T A T and labels of the rows.
 
         It takes the matrices over. Collective.
         """
         B, Ct, Gt = (None if mat is None else T.transposeMatMult(mat) for mat in (self.B, self.Ct, self.Gt))
-        moved = self.assembled(
-            matrices["M"], matrices["K"], matrices.get("D"), B=B, Ct=Ct, dofs=dofs, input_names=self.input_names,
+        moved = self.of_operator(
+            operator, B=B, Ct=Ct, dofs=dofs, input_names=self.input_names,
             own_output_names=self.own_output_names, name=self.name, Gt=Gt, interfaces=self.interfaces,
-            derivatives=self.derivatives, viscoelastic=parts_from(self.viscoelastic, matrices),
-            circulatory=self.circulatory,
+            derivatives=self.derivatives, circulatory=self.circulatory,
         )  # fmt: skip
         for key, defect in self.symmetry_defects.items():  # T^T A T is symmetric where A is, whatever its round-off
             moved.take_symmetry(key, defect)

@@ -29,7 +29,7 @@ def output_columns(model, targets) -> tuple[dict[str, np.ndarray | None], list[s
         if isinstance(target, StressOutput):
             found, called = [np.zeros(model.local_rows)], [target.name]  # all of them together, below
         elif isinstance(target, CutOutput):
-            if model.viscoelastic:
+            if model.added:
                 raise cuts_refused(model)
             found, called = list(cut_columns(model, target).T), target.names
         else:

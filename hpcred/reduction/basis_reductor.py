@@ -13,15 +13,15 @@ from ..model.digits import warnings_of_digits
 from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.input_output_counts import require_room
 from ..model.load_columns import loads_of, resultants
+from ..model.operator import Operator
 from ..model.scales import in_usual_units
 from ..model.second_order_model import SecondOrderModel, massless, require_model
-from ..model.viscoelastic import transformed
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.memory import give_back
 from ..parallel.petsc import free_dropped
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
-from .checks import check_circulatory, check_model, check_viscoelastic, warnings_of
+from .checks import check_added, check_circulatory, check_model, warnings_of
 from .components.component import Component, PointComponent
 from .components.groups import blocks_in_groups, number_of_groups
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
@@ -147,7 +147,7 @@ class BasisReductor(Reductor):
     def _check(self, model) -> tuple[str, ...]:
         """Refuse what cannot be reduced in this way; returns warnings of the model. Collective."""
         check_model(model)
-        check_viscoelastic(model, self.damping)
+        check_added(model, self.damping)
         check_circulatory(model, self.damping)
         self._check_room(model)
         if self.settings.coordinates == "interface":
@@ -264,20 +264,18 @@ class BasisReductor(Reductor):
         for key, value in small.items():
             if full.is_symmetric(key):
                 small[key] = (value + value.T) / 2
-        parts = transformed(full.viscoelastic, lambda mat: _symmetric(project(mat, columns)))
+        operator = Operator.of(**small, added=full.added.map(lambda mat: _symmetric(project(mat, columns))))
         inputs = project_columns(columns, full.B)
         outputs = (inputs if full.Ct is None else project_columns(columns, full.Ct)).T.copy()
         if self.settings.coordinates == "interface":
-            given = Projected(columns, **small, B=inputs, C=outputs, viscoelastic=parts)
-            moved = to_interface_coordinates(framed, given, run.tau)
-            small = {"M": moved.M, "D": moved.D, "K": moved.K}
+            moved = to_interface_coordinates(framed, Projected(columns, operator, inputs, outputs), run.tau)
             frequencies = np.concatenate([np.zeros(framed.rigid_size), frequencies])
-            found = reduced_model(model, framed, small, moved.B, moved.C, frequencies, moved.viscoelastic)
+            found = reduced_model(model, framed, moved.operator, moved.B, moved.C, frequencies)
             reduced = with_derivatives(model, found)
             reduced.interfaces = full.interfaces
             reduced.columns = everywhere(model, framed, moved.columns)
             return reduced, defect
-        reduced = with_derivatives(model, reduced_model(model, framed, small, inputs, outputs, frequencies, parts))
+        reduced = with_derivatives(model, reduced_model(model, framed, operator, inputs, outputs, frequencies))
         reduced.columns = everywhere(model, framed, columns)
         return reduced, defect
 
@@ -314,12 +312,12 @@ def _symmetric(matrix):
     return (matrix + matrix.T) / 2
 
 
-def reduced_model(model, framed, small, inputs, outputs, frequencies, parts=()):
-    """Return the same arrays on all ranks, to the last digit; `parts`: viscoelastic ones, projected."""
-    given = small, inputs, outputs, frequencies, parts
-    small, inputs, outputs, frequencies, parts = model.comm.bcast(given)
+def reduced_model(model, framed, operator, inputs, outputs, frequencies):
+    """Return the same arrays on all ranks, to the last digit."""
+    operator, inputs, outputs, frequencies = model.comm.bcast((operator, inputs, outputs, frequencies))
     loss = loss_factor_of(framed.damping)
     return ReducedModel(
-        **small, B=inputs, C=outputs, frequencies=frequencies, loss_factor=loss,
-        input_names=model.input_names, output_names=model.output_names, viscoelastic=parts,
+        **{key: operator[key] for key in "MDK"}, viscoelastic=tuple(operator.added), B=inputs, C=outputs,
+        frequencies=frequencies, loss_factor=loss,
+        input_names=model.input_names, output_names=model.output_names,
     )  # fmt: skip

@@ -15,7 +15,6 @@ from ..model.second_order_model import SYMMETRIC_TO, require_inputs
 from ..model.solids import Solids
 from ..model.stress_outputs import stress_output_of
 from ..model.support import support_of
-from ..model.viscoelastic import Maxwell
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 
@@ -45,11 +44,11 @@ def check_symmetric(model, circulatory=False):
 
 
 def check_circulatory(model, damping):
-    """Refuse what does not go with an unsymmetric K: viscoelastic parts, and damping by eigenfrequencies."""
+    """Refuse what does not go with an unsymmetric K: added terms, and damping by eigenfrequencies."""
     if model.is_symmetric("K"):
         return
-    if model.viscoelastic:
-        raise InputError(f"{model.name}: found viscoelastic parts beside an unsymmetric K, which no reduction has; "
+    if model.added:
+        raise InputError(f"{model.name}: found {model.added.plural} beside an unsymmetric K, which no reduction has; "
                          "leave one of them out")  # fmt: skip
     require_no_frequencies(model, damping)
 
@@ -63,25 +62,25 @@ def require_no_frequencies(model, damping):
         )
 
 
-def check_viscoelastic(model, damping):
-    """Refuse what does not go with viscoelastic parts: a long Caughey series, and matrices with which a fractional law
+def check_added(model, damping):
+    """Refuse what does not go with added terms: a long Caughey series, and matrices with which a law that has no states
     may be unstable, which its poles do not show."""
-    if not model.viscoelastic:
+    if not model.added:
         return
     require_no_series(model, damping)
-    fractional = [part.name for part in model.viscoelastic if not isinstance(part.law, Maxwell)]
-    if fractional and (not model.symmetric or warnings_of_definiteness(model)):
+    without = [term for term in model.added if term.law.elements is None]
+    if without and (not model.symmetric or warnings_of_definiteness(model)):
         raise InputError(
-            f"{model.name}: the law of {fractional[0]} is fractional, and M, D and K are not all symmetric and "
-            "positive semidefinite, so that stability is not known; take a law of kind 'maxwell'"
+            f"{model.name}: the law of {without[0].name} is {without[0].law.nature}, and M, D and K are not all "
+            "symmetric and positive semidefinite, so that stability is not known; take a law of kind 'maxwell'"
         )
 
 
 def require_no_series(model, damping):
-    """Refuse a Caughey series of more than two terms beside viscoelastic parts."""
-    if model.viscoelastic and caughey_terms(damping) is not None:
+    """Refuse a Caughey series of more than two terms beside added terms."""
+    if model.added and caughey_terms(damping) is not None:
         raise InputError(
-            f"damping: {model.name} has viscoelastic parts, beside which a Caughey series of more than two terms is "
+            f"damping: {model.name} has {model.added.plural}, beside which a Caughey series of more than two terms is "
             "not computed; take 'rayleigh', 'given' or 'modal'"
         )
 

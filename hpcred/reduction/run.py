@@ -15,6 +15,7 @@ from ..linalg.solvers.base import DoesNotFit, FactorRecord
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import GivenDamping
 from ..model.frames import FramedModel
+from ..model.operator import ADDED
 from ..parallel.decisions import decided
 from ..parallel.memory import MB
 from ..parallel.petsc import PETSc
@@ -234,7 +235,7 @@ def identity_of_model(model, framed, **known) -> dict:
     """
     of = model.digests.get
     found = {"M": of("M"), "K": of("K"), "inputs": of("B"), "outputs": [of("Ct"), of("derivatives")]}
-    found["D"] = [of("D") if isinstance(framed.damping, GivenDamping) else None, of("viscoelastic")]
+    found["D"] = [of("D") if isinstance(framed.damping, GivenDamping) else None, of(ADDED)]
     found["nodes"] = [of("dofs"), framed.model.digest_of("labels"), of("interfaces")]
     found["transposed"] = False
     found["symmetric"] = bool(framed.model.symmetric)

@@ -7,6 +7,7 @@ import numpy as np
 from ..linalg.blocks import inner
 from ..model.damping import ModalDamping
 from ..model.digits import warnings_of_digits
+from ..model.operator import Operator
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError
 from .basis_reductor import BasisReductor, reduced_model, with_derivatives
@@ -30,8 +31,8 @@ class TwoSidedReductor(BasisReductor):
             )
         if self.settings.coordinates == "interface":
             raise InputError("projection: interface coordinates belong to a one-sided projection; leave it out")
-        if model.viscoelastic:
-            raise InputError(f"projection: 'two_sided' has no place for the viscoelastic parts of {model.name}; take "
+        if model.added:
+            raise InputError(f"projection: 'two_sided' has no place for the {model.added.plural} of {model.name}; take "
                              "'one_sided', or a tolerance")  # fmt: skip
         return super()._check(model)
 
@@ -54,7 +55,8 @@ class TwoSidedReductor(BasisReductor):
         if "D" not in small:
             small["D"] = reduced_damping(framed.damping, small["K"], frequencies)
         inputs, outputs = project_columns(W, full.B), project_columns(V, full.Ct)
-        reduced = with_derivatives(model, reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies))
+        operator = Operator.of(**small)
+        reduced = with_derivatives(model, reduced_model(model, framed, operator, inputs, outputs.T.copy(), frequencies))
         unstable = decided(model.comm, reduced.unstable_poles)
         if len(unstable):
             listed = ", ".join(f"{pole.real:.3g}{pole.imag:+.4g}i" for pole in unstable[:6])

@@ -45,8 +45,7 @@ def result(path, comm) -> dict:
         "outputs": list(reduced.output_names),
         "interface_nodes": [shape.node for shape in found.nodes],
     }
-    if reduced.viscoelastic:
-        report["viscoelastic"] = [part.in_words for part in reduced.viscoelastic]
+    report |= reduced.operator.families
     if found.geometric_stiffness is not None:
         report["geometric_stiffness"] = list(found.geometric_stiffness.states)
     if varied := getattr(reduced, "parameters", ()):

@@ -11,10 +11,12 @@ from ..model import interface_motion
 from ..model.material_stiffness import material_stiffness
 from ..model.parametric_model import ParametricModel
 from ..model.rotation import rotation_matrix, unit_axis
+from ..model.second_order_model import SYMMETRIC_TO
 from ..model.viscoelastic import Viscoelastic
 from ..parallel.failures import InputError, agreed
 from ..readers.nodes.table import read_node_numbers
 from ..settings.job_file import Job
+from ..settings.viscoelastic import viscoelastic_from
 
 
 def model_of_job(job: Job, comm):
@@ -124,6 +126,16 @@ def with_viscoelastic(model, parts):
             found.append(Viscoelastic(matrix, item.law, item.name or Path(item.file).name))
         with model.with_fields(remarks=tuple(remarks)) as elastic:
             return elastic.with_viscoelastic(found)
+
+
+def with_matrices_of_record(model, record):
+    """Return the model with what the job of a record adds to its matrices; `model` is closed. Collective. Raises
+    InputError."""
+    job, unsymmetric = record.job or {}, record.symmetry_defects.get("K", 0.0) > SYMMETRIC_TO
+    model = declared_circulatory(model, unsymmetric or job.get("circulatory"))
+    if not record.viscoelastic or model.added:
+        return model
+    return with_viscoelastic(model, viscoelastic_from(job.get("viscoelastic", ())))
 
 
 def with_interfaces(model, interfaces):

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, inner, times, view_of
-from ...model.viscoelastic import Viscoelastic, matrices_by_key, parts_from, transformed
+from ...model.operator import Operator, congruent
 from ..tolerance.independent_loads import independent_columns
 from ..tolerance.projections import extended
-from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, congruent, diagonalised
+from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
 from .singular import factor_of_mass
 
 
@@ -26,8 +26,8 @@ class Part(NamedTuple):
 class AffineForm:
     """The matrices of a parametric model, with the loads of all its inputs and outputs in the coordinates of a frame.
 
-    `parts`: of M (none where it does not depend on parameters), K and D (none unless `damped`), and K_v of viscoelastic
-    parts as Kv1, Kv2, ..., which are constant; `loads` L: independent columns of all parts of B and C^T, of which
+    `parts`: of M (none where it does not depend on parameters), K and D (none unless `damped`), and K_v of added
+    terms as Kv1, Kv2, ..., which are constant; `loads` L: independent columns of all parts of B and C^T, of which
     `inputs` and `outputs` (None for C = B^T) are lists of (place, factor); `restore`: see FramedModel. Collective.
     """
 
@@ -41,7 +41,7 @@ class AffineForm:
             own = [Part(k, item.matrix, symmetric[k]) for k, item in terms if item.of == of]
             if of == "K" or (of == "M" and own) or (of == "D" and damped):
                 self.parts[of] = [Part(0, mat, model.is_symmetric(of)), *own]
-        self.parts |= {key: [Part(0, mat)] for key, mat in matrices_by_key(model.viscoelastic).items()}
+        self.parts |= {key: [Part(0, mat)] for key, mat in model.added.matrices.items()}
         blocks, places = [], {"B": [], "C": []}
         for of, mat in (("B", model.B), ("C", model.Ct)):
             if mat is not None:
@@ -97,15 +97,15 @@ class PointModels(NamedTuple):
     damping: Proportional
     io: InputsOutputs
     symmetric: bool
-    viscoelastic: tuple[Viscoelastic, ...]
+    added: Operator
     size_of_k: float
 
     def model(self, count: int | None = None) -> PseudoModal:
         """Return the model of the first `count` columns, by default of all."""
         k = slice(count)
         D = None if self.D is None else self.D[k, k]
-        parts = transformed(self.viscoelastic, lambda matrix: matrix[k, k])
-        return diagonalised(self.K[k, k], self.L[k], D, self.damping, self.io, parts, self.symmetric)
+        added = self.added.map(lambda matrix: matrix[k, k])
+        return diagonalised(self.K[k, k], self.L[k], D, self.damping, self.io, added, self.symmetric)
 
 
 class AffineProjections:
@@ -151,11 +151,11 @@ class AffineProjections:
             turn = np.linalg.inv(factor_of_mass(M, self.form.values(point))).T
             summed, L = {of: congruent(part, turn) for of, part in summed.items()}, turn.T @ L
         symmetric = all(part.symmetric for part in self.form.parts["K"])
-        parts = parts_from(self.form.parametric.model.viscoelastic, summed)
+        added = self.form.parametric.model.added.with_matrices(summed).added
         size = sum(abs(theta[part.place]) * np.linalg.norm(small)
                    for part, small in zip(self.form.parts["K"], self.small["K"], strict=True))  # fmt: skip
         return PointModels(
-            summed["K"], L, summed.get("D"), turn, self.damping, self.form.io(theta), symmetric, parts, float(size)
+            summed["K"], L, summed.get("D"), turn, self.damping, self.form.io(theta), symmetric, added, float(size)
         )
 
     def _sum(self, of, theta):

@@ -290,7 +290,7 @@ class Greedy:
         return dict(zip(self.parametric.reference, point, strict=True))
 
     def _look_at_damping(self):
-        """Measure with the loss factor of undamped models where a given D or viscoelastic parts leave modes of the band
+        """Measure with the loss factor of undamped models where a given D or added terms leave modes of the band
         without damping at any of the values."""
         if not self.first.projections.is_damped or self.projections.damping.eta:
             return

@@ -23,7 +23,7 @@ from ...parallel.failures import InputError, Owned
 from ...parallel.petsc import PETSc, free_dropped
 from ...parallel.progress import counted
 from ..basis_reductor import BasisReductor, extend_by_all
-from ..checks import check_viscoelastic, require_no_frequencies
+from ..checks import check_added, require_no_frequencies
 from ..notes import Notes
 from ..record import TERMS
 from ..run import Run, identity_of_model
@@ -183,7 +183,7 @@ def run_at(reductor, first, point, asked=()):
         model = owned.owns(parametric.at(**values))
         if any(item.of == "M" for item in parametric.terms):
             check_definite(model)
-        check_viscoelastic(model, reductor.damping)
+        check_added(model, reductor.damping)
         framed = apply_frame(model, reductor.frame, reductor.damping)
         if framed.rigid_size != first.framed.rigid_size:
             raise InputError(
@@ -229,9 +229,9 @@ def check_parametric(model, frame, damping, coordinates):
             )
         if unsymmetric:
             require_no_frequencies(model, damping)
-        if unsymmetric and model.model.viscoelastic:
+        if unsymmetric and model.model.added:
             raise InputError(
-                f"{model.name}: found viscoelastic parts beside an unsymmetric term of K with the factor "
+                f"{model.name}: found {model.model.added.plural} beside an unsymmetric term of K with the factor "
                 f"'{item.factor}', which no reduction has; leave one of them out"
             )
         if unsymmetric and (isinstance(frame, Buckens) or coordinates == "interface"):

@@ -7,12 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...model.operator import times
 from ...parallel.failures import InputError
 from ..measure import Measure
 from . import refinement
 from .error_estimate import FINE, UNIFORM, Comparison, grid, largest, resolved
 from .judging import Judge
-from .pseudo_modal import PseudoModal, columns, times
+from .pseudo_modal import PseudoModal, columns
 
 TRIALS = 8  # compressions, each with the frequencies where the one before was too bad, until nothing is compressed
 LARGE = 1e6  # error that counts as any other above it

@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...linalg.known import ModeCount
-from ...model.viscoelastic import excesses
 from ..measure import Measure, Paper, drive_points
-from ..viscoelastic_poles import oscillating_poles
+from ..oscillating_poles import oscillating_poles
 from .pseudo_modal import LEAST_MASS, Proportional, PseudoModal, difference
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
@@ -26,7 +25,7 @@ STEP, FINE = 1.0, 0.4  # between frequencies of a grid, in distances from the ne
 SAME_POLE = 0.3  # of its distance from the axis, within which a pole needs no frequencies of its own
 SHARPEST = 1e-9  # of its frequency: the least distance of a pole from the axis that a grid resolves
 SILENT = 1e-12  # see quietness: below it a response counts as round-off where that was not computed
-SMALL = 0.1  # of the static stiffness: what viscoelastic parts add to it where the response is linear in that
+SMALL = 0.1  # of the static stiffness: what added terms add to it where the response is linear in that
 LOWEST = 200  # decades below the band, in which that is sought
 WIDE = 4.0  # ratio of the ends of an interval that is parted on a logarithmic scale
 PLACES = 1000  # of a curve that are refined at once; one of round-off has maxima everywhere, and grids must end
@@ -131,9 +130,9 @@ def upper_poles(model: PseudoModal) -> np.ndarray:
     """Return the poles (k,) of a model that are not below the real axis, in rad/s."""
     if model.masses is not None:
         model = model.with_unit_masses(1 / np.sqrt(np.maximum(model.masses, LEAST_MASS)))
-    if model.viscoelastic:
+    if model.added:
         D = np.diag(model.damping.at(model.eigenvalues)) + (0.0 if model.D is None else model.D)
-        return oscillating_poles(model.eigenvalues, D, model.viscoelastic, model.damping.eta)
+        return oscillating_poles(model.eigenvalues, D, model.added, model.damping.eta)
     if model.poles is not None:
         poles = model.poles.values
     else:
@@ -160,11 +159,11 @@ def at_poles(poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def grid(models, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray:
     """Return S: `uniform` points over the band (Hz), and around every pole of the models as many as let the distance of
     two frequencies be `step` times that to the nearest pole; without a step the places of the poles alone. With
-    viscoelastic parts also points towards 0 Hz (see towards_zero)."""
+    added terms also points towards 0 Hz (see towards_zero)."""
     low, high = band
     points = [np.linspace(low, high, uniform)]
     for model in models:
-        if model.viscoelastic:
+        if model.added:
             points.append(towards_zero(model, high, step or STEP))
         poles = upper_poles(model) / (2 * np.pi)
         poles = poles[np.argsort(poles.imag)]
@@ -190,25 +189,25 @@ def grid(models, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray
 
 
 def towards_zero(model: PseudoModal, high: float, step: float) -> np.ndarray:
-    """Return frequencies (k,) from close to 0 up to `high` Hz on a logarithmic scale, for a model with viscoelastic
-    parts.
+    """Return frequencies (k,) from close to 0 up to `high` Hz on a logarithmic scale, for a model with added
+    terms.
 
     Of these the real poles, which oscillating_poles leaves out, and the branch point at 0 Hz of fractional laws are at
     and below 0 on the axis of (i omega)^exponent, where the response is analytic otherwise. The lowest frequency is
     that below which what is added to the static stiffness is SMALL, so that the response is linear in it.
     """
-    # every part over the static stiffness, mode by mode
+    # every term over the static stiffness, mode by mode
     least = model.eigenvalues[model.eigenvalues > 0].min(initial=np.inf)
     scale = 1 / np.sqrt(np.maximum(model.eigenvalues, least))
-    sizes = np.array([np.linalg.norm(scale[:, None] * part.matrix * scale) for part in model.viscoelastic])
+    sizes = np.array([np.linalg.norm(scale[:, None] * term.matrix * scale) for term in model.added])
     D = np.diag(model.damping.at(model.eigenvalues)) + (0.0 if model.D is None else model.D)
     # the highest decade in which their sum is small
     decades = high * 10.0 ** -np.arange(LOWEST)
     omega = 2 * np.pi * decades
-    added = sizes @ np.abs(excesses(model.viscoelastic, 1j * omega))
+    added = sizes @ np.abs(model.added.coefficients(1j * omega))
     added += omega * np.linalg.norm(scale[:, None] * D * scale)
     lowest = decades[min(int((added > SMALL).sum()), LOWEST - 1)]
-    exponent = max(getattr(part.law, "exponent", 1.0) for part in model.viscoelastic)
+    exponent = max(term.law.power for term in model.added)
     return np.geomspace(lowest, high, 1 + int(np.ceil(exponent * np.log(high / lowest) / step)))
 
 

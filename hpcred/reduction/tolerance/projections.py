@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ...linalg.basis import Basis
 from ...linalg.blocks import inner
-from ...model.viscoelastic import transformed
 from ..projection import project, project_stiffness
 from ..run import Run
 from .pseudo_modal import Proportional, PseudoModal, diagonalised
@@ -31,7 +28,7 @@ class Projections:
     """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
 
     `K` (m, m) = V^T K V, which may be `symmetric`, `L` (m, l) = V^T L for the block `loads` L of the run, `D` (m, m) =
-    V^T D V, or None unless `damped`, `M` (m, m) = V^T M V, or None where it is the identity, and `viscoelastic` parts
+    V^T D V, or None unless `damped`, `M` (m, m) = V^T M V, or None where it is the identity, and `added` terms
     V^T K_v V: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `io`: inputs and
     outputs in terms of L; `damping`: the proportional damping of the models. Raises InputError (see io).
     """
@@ -44,7 +41,7 @@ class Projections:
         self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
         self.D = np.zeros((0, 0)) if damped else None
         self.M = np.zeros((0, 0)) if run.tau else None
-        self.viscoelastic = self._no_parts()
+        self.added = self._none_added()
         self.symmetric = run.model.is_symmetric("K")
         self._project(0)
 
@@ -81,16 +78,16 @@ class Projections:
         self._starts, self.K, self.L = [0], np.zeros((0, 0)), self.L[:0]
         self.D = None if self.D is None else np.zeros((0, 0))
         self.M = None if self.M is None else np.zeros((0, 0))
-        self.viscoelastic = self._no_parts()
+        self.added = self._none_added()
         self._project(0)
 
-    def _no_parts(self):
-        return transformed(self.run.model.viscoelastic, lambda _: np.zeros((0, 0)))
+    def _none_added(self):
+        return self.run.model.added.map(lambda _: np.zeros((0, 0)))
 
     @property
     def is_damped(self) -> bool:
         """Whether A(s) has parts that are not proportional to M and K; local."""
-        return self.D is not None or bool(self.viscoelastic)
+        return self.D is not None or bool(self.added)
 
     @property
     def blocks(self) -> list[tuple[int, int]]:
@@ -115,10 +112,10 @@ class Projections:
             else:
                 self.K = project_stiffness(model.K, new, self.run.cancels)
                 self.K = (self.K + self.K.T) / 2
-            self.viscoelastic = tuple(
-                replace(part, matrix=extended(part.matrix, full.matrix, new, self.basis.columns))
-                for part, full in zip(self.viscoelastic, model.viscoelastic, strict=True)
-            )
+            self.added = self.added.with_matrices({
+                key: extended(self.added[key], mat, new, self.basis.columns)
+                for key, mat in model.added.matrices.items()
+            })  # fmt: skip
             if self.M is not None:
                 self.M = extended(self.M, self.run.mass, new, self.basis.columns)
             if self.D is not None:
@@ -132,6 +129,6 @@ class Projections:
         """Return the model of `columns` (places) of the basis, by default of all; local."""
         k = np.arange(self.basis.size) if columns is None else columns
         D, M = (None if matrix is None else matrix[np.ix_(k, k)] for matrix in (self.D, self.M))
-        parts = transformed(self.viscoelastic, lambda matrix: matrix[np.ix_(k, k)])
-        given = D, self.damping, self.io, parts, self.symmetric
+        added = self.added.map(lambda matrix: matrix[np.ix_(k, k)])
+        given = D, self.damping, self.io, added, self.symmetric
         return diagonalised(self.K[np.ix_(k, k)], self.L[k], *given, M, self.run.tau)

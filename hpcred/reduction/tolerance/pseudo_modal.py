@@ -5,7 +5,7 @@ Everything is dense NumPy, deterministic and local. For V^T M V = I and the colu
     A(s) = a K + b M + s D,   a = 1 + i eta + s beta,   b = s^2 + s alpha,   s = 2 pi i f          (41, 40)
     H(s) = C A(s)^-1 B = Lc^T (L^T A(s)^-1 L) Lb,       B = L Lb,   C^T = L Lc
     of a Caughey series s D = s M sum_k a_k (M^-1 K)^k, diagonal too                (39)
-    of viscoelastic parts also + sum (g(s) - g(0)) K_v
+    also + sum c(s) K_v of added terms
     H - H_V = R^T A^-1 R,   R = L - A V y_V,   y_V = A_V^-1 V^T L          (exact for symmetric A, W = V)
 
 Where dofs have no mass the basis is orthonormal in G = M + tau^2 K. Then pseudo-modal coordinates are those with
@@ -26,7 +26,7 @@ import numpy as np
 from ...linalg.eigensolver import graded_eigenpairs
 from ...linalg.pencil import squared_frequencies, with_masses
 from ...model.derivatives import Derivatives
-from ...model.viscoelastic import Viscoelastic, added_stiffness, excesses, transformed
+from ...model.operator import NOTHING, Operator, congruent, times
 
 LEAST_MASS = 1e-7  # of the coordinates of a model with masses, for its poles; the refinement of solves has the rest
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
@@ -105,8 +105,8 @@ class PseudoModal:
     `eigenvalues` (m,): omega^2, ascending; `L` (m, l): the projected loads, of which `io` makes inputs and outputs;
     `damping`: proportional; `D` (m, m): a given damping matrix, projected, or None; `N` (m, m): the skew-symmetric part
     of V^T K V, or None; `vectors` (m, m): from these coordinates to those of the basis; `poles`: of the first-order
-    form, with D or N; `viscoelastic`: parts (m, m), projected, with which A(s)^-1 is by elimination; `masses` (m,): of
-    the coordinates, which then have V^T (M + tau^2 K) V = I, None where they are all 1.
+    form, with D or N; `added`: terms (m, m), projected, with which A(s)^-1 is by elimination; `masses` (m,): of the
+    coordinates, which then have V^T (M + tau^2 K) V = I, None where they are all 1.
     """
 
     eigenvalues: np.ndarray
@@ -116,7 +116,7 @@ class PseudoModal:
     damping: Proportional = UNDAMPED
     D: np.ndarray | None = None
     poles: Poles | None = None
-    viscoelastic: tuple[Viscoelastic, ...] = ()
+    added: Operator = NOTHING
     N: np.ndarray | None = None
     masses: np.ndarray | None = None
     tau: float = 0.0
@@ -147,7 +147,7 @@ class PseudoModal:
     @property
     def is_diagonal(self) -> bool:
         """Whether A(s) is diagonal."""
-        return self.D is None and self.N is None and not self.viscoelastic
+        return self.D is None and self.N is None and not self.added
 
     def coordinates_of(self, columns: np.ndarray) -> np.ndarray:
         """Return combinations (m, k) of the columns of the basis in these coordinates."""
@@ -159,12 +159,12 @@ class PseudoModal:
         D, N = (None if part is None else part * both for part in (self.D, self.N))
         return replace(
             self, eigenvalues=self.eigenvalues * scale**2, L=self.L * scale[:, None], vectors=self.vectors * scale, D=D,
-            N=N, viscoelastic=transformed(self.viscoelastic, both.__mul__), masses=None, tau=0.0,
+            N=N, added=self.added.map(both.__mul__), masses=None, tau=0.0,
         )  # fmt: skip
 
     def without_D(self) -> PseudoModal:
         """Return the same without any damping."""
-        return replace(self, D=None, poles=None, damping=UNDAMPED, viscoelastic=())
+        return replace(self, D=None, poles=None, damping=UNDAMPED, added=NOTHING)
 
     def restricted(self, U: np.ndarray) -> tuple[PseudoModal, np.ndarray]:
         """Return the model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated.
@@ -178,8 +178,8 @@ class PseudoModal:
             K = U.T @ (self.eigenvalues[:, None] * U)
         K = K if self.N is None else (K + K.T) / 2 + U.T @ self.N @ U
         D = None if self.D is None else U.T @ self.D @ U
-        parts = transformed(self.viscoelastic, lambda matrix: U.T @ matrix @ U)
-        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, parts, self.N is None, M, self.tau)
+        added = self.added.projected(U)
+        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, added, self.N is None, M, self.tau)
         embedding = U @ inner.vectors
         return inner if turn is None else replace(inner, vectors=turn @ inner.vectors), embedding
 
@@ -187,7 +187,7 @@ class PseudoModal:
         """A(s)^-1 right (S, m, l), or A(s)^-T right; `right` (m, l) or (S, m, l).
 
         With a given D by its poles and at most two steps of refinement until the residual is below `accuracy`; where it
-        stays above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination. With viscoelastic parts
+        stays above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination. With added terms
         by inverses, which are kept as there is room, and by elimination beyond that.
         """
         if self.is_diagonal:
@@ -207,7 +207,7 @@ class PseudoModal:
         parts = 1 + len(wrong) * len(self) ** 2 // NUMBERS_AT_A_TIME
         for part in np.array_split(wrong, parts) if len(wrong) else ():
             matrices = self.matrices(frequencies[part], transposed)
-            states[part] = _scaled(matrices, right[part]) if self.viscoelastic else _eliminated(matrices, right[part])
+            states[part] = _scaled(matrices, right[part]) if self.added else _eliminated(matrices, right[part])
         return states
 
     def matrices(self, frequencies, transposed=False):
@@ -219,14 +219,15 @@ class PseudoModal:
             matrices = np.zeros((len(s), m, m), dtype=complex)
         if self.N is not None:
             matrices += a[:, None, None] * (self.N.T if transposed else self.N)
-        if self.viscoelastic:
-            matrices += added_stiffness(self.viscoelastic, s)
+        if self.added:
+            added = self.added.at(s)
+            matrices += added.transpose(0, 2, 1) if transposed else added
         matrices[:, np.arange(m), np.arange(m)] += self._diagonal(frequencies)
         return matrices
 
     def _nearly_inverse(self, frequencies, transposed):
         """Return a function that takes columns (S, m, l) to A(s)^-1 times these, but for round-off; or None."""
-        if self.viscoelastic:
+        if self.added:
             inverses = self._kept_inverses(frequencies)
             if inverses is None:
                 return None
@@ -262,9 +263,8 @@ class PseudoModal:
             result += a[:, None, None] * times(self.N.T if transposed else self.N, states)
         if self.D is not None:
             result += s[:, None, None] * times(self.D.T if transposed else self.D, states)
-        if self.viscoelastic:
-            for part, factor in zip(self.viscoelastic, excesses(self.viscoelastic, s), strict=True):
-                result += factor[:, None, None] * times(part.matrix, states)
+        if self.added:
+            result += self.added.apply(s, states, transposed)
         return result
 
     def _diagonal(self, frequencies):
@@ -300,18 +300,12 @@ class PseudoModal:
         return np.concatenate(H), np.concatenate(drive)
 
 
-def congruent(matrix: np.ndarray, X: np.ndarray) -> np.ndarray:
-    """Return X^T A X, exactly symmetric where the matrix A is."""
-    found = X.T @ matrix @ X
-    return (found + found.T) / 2 if np.array_equal(matrix, matrix.T) else found
-
-
 def diagonalised(
     K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, damping: Proportional = UNDAMPED,
-    io: InputsOutputs | None = None, viscoelastic: tuple[Viscoelastic, ...] = (), symmetric=True,
+    io: InputsOutputs | None = None, added: Operator = NOTHING, symmetric=True,
     M: np.ndarray | None = None, tau=0.0,
 ) -> PseudoModal:  # fmt: skip
-    """Return the model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) and viscoelastic parts (m, m) in pseudo-modal
+    """Return the model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) and added terms (m, m) in pseudo-modal
     coordinates (53, 54); by default the columns L are its inputs and outputs. `symmetric`: whether K is, but for
     round-off. `M` (m, m) = V^T M V and `tau`: where V is orthonormal in M + tau^2 K."""
     io = io or InputsOutputs(*[np.eye(L.shape[1])] * 2)
@@ -330,9 +324,8 @@ def diagonalised(
     N = None if symmetric else turned((K - K.T) / 2)
     D = None if D is None else turned(D)
     given = {"masses": masses, "tau": tau}
-    if viscoelastic:
-        parts = transformed(viscoelastic, turned)
-        return PseudoModal(eigenvalues, L, vectors, io, damping, D, viscoelastic=parts, N=N, **given)
+    if added:
+        return PseudoModal(eigenvalues, L, vectors, io, damping, D, added=added.map(turned), N=N, **given)
     if D is None and N is None:
         return PseudoModal(eigenvalues, L, vectors, io, damping, **given)
     model = PseudoModal(eigenvalues, L, vectors, io, damping, D, N=N, **given)
@@ -398,17 +391,6 @@ def _residual(inner, outer, embedding, frequencies, load_of_inner, load, transpo
     """r = L_Q - A_Q U y_V (S, m, p)."""
     states = times(embedding, inner.solve(frequencies, load_of_inner, transposed, ROUGH))
     return load - outer.multiply(frequencies, states, transposed)
-
-
-def times(matrix, states):
-    """matrix (m, k) states (S, k, l), as one product."""
-    count, size, width = states.shape
-    flat = np.ascontiguousarray(states.transpose(1, 0, 2)).reshape(size, count * width)
-    if np.isrealobj(matrix) and np.iscomplexobj(flat):
-        flat = (np.ascontiguousarray(matrix) @ flat.view(float)).view(complex)
-    else:
-        flat = matrix @ flat
-    return flat.reshape(len(matrix), count, width).transpose(1, 0, 2)
 
 
 def columns(states: np.ndarray) -> np.ndarray:

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...model.viscoelastic import transformed
 from ...parallel.petsc import MPI
 from ..reduced_model import ReducedModel, as_measured
 from .accuracy import Accuracy
@@ -34,9 +33,9 @@ def projected_again(projections: Projections) -> Iterator[PseudoModal]:
         lengths = factors
         again, scale = Projections(projections.run, basis, damping, damped), np.outer(lengths, lengths)
         D, M = (None if matrix is None else matrix / scale for matrix in (again.D, again.M))
-        parts = transformed(again.viscoelastic, lambda matrix: matrix / scale)  # noqa: B023  (used here)
+        added = again.added.map(lambda matrix: matrix / scale)  # noqa: B023  (used here)
         L = again.L / lengths[:, None]
-        yield diagonalised(again.K / scale, L, D, damping, again.io, parts, again.symmetric, M, again.run.tau)
+        yield diagonalised(again.K / scale, L, D, damping, again.io, added, again.symmetric, M, again.run.tau)
 
 
 def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Projections) -> Accuracy:

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ...linalg.blocks import add_product, apply, create_block, local_rows
-from ...model.viscoelastic import excesses
 from ...parallel.decisions import decided
 from ...parallel.petsc import PETSc
 from ...parallel.sums import summed
@@ -80,8 +79,8 @@ def _round_off(projections, quiet) -> np.ndarray:
     terms = [(model.K, a), (model.M, b)]
     if projections.D is not None:
         terms.append((model.D, s))
-    added = np.abs(excesses(model.viscoelastic, 2j * np.pi * frequencies))
-    terms += [(part.matrix, factor) for part, factor in zip(model.viscoelastic, added, strict=True)]
+    added = np.abs(model.added.coefficients(2j * np.pi * frequencies))
+    terms += [(term.matrix, factor) for term, factor in zip(model.added, added, strict=True)]
     x, y = (_magnitudes(projections, np.array([getattr(item, of) for item in quiet]).T) for of in ("x", "y"))
     product, found = create_block(model.K, len(quiet)), np.zeros(len(quiet))
     for mat, factor in terms:
