@@ -145,7 +145,7 @@ def check_reduced(
         model, frequencies, record.frame, measuring_damping(accuracy, record.damping), factoring=factoring,
         groups=groups, progress=progress, measured=True,
     )  # fmt: skip
-    measured = measured_response(as_measured(reduced, accuracy), frequencies, model.derivatives)
+    measured = measured_response(as_measured(reduced, accuracy), frequencies, model.rates)
     errors = relative_error(full, measured, accuracy.measure, drive=drive)
     return Check(
         seed=seed, bound=bound_of(accuracy), frequencies=tuple(frequencies.tolist()),

@@ -104,8 +104,7 @@ def frequency_response(
             found = _full(framed, frequencies, factoring, progress)
         else:
             found = _in_groups(framed, frequencies, factoring, progress, groups)
-    found = unscaled(found, inputs * outputs)
-    return found if model.derivatives is None else model.derivatives.at(2j * np.pi * frequencies) @ found
+    return model.rates.at(2j * np.pi * frequencies, unscaled(found, inputs * outputs))
 
 
 def response_and_drive(
@@ -120,11 +119,8 @@ def response_and_drive(
     other = model.with_output_columns(both, tuple(map(str, range(both.shape[1]))))
     found = frequency_response(other, frequencies, frame, damping, **keywords)
     outputs = model.Ct.getSize()[1]
-    rows = found[:, :outputs]
-    if model.derivatives is not None:
-        s = 2j * np.pi * np.asarray(frequencies)
-        rows = (model.derivatives.measured_at(s) if measured else model.derivatives.at(s)) @ rows
-    return rows, np.einsum("fpp->fp", found[:, outputs:])
+    applied = model.rates.measured if measured else model.rates.at
+    return applied(2j * np.pi * np.asarray(frequencies), found[:, :outputs]), np.einsum("fpp->fp", found[:, outputs:])
 
 
 def checked_frequencies(frequencies) -> np.ndarray:
@@ -172,10 +168,10 @@ def _in_groups(framed, frequencies, factoring, progress, groups):
     return response
 
 
-def measured_response(reduced, frequencies, derivatives) -> np.ndarray:
+def measured_response(reduced, frequencies, rates) -> np.ndarray:
     """Return the response (F, r, p) of a ReducedModel without the factors s and s^2 of velocities and accelerations,
-    which `derivatives` of the full model tells. Collective."""
-    return _reduced(reduced, frequencies, lambda s: reduced.measured_response(s, derivatives))
+    which the `rates` of the full model tell. Collective."""
+    return _reduced(reduced, frequencies, lambda s: reduced.measured_response(s, rates))
 
 
 def _reduced(reduced, frequencies, response_at=None, comm=MPI.COMM_WORLD):

@@ -88,9 +88,7 @@ def write_model(path, model: SecondOrderModel):
         for group, (mat, names) in dense.items():
             if mat is not None:
                 rows = np.ascontiguousarray(mat.getDenseArray().real.T)
-                parts = {"B": rows} if group == "inputs" else {"C": rows}
-                if group == "outputs" and model.derivatives is not None:
-                    parts = dict(zip(("C", "Cv", "Ca"), model.derivatives.of(rows), strict=True))
+                parts = {"B": rows} if group == "inputs" else model.rates.of(rows)
                 for key, part in parts.items():
                     file.rows(f"{group}/{key}", np.ascontiguousarray(part), axis=1)
                 file.small(f"{group}/names", list(names))

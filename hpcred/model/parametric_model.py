@@ -74,7 +74,7 @@ class ParametricModel:
         parameters = declared("parameters", parameters, tuple[Parameter, ...])
         terms = declared("terms", terms, tuple[Term, ...])
         check_terms(parameters, terms)
-        if model.derivatives is not None and any(item.of == "C" for item in terms):
+        if model.rates and any(item.of == "C" for item in terms):
             raise InputError(f"{model.name}: found terms of C, and outputs that are velocities or accelerations, "
                              "expected displacements")  # fmt: skip
         terms = tuple(replace(item, matrix=term_matrix(model, item)) for item in terms)

@@ -20,7 +20,6 @@ from . import construction
 from .checked_arrays import check_finite
 from .construction import Labels
 from .cut_outputs import CutOutput
-from .derivatives import Derivatives, check_names
 from .digests import PARTS, digest_of
 from .dofs import SCALAR, Dofs
 from .interface_motion import with_interfaces
@@ -30,6 +29,7 @@ from .loads import AnyLoad, LoadColumn
 from .materials import ElementProperties, Material
 from .motion_outputs import MotionOutput
 from .operator import ADDED, KEY, ORDERS, Operator, Term
+from .rates import Rates, check_names
 from .stress_outputs import StressOutput
 from .targets import interface_targets, output_columns, unit_columns
 from .viscoelastic import Viscoelastic, with_viscoelastic
@@ -134,8 +134,8 @@ class SecondOrderModel:
         The inputs that are loads, with the sums of their forces and moments.
     converted_from : str
         The original units of a model that was converted to SI.
-    derivatives : Derivatives or None
-        How velocities, accelerations and mixed outputs follow from the columns of Ct; None if these are the outputs.
+    rates : Rates
+        How velocities, accelerations and mixed outputs follow from the columns of Ct.
     properties : ElementProperties or None
         Numbers, types and materials of the elements, if known, for stresses and loads.
     operator : Operator
@@ -162,7 +162,7 @@ class SecondOrderModel:
     loads: tuple[LoadColumn, ...] = ()
     converted_from: str = ""
     properties: ElementProperties | None = None
-    derivatives: Derivatives | None = None
+    rates: Rates = Rates()
     circulatory: bool = False
 
     def __init__(
@@ -219,8 +219,8 @@ class SecondOrderModel:
         """Set the outputs from rows of this rank of C^T, Cv^T and Ca^T, each or None. Collective."""
         count = next(item.shape[1] for item in (C, Cv, Ca) if item is not None)
         names = tuple(names) or tuple(f"output {k + 1}" for k in range(count))
-        Ct, derivatives = construction.measured_columns(self.K, C, Cv, Ca, names, f"{self.name}: outputs")
-        vars(self).update(Ct=Ct, derivatives=derivatives, own_output_names=names)
+        Ct, rates = construction.measured_columns(self.K, C, Cv, Ca, names, f"{self.name}: outputs")
+        vars(self).update(Ct=Ct, rates=rates, own_output_names=names)
 
     def __enter__(self) -> SecondOrderModel:
         return self
@@ -343,7 +343,12 @@ class SecondOrderModel:
 
     @property
     def output_names(self) -> tuple[str, ...]:
-        return self.own_output_names if self.Ct is not None or self.derivatives is not None else self.input_names
+        return self.own_output_names if self.has_own_outputs else self.input_names
+
+    @property
+    def has_own_outputs(self) -> bool:
+        """Whether the outputs are others than the inputs, C = B^T."""
+        return self.Ct is not None or bool(self.rates)
 
     @property
     def symmetry_defects(self) -> dict[str, float]:
@@ -592,10 +597,10 @@ class SecondOrderModel:
         if Cv is None and Ca is None:
             Ct, names = construction.columns_of(self.K, local, names, f"{self.name}: outputs")
             check_names(names, np.array([[True], [False], [False]]).repeat(len(names), axis=1), f"{self.name}: outputs")
-            return self.with_fields(Ct=Ct, own_output_names=names, derivatives=None)
+            return self.with_fields(Ct=Ct, own_output_names=names, rates=Rates())
         names = tuple(names)
-        Ct, derivatives = construction.measured_columns(self.K, local, Cv, Ca, names, f"{self.name}: outputs")
-        return self.with_fields(Ct=Ct, own_output_names=names, derivatives=derivatives)
+        Ct, rates = construction.measured_columns(self.K, local, Cv, Ca, names, f"{self.name}: outputs")
+        return self.with_fields(Ct=Ct, own_output_names=names, rates=rates)
 
     def with_damping_matrix(self, D: PETSc.Mat | None) -> SecondOrderModel:
         """Return the model with another damping matrix.
@@ -653,8 +658,8 @@ class SecondOrderModel:
         """Return the model of the transposed transfer function of the measured columns: D^T for D, K^T for K, and C^T
         for B. Collective."""
         changed = {
-            "B": None if self.Ct is None else copy(self.Ct), "Ct": None, "loads": (), "derivatives": None,
-            "input_names": self.output_names if self.derivatives is None else (),
+            "B": None if self.Ct is None else copy(self.Ct), "Ct": None, "loads": (), "rates": Rates(),
+            "input_names": () if self.rates else self.output_names,
         }  # fmt: skip
         for key in ("D", "K"):
             if not self.is_symmetric(key):
@@ -670,7 +675,7 @@ class SecondOrderModel:
         moved = self.of_operator(
             operator, B=B, Ct=Ct, dofs=dofs, input_names=self.input_names,
             own_output_names=self.own_output_names, name=self.name, Gt=Gt, interfaces=self.interfaces,
-            derivatives=self.derivatives, circulatory=self.circulatory,
+            rates=self.rates, circulatory=self.circulatory,
         )  # fmt: skip
         for key, defect in self.symmetry_defects.items():  # T^T A T is symmetric where A is, whatever its round-off
             moved.take_symmetry(key, defect)

@@ -11,6 +11,7 @@ from ..linalg.blocks import dense_matrix
 from ..parallel.failures import InputError
 from .cut_outputs import cut_output_of
 from .dofs import DIRECTIONS, OWN, QUANTITIES, SCALAR, Dofs, named_quantity, target_of
+from .rates import Rates
 from .second_order_model import SecondOrderModel
 from .stress_outputs import stress_output_of
 
@@ -183,8 +184,8 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
     for key, mat in operator.matrices.items():
         scale_to_si(model, units, key, mat)
     dense = [None if mat is None else dense_matrix(model.K, _columns(model, mat, names, moved, scale, units, parts))
-             for mat, names, parts in ((model.B, model.input_names, None),
-                                       (model.Ct, model.own_output_names, model.derivatives))]  # fmt: skip
+             for mat, names, parts in ((model.B, model.input_names, Rates()),
+                                       (model.Ct, model.own_output_names, model.rates))]  # fmt: skip
     properties = model.properties
     if properties is not None:
         stress, density = units.energy / units.length**3, units.mass / units.length**3
@@ -196,7 +197,7 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
     return model.with_fields(
         operator=operator, B=dense[0], Ct=dense[1], dofs=dofs, held=held,
         converted_from=units.name, properties=properties,
-        derivatives=model.derivatives and model.derivatives.in_time(units.time),
+        rates=model.rates.in_time(units.time),
     )  # fmt: skip
 
 
@@ -214,11 +215,11 @@ def _translations(model) -> np.ndarray:
     return ~rotational(direction) & (direction != SCALAR)
 
 
-def _columns(model, mat, names, moved, scale, units, derivatives=None):
+def _columns(model, mat, names, moved, scale, units, rates):
     """Return the rows of this rank of B, or of the measured columns C^T, in SI."""
     local = mat.getDenseArray().real.copy()
     of_forces = np.array(model.comm.allgather((local[moved] != 0).any(axis=0))).any(axis=0)
-    rows = np.arange(len(of_forces)) if derivatives is None else derivatives.rows_of_columns
+    rows = rates.rows_of_columns(len(of_forces))
     translates = np.zeros(len(names), bool)
     np.logical_or.at(translates, rows, of_forces)
     factors = np.where(translates, units.length, 1.0)

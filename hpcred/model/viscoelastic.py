@@ -16,7 +16,7 @@ from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import PETSc
 from .checked_arrays import check_finite, coordinates
-from .cut_outputs import cut_output_of
+from .cut_outputs import cut_output_of, cuts_refused
 from .laws.registry import AnyLaw
 from .operator import KEY, Operator, Term
 from .petsc_matrices import taken
@@ -66,7 +66,7 @@ def with_viscoelastic(model, parts):
     if not parts:
         return model.shared()
     if any(cut_output_of(name) for name in model.own_output_names):
-        raise cuts_refused(model)
+        raise cuts_refused(model, Operator.of(added=parts))
     named = tuple(replace(part, name=part.name or f"{KEY}{number}") for number, part in enumerate(parts, 1))
     names = [part.name for part in named]
     if twice := next((name for name in names if names.count(name) > 1), None):
@@ -82,14 +82,6 @@ def with_viscoelastic(model, parts):
             K.axpy(more, part.matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
     K.stateIncrease()
     return model.with_fields(operator=operator.with_matrices(mats | {"K": K}))
-
-
-def cuts_refused(model) -> InputError:
-    """Return the error for section forces of a model with viscoelastic parts."""
-    return InputError(
-        f"outputs: {model.name} has viscoelastic parts, and the force of a cut is that of the static stiffness alone; "
-        "leave the outputs of cuts out"
-    )
 
 
 def _of_rows(model, matrix, name) -> PETSc.Mat:

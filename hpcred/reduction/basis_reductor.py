@@ -270,21 +270,13 @@ class BasisReductor(Reductor):
         if self.settings.coordinates == "interface":
             moved = to_interface_coordinates(framed, Projected(columns, operator, inputs, outputs), run.tau)
             frequencies = np.concatenate([np.zeros(framed.rigid_size), frequencies])
-            found = reduced_model(model, framed, moved.operator, moved.B, moved.C, frequencies)
-            reduced = with_derivatives(model, found)
+            reduced = reduced_model(model, framed, moved.operator, moved.B, moved.C, frequencies)
             reduced.interfaces = full.interfaces
             reduced.columns = everywhere(model, framed, moved.columns)
             return reduced, defect
-        reduced = with_derivatives(model, reduced_model(model, framed, operator, inputs, outputs, frequencies))
+        reduced = reduced_model(model, framed, operator, inputs, outputs, frequencies)
         reduced.columns = everywhere(model, framed, columns)
         return reduced, defect
-
-
-def with_derivatives(model, reduced):
-    """Return a reduced model, whose C has the measured columns, with the C, Cv and Ca of its outputs."""
-    if model.derivatives is not None:
-        reduced.C, reduced.Cv, reduced.Ca = model.derivatives.of(reduced.C)
-    return reduced
 
 
 def extend_by_all(basis, bases, runs, groups, last=True):
@@ -313,11 +305,10 @@ def _symmetric(matrix):
 
 
 def reduced_model(model, framed, operator, inputs, outputs, frequencies):
-    """Return the same arrays on all ranks, to the last digit."""
+    """Return the model of the same arrays on all ranks, to the last digit; `outputs` (k, m): the measured rows."""
     operator, inputs, outputs, frequencies = model.comm.bcast((operator, inputs, outputs, frequencies))
     loss = loss_factor_of(framed.damping)
-    return ReducedModel(
-        **{key: operator[key] for key in "MDK"}, viscoelastic=tuple(operator.added), B=inputs, C=outputs,
-        frequencies=frequencies, loss_factor=loss,
+    return ReducedModel.of_operator(
+        operator, B=inputs, **model.rates.of(outputs), frequencies=frequencies, loss_factor=loss,
         input_names=model.input_names, output_names=model.output_names,
     )  # fmt: skip

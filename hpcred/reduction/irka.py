@@ -95,7 +95,7 @@ class IRKA(Reductor):
         if isinstance(damping, NoDamping | Structural):
             raise InputError(f"irka: found the damping '{damping.kind}', expected a viscous one, such as Rayleigh: "
                              "poles without it have no mirror image; or reduce to a tolerance")  # fmt: skip
-        if model.derivatives is not None:
+        if model.rates:
             raise InputError("irka: found outputs that are velocities or accelerations, expected displacements; reduce "
                              "to a tolerance")  # fmt: skip
         if model.added:

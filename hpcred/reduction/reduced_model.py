@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..linalg.pencil import time_of
-from ..model.derivatives import Derivatives, combined
 from ..model.interfaces import InterfaceNode
-from ..model.operator import Operator, Term
+from ..model.operator import ADDED, Operator, Term
+from ..model.rates import Rates, combined
 from ..model.second_order_model import SecondOrderModel, listed
 from ..parallel.failures import InputError, settle
 from .massless import first_order, static_coordinates
@@ -70,6 +70,11 @@ class ReducedModel:
     Ca: np.ndarray | None = None
     viscoelastic: tuple[Term, ...] = ()
 
+    @classmethod
+    def of_operator(cls, operator: Operator, **known) -> ReducedModel:
+        """Return a model with an operator and further fields."""
+        return cls(**{key: operator[key] for key in "MDK"}, viscoelastic=tuple(operator.added), **known)
+
     @property
     def operator(self) -> Operator:
         """M, D, K and the added terms."""
@@ -82,7 +87,8 @@ class ReducedModel:
 
     def with_operator(self, operator: Operator, **changed) -> ReducedModel:
         """Return the model with other terms, and further fields."""
-        return replace(self, **{key: operator[key] for key in "MDK"}, viscoelastic=tuple(operator.added), **changed)
+        own = {item.name: getattr(self, item.name) for item in fields(self) if item.name not in {*"MDK", ADDED}}
+        return self.of_operator(operator, **own | changed)
 
     def in_coordinates(self, T: np.ndarray, **changed) -> ReducedModel:
         """Return the model in coordinates z (k,) with x = T z, and further fields."""
@@ -131,12 +137,10 @@ class ReducedModel:
         s."""
         return combined(self.output_parts, s) @ self.states(s)
 
-    def measured_response(self, s: complex | np.ndarray, derivatives: Derivatives | None) -> np.ndarray:
+    def measured_response(self, s: complex | np.ndarray, rates: Rates) -> np.ndarray:
         """Return H(s) without the factors s and s^2 of velocities and accelerations, whose relative error is that of
-        the displacement; `derivatives`: those of the full model, by which they are known."""
-        if derivatives is None:
-            return self.transfer_function(s)
-        return combined(self.output_parts, s, derivatives.orders) @ self.states(s)
+        the displacement; `rates`: those of the full model, by which they are known."""
+        return combined(self.output_parts, s, rates.orders) @ self.states(s)
 
     @property
     def output_parts(self) -> np.ndarray:

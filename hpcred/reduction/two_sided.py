@@ -10,7 +10,7 @@ from ..model.digits import warnings_of_digits
 from ..model.operator import Operator
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError
-from .basis_reductor import BasisReductor, reduced_model, with_derivatives
+from .basis_reductor import BasisReductor, reduced_model
 from .projection import diagonalise, everywhere, project, project_columns
 from .reduced_damping import reduced_damping
 
@@ -56,7 +56,7 @@ class TwoSidedReductor(BasisReductor):
             small["D"] = reduced_damping(framed.damping, small["K"], frequencies)
         inputs, outputs = project_columns(W, full.B), project_columns(V, full.Ct)
         operator = Operator.of(**small)
-        reduced = with_derivatives(model, reduced_model(model, framed, operator, inputs, outputs.T.copy(), frequencies))
+        reduced = reduced_model(model, framed, operator, inputs, outputs.T.copy(), frequencies)
         unstable = decided(model.comm, reduced.unstable_poles)
         if len(unstable):
             listed = ", ".join(f"{pole.real:.3g}{pole.imag:+.4g}i" for pole in unstable[:6])

@@ -20,6 +20,7 @@ from ..model.motion_outputs import motion_output_of
 from ..model.operator import ADDED
 from ..model.parameters import Parameter
 from ..model.parametric_model import ParametricModel
+from ..model.rates import KEY as RATES
 from ..model.second_order_model import SecondOrderModel
 from ..model.stress_outputs import stress_output_of
 from ..parallel import startup
@@ -32,7 +33,7 @@ from ..settings.term_table import TermTable
 from .model_of_job import with_interfaces, with_matrices_of_record, with_targets, with_terms
 
 WORDS = {
-    "B": "inputs differ", "Ct": "outputs differ", "derivatives": "outputs differ", "dofs": "nodes differ",
+    "B": "inputs differ", "Ct": "outputs differ", RATES: "outputs differ", "dofs": "nodes differ",
     "interfaces": "interfaces, or their nodes, differ", ADDED: f"{ADDED} laws or matrices differ",
 }  # fmt: skip
 
@@ -148,7 +149,7 @@ def with_terms_of_record(model, record) -> ParametricModel | None:
 
 def _as_recorded(model, key, names, record, path):
     """Return the model with the inputs or outputs of a reduction, from their names or from the file of the job."""
-    if key == "output" and names == record.inputs and not {"Ct", "derivatives"} & record.digests.keys():
+    if key == "output" and names == record.inputs and not {"Ct", RATES} & record.digests.keys():
         with model:
             return model.with_output_columns(None, ())
     if getattr(model, f"{key}_names") == names:

@@ -10,6 +10,7 @@ from ..files.model_file import read_model
 from ..model import interface_motion
 from ..model.material_stiffness import material_stiffness
 from ..model.parametric_model import ParametricModel
+from ..model.rates import Rates
 from ..model.rotation import rotation_matrix, unit_axis
 from ..model.second_order_model import SYMMETRIC_TO
 from ..model.viscoelastic import Viscoelastic
@@ -85,9 +86,8 @@ def _loaded_at_interfaces(model, job):
     place of those of its file; `model` is closed. Collective."""
     given, fields = [("inputs", model.B is not None, model.input_names)], {}
     if job.outputs is None:
-        has_own = model.Ct is not None or model.derivatives is not None
-        given.append(("outputs", has_own, model.own_output_names))
-        fields = {"Ct": None, "derivatives": None, "own_output_names": ()}
+        given.append(("outputs", model.has_own_outputs, model.own_output_names))
+        fields = {"Ct": None, "rates": Rates(), "own_output_names": ()}
     lost = [f"{key} ({', '.join(names[:4])}{', ...' if len(names) > 4 else ''})"
             for key, there, names in given if there]  # fmt: skip
     if lost:

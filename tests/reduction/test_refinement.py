@@ -7,7 +7,7 @@ import pytest
 from adaptive_models import Case, chain, dashpots, estimated_and_true, fresh, unit, up_to
 
 import hpcred
-from hpcred.model.derivatives import Derivatives
+from hpcred.model.rates import Rates
 from hpcred.reduction.measure import MEASURES
 from hpcred.reduction.tolerance import refinement
 from hpcred.reduction.tolerance.compression import compressed
@@ -30,7 +30,7 @@ def damped(kind="D", n=16):
         parts = np.zeros((3, 3, 2))
         parts[2, 0, 1] = parts[1, 1, 0] = parts[0, 2, 0] = 1.0
         parts[1, 2, 1] = 0.05
-        io = InputsOutputs(io.inputs, io.outputs, Derivatives(parts))
+        io = InputsOutputs(io.inputs, io.outputs, Rates(parts))
     model = diagonalised(K, unit(n, 3, 12, 15), D, UNDAMPED, io)
     return Comparison(model, model, np.eye(n), measure_over(MEASURES["directions"], BAND, model))
 

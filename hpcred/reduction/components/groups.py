@@ -80,7 +80,7 @@ def _copy(model, group, number, groups):
     copied = SecondOrderModel.of_operator(
         operator, B=blocks[0] if model.B is not None else None, Ct=blocks[-1] if model.Ct is not None else None,
         dofs=dofs, input_names=model.input_names, own_output_names=model.own_output_names, name=model.name,
-        derivatives=model.derivatives,
+        rates=model.rates,
         circulatory=model.circulatory,
     )  # fmt: skip
     for key, defect in symmetry.items():

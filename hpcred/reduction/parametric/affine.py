@@ -65,7 +65,7 @@ class AffineForm:
         """Return inputs and outputs in terms of the loads; local."""
         inputs = sum(theta[k] * factor for k, factor in self.inputs)
         outputs = inputs if self.outputs is None else sum(theta[k] * factor for k, factor in self.outputs)
-        return InputsOutputs(inputs, outputs, self.parametric.model.derivatives)
+        return InputsOutputs(inputs, outputs, self.parametric.model.rates)
 
     def has_responses(self, point) -> bool:
         """Test whether factors of loads or outputs leave any response at a point; local."""

@@ -151,8 +151,7 @@ def projected_parts(parametric, reduced: ReducedModel, damping) -> dict:
         small[key] = _projected(mat, columns, model.is_symmetric(key))
     small["B"] = project_columns(columns, model.B)
     small["C"] = (small["B"] if model.Ct is None else project_columns(columns, model.Ct)).T.copy()
-    if model.derivatives is not None:
-        small |= dict(zip(("C", "Cv", "Ca"), model.derivatives.of(small["C"]), strict=True))
+    small |= model.rates.of(small["C"])
     terms = []
     for item, symmetric in zip(parametric.terms, parametric.symmetric_terms, strict=True):
         if item.of in "MDK":

@@ -30,11 +30,9 @@ def snapshots(model: PseudoModal, frequencies, measure: Measure) -> np.ndarray:
     right = model.solve(frequencies, model.B)
     h, g = measure.scales(*model.responses(frequencies))
     right *= _inverse(g)[:, None, :]
-    if model.is_reciprocal and model.io.derivatives is None:
+    if model.is_reciprocal and not model.io.rates:
         return right
-    left = model.solve(frequencies, model.Ct, transposed=True)
-    if model.io.derivatives is not None:
-        left = left @ model.io.derivatives.measured_at(2j * np.pi * frequencies).transpose(0, 2, 1)
+    left = model.io.rates.transposed(2j * np.pi * frequencies, model.solve(frequencies, model.Ct, transposed=True))
     left *= _inverse(h)[:, None, :]
     # only the product of the two scales has a meaning: equal parts, unless there is nothing of one
     sizes = np.linalg.norm(left), np.linalg.norm(right)

@@ -93,10 +93,7 @@ def measure_over(measure: Measure, band, model: PseudoModal, uniform=UNIFORM) ->
     if isinstance(measure, Paper):
         return measure
     frequencies = np.linspace(*band, uniform)
-    columns = model.io.outputs
-    if (derivatives := model.io.derivatives) is not None:
-        columns = columns @ derivatives.static().T
-    of = drive_points(model.io.inputs, columns)
+    of = drive_points(model.io.inputs, model.io.rates.static(model.io.outputs))
     silent = _silent(model, band) if (of[0] < 0).any() else ()
     return measure.over(frequencies, *model.responses(frequencies), of, silent)
 
@@ -107,7 +104,7 @@ def _silent(model, band) -> list[int]:
     columns = model.io.silent
     if columns is None:
         columns = np.flatnonzero(quietness(model, grid([model], band, UNIFORM // 4, None)).max(axis=(0, 2)) < SILENT)
-    return list(columns) if model.io.derivatives is None else model.io.derivatives.outputs_of_only(columns)
+    return model.io.rates.outputs_of_only(columns)
 
 
 def quietness(model: PseudoModal, frequencies) -> np.ndarray:

@@ -25,8 +25,8 @@ import numpy as np
 
 from ...linalg.eigensolver import graded_eigenpairs
 from ...linalg.pencil import squared_frequencies, with_masses
-from ...model.derivatives import Derivatives
 from ...model.operator import NOTHING, Operator, congruent, times
+from ...model.rates import Rates
 
 LEAST_MASS = 1e-7  # of the coordinates of a model with masses, for its poles; the refinement of solves has the rest
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
@@ -61,28 +61,28 @@ UNDAMPED = Proportional()
 
 class InputsOutputs(NamedTuple):
     """Inputs and outputs in terms of independent loads L: B = L `inputs` (l, p), C^T = L `outputs` (l, r), which are
-    one array where C = B^T; `derivatives`: what the outputs are of them, the same if None; `silent`: the columns of C^T
+    one array where C = B^T; `rates`: what the outputs are of them; `silent`: the columns of C^T
     whose responses are round-off, None where that was not computed."""
 
     inputs: np.ndarray
     outputs: np.ndarray
-    derivatives: Derivatives | None = None
+    rates: Rates = Rates()
     silent: tuple[int, ...] | None = None
 
     @property
     def output_count(self) -> int:
-        return self.outputs.shape[1] if self.derivatives is None else self.derivatives.parts.shape[1]
+        return self.rates.count(self.outputs.shape[1])
 
     def column_scales(self, s, scales: np.ndarray) -> np.ndarray:
         """Return scales (S, k) of the columns C^T, from those of the outputs (S, r): the least that an output has."""
-        if self.derivatives is None:
+        if not self.rates:
             return scales
-        weights = np.abs(self.derivatives.measured_at(s)) * _reciprocal(scales)[:, :, None]
+        weights = np.abs(self.rates.measured_at(s)) * _reciprocal(scales)[:, :, None]
         return _reciprocal(weights.max(axis=1, initial=0.0))
 
     def measured(self, s, rows: np.ndarray) -> np.ndarray:
         """Return what errors are measured of (S, r, p), from what is known of the columns C^T (S, k, p) at s (S,)."""
-        return rows if self.derivatives is None else self.derivatives.measured_at(s) @ rows
+        return self.rates.measured(s, rows)
 
     @property
     def are_same(self) -> bool:
@@ -287,7 +287,7 @@ class PseudoModal:
         return self.responses(frequencies)[0]
 
     def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return H (S, r, p), without the factor s^k of derivatives, and the drive-point responses b_i^T A^-1 b_i
+        """Return H (S, r, p), without the factor s^k of rates, and the drive-point responses b_i^T A^-1 b_i
         (S, p) of the inputs."""
         left, right = self.Ct.T, self.B
         H, drive = [], []

@@ -46,7 +46,7 @@ def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Proje
     comm, noise = projections.run.model.comm, accuracy.noise
     mine = np.array(accuracy.frequencies)[comm.rank :: comm.size]
     parts = np.array_split(mine, 1 + len(mine) * measured.size**2 // CHUNK) if len(mine) else []
-    H = [measured.measured_response(2j * np.pi * part, projections.io.derivatives) for part in parts]
+    H = [measured.measured_response(2j * np.pi * part, projections.io.rates) for part in parts]
     for again in projected_again(projections):
         for part, values in zip(parts, H, strict=True):
             found, drive = again.responses(part)
