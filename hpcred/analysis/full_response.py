@@ -27,7 +27,7 @@ from ..parallel.decisions import decided
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
-from ..reduction.checks import check_circulatory, check_model, warnings_of
+from ..reduction.checks import check_model, check_unsymmetric, warnings_of
 from ..reduction.run import Run
 from ..reduction.tolerance.accuracy import Accuracy, Adaptive
 from ..reduction.tolerance.compression import LITTLE
@@ -197,7 +197,7 @@ def _by_search(
     turned out to be. Collective."""
     damping_of_response = _damping_of_response(damping)
     check_model(model)
-    check_circulatory(model, damping)
+    check_unsymmetric(model, damping)
     require_room(model, max(len(frequencies), FREQUENCIES))
     warnings = warnings_of(model, frame)
     _check_support(model, frame, frequencies)

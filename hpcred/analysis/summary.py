@@ -67,9 +67,7 @@ def inspect(
         "symmetry_defects": model.symmetry_defects,
         "mass_matrix": _definiteness(model.M, factoring),
     }
-    if model.circulatory:
-        report["circulatory"] = "yes: K may be unsymmetric"
-    report |= model.operator.families
+    report |= model.declared | model.operator.families
     if model.converted_from:
         report["converted_from"] = model.converted_from
     if model.properties is not None:

@@ -190,7 +190,7 @@ def _rows_of_tangent(model, frame):
 
 def _free_body(model, frame):
     """Return the rigid-body modes of a body in the Buckens frame, with the supports that the user chose."""
-    refuse_circulatory(model)
+    refuse_unsymmetric(model)
     rigid = RigidBodyModes(model, soft=True)
     if rigid.count == 0:
         raise InputError(
@@ -216,11 +216,11 @@ def _free_body(model, frame):
     return rigid
 
 
-def refuse_circulatory(model):
+def refuse_unsymmetric(model):
     """Refuse an unsymmetric K in the Buckens frame. Collective."""
     if not model.is_symmetric("K"):
         raise InputError(
-            f"frame: the Buckens frame does not go with the unsymmetric K of {model.name}, whose circulatory forces "
+            f"frame: the Buckens frame does not go with the unsymmetric K of {model.name}, whose forces "
             "may push the body as a whole; hold it (frame kind 'tangent' or 'chord', or none)"
         )
 

@@ -19,7 +19,7 @@ from ..parallel.petsc import PETSc
 from .cut_outputs import cut_output_of
 from .parameters import Parameter, Term, check_terms, checked_values, factors_of, in_words
 from .petsc_matrices import on_one_pattern
-from .second_order_model import SYMMETRIC_TO, SecondOrderModel, is_symmetric_to, listed, require_model
+from .second_order_model import SYMMETRIC_TO, UNSYMMETRIC, SecondOrderModel, listed, require_model
 from .term_matrices import FIELD, term_matrix
 
 OF_MASS = ("gravity", "centrifugal")  # loads that are M times accelerations
@@ -46,7 +46,7 @@ class ParametricModel:
     Notes
     -----
     Collective. A(p) is the model's matrix where no term is added to it. A model without damping matrix has D = 0 as the
-    constant part of its terms of D. A skew-symmetric term of K makes the model `circulatory`. Viscoelastic parts are
+    constant part of its terms of D. A skew-symmetric term of K declares K unsymmetric. Viscoelastic parts are
     those of the constant part: K(s, p) = K(p) + sum (g(s) - g(0)) K_v.
 
     Attributes
@@ -86,7 +86,7 @@ class ParametricModel:
         mats, known = on_one_pattern(mats, square), model.matrices
         changed: dict[str, Any] = {key: mat for key, mat in mats.items() if mat is not known.get(key)}
         if any(item.of == "K" and _is_skew(item.matrix) for item in terms):
-            changed["circulatory"] = True
+            changed |= UNSYMMETRIC
         if any(item.of == "M" for item in terms):
             changed["loads"] = tuple(_of_constant_mass(item) for item in model.loads)
         self._take(model.with_fields(**changed), parameters, terms)
@@ -156,7 +156,7 @@ class ParametricModel:
     @property
     def symmetric_terms(self) -> tuple[bool, ...]:
         """Whether the terms, in their order, are symmetric but for round-off. Collective."""
-        return tuple(is_symmetric_to(defect, item.of, self.model.circulatory)
+        return tuple(self.model.counts_as_symmetric(item.of, defect)
                      for item, defect in zip(self.terms, self.symmetry_defects, strict=True))  # fmt: skip
 
     @property

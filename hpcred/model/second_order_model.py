@@ -47,12 +47,19 @@ if TYPE_CHECKING:
 
 SYMMETRIC_TO = 1e-10  # symmetry_defect above which a matrix counts as unsymmetric
 DECLARED = 1e-12  # the same of a K that may be so: what is more is not round-off of a few sums
+UNSYMMETRIC = {"circulatory": True}  # fields of a model whose K may be unsymmetric
+SAY_SO = "of K that has circulatory forces say circulatory = true"
 
 
 def is_symmetric_to(defect: float, of: str, circulatory: bool) -> bool:
     """Test whether the symmetry defect of a matrix `of` a model, or of a term of it, is round-off; in K, and what
     damping makes of it, less is where it is declared `circulatory`."""
     return defect <= (DECLARED if circulatory and of != "M" else SYMMETRIC_TO)
+
+
+def declared_in(fields_of_model) -> dict[str, str]:
+    """Return what the fields of a model, or the keys of its job, declare of its matrices, in words."""
+    return {key: "yes: K and its terms may be unsymmetric" for key in UNSYMMETRIC if fields_of_model.get(key)}
 
 
 def sizes_of_sets(sets: dict, comm) -> dict[str, int]:
@@ -364,7 +371,20 @@ class SecondOrderModel:
 
     def is_symmetric(self, key: str) -> bool:
         """Test whether M, K or D is symmetric, or not there. Collective."""
-        return is_symmetric_to(self.symmetry_defects.get(key, 0.0), key, self.circulatory)
+        return self.counts_as_symmetric(key, self.symmetry_defects.get(key, 0.0))
+
+    def counts_as_symmetric(self, key: str, defect: float) -> bool:
+        """Test whether a symmetry defect of M, K or D, or of a term of it, is round-off."""
+        return is_symmetric_to(defect, key, self.circulatory)
+
+    def may_be_unsymmetric(self, key: str) -> bool:
+        """Test whether an unsymmetric M, K or D is no error."""
+        return key == "D" or (key == "K" and self.circulatory)
+
+    @property
+    def declared(self) -> dict[str, str]:
+        """What is declared of the matrices, in words, for reports."""
+        return declared_in(vars(self))
 
     def extreme_quotients(self, key: str) -> tuple[float, float]:
         """Return the smallest and the largest x^T A x / x^T |D| x that is found for K or M. Collective."""
@@ -672,12 +692,16 @@ class SecondOrderModel:
         It takes the matrices over. Collective.
         """
         B, Ct, Gt = (None if mat is None else T.transposeMatMult(mat) for mat in (self.B, self.Ct, self.Gt))
+        return self.with_rows(operator, B=B, Ct=Ct, dofs=dofs, Gt=Gt, interfaces=self.interfaces)
+
+    def with_rows(self, operator, **rows) -> SecondOrderModel:
+        """Return the model with other rows, of which these are the fields; names and outputs stay, and what is known of
+        the symmetry, which T^T A T has where A has it, whatever its round-off."""
         moved = self.of_operator(
-            operator, B=B, Ct=Ct, dofs=dofs, input_names=self.input_names,
-            own_output_names=self.own_output_names, name=self.name, Gt=Gt, interfaces=self.interfaces,
+            operator, **rows, input_names=self.input_names, own_output_names=self.own_output_names, name=self.name,
             rates=self.rates, circulatory=self.circulatory,
         )  # fmt: skip
-        for key, defect in self.symmetry_defects.items():  # T^T A T is symmetric where A is, whatever its round-off
+        for key, defect in self.symmetry_defects.items():
             moved.take_symmetry(key, defect)
         return moved
 

@@ -21,7 +21,7 @@ from ..parallel.memory import give_back
 from ..parallel.petsc import free_dropped
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
-from .checks import check_added, check_circulatory, check_model, warnings_of
+from .checks import check_added, check_model, check_unsymmetric, warnings_of
 from .components.component import Component, PointComponent
 from .components.groups import blocks_in_groups, number_of_groups
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
@@ -148,7 +148,7 @@ class BasisReductor(Reductor):
         """Refuse what cannot be reduced in this way; returns warnings of the model. Collective."""
         check_model(model)
         check_added(model, self.damping)
-        check_circulatory(model, self.damping)
+        check_unsymmetric(model, self.damping)
         self._check_room(model)
         if self.settings.coordinates == "interface":
             check_interface_coordinates(model, self.frame)

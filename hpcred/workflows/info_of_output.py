@@ -25,6 +25,7 @@ from ..files import (
 )
 from ..files.hdf5 import kind_of_file, reading, require_whole, texts
 from ..model.parameters import rows_of_parameters
+from ..model.second_order_model import declared_in
 from ..parallel.failures import InputError, agreed
 from ..parallel.plugins import OWN, blamed
 from ..parallel.shares import row_range
@@ -57,8 +58,7 @@ def result(path, comm) -> dict:
     if record is None:
         return report | {"warnings": []}
     report |= {"model": record.model, "dofs": record.size, "frame": record.frame.kind, "damping": record.damping.kind}
-    if (record.job or {}).get("circulatory"):
-        report["circulatory"] = "yes: K and its terms may be unsymmetric"
+    report |= declared_in(record.job or {})
     if record.basis_of:
         report["basis_of"] = record.basis_of
     if record.accuracy is not None:

@@ -12,7 +12,7 @@ from ..model.material_stiffness import material_stiffness
 from ..model.parametric_model import ParametricModel
 from ..model.rates import Rates
 from ..model.rotation import rotation_matrix, unit_axis
-from ..model.second_order_model import SYMMETRIC_TO
+from ..model.second_order_model import SYMMETRIC_TO, UNSYMMETRIC
 from ..model.viscoelastic import Viscoelastic
 from ..parallel.failures import InputError, agreed
 from ..readers.nodes.table import read_node_numbers
@@ -104,7 +104,7 @@ def declared_circulatory(model, circulatory):
     if not circulatory:
         return model
     with model:
-        return model.with_fields(circulatory=True)
+        return model.with_fields(**UNSYMMETRIC)
 
 
 def with_viscoelastic(model, parts):

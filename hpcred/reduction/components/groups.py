@@ -12,7 +12,6 @@ from ...linalg.blocks import View, create_block, dense_matrix, local_rows
 from ...model.dofs import Dofs
 from ...model.frames import FramedModel
 from ...model.rigid_body_modes import RigidBodyModes
-from ...model.second_order_model import SecondOrderModel
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, Owned, agreed, forget
 from ...parallel.petsc import PETSc, free_dropped
@@ -48,7 +47,7 @@ class Group:
 
 
 def _copy(model, group, number, groups):
-    comm, symmetry = model.comm, model.symmetry_defects
+    comm, _ = model.comm, model.symmetry_defects  # of all ranks, which the copy takes over
     operator = model.operator.map(lambda mat: mat.getRedundantMatrix(groups, subcomm=PETSc.Comm(group)))
     K = operator["K"]
     # rows of B, C^T and the labels go to the rank that has the row, in every group
@@ -77,15 +76,8 @@ def _copy(model, group, number, groups):
     dofs = None
     if model.dofs is not None:
         dofs = Dofs(received[0], received[1], np.array(received[2:]).T.reshape(-1, 3))
-    copied = SecondOrderModel.of_operator(
-        operator, B=blocks[0] if model.B is not None else None, Ct=blocks[-1] if model.Ct is not None else None,
-        dofs=dofs, input_names=model.input_names, own_output_names=model.own_output_names, name=model.name,
-        rates=model.rates,
-        circulatory=model.circulatory,
-    )  # fmt: skip
-    for key, defect in symmetry.items():
-        copied.take_symmetry(key, defect)
-    return copied
+    B, Ct = (None if mat is None else blocks[place] for mat, place in ((model.B, 0), (model.Ct, -1)))
+    return model.with_rows(operator, B=B, Ct=Ct, dofs=dofs)
 
 
 def number_of_groups(wanted, run, points: int) -> int:

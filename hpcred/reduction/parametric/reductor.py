@@ -16,7 +16,7 @@ from ...model.frames import Buckens, apply_frame
 from ...model.load_columns import resultants
 from ...model.parametric_model import ParametricModel
 from ...model.rigid_body_modes import acts_on_free_motions
-from ...model.second_order_model import SYMMETRIC_TO
+from ...model.second_order_model import SAY_SO, SYMMETRIC_TO
 from ...model.term_matrices import FIELD
 from ...parallel.declared import declared
 from ...parallel.failures import InputError, Owned
@@ -220,8 +220,8 @@ def check_parametric(model, frame, damping, coordinates):
     known = zip(model.terms, model.symmetry_defects, model.symmetric_terms, strict=True)
     for item, defect, symmetric in known:
         unsymmetric = item.of in ("M", "K") and not symmetric
-        if unsymmetric and not (item.of == "K" and model.model.circulatory):
-            more = " or a skew-symmetric matrix; of K that has circulatory forces say circulatory = true"
+        if unsymmetric and not model.model.may_be_unsymmetric(item.of):
+            more = f" or a skew-symmetric matrix; {SAY_SO}"
             raise InputError(
                 f"{model.name}: the term of {item.of} with the factor '{item.factor}' is not symmetric: "
                 f"max |a_ij - a_ji| / |a_ij| = {defect:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
@@ -238,7 +238,7 @@ def check_parametric(model, frame, damping, coordinates):
             found = "the Buckens frame" if isinstance(frame, Buckens) else "interface coordinates"
             raise InputError(
                 f"{model.name}: found {found} and an unsymmetric term of K with the factor '{item.factor}', whose "
-                "circulatory forces they have no place for; hold the body, in pseudo-modal coordinates"
+                "forces they have no place for; hold the body, in pseudo-modal coordinates"
             )
         if item.of == "K" and isinstance(frame, Buckens) and acts_on_free_motions(model.model, item.matrix):
             raise InputError(
