@@ -62,6 +62,7 @@ from .model.from_pymor import from_pymor as from_pymor
 from .model.interfaces import Interface as Interface
 from .model.interfaces import InterfaceNode as InterfaceNode
 from .model.interfaces import Nodes as Nodes
+from .model.laws.hysteretic import Hysteretic as Hysteretic
 from .model.laws.viscoelastic import Fractional as Fractional
 from .model.laws.viscoelastic import FractionalKelvinVoigt as FractionalKelvinVoigt
 from .model.laws.viscoelastic import Maxwell as Maxwell

@@ -228,16 +228,11 @@ def _by_full_matrices(solvers, frequencies, response, step) -> np.ndarray:
     model, left = solvers.model, np.ones(len(frequencies), dtype=bool)
     if model.size > TINY or model.comm.size > 1 or not solvers.damped or solvers.terms or solvers.rigid is not None:
         return np.flatnonzero(left)
-    M, K, B = map(_full_matrix, (model.M, model.K, model.B))
-    D = np.zeros_like(K) if model.D is None else _full_matrix(model.D)
+    operator, B = model.operator.map(_full_matrix), _full_matrix(model.B)
     C = B.T if model.Ct is None else _full_matrix(model.Ct).T
-    terms = np.stack([K + 1j * solvers.loss * K, 1j * D, -M]).reshape(3, -1)  # of 1, omega, omega^2
-    added = model.added.map(_full_matrix)
     for part in _parts(len(frequencies), model.size):
         omega = 2 * np.pi * frequencies[part]
-        A = (np.vander(omega, 3, increasing=True) @ terms).reshape(-1, *K.shape)
-        if added:
-            A += added.at(1j * omega)
+        A = operator.at(1j * omega) + 1j * solvers.loss * operator["K"]
         try:
             X = np.linalg.solve(A, np.broadcast_to(B.astype(complex), (len(A), *B.shape)))
         except np.linalg.LinAlgError:

@@ -21,15 +21,13 @@ class NativeForm:
     def __init__(self, model):
         self.model, self.matrix = model, model.K.duplicate(copy=False)
 
-    def fill(self, mass, damping, stiffness, added=()):
-        """matrix = mass M + damping D + stiffness K + sum added K_v."""
+    def fill(self, coefficients):
+        """matrix = the sum of coefficients times the terms of the model, by key."""
         self.model.K.copy(self.matrix, structure=SAME)
-        self.matrix.scale(stiffness)
-        if self.model.D is not None:
-            self.matrix.axpy(damping, self.model.D, structure=SAME)
-        self.matrix.axpy(mass, self.model.M, structure=SAME)
-        for factor, term in zip(added, self.model.added, strict=False):
-            self.matrix.axpy(factor, term.matrix, structure=SAME)
+        self.matrix.scale(coefficients["K"])
+        for key, mat in self.model.matrices.items():
+            if key != "K" and key in coefficients:
+                self.matrix.axpy(coefficients[key], mat, structure=SAME)
 
     def put(self, pairs, block):
         """The complex columns of pairs."""
@@ -67,15 +65,10 @@ class RealForm:
             comm=model.K.comm,
         )
 
-    def fill(self, mass, damping, stiffness, added=()):
-        """matrix = the real form of mass M + damping D + stiffness K + sum added K_v."""
-        model = self.model
-        values = stiffness * model.K.getValuesCSR()[2].real
-        values = values + mass * model.M.getValuesCSR()[2].real
-        if model.D is not None:
-            values = values + damping * model.D.getValuesCSR()[2].real
-        for factor, term in zip(added, model.added, strict=False):
-            values = values + factor * term.matrix.getValuesCSR()[2].real
+    def fill(self, coefficients):
+        """matrix = the real form of the sum of coefficients times the terms of the model, by key."""
+        values = sum(coefficients[key] * mat.getValuesCSR()[2].real
+                     for key, mat in self.model.matrices.items() if key in coefficients)  # fmt: skip
         upper = np.concatenate([values.real, -values.imag])[self._order]
         lower = np.concatenate([-values.imag, -values.real])[self._order]
         self.matrix.setValuesCSR(self._indptr, self._indices, np.concatenate([upper, lower]))

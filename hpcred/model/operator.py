@@ -121,6 +121,11 @@ class Operator:
         return Operator({key: term for key, term in self.terms.items() if key not in ORDERS})
 
     @property
+    def quadratic(self) -> Operator:
+        """M, D and K alone."""
+        return Operator({key: term for key, term in self.terms.items() if key in ORDERS})
+
+    @property
     def plural(self) -> str:
         """What added terms are called in messages, such as "viscoelastic parts"."""
         return " and ".join(f"{family} parts" for family in self.families)
@@ -186,6 +191,12 @@ class Operator:
 
 
 NOTHING = Operator({})
+
+
+def in_coordinates(of: str, matrix: np.ndarray, T: np.ndarray) -> np.ndarray:
+    """Return M, D, K, B, C, Cv or Ca, as `of` tells, in coordinates z with x = T z."""
+    rows = matrix if of.startswith("C") else T.T @ matrix
+    return rows if of == "B" else rows @ T
 
 
 def congruent(matrix: np.ndarray, X: np.ndarray) -> np.ndarray:

@@ -79,7 +79,7 @@ class ParametricModel:
                              "expected displacements")  # fmt: skip
         terms = tuple(replace(item, matrix=term_matrix(model, item)) for item in terms)
         square = [item.matrix for item in terms if item.of in "MDK"]
-        mats = dict(model.matrices)
+        mats = model.matrices
         if model.D is None and any(item.of == "D" for item in terms):
             mats["D"] = model.K.duplicate(copy=False)
             mats["D"].zeroEntries()

@@ -70,15 +70,8 @@ def to_interface_coordinates(framed, given: Projected, tau=0.0) -> Projected:
     whole = given if framed.rigid is None else _with_rigid(framed, given)
     forces = interface_forces(framed.model)
     motion = inner(forces, whole.columns)
-    T = decided(
-        framed.model.comm,
-        transformation,
-        motion,
-        whole.operator["M"],
-        whole.operator["K"],
-        framed.model.interfaces,
-        tau,
-    )
+    M, K = whole.operator["M"], whole.operator["K"]
+    T = decided(framed.model.comm, transformation, motion, M, K, framed.model.interfaces, tau)
     block = create_block(framed.model.K, T.shape[1])
     with local_rows(whole.columns) as old, local_rows(block) as new:
         new[...] = old @ T

@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.operator import Operator
+from ..model.operator import Operator, in_coordinates
 from ..parallel.failures import InputError
 
-WIDENED = {"M": (0, 1), "D": (0, 1), "K": (0, 1), "B": (0,), "C": (1,), "Cv": (1,), "Ca": (1,)}  # axes of coordinates
 RANK = 1e-14  # of the largest eigenvalue of K_v, below which it is round-off
 
 
@@ -90,20 +89,16 @@ def with_maxwell_states(reduced, where="a state space", from_rest=False):
     """
     states = maxwell_states(reduced.added, where)
     form = states.from_rest if from_rest else states.second_order
-
-    def wider(of, part):
-        return np.pad(part, [(0, states.size if axis in WIDENED[of] else 0) for axis in range(2)])
-
-    def whole(parts):
-        square = dict(zip("MDK", form(*map(parts.get, "MDK")), strict=True))
-        return {of: square[of] if of in square else wider(of, part) for of, part in parts.items()}
-
-    changed = whole({of: part for of in WIDENED if (part := getattr(reduced, of)) is not None})
+    only_x = np.eye(reduced.size, reduced.size + states.size)  # x = [I, 0] (x, w)
+    changed = {}
     if hasattr(reduced, "terms"):
-        changed["constant"] = whole(reduced.constant)
-        changed["terms"] = tuple(replace(item, matrix=wider(item.of, item.matrix)) for item in reduced.terms)
-    without = reduced.with_operator(Operator.of(reduced.M, reduced.D, reduced.K))
-    return replace(without, **changed, columns=None, left_columns=None, model=None), states.size
+        constant = {of: in_coordinates(of, part, only_x) for of, part in reduced.constant.items()}
+        changed["constant"] = constant | dict(zip("MDK", form(*map(reduced.constant.get, "MDK")), strict=True))
+        changed["terms"] = tuple(replace(item, matrix=in_coordinates(item.of, item.matrix, only_x))
+                                 for item in reduced.terms)  # fmt: skip
+    square = Operator.of(*form(reduced.M, reduced.D, reduced.K))
+    wide = reduced.in_coordinates(only_x, **changed, columns=None, left_columns=None, model=None)
+    return wide.with_operator(square), states.size
 
 
 def _beside(one, other):

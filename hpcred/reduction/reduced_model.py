@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..linalg.pencil import time_of
 from ..model.interfaces import InterfaceNode
-from ..model.operator import ADDED, Operator, Term
+from ..model.operator import ADDED, Operator, Term, in_coordinates
 from ..model.rates import Rates, combined
 from ..model.second_order_model import SecondOrderModel, listed
 from ..parallel.failures import InputError, settle
@@ -92,9 +92,9 @@ class ReducedModel:
 
     def in_coordinates(self, T: np.ndarray, **changed) -> ReducedModel:
         """Return the model in coordinates z (k,) with x = T z, and further fields."""
-        outputs = {key: part if part is None else part @ T
-                   for key, part in (("C", self.C), ("Cv", self.Cv), ("Ca", self.Ca))}  # fmt: skip
-        return self.with_operator(self.operator.projected(T), **{"B": T.T @ self.B, **outputs, **changed})
+        columns = {key: in_coordinates(key, part, T) for key in ("B", "C", "Cv", "Ca")
+                   if (part := getattr(self, key)) is not None}  # fmt: skip
+        return self.with_operator(self.operator.projected(T), **columns | changed)
 
     @property
     def size(self) -> int:

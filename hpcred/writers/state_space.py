@@ -20,13 +20,10 @@ writers.arrays for parameters make up mass, damping, stiffness, input_matrix, ou
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..body.body import check_viscous, instability, maker
 from ..files.outputs import MATLAB, ZIP
-from ..model.operator import Operator
 from ..reduction.massless import first_order, static_coordinates
 from ..reduction.maxwell_states import maxwell_states, with_maxwell_states
 from ..reduction.reduced_model import ReducedModel, require_finite
@@ -103,8 +100,8 @@ def words_on_massless(reduced) -> list[str]:
 def _with_maxwell_states(reduced) -> dict:
     """The matrices of a model with added terms."""
     states = maxwell_states(reduced.added)
-    plain = reduced.with_operator(Operator.of(reduced.M, reduced.D, reduced.K))
-    elastic = state_space(replace(plain, columns=None, left_columns=None, model=None))
+    free = {"columns": None, "left_columns": None, "model": None}
+    elastic = state_space(reduced.with_operator(reduced.operator.quadratic, **free))
     A = states.state_matrix(np.linalg.inv(reduced.M), reduced.D, reduced.K)
     E = np.eye(len(A))
     E[: 2 * reduced.size, : 2 * reduced.size] = elastic["E"]

@@ -7,41 +7,38 @@ from typing import NamedTuple
 import numpy as np
 
 from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, inner, times, view_of
-from ...model.operator import Operator, congruent
+from ...model.operator import NOTHING, Operator
 from ..tolerance.independent_loads import independent_columns
 from ..tolerance.projections import extended
 from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
 from .singular import factor_of_mass
 
 
-class Part(NamedTuple):
-    """A matrix of the affine form: its place among the factors (1, theta_1, theta_2, ...), and whether it is symmetric.
-    """
-
-    place: int
-    mat: object
-    symmetric: bool = True
-
-
 class AffineForm:
     """The matrices of a parametric model, with the loads of all its inputs and outputs in the coordinates of a frame.
 
-    `parts`: of M (none where it does not depend on parameters), K and D (none unless `damped`), and K_v of added
-    terms as Kv1, Kv2, ..., which are constant; `loads` L: independent columns of all parts of B and C^T, of which
-    `inputs` and `outputs` (None for C = B^T) are lists of (place, factor); `restore`: see FramedModel. Collective.
+    `operators`: the constant one, with M only where it depends on parameters and D only where `damped`, and that of
+    each term, by their place among the factors 1, theta_1, theta_2, ...; `matrices` of them: (key, place, matrix,
+    whether it is symmetric); `loads` L: independent columns of all parts of B and C^T, of which `inputs` and `outputs`
+    (None for C = B^T) are lists of (place, factor); `restore`: see FramedModel. Collective.
     """
 
     def __init__(self, parametric, framed, damped: bool):
         model, self.restore = parametric.model, framed.restore
         self.parametric, self.framed = parametric, framed
         terms = [(1 + k, item) for k, item in enumerate(parametric.terms)]
-        symmetric = (True, *parametric.symmetric_terms)
-        self.parts: dict[str, list[Part]] = {"M": [], "K": [], "D": []}
-        for of, mat in (("M", model.M), ("K", model.K), ("D", model.D)):
-            own = [Part(k, item.matrix, symmetric[k]) for k, item in terms if item.of == of]
-            if of == "K" or (of == "M" and own) or (of == "D" and damped):
-                self.parts[of] = [Part(0, mat, model.is_symmetric(of)), *own]
-        self.parts |= {key: [Part(0, mat)] for key, mat in model.added.matrices.items()}
+        left_out = {} if any(item.of == "M" for item in parametric.terms) else {"M": None}
+        left_out |= {} if damped else {"D": None}
+        constant = model.operator.with_matrices(model.operator.matrices | left_out)
+        self.operators = [constant, *(
+            Operator.of(**{item.of: item.matrix}) if item.of in constant.terms else NOTHING for item in parametric.terms
+        )]  # fmt: skip
+        symmetric = [dict.fromkeys(constant.added.terms, True) | {of: model.is_symmetric(of) for of in "MDK"}]
+        symmetric += [{item.of: is_so} for item, is_so in
+                      zip(parametric.terms, parametric.symmetric_terms, strict=True)]  # fmt: skip
+        self.matrices = [(key, place, mat, symmetric[place][key]) for key in constant.terms
+                         for place, operator in enumerate(self.operators)
+                         if (mat := operator.get(key)) is not None]  # fmt: skip
         blocks, places = [], {"B": [], "C": []}
         for of, mat in (("B", model.B), ("C", model.Ct)):
             if mat is not None:
@@ -67,6 +64,11 @@ class AffineForm:
         outputs = inputs if self.outputs is None else sum(theta[k] * factor for k, factor in self.outputs)
         return InputsOutputs(inputs, outputs, self.parametric.model.rates)
 
+    @property
+    def has_mass(self) -> bool:
+        """Whether M depends on parameters."""
+        return "M" in self.operators[0].terms
+
     def has_responses(self, point) -> bool:
         """Test whether factors of loads or outputs leave any response at a point; local."""
         io = self.io(self.theta(point))
@@ -90,28 +92,31 @@ class PointModels(NamedTuple):
     `turn` (m, m), so that its first columns still span what those of the basis span; `size_of_k`: the sum of the norms
     of what adds up to K. Local."""
 
-    K: np.ndarray
+    operator: Operator
     L: np.ndarray
-    D: np.ndarray | None
     turn: np.ndarray
     damping: Proportional
     io: InputsOutputs
     symmetric: bool
-    added: Operator
     size_of_k: float
+
+    @property
+    def K(self) -> np.ndarray:
+        """The stiffness (m, m)."""
+        return self.operator["K"]
 
     def model(self, count: int | None = None) -> PseudoModal:
         """Return the model of the first `count` columns, by default of all."""
         k = slice(count)
-        D = None if self.D is None else self.D[k, k]
-        added = self.added.map(lambda matrix: matrix[k, k])
-        return diagonalised(self.K[k, k], self.L[k], D, self.damping, self.io, added, self.symmetric)
+        part = self.operator.map(lambda matrix: matrix[k, k])
+        given = part.get("D"), self.damping, self.io, part.added, self.symmetric
+        return diagonalised(part["K"], self.L[k], *given)
 
 
 class AffineProjections:
     """Small projections of the parts of an affine form on a basis that grows, the same on all ranks.
 
-    `small`: as the parts of the form; `L` (m, l) = V^T L; `damping`: the proportional damping of the models.
+    `small`: as the operators of the form; `L` (m, l) = V^T L; `damping`: the proportional damping of the models.
     """
 
     def __init__(self, form: AffineForm, basis, damping: Proportional):
@@ -120,7 +125,7 @@ class AffineProjections:
 
     def restart(self):
         """Project on the whole basis. Collective."""
-        self.small = {of: [np.zeros((0, 0)) for _ in parts] for of, parts in self.form.parts.items()}
+        self.small = [operator.map(lambda _: np.zeros((0, 0))) for operator in self.form.operators]
         self.L = np.zeros((0, self.form.loads.getActiveColumns()[1]))
         self.extend()
 
@@ -132,34 +137,28 @@ class AffineProjections:
         new = copy_of(self.basis.columns_between(start, stop), form.framed.model.K)
         self.L = np.vstack([self.L, inner(new, form.loads)])
         new, columns = form.in_all_dofs(new), form.in_all_dofs(self.basis.columns)
-        for of, parts in form.parts.items():
-            small = self.small[of]
-            for i, part in enumerate(parts):
-                small[i] = extended(small[i], part.mat, new, columns, part.symmetric)
+        made: list[dict] = [{} for _ in self.small]
+        for key, place, mat, symmetric in form.matrices:
+            made[place][key] = extended(self.small[place][key], mat, new, columns, symmetric)
+        self.small = [small.with_matrices(mats) for small, mats in zip(self.small, made, strict=True)]
 
     def turn(self, factor: np.ndarray):
         """Follow a basis V that has become V factor; local."""
         self.L = factor.T @ self.L
-        self.small = {of: [congruent(part, factor) for part in parts] for of, parts in self.small.items()}
+        self.small = [small.projected(factor) for small in self.small]
 
     def at(self, point) -> PointModels:
         """Return the projections at a point; local. Raises InputError where M is not positive definite."""
-        theta = self.form.theta(point)
-        summed = {of: found for of in self.form.parts if (found := self._sum(of, theta)) is not None}
-        M, L, turn = summed.pop("M", None), self.L, np.eye(len(self.L))
-        if M is not None:
-            turn = np.linalg.inv(factor_of_mass(M, self.form.values(point))).T
-            summed, L = {of: congruent(part, turn) for of, part in summed.items()}, turn.T @ L
-        symmetric = all(part.symmetric for part in self.form.parts["K"])
-        added = self.form.parametric.model.added.with_matrices(summed).added
-        size = sum(abs(theta[part.place]) * np.linalg.norm(small)
-                   for part, small in zip(self.form.parts["K"], self.small["K"], strict=True))  # fmt: skip
-        return PointModels(
-            summed["K"], L, summed.get("D"), turn, self.damping, self.form.io(theta), symmetric, added, float(size)
-        )
+        theta, constant = self.form.theta(point), self.small[0]
+        L, turn = self.L, np.eye(len(self.L))
+        summed = constant.with_matrices({key: self._sum(key, theta) for key in constant.terms})
+        if self.form.has_mass:
+            turn = np.linalg.inv(factor_of_mass(summed["M"], self.form.values(point))).T
+            summed, L = summed.projected(turn), turn.T @ L
+        symmetric = all(symmetric for key, *_, symmetric in self.form.matrices if key == "K")
+        size = sum(abs(factor) * np.linalg.norm(small["K"])
+                   for factor, small in zip(theta, self.small, strict=True) if "K" in small.terms)  # fmt: skip
+        return PointModels(summed, L, turn, self.damping, self.form.io(theta), symmetric, float(size))
 
-    def _sum(self, of, theta):
-        parts = self.form.parts[of]
-        if not parts:
-            return None
-        return sum(theta[part.place] * small for part, small in zip(parts, self.small[of], strict=True))
+    def _sum(self, key, theta):
+        return sum(factor * small[key] for factor, small in zip(theta, self.small, strict=True) if key in small.terms)

@@ -60,7 +60,7 @@ class Expansion:
             found += f"; modes cannot be counted here{rough}, a second proof stands for that"
         if eta == self._asked_damping.eta:
             return found
-        leave = f"{self.projections.added.plural} leave" if self.projections.added else "damping matrix leaves"
+        leave = f"{self.run.model.added.plural} leave" if self.run.model.added else "damping matrix leaves"
         return f"{found} and the loss factor {eta:g}, since the {leave} modes of the band without damping"
 
     @property

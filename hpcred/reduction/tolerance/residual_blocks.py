@@ -170,7 +170,7 @@ def transposed_times(factors, products):
 def _space(projections, damped=True) -> ResidualSpace:
     run, model = projections.run, projections.run.model
     matrices = [(model.M, True), (model.K, projections.symmetric)]
-    if projections.D is not None and damped:
+    if projections.damped and damped:
         matrices.append((model.D, model.is_symmetric("D")))
     matrices += [(term.matrix, True) for term in model.added if damped]
     return ResidualSpace(model, run.rigid, projections.loads, projections.basis.columns, matrices, row_scale(model))

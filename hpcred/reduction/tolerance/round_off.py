@@ -15,7 +15,7 @@ from ...parallel.petsc import MPI
 from ..reduced_model import ReducedModel, as_measured
 from .accuracy import Accuracy
 from .projections import Projections
-from .pseudo_modal import PseudoModal, diagonalised
+from .pseudo_modal import PseudoModal
 
 SAMPLES = 3
 FACTORS = (0.7, 1.4)
@@ -25,17 +25,15 @@ CHUNK = 2**20  # numbers of matrices that are solved with at a time
 def projected_again(projections: Projections) -> Iterator[PseudoModal]:
     """Yield models of the columns that the basis has now, which changes their lengths, from SAMPLES projections.
     Collective."""
-    basis, damping, damped = projections.basis, projections.damping, projections.D is not None
+    basis, damping, damped = projections.basis, projections.damping, projections.damped
     lengths, random = np.ones(basis.size), np.random.default_rng(0)
     for _ in range(SAMPLES):
         factors = random.uniform(*FACTORS, basis.size)
         basis.multiply(np.diag(factors / lengths))
         lengths = factors
         again, scale = Projections(projections.run, basis, damping, damped), np.outer(lengths, lengths)
-        D, M = (None if matrix is None else matrix / scale for matrix in (again.D, again.M))
-        added = again.added.map(lambda matrix: matrix / scale)  # noqa: B023  (used here)
-        L = again.L / lengths[:, None]
-        yield diagonalised(again.K / scale, L, D, damping, again.io, added, again.symmetric, M, again.run.tau)
+        operator = again.operator.map(lambda matrix: matrix / scale)  # noqa: B023  (used here)
+        yield again.model_of(operator, again.L / lengths[:, None])
 
 
 def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Projections) -> Accuracy:

@@ -77,7 +77,7 @@ def _round_off(projections, quiet) -> np.ndarray:
     frequencies = np.array([item.frequency for item in quiet])
     a, b, s = (np.abs(part) for part in projections.damping.coefficients(frequencies))
     terms = [(model.K, a), (model.M, b)]
-    if projections.D is not None:
+    if projections.damped:
         terms.append((model.D, s))
     added = np.abs(model.added.coefficients(2j * np.pi * frequencies))
     terms += [(term.matrix, factor) for term, factor in zip(model.added, added, strict=True)]
