@@ -23,8 +23,8 @@ class Law(ABC):
     """The coefficient c(s) of a term, an open family: each kind is a frozen dataclass with a field `kind`.
 
     `family`: what its terms are called in reports and messages; `nature`: the word for laws without states;
-    `power`: c depends on s^power near s = 0, where a grid of frequencies has to follow it; `static`: the multiple
-    of the matrix in the static stiffness.
+    `power`: c depends on s^power near s = 0, where a grid of frequencies has to follow it, 0 where it does not;
+    `static`: the multiple of the matrix in the static stiffness.
     """
 
     family = "added"
@@ -57,10 +57,11 @@ class Power(Law):
     order: int
 
     def coefficient(self, s):
-        return np.asarray(s, dtype=complex) ** self.order
+        s = np.asarray(s, dtype=complex)
+        return np.prod([s] * self.order, axis=0) if self.order else np.ones_like(s)
 
     def slope(self, s):
-        return self.order * np.asarray(s, dtype=complex) ** max(self.order - 1, 0)
+        return self.order * Power(max(self.order - 1, 0)).coefficient(s)
 
     def in_units(self, time):
         return self
@@ -151,6 +152,10 @@ class Operator:
         """Return the operator with these matrices by key: all of the added terms, and M, D, K where there is one."""
         added = [replace(term, matrix=matrices[key]) for key, term in self.added.terms.items()]
         return self.of(*map(matrices.get, "MDK"), added)
+
+    def where(self, condition: Callable[[Law], bool]) -> Operator:
+        """Return the terms whose law meets a condition."""
+        return Operator({key: term for key, term in self.terms.items() if condition(term.law)})
 
     def with_laws(self, function: Callable[[Law], Law]) -> Operator:
         """Return the same terms with function(law) for each law."""

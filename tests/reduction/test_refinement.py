@@ -7,6 +7,7 @@ import pytest
 from adaptive_models import Case, chain, dashpots, estimated_and_true, fresh, unit, up_to
 
 import hpcred
+from hpcred.model.operator import Operator
 from hpcred.model.rates import Rates
 from hpcred.reduction.measure import MEASURES
 from hpcred.reduction.tolerance import refinement
@@ -91,7 +92,7 @@ def test_a_singular_model_is_left_as_it_is():
     pair = damped()
     eigenvalues, D = pair.outer.eigenvalues.copy(), pair.outer.D.copy()
     eigenvalues[0] = D[0] = D[:, 0] = 0.0
-    free = replace(pair.outer, eigenvalues=eigenvalues, D=D, poles=None)
+    free = replace(pair.outer, eigenvalues=eigenvalues, operator=Operator.of(D=D), poles=None)
     beside = replace(pair, inner=free, outer=free)
     with np.errstate(invalid="ignore"):
         assert not refinement.Errors(beside, S, np.eye(16)).are_finite

@@ -37,6 +37,7 @@ class Hysteretic(Law):
 
     family = "hysteretic"
     nature = "a table of loss factors"
+    power = 0.0
     static = 1.0
 
     def __post_init__(self):

@@ -193,18 +193,21 @@ def towards_zero(model: PseudoModal, high: float, step: float) -> np.ndarray:
     and below 0 on the axis of (i omega)^exponent, where the response is analytic otherwise. The lowest frequency is
     that below which what is added to the static stiffness is SMALL, so that the response is linear in it.
     """
+    added = model.added.where(lambda law: law.power > 0)
+    if not added:
+        return np.zeros(0)
     # every term over the static stiffness, mode by mode
     least = model.eigenvalues[model.eigenvalues > 0].min(initial=np.inf)
     scale = 1 / np.sqrt(np.maximum(model.eigenvalues, least))
-    sizes = np.array([np.linalg.norm(scale[:, None] * term.matrix * scale) for term in model.added])
+    sizes = np.array([np.linalg.norm(scale[:, None] * term.matrix * scale) for term in added])
     D = np.diag(model.damping.at(model.eigenvalues)) + (0.0 if model.D is None else model.D)
     # the highest decade in which their sum is small
     decades = high * 10.0 ** -np.arange(LOWEST)
     omega = 2 * np.pi * decades
-    added = sizes @ np.abs(model.added.coefficients(1j * omega))
-    added += omega * np.linalg.norm(scale[:, None] * D * scale)
-    lowest = decades[min(int((added > SMALL).sum()), LOWEST - 1)]
-    exponent = max(term.law.power for term in model.added)
+    total = sizes @ np.abs(added.coefficients(1j * omega))
+    total += omega * np.linalg.norm(scale[:, None] * D * scale)
+    lowest = decades[min(int((total > SMALL).sum()), LOWEST - 1)]
+    exponent = max(term.law.power for term in added)
     return np.geomspace(lowest, high, 1 + int(np.ceil(exponent * np.log(high / lowest) / step)))
 
 

@@ -79,9 +79,14 @@ class Projections:
         self._project(0)
 
     @property
+    def beside(self) -> Operator:
+        """The terms of the model that are not proportional to M and K: a given D, and added ones; local."""
+        return Operator({key: term for key, term in self.full.terms.items() if key not in "MK"})
+
+    @property
     def is_damped(self) -> bool:
-        """Whether A(s) has parts that are not proportional to M and K; local."""
-        return self.damped or bool(self.operator.added)
+        """Whether A(s) has such terms; local."""
+        return bool(self.beside)
 
     @property
     def blocks(self) -> list[tuple[int, int]]:

@@ -103,10 +103,10 @@ class PseudoModal:
     """A projected model in its pseudo-modal coordinates, V^T M V = I, V^T K V = diag(eigenvalues).
 
     `eigenvalues` (m,): omega^2, ascending; `L` (m, l): the projected loads, of which `io` makes inputs and outputs;
-    `damping`: proportional; `D` (m, m): a given damping matrix, projected, or None; `N` (m, m): the skew-symmetric part
-    of V^T K V, or None; `vectors` (m, m): from these coordinates to those of the basis; `poles`: of the first-order
-    form, with D or N; `added`: terms (m, m), projected, with which A(s)^-1 is by elimination; `masses` (m,): of the
-    coordinates, which then have V^T (M + tau^2 K) V = I, None where they are all 1.
+    `damping`: proportional; `operator`: what A(s) has beside, a given damping matrix D and added terms (m, m),
+    projected; `N` (m, m): the skew-symmetric part of V^T K V, or None; `vectors` (m, m): from these coordinates to
+    those of the basis; `poles`: of the first-order form, with D or N; `masses` (m,): of the coordinates, which then
+    have V^T (M + tau^2 K) V = I, None where they are all 1.
     """
 
     eigenvalues: np.ndarray
@@ -114,9 +114,8 @@ class PseudoModal:
     vectors: np.ndarray
     io: InputsOutputs
     damping: Proportional = UNDAMPED
-    D: np.ndarray | None = None
+    operator: Operator = NOTHING
     poles: Poles | None = None
-    added: Operator = NOTHING
     N: np.ndarray | None = None
     masses: np.ndarray | None = None
     tau: float = 0.0
@@ -128,6 +127,16 @@ class PseudoModal:
     def frequencies(self) -> np.ndarray:
         """Pseudo-frequencies (m,) in Hz (52); without mass the least that counts as such."""
         return np.sqrt(np.maximum(squared_frequencies(self.eigenvalues, self.masses, self.tau), 0.0)) / (2 * np.pi)
+
+    @property
+    def D(self) -> np.ndarray | None:
+        """The given damping matrix (m, m), projected, or None."""
+        return self.operator.get("D")
+
+    @property
+    def added(self) -> Operator:
+        """The terms beside M, D and K, projected, with which A(s)^-1 is by elimination."""
+        return self.operator.added
 
     @property
     def B(self) -> np.ndarray:
@@ -147,7 +156,7 @@ class PseudoModal:
     @property
     def is_diagonal(self) -> bool:
         """Whether A(s) is diagonal."""
-        return self.D is None and self.N is None and not self.added
+        return self.N is None and not self.operator
 
     def coordinates_of(self, columns: np.ndarray) -> np.ndarray:
         """Return combinations (m, k) of the columns of the basis in these coordinates."""
@@ -156,15 +165,14 @@ class PseudoModal:
     def with_unit_masses(self, scale: np.ndarray) -> PseudoModal:
         """Return the model in coordinates that are multiplied by `scale` (m,), with masses of 1 whatever they are."""
         both = np.outer(scale, scale)
-        D, N = (None if part is None else part * both for part in (self.D, self.N))
         return replace(
-            self, eigenvalues=self.eigenvalues * scale**2, L=self.L * scale[:, None], vectors=self.vectors * scale, D=D,
-            N=N, added=self.added.map(both.__mul__), masses=None, tau=0.0,
+            self, eigenvalues=self.eigenvalues * scale**2, L=self.L * scale[:, None], vectors=self.vectors * scale,
+            N=None if self.N is None else self.N * both, operator=self.operator.map(both.__mul__), masses=None, tau=0.0,
         )  # fmt: skip
 
     def without_D(self) -> PseudoModal:
         """Return the same without any damping."""
-        return replace(self, D=None, poles=None, damping=UNDAMPED, added=NOTHING)
+        return replace(self, operator=NOTHING, poles=None, damping=UNDAMPED)
 
     def restricted(self, U: np.ndarray) -> tuple[PseudoModal, np.ndarray]:
         """Return the model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated.
@@ -177,9 +185,9 @@ class PseudoModal:
             U = U @ turn
             K = U.T @ (self.eigenvalues[:, None] * U)
         K = K if self.N is None else (K + K.T) / 2 + U.T @ self.N @ U
-        D = None if self.D is None else U.T @ self.D @ U
-        added = self.added.projected(U)
-        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, added, self.N is None, M, self.tau)
+        rest = self.operator.projected(U)
+        given = rest.get("D"), self.damping, self.io, rest.added, self.N is None
+        inner = diagonalised(K, U.T @ self.L, *given, M, self.tau)
         embedding = U @ inner.vectors
         return inner if turn is None else replace(inner, vectors=turn @ inner.vectors), embedding
 
@@ -213,15 +221,11 @@ class PseudoModal:
     def matrices(self, frequencies, transposed=False):
         """Return A(s) (S, m, m), or A(s)^T."""
         (a, _, s), m = self.damping.coefficients(frequencies), len(self)
-        if self.D is not None:
-            matrices = s[:, None, None] * (self.D.T if transposed else self.D)
-        else:
-            matrices = np.zeros((len(s), m, m), dtype=complex)
+        matrices = self.operator.at(s) if self.operator else np.zeros((len(s), m, m), dtype=complex)
+        if transposed:
+            matrices = matrices.transpose(0, 2, 1)
         if self.N is not None:
             matrices += a[:, None, None] * (self.N.T if transposed else self.N)
-        if self.added:
-            added = self.added.at(s)
-            matrices += added.transpose(0, 2, 1) if transposed else added
         matrices[:, np.arange(m), np.arange(m)] += self._diagonal(frequencies)
         return matrices
 
@@ -261,10 +265,8 @@ class PseudoModal:
         a, _, s = self.damping.coefficients(frequencies)
         if self.N is not None:
             result += a[:, None, None] * times(self.N.T if transposed else self.N, states)
-        if self.D is not None:
-            result += s[:, None, None] * times(self.D.T if transposed else self.D, states)
-        if self.added:
-            result += self.added.apply(s, states, transposed)
+        if self.operator:
+            result += self.operator.apply(s, states, transposed)
         return result
 
     def _diagonal(self, frequencies):
@@ -322,13 +324,10 @@ def diagonalised(
         return _settled(own.T, still, size).T
 
     N = None if symmetric else turned((K - K.T) / 2)
-    D = None if D is None else turned(D)
-    given = {"masses": masses, "tau": tau}
-    if added:
-        return PseudoModal(eigenvalues, L, vectors, io, damping, D, added=added.map(turned), N=N, **given)
-    if D is None and N is None:
-        return PseudoModal(eigenvalues, L, vectors, io, damping, **given)
-    model = PseudoModal(eigenvalues, L, vectors, io, damping, D, N=N, **given)
+    rest = Operator.of(D=D, added=added).map(turned)
+    model = PseudoModal(eigenvalues, L, vectors, io, damping, rest, N=N, masses=masses, tau=tau)
+    if added or model.is_diagonal:
+        return model
     try:
         return replace(model, poles=poles_of(model))
     except np.linalg.LinAlgError:
