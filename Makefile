@@ -1,5 +1,5 @@
 # make demo | install | test | test-slow | test-wheel | test-ccx | test-dolfinx | test-chromium | test-slurm | test-peers | test-cuda |
-#      test-docs | test-debian12 | test-debian13 | test-kernels | fuzz | mutants | coverage | docs | bench | bench-peers | lint
+#      test-docs | test-linalg | test-pip | test-debian12 | test-debian13 | test-kernels | fuzz | mutants | coverage | docs | bench | bench-peers | lint
 #
 # On Debian 12 and 13, and systems with the same packages, `install` brings the missing system packages (as root or by
 # sudo) and a virtual environment on top of them. For another PETSc (cluster module, conda) see docs/install.md.
@@ -24,7 +24,7 @@ export OMPI_MCA_btl ?= ^tcp
 export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: install demo test fuzz mutants coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm test-peers test-cuda docs test-docs \
-        test-packages test-kernels test-debian12 test-debian13 bench bench-peers lint
+        test-packages test-kernels test-linalg test-pip test-debian12 test-debian13 bench bench-peers lint
 
 # $(call apt,packages) installs those that are missing
 define apt
@@ -86,6 +86,14 @@ test-kernels: install
 test-kernel-%:
 	OPENBLAS_CORETYPE=$* $(PYTHON) -m pytest -q -m $(QUICK) -k "not 2-ranks and not 3-ranks and not complex" \
 	    tests/linalg tests/reduction tests/analysis tests/model
+
+# the quickest that tells whether hpcred works with the PETSc of a system
+test-linalg: install
+	$(PYTHON) -m pytest -q --beside -m $(QUICK) tests/linalg tests/parallel
+
+# the wheel with what pip alone brings, where Python is 3.12 or later; tests/systems/pip.sh says why it leaves out a system
+test-pip:
+	tests/systems/pip.sh
 
 # a bare system in build/, as a new user has it
 test-debian12:

@@ -31,7 +31,7 @@ def reduced(cells, package, tolerance, precision):
     with hpcred.solid((cells,) * 3, comm=comm) as model:
         comm.barrier()
         assembled, start = time.perf_counter() - start, time.perf_counter()
-        factoring = Factoring(solver=LinearSolver(kind="direct", package=package, precision=precision))
+        factoring = Factoring(solver=LinearSolver(package=package, precision=precision))
         with hpcred.reduce(model, tolerance=tolerance, band=(0.0, HIGH * CELLS / cells), factoring=factoring) as rom:
             seconds, record, size = time.perf_counter() - start, rom.record, rom.size
     factors, accuracy = record.factorisations, record.accuracy
@@ -68,7 +68,7 @@ def widths(cells):
     with hpcred.solid((cells,) * 3, comm=comm) as model:
         for width in WIDTHS:
             cudss.WIDTH = width
-            solver = ShiftedSolver(model, factoring=Factoring(solver=LinearSolver(kind="direct", package="cudss")))
+            solver = ShiftedSolver(model, factoring=Factoring(solver=LinearSolver(package="cudss")))
             solver.factor(0.0)
             load, solution = random_block(model.K, 48), create_block(model.K, 48)
             for _ in range(2):

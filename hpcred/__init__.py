@@ -26,15 +26,37 @@ for _name, _value in {
 }.items():
     os.environ.setdefault(_name, _value)
 
-_loaded, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_loaded, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_COMMANDS = {  # under the names of the command line, but `report`, which is a room of the package
+    "bores": "bores_of_file",
+    "collect": "collect_sweep",
+    "demo": "run_demo",
+    "evaluate": "evaluate_result",
+    "example": "write_example",
+    "export": "export_result",
+    "info": "describe_file",
+    "modes": "modes_of_file",
+    "paper": "reproduce",
+    "response": "response_file",
+    "store": "list_store",
+    "sweep": "run_sweep",
+}
+
+
+def __dir__():
+    return sorted([*__all__, *_COMMANDS])
 
 
 def __getattr__(name):
-    try:
-        return _loaded(name)
-    except AttributeError:
-        if name in __all__ or name.startswith("_"):
-            raise
+    if name.startswith("_"):
+        raise AttributeError(f"hpcred has no '{name}'", name=name)
+    if name not in __all__ and name not in _COMMANDS:
         from .parallel.declared import nearest
 
-        raise AttributeError(f"hpcred has no '{name}'{nearest(name, __all__)}", name=name) from None
+        raise AttributeError(f"hpcred has no '{name}'{nearest(name, __dir__())}", name=name)
+    found = _loaded(_COMMANDS.get(name, name))
+    if not isinstance(found, type):
+        return found
+    from .parallel.declared import with_spelled_fields
+
+    return with_spelled_fields(found)

@@ -171,9 +171,11 @@ from .workflows.kernels import forget_kernels as forget_kernels
 from .workflows.modes import mass_in_words as mass_in_words
 from .workflows.modes import modes_of_file as modes_of_file
 from .workflows.modes import tables_of_modes as tables_of_modes
+from .workflows.notebook import plot_campbell as plot_campbell
 from .workflows.notebook import plot_modes as plot_modes
 from .workflows.notebook import plot_response as plot_response
 from .workflows.paper import reproduce as reproduce
+from .workflows.plan import plan_file as plan_file
 from .workflows.recover import recover as recover
 from .workflows.reduce import reduce_job as reduce_job
 from .workflows.report import report_file as report_file
@@ -190,3 +192,16 @@ from .writers.fmu import write_fmu as write_fmu
 from .writers.sid import read_sid as read_sid
 from .writers.sid import write_sid as write_sid
 from .writers.state_space import state_space as state_space
+
+bores = bores_of_file
+collect = collect_sweep
+demo = run_demo
+evaluate = evaluate_result
+example = write_example
+export = export_result
+info = describe_file
+modes = modes_of_file
+paper = reproduce
+response = response_file
+store = list_store
+sweep = run_sweep

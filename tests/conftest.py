@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from launch import mpi_environment
 
-pytest_plugins = ["mpi_items"]
+pytest_plugins = ["mpi_items", "item_times"]
 
 DATA = Path(__file__).parent / "data"
 

@@ -58,12 +58,14 @@ class Case:
     def at(self, values) -> dict[str, np.ndarray]:
         """Return the matrices at values of the parameters, with the damping that was asked for."""
         found = {"K": self.K, "M": self.M, "D": 0.0 * self.K, "B": self.B, "C": self.B.T if self.C is None else self.C}
-        if isinstance(self.damping, hpcred.Rayleigh):
-            found["D"] = self.damping.alpha * self.M + self.damping.beta * self.K
-        elif self.D is not None:
+        if self.D is not None:
             found["D"] = self.D
         for of, matrix, factor in self.terms:
             found[of] = found[of] + eval(factor.replace("^", "**"), {"sqrt": np.sqrt, "sin": np.sin}, values) * matrix
+        if isinstance(self.damping, hpcred.Rayleigh):
+            found["D"] = self.damping.alpha * found["M"] + self.damping.beta * found["K"]
+        if self.C is None:
+            found["C"] = found["B"].T
         return found
 
     def largest_error(self, rom, rng) -> tuple[float, str]:
@@ -369,6 +371,27 @@ def skew_without_mass(rng) -> Case:
     return replace(case, K=K, M=M, D=D, B=Q.T @ case.B, C=C)
 
 
+def parameters_without_mass(rng) -> Case:
+    """The same with springs, dashpots, masses and loads that depend on a parameter, most of them on dofs without mass.
+    """
+    case = chain_without_mass(rng)
+    n, massless = len(case.K), np.flatnonzero(np.diag(case.M) == 0)
+    case.parameters = (hpcred.Parameter("b", (0.0, float(rng.uniform(1.0, 3.0))), float(rng.choice([0.0, 0.5]))),)
+    spring = np.zeros(n)
+    spring[rng.choice(massless)] = 1.0
+    spring[rng.integers(n)] -= 1.0
+    case.terms = [("K", 0.5 * np.diag(case.K).max() * np.outer(spring, spring), "b")]
+    if case.D is not None:
+        case.terms.append(("D", dashpots(rng, n, 2, massless, 10 ** rng.uniform(0, 3)), "b"))
+    if rng.random() < 0.3:
+        mass = np.zeros((n, n))
+        mass[massless[0], massless[0]] = rng.uniform(0.1, 1.0)
+        case.terms.append(("M", mass, "b"))
+    if rng.random() < 0.3:
+        case.terms.append(("B", loads(rng, n, massless, True)[:, :1] @ np.eye(1, case.B.shape[1]), "b"))
+    return case
+
+
 def beam_without_inertia(rng) -> Case:
     """An Euler beam with lumped masses and rotations without inertia; forces, moments and rotational dampers."""
     elements = int(rng.integers(3, 20))
@@ -555,4 +578,5 @@ KINDS = {  # the place of one is part of its seed
     "free-parts": free_parts,
     "equal-blades": equal_blades,
     "hidden-modes": hidden_modes,
+    "parameters-without-mass": parameters_without_mass,
 }

@@ -25,7 +25,8 @@ from hpcred.files import response_file
 from hpcred.files.hdf5 import writing
 from hpcred.files.locks import lock_name, temporary_name
 from hpcred.files.seal import MARK, TAIL
-from hpcred.parallel.failures import ComputationError
+from hpcred.files.system_errors import open_input
+from hpcred.parallel.failures import ComputationError, InputError
 from hpcred.parallel.petsc import MPI
 from hpcred.workflows import sweep
 
@@ -359,3 +360,20 @@ def test_runs_of_a_sweep_load_no_modules_of_the_working_folder(linkage_folder):
         Path(f"{name}.py").write_text("import os\nos.mkdir('ran')\n")
     assert run(["sweep", "sweep.toml"]) == 0
     assert not Path("ran").exists()
+
+
+def test_what_would_be_waited_for_is_no_file(tmp_path, monkeypatch):
+    """A pipe, and a file of the kernel that has no number of bytes and waits for more, such as /proc/kmsg."""
+
+    def nothing_yet(*_):
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "a.txt").write_text("1 2 3\n")
+    with open_input(tmp_path / "a.txt") as file:
+        assert file.read() == b"1 2 3\n"
+    with pytest.raises(InputError, match="pipe: this is a pipe or a device"), open_input(tmp_path / "pipe"):
+        pass
+    monkeypatch.setattr(os, "pread", nothing_yet)
+    with pytest.raises(InputError, match="a.txt: this is a pipe or a device"), open_input(tmp_path / "a.txt"):
+        pass

@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -78,10 +79,12 @@ def test_petsc_options_that_nothing_used_are_named(hpcred, linkage_folder):
 def test_a_table_for_a_closed_pipe_is_no_internal_error(monkeypatch):
     reader, writer = os.pipe()
     os.close(reader)
-    with os.fdopen(writer, "w") as closed:
-        monkeypatch.setattr("sys.stdout", closed)
-        with pytest.raises(BrokenPipeError):
-            show_table("", [{"name": "a", "value": 1.0}])
+    closed = os.fdopen(writer, "w")
+    monkeypatch.setattr("sys.stdout", closed)
+    with pytest.raises(BrokenPipeError):
+        show_table("", [{"name": "a", "value": 1.0}])
+    with suppress(BrokenPipeError):  # of what is still in its buffer
+        closed.close()
 
 
 @pytest.mark.parametrize("columns", [None, 80, 72])
@@ -105,11 +108,11 @@ def test_words_of_tables_are_whole_and_as_they_are(monkeypatch, capsys):
     name = "basis-modal_order-1_tolerance-0.0001_frame-buckens.h5"
     show_table("", [{"run": "1", "worst": "piston:x: 6e-05 at 0 Hz [bold]", "file": name, "other": f"{name}/{name}"}])
     text = capsys.readouterr().out
-    assert f" {name} " in text and f" {name}/{name} " in text
+    assert f" {name}\n" in text and f" {name}/{name}\n" in text
     assert "piston:x:" in text and "[bold]" in text
     show_table("", [{"run": "1", "worst": "a b " * 30, "file": name, "f (Hz)": 1234.5}])
     text = capsys.readouterr().out
-    assert name in text and " 1234.5 " in text and "…" not in text
+    assert name in text and " 1234.5\n" in text and "…" not in text
     assert max(map(len, text.splitlines())) <= 80
 
 
@@ -166,7 +169,7 @@ def test_info_of_everything_that_hpcred_writes(linkage_folder, capsys):
     Path("sim.toml").write_text(SIMULATION)
     said(capsys, "simulate", "sim.toml")
     for name, expected in (
-        ("result.h5", ["hpcred result", "dofs 120", "frame buckens", "eps <= 0.001 over 0 to 300 Hz"]),
+        ("result.h5", ["hpcred result", "dofs 120", "frame buckens", "(tolerance 0.1 %) over 0 to 300 Hz"]),
         ("r.h5", ["frequency responses", "frequencies 11", "band hz 0, 300", "arrays response, eps"]),
         ("simulation.h5", ["hpcred simulation", "times 21", "constraints 1:x, 1:y, 1:z, 7:x, 7:z, 14:z"]),
         ("result.SID_FEM", ["SID file", "mass 5.39798", "interface nodes 20"]),

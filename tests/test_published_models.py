@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import scipy.io
 import scipy.sparse
 import tomllib
+from fifty_digits import at_peaks, exact_response, with_other_last_digits
 from launch import mpi_environment
 
 import hpcred
@@ -56,6 +58,29 @@ def test_forces_on_dofs_without_mass_are_right_or_said_to_be_wrong(name, rows):
     full = given.response(0.8 * made.band[1], accuracy.loss_factor)
     assert np.abs(full - reduced).max() < max(made.tolerance, accuracy.largest) * np.abs(full).max()
     assert accuracy.reached or accuracy.sentence.startswith("NOT REACHED")
+
+
+@pytest.mark.parametrize("top, tolerance", [(300.0, 1e-4), (300.0, 1e-6), (1000.0, 1e-6)])
+def test_narrow_bands_and_small_errors_of_the_shaft(top, tolerance):
+    """Its first resonance has a damping ratio of 7e-8: right for K as stored, and said to hang on its last digits."""
+    made = published("shaft")
+    given = made.matrices()
+    rows = given.B.argmax(axis=0)
+    with hpcred.SecondOrderModel(given.M, given.D, given.K, given.B) as model:
+        rom = hpcred.reduce(model, tolerance=tolerance, band=(0.0, top))
+    eta, f = rom.record.accuracy.loss_factor, np.array([*at_peaks(rom, 3), top])
+    assert rom.record.accuracy.reached and eta == (0.0 if top < 500 else 0.002)
+    found = replace(rom, loss_factor=eta).frequency_response(f)
+    said = [line for line in rom.record.warnings if "last digits of K, where stiff parts cancel, move its" in line]
+    if eta:  # of modes that are without damping; SciPy's solves have the round-off that the warning names
+        full = np.array([given.response(at, eta) for at in f])
+        assert said and hpcred.relative_error(full, found).max() < 3e-4
+        return
+    K, M, D = (mat.toarray() for mat in (given.K, given.M, given.D))
+    exact = np.array([exact_response(K, M, D, rows, at) for at in f])
+    assert said and hpcred.relative_error(exact, found).max() < tolerance
+    other = exact_response(with_other_last_digits(K), M, D, rows, f[0])
+    assert hpcred.relative_error(exact[:1], other[None]).max() > 0.1
 
 
 def test_made_into_a_file_with_its_job(tmp_path, capsys, monkeypatch):

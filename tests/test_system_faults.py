@@ -106,8 +106,7 @@ class Room:
         make_inputs(self.base)
         self.inputs = set(contents(self.base))
         for command in commands or COMMANDS:
-            status, _, told = self.run(self.base, command, 1)
-            assert status == 0, (command, told)
+            self.calls[command, 1] = self._counted(self.base, command, 1)
 
     def run(self, folder, command, ranks, **environment):
         """Exit status (None where it hangs), lines of hpcred on stderr, and all of stderr."""
@@ -139,13 +138,17 @@ class Room:
     def calls_of(self, command, ranks):
         """How many calls of each kind the last rank makes."""
         if (command, ranks) not in self.calls:
-            status, _, told = self.run(self.fresh(command), command, ranks, FAULTS_RANK=only(ranks, ranks - 1))
-            assert status == 0, (command, ranks, told)
-            lines = self.record.read_text().splitlines() if self.record.exists() else []
-            counts = Counter(line.split()[0] for line in lines)
-            self.calls[command, ranks] = {kind: count * (100 if kind == "memory" else 1)
-                                          for kind, count in counts.items()}  # fmt: skip
+            self.calls[command, ranks] = self._counted(self.fresh(command), command, ranks)
         return self.calls[command, ranks]
+
+    def _counted(self, folder, command, ranks):
+        """Run a command that must succeed, and count the calls of its last rank."""
+        self.record.unlink(missing_ok=True)
+        status, _, told = self.run(folder, command, ranks, FAULTS_RANK=only(ranks, ranks - 1))
+        assert status == 0, (command, ranks, told)
+        lines = self.record.read_text().splitlines() if self.record.exists() else []
+        counts = Counter(line.split()[0] for line in lines)
+        return {kind: count * (100 if kind == "memory" else 1) for kind, count in counts.items()}
 
     def misfortunes(self, fault):
         """What is wrong after a fault, in words, and what was said."""
@@ -159,11 +162,14 @@ class Room:
             return [], "did not come to pass"
         file = Path(self.record.read_text().splitlines()[0].split(maxsplit=1)[1])
         after, found = contents(folder), []
+        left = after
         killed = fault.kind == "memory" and status in ABORTED and "internal error" not in told
         if status is None:
             found.append("hangs")
-        elif killed:  # by a library that does not live without memory, such as NumPy's buffers: like any other kill
-            after = {name: content for name, content in after.items() if not name.endswith(".lock")}
+        elif killed:  # by a library that does not live without memory, such as NumPy's buffers: the next run removes
+            status, _, told = self.run(folder, fault.command, fault.ranks)  # what it left, as after any other kill
+            found += [f"exit status {status} of the next run: {told[-1500:]}"] if status else []
+            left = contents(folder)
         elif status not in (0, 1, 2):
             found.append(f"exit status {status}: {told[-1500:]}")
         elif status and (len(said) != 1 or "internal error" in told or "Traceback" in told):
@@ -174,7 +180,7 @@ class Room:
             found.append(told[-1500:])
         known = set(contents(self.base))
         if fault.kind != "remove":
-            found += [f"left {name}" for name in set(after) - known]
+            found += [f"left {name}" for name in set(left) - known]
         for name in before:
             if name in self.inputs and after.get(name) != before[name]:
                 found.append(f"damaged {name}")

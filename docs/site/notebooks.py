@@ -42,6 +42,8 @@ def _outputs(source, names) -> list[dict]:
         found.append({"output_type": "stream", "name": "stdout", "text": text.splitlines(keepends=True)})
     if value is not None:
         data = {"text/plain": repr(value).splitlines(keepends=True)}
+        if hasattr(value, "_repr_html_"):
+            data = {"text/html": [value._repr_html_()], **data}
         if hasattr(value, "_repr_png_"):
             data = {"image/png": _small(value._repr_png_()), "text/plain": [f"<{type(value).__name__}>"]}
         found.append({"output_type": "execute_result", "execution_count": None, "metadata": {}, "data": data})
@@ -67,6 +69,8 @@ def as_markdown(path: Path) -> str:
             text, data = "".join(output.get("text", ())), output.get("data", {})
             if "image/png" in data:
                 parts.append(f'<img alt="{html.escape(source)}" src="data:image/png;base64,{data["image/png"]}">')
+            elif "text/html" in data:
+                parts.append("".join(data["text/html"]))
             elif text or data:
                 parts.append(f"```text\n{(text or ''.join(data['text/plain'])).rstrip()}\n```")
     return "\n\n".join([*parts, f"[This page as a notebook]({path.name})"]) + "\n"

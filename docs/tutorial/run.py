@@ -3,11 +3,12 @@
 A block ```toml title="job.toml" (or of any other language with a title) is a file. A block ```console has commands
 behind "$ " and below each what it prints. A folder with the name of the page has scripts that its commands run, and its
 pictures, which are taken over from the folder of the run. From the root of the repository, with gmsh and CalculiX for
-the first and the third page, and Exudyn for the third:
+the first and the third tutorial, Exudyn for the third, and chromium for the gallery:
 
     python docs/tutorial/run.py docs/tutorial/1-lever.md
     python docs/tutorial/run.py docs/tutorial/2-crank.md
     python docs/tutorial/run.py docs/tutorial/3-stress.md
+    python docs/tutorial/run.py docs/gallery.md
 """
 
 from __future__ import annotations
@@ -20,10 +21,13 @@ import sys
 import tempfile
 from pathlib import Path
 
+from PIL import Image
+
 FILE = re.compile(r'^```\w+ title="([^"]+)"\n(.*?)^```$', re.M | re.S)
 SESSION = re.compile(r"^```console\n(.*?)^```$", re.M | re.S)
 BLOCK = re.compile(rf"(?:{FILE.pattern})|(?:{SESSION.pattern})", re.M | re.S)
-WIDTH = 100
+WIDTH = 80  # of tables, as on most terminals
+WIDEST, COLOURS = 900, 128  # of pictures, which a site carries with it
 ROOT = Path(__file__).parents[2]
 
 
@@ -90,9 +94,17 @@ def pictures(text: str, page: Path) -> list[str]:
 
 def picture(folder, name) -> Path:
     """Where a run left a picture. Raises Failed."""
-    for path in Path(folder).rglob(name):
+    for path in sorted(Path(folder).rglob(name)):
         return path
     raise Failed(f"the page has the picture {name}, which no command made")
+
+
+def save_small(source, target):
+    """Write a picture with fewer pixels and colours, so that the repository and the site stay small."""
+    with Image.open(source) as found:
+        found = found.convert("RGB")
+        found.thumbnail((WIDEST, 2 * WIDEST))
+        found.quantize(COLOURS, dither=Image.Dither.NONE).save(target, optimize=True)
 
 
 def main(page):
@@ -101,7 +113,7 @@ def main(page):
         text = run_page(page.read_text(), Path(folder), page.with_suffix(""))
         for name in pictures(text, page):
             page.with_suffix("").mkdir(exist_ok=True)
-            shutil.copy(picture(folder, name), page.with_suffix("") / name)
+            save_small(picture(folder, name), page.with_suffix("") / name)
     page.write_text(text)
 
 

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from ..model.rotation import unit_axis
 from ..parallel.decisions import decided
-from ..parallel.declared import declared, spelled
+from ..parallel.declared import declared, refuse_file, spelled
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 from ..parallel.ranges import ANYTHING, within
@@ -72,6 +72,7 @@ def campbell(
     Maxwell elements of added terms are states. Poles with a damping ratio above 0.9 count as their relaxations,
     which the diagram leaves out.
     """
+    refuse_file("model", model, "campbell_file")
     known = {item.name: item for item in getattr(model, "parameters", ())}
     if known and over not in known:
         raise InputError(f"over: found the parameter '{over}', expected one of {', '.join(known)}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,11 +11,15 @@ from numpy.typing import ArrayLike
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import Damping
 from ..model.frames import Frame
+from ..parallel.as_html import as_html
 from ..parallel.declared import declared
 from ..parallel.progress import Progress
 from .damped_modes import damped_modes
 from .pole_tracking import damping_ratios
 from .whirl import in_words
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FULL_POINTS = 5  # values at which the full model is solved
 SPARE = 2  # more modes there than the reduced model has
@@ -110,6 +115,45 @@ class Campbell:
     critical_speeds: tuple[CriticalSpeed, ...] = ()
     full: tuple[FullPoles, ...] = ()
     warnings: tuple[str, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """What is known of stability."""
+        name, unit = self.parameter, f" {self.unit}" * bool(self.unit)
+        if self.stability_limit is None:
+            low, high = self.values[[0, -1]]
+            return f"stable for {name} = {low:.6g} to {high:.6g}{unit}"
+        how = "without vibration" if not self.unstable_frequency else f"at {self.unstable_frequency:.6g} Hz"
+        rpm = f" ({self.stability_limit * 30 / np.pi:.6g} rpm)" if self.unit == "rad/s" else ""
+        return f"UNSTABLE from {name} = {self.stability_limit:.8g}{unit}{rpm} on, {how}"
+
+    def plot(self, title: str | None = None) -> Figure:
+        """Draw the diagram, with damping ratios where there is damping: see plot_campbell.
+
+        Parameters
+        ----------
+        title : str, optional
+            By default what is known of stability.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        import hpcred  # the public functions, which stand above
+
+        return hpcred.plot_campbell(self, title)
+
+    def _repr_html_(self):
+        """Return stability, modes at both ends and critical speeds for notebooks."""
+        unit = f" ({self.unit})" * bool(self.unit)
+        facts = {
+            self.parameter + unit: f"{self.values[0]:.6g} to {self.values[-1]:.6g}",
+            "modes": f"{self.poles.shape[1]} up to {self.highest:.6g} Hz",
+        }
+        rows = [{"order": item.order, "mode": item.mode + 1, f"{self.parameter}{unit}": item.value,
+                 "f (Hz)": item.frequency, "damping (%)": 100 * item.damping_ratio, "whirl": item.whirl}
+                for item in self.critical_speeds]  # fmt: skip
+        return as_html(f"Campbell diagram: {self.sentence}", facts, rows, self.warnings)
 
     @property
     def frequencies(self) -> np.ndarray:

@@ -86,7 +86,7 @@ def damped_modes(
     factoring : Factoring, optional
         How to factor, and in how much memory.
     progress : Progress, optional
-        Shows stages and times; by default nothing is shown.
+        By default one that shows stages and times on stderr once they take long.
 
     Returns
     -------
@@ -129,7 +129,7 @@ def damped_modes(
             f"{model.name}: it has {model.added.plural}, and poles that are not those of a quadratic form; reduce it "
             "and take poles() of the reduced model"
         )
-    progress = progress or Progress(model.comm, show=False)
+    progress = progress or Progress(model.comm)
     with Owned(model.comm) as owned:
         framed = apply_frame(model, frame, damping)
         free = framed.model
@@ -138,7 +138,7 @@ def damped_modes(
         shift = 2j * np.pi * target if target else 0.0
         kind = ComplexSolver if target else ShiftedSolver
         solver = owned.owns(kind(free, prefix="damped_", factoring=factoring))
-        with progress.stage("factor", f"{target:g} Hz"):
+        with progress.stage("factor", f"{target:g} Hz", solver.known):
             try:
                 solver.factor(shift**2, shift)
             except SingularMatrix:

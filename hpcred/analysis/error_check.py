@@ -19,7 +19,7 @@ from ..parallel.failures import InputError
 from ..parallel.ranges import SAMPLES, within
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.reduced_model import ReducedModel, as_measured
-from ..reduction.tolerance.accuracy import Accuracy
+from ..reduction.tolerance.accuracy import Accuracy, in_percent
 from ..reduction.tolerance.error_estimate import at_poles
 from .error import relative_error
 from .frequency_response import measured_response, response_and_drive
@@ -55,11 +55,13 @@ class Check:
         """The verdict."""
         above = sum(not error <= self.bound for error in self.measured)
         worst = int(np.argmax(self.measured))
-        at = f"at {self.frequencies[worst]:.6g} Hz (estimated {self.estimated[worst]:.2e})"
-        verdict = "never above" if not above else f"ABOVE at {above} of them:"
+        measured, estimated, bound = (
+            in_percent(error, self.bound) for error in (self.measured[worst], self.estimated[worst], self.bound)
+        )
+        verdict = "never above" if not above else f"ABOVE at {above} of them"
         return (
-            f"checked at {len(self.frequencies)} fresh frequencies (--seed {self.seed}): {verdict} eps = "
-            f"{self.bound:.3g}; at most {self.measured[worst]:.2e}, {at}"
+            f"{len(self.frequencies)} full solves at fresh frequencies (--seed {self.seed}): {verdict}: largest error "
+            f"{measured} (tolerance {bound}), at {self.frequencies[worst]:.6g} Hz (estimated {estimated})"
         )
 
 
@@ -126,7 +128,7 @@ def check_reduced(
     factoring : Factoring, optional
         How to factor, and in how much memory.
     progress : Progress, optional
-        Shows stages and times; by default nothing is shown.
+        By default one that shows stages and times on stderr once they take long.
 
     Returns
     -------

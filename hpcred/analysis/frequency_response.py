@@ -60,7 +60,7 @@ def frequency_response(
     factoring : Factoring, optional
         How to factor, and in how much memory.
     progress : Progress, optional
-        Shows stages and times; by default nothing is shown.
+        By default one that shows stages and times on stderr once they take long.
     groups : int, optional
         Groups of ranks that solve for different frequencies at the same time, each with its own copy of the matrices
         and the factor; by default as many as ranks for small models and one for others.
@@ -86,6 +86,7 @@ def frequency_response(
         require_finite(model)
         return _reduced(model, frequencies)
     require_model(model)
+    progress = progress or Progress(model.comm)
     declared("factoring", factoring, Factoring | None)
     damping = damping_or_given(model, damping)
     if isinstance(damping, ModalDamping):
@@ -101,9 +102,11 @@ def frequency_response(
         framed = apply_frame(usual, frame, damping)
         check_free_motions(framed.model, framed.rigid, factoring)
         if groups == 1:
-            found = _full(framed, frequencies, factoring, progress)
+            with progress.stage("full model", f"{len(frequencies)} frequencies"):
+                found = _full(framed, frequencies, factoring, progress)
         else:
-            found = _in_groups(framed, frequencies, factoring, progress, groups)
+            with progress.stage("full model", f"{len(frequencies)} frequencies in {groups} groups"):
+                found = _in_groups(framed, frequencies, factoring, progress, groups)
     return model.rates.at(2j * np.pi * frequencies, unscaled(found, inputs * outputs))
 
 
@@ -201,8 +204,7 @@ def _full(framed, frequencies, factoring, progress):
         solvers = owned.owns(_Solvers(framed, factoring))
 
         def step(done):
-            if progress is not None:
-                progress.step("frequencies of the full model", done, len(frequencies))
+            progress.step("frequencies of the full model", done, len(frequencies))
 
         step(0)
         left = _by_full_matrices(solvers, frequencies, response, step)

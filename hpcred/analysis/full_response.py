@@ -130,7 +130,7 @@ def full_response(
     factoring : Factoring, optional
         How to factor, and in how much memory.
     progress : Progress, optional
-        Shows stages and times; by default nothing is shown.
+        By default one that shows stages and times on stderr once they take long.
 
     Returns
     -------
@@ -152,7 +152,7 @@ def full_response(
         raise InputError(f"check: found {check}, expected 0 or more fresh frequencies")
     adaptive = _asked_accuracy(frequencies, tolerance, band, adaptive)
     frame, damping = frame or NoFrame(), damping_or_given(model, damping)
-    progress = progress or Progress(model.comm, show=False)
+    progress = progress or Progress(model.comm)
     factoring = factoring or Factoring()
     with in_usual_units(model) as (usual, inputs, outputs):
         found, models = _by_search(usual, frequencies, frame, damping, adaptive, factoring, progress)

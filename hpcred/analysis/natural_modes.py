@@ -78,7 +78,7 @@ def natural_modes(
     factoring : Factoring, optional
         How to factor, and in how much memory.
     progress : Progress, optional
-        Shows stages and times; by default nothing is shown.
+        By default one that shows stages and times on stderr once they take long.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def natural_modes(
     check_definite(model)
     if signs := warnings_of_definiteness(model):
         raise InputError(f"{signs[0]}, which have no natural frequency")
-    progress = progress or Progress(model.comm, show=False)
+    progress = progress or Progress(model.comm)
     with Owned(model.comm) as owned:
         framed = apply_frame(model, frame or _frame_of(model))
         run = owned.owns(Run(framed, progress, 1e-9, factoring or Factoring()))

@@ -13,10 +13,11 @@ from ..model.load_columns import loads_of
 from ..model.materials import properties_in_words
 from ..model.rigid_body_modes import RigidBodyModes, remark_on_digits, rigid_body_quantities
 from ..model.rows_alone import warnings_of_rows_alone
-from ..model.second_order_model import require_model
+from ..model.second_order_model import massless, require_model
 from ..parallel.declared import declared
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import MPI, PETSc, is_complex
+from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
 from .check import held_count, known, with_warnings
 from .frequency_response import checked_frequencies
@@ -26,7 +27,8 @@ NEGATIVE = 1e-9  # eigenvalue of M relative to its diagonal that files of ten di
 
 
 def inspect(
-    model, frequencies=(), band_top=None, *, modes: int | None = None, factoring: Factoring | None = None, progress=None
+    model, frequencies=(), band_top=None, *, modes: int | None = None, verify: bool = False,
+    factoring: Factoring | None = None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Summarise sizes, symmetry, definiteness, mass, rigid-body modes, and modes below frequencies.
 
@@ -41,10 +43,13 @@ def inspect(
         Hz; upper end of the band of interest, for the size hint: modes below twice that plus inputs.
     modes : int, optional
         How many of the lowest frequencies to find.
+    verify : bool, default False
+        Factor M to tell whether it is positive definite, and K of a model without nodes to count its modes at zero.
+        Without it, and without `frequencies` or `band_top`, nothing is factored.
     factoring : Factoring, optional
         How to factor, and in how much memory.
     progress : Progress, optional
-        Shows stages and times; by default nothing is shown.
+        By default one that shows stages and times on stderr once they take long.
 
     Returns
     -------
@@ -54,7 +59,8 @@ def inspect(
         the node set. `warnings` lists what looks wrong.
     """
     require_model(model)
-    factoring = factoring or Factoring()
+    factoring, progress = factoring or Factoring(), progress or Progress(model.comm)
+    progress.expect(model.size)
     frequencies = checked_frequencies(frequencies).tolist()
     within("band_top", declared("band_top", band_top, float | None), FREQUENCY)
     report = {
@@ -65,8 +71,18 @@ def inspect(
         "inputs": list(model.input_names),
         "outputs": list(model.output_names),
         "symmetry_defects": model.symmetry_defects,
-        "mass_matrix": _definiteness(model.M, factoring),
     }
+    with progress.stage("signs of M and K"):
+        signs = warnings_of_definiteness(model)
+    if any(": M is" in sentence for sentence in signs):
+        report["mass_matrix"] = "indefinite"
+    elif verify:
+        with progress.stage("factor", "M"):
+            report["mass_matrix"] = _definiteness(model.M, factoring)
+    elif massless(model):
+        report["mass_matrix"] = "singular"
+    else:
+        report["mass_matrix"] = "no negative direction found (--verify factors it)"
     report |= model.declared | model.operator.families
     if model.converted_from:
         report["converted_from"] = model.converted_from
@@ -76,7 +92,6 @@ def inspect(
         report["sets"] = sets
     if loads := loads_of(model):
         report["loads"] = [item.row for item in loads]
-    signs = warnings_of_definiteness(model)
     if report["mass_matrix"] == "indefinite" and not any("M is" in sentence for sentence in signs):
         signs.append(f"{model.name}: M is indefinite by the inertia of its factor, which no mass matrix is")
     if frequencies or band_top or modes is not None:
@@ -113,15 +128,20 @@ def inspect(
         if few := remark_on_digits(support):
             warnings.append(f"{model.name}: {few}")
     limits = sorted({*frequencies, *([2 * band_top] if band_top else [])})
-    if model.symmetric and factoring.counts() and (limits or rigid_count is None):
+    if model.symmetric and factoring.counts() and (limits or (verify and rigid_count is None)):
         with closing(ShiftedSolver(model, prefix="inertia_", inertia=True, factoring=factoring)) as solver:
-            if not signs and (negative := _count_below(solver, -zero_of(model))):
+
+            def count_below(square, name):
+                with progress.stage("factor", name, solver.known):
+                    return _count_below(solver, square)
+
+            if not signs and (negative := count_below(-zero_of(model), "K")):
                 warnings.append(growing_in_words(model, negative))
             if rigid_count is None:
                 # without nodes: eigenvalues that are zero to round-off
-                rigid_count = _count_below(solver, model.mean_eigenvalue * ZERO)
+                rigid_count = count_below(model.mean_eigenvalue * ZERO, "K")
                 report["modes_at_zero"] = rigid_count
-            below = {limit: _count_below(solver, (2 * np.pi * limit) ** 2) for limit in limits}
+            below = {limit: count_below((2 * np.pi * limit) ** 2, f"{limit:g} Hz") for limit in limits}
             counts = {f: None if None in (rigid_count, count) else count - rigid_count for f, count in below.items()}
             source = solver.source
         if set(counts.values()) - {None}:
@@ -132,7 +152,7 @@ def inspect(
     else:
         counts = dict.fromkeys(limits)
     for limit, count in counts.items():
-        if progress is not None and count is not None:
+        if count is not None:
             progress.say(f"{count} elastic modes below {limit:g} Hz")
     if limits:
         report["elastic_modes_below_hz"] = [[limit, counts[limit]] for limit in limits]

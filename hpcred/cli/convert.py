@@ -89,13 +89,16 @@ def convert(
 
 def solid(
     output: Output = "model.h5",
-    cells: Annotated[tuple[int, int, int], typer.Option(help="Hexahedra along x, y, z.")] = (60, 24, 24),
+    cells: Annotated[
+        tuple[int, int, int] | None, typer.Option(help="Hexahedra along x, y, z; default: 60 24 24.")
+    ] = None,
+    dofs: Annotated[int | None, typer.Option(help="About so many dofs, in place of cells.")] = None,
     size: Annotated[tuple[float, float, float] | None, typer.Option(help="Edges in m.")] = None,
     inputs: Annotated[int, typer.Option(help="Forces at nodes of the face at the free end.")] = 6,
     free: Annotated[bool, typer.Option("--free", help="Do not clamp the face at x = 0.")] = False,
 ):
     """A block of 8-node hexahedra, clamped at x = 0."""
-    _example("solid", output, cells=cells, size=size, inputs=inputs, clamped=not free)
+    _example("solid", output, cells=cells, dofs=dofs, size=size, inputs=inputs, clamped=not free)
 
 
 def linkage(output: Output = "model.h5"):

@@ -124,17 +124,19 @@ def _show_comparison(results, full, **keywords):
 
 def _show_estimate(result, **keywords):
     report = hpcred.estimate_of_result(result, **keywords)
+    session.verdict(report["sentence"], report["reached"])
     show_table(result, report["rows"])
     show_table(DIRECTIONS, report["direction_rows"])
-    print(f"{report['sentence']}\nQ = {report['Q']:.6g}; {report['measured']}")
+    print(f"Q = {report['Q']:.6g}; {report['measured']}")
     session.warn([item for item in report["warnings"] if item != report["sentence"]])
     return report
 
 
 def _show_check(result, full, count, **keywords):
     report = hpcred.check_result(result, full, count, **keywords)
+    session.verdict(f"{report['sentence']}\n{report['claim']}", report["passed"])
     show_table(result, report["rows"])
-    session.verdict(f"{report['claim']}\n{report['sentence']}; {report['measured']}", report["passed"])
+    print(report["measured"])
     return report
 
 

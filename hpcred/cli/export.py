@@ -11,7 +11,7 @@ import hpcred
 
 from ..parallel.failures import InputError
 from ..settings.preload_text import preload_of
-from ..writers.registry import WRITERS
+from ..writers.registry import PROGRAMS, WRITERS
 from . import session, values
 from .options import AtValues, JsonFile, PreloadTable
 
@@ -34,7 +34,9 @@ class ExportCommand(typer.core.TyperCommand):
 def export(
     context: typer.Context,
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
-    kind: Annotated[str | None, typer.Option("--format", help=", ".join(entry.name for entry in WRITERS.own))] = None,
+    kind: Annotated[
+        str | None, typer.Option("--format", help=", ".join([*(entry.name for entry in WRITERS.own), *PROGRAMS]))
+    ] = None,
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[
         str | None, typer.Option(help="Interface nodes 1,20 or by name, or sets; default: of inputs and outputs.")

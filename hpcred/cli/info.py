@@ -12,7 +12,8 @@ from ..parallel.failures import InputError
 from ..report.tables import in_words, show_table
 from ..settings.preload_text import preload_of
 from . import session, values
-from .options import INTERFACES, JsonFile, LowRank, OutOfCore, Package, PreloadTable
+from .details import show_details
+from .options import INTERFACES, Details, JsonFile, LowRank, OutOfCore, Package, PreloadTable
 
 MOST_SETS = 20  # node sets that are listed
 
@@ -22,11 +23,12 @@ def info(
     below: Annotated[str | None, typer.Option(metavar="F1,F2", help="Count modes below (Hz).")] = None,
     band_top: Annotated[float | None, typer.Option(help="Upper end of the band (Hz): size hint.")] = None,
     modes: Annotated[int | None, typer.Option(help="Find so many of the lowest frequencies.")] = None,
-    verify: Annotated[bool, typer.Option("--verify", help="Read all of it, and check all checksums.")] = False,
+    verify: Annotated[bool, typer.Option("--verify", help="Read all of it, check all checksums, factor M.")] = False,
     figure: Annotated[
         str | None, typer.Option(metavar="FILE", help="Draw node sets, or the interfaces of a job: .png, .svg, .pdf.")
     ] = None,
     names: Annotated[str | None, typer.Option("--sets", metavar="A,B", help="Draw these node sets only.")] = None,
+    details: Details = False,
     json: JsonFile = None,
 ):
     """Say what a file is: what a model contains and needs, and the format and matrices of any other file."""
@@ -41,7 +43,7 @@ def info(
         raise InputError("--sets: belongs to --figure")
     if verify and (below or band_top or modes or figure):
         raise InputError("--verify: cannot be combined with other questions; call info twice")
-    report = hpcred.verify_file(file) if verify else hpcred.describe_file(
+    report = hpcred.verify_file(file, progress=session.progress()) if verify else hpcred.describe_file(
         file, frequencies=values.numbers(below, "--below"), band_top=band_top, modes=modes, figure=figure,
         sets=names.split(",") if names else None, progress=session.progress(),
     )  # fmt: skip
@@ -56,6 +58,10 @@ def info(
     show_table(None, sets[:MOST_SETS])
     if len(sets) > MOST_SETS:
         print(f"and {len(sets) - MOST_SETS} more node sets; --json - lists all")
+    if details:
+        record = hpcred.read_result(file).reduced.record
+        if record is not None:
+            show_details(record)
     session.written(figure)
     session.warn(report["warnings"])
     session.write_json(json, report)
@@ -97,22 +103,25 @@ def modes(
 ):
     """Lowest natural frequencies, effective masses and participation factors of a model.
 
-    A free body shows its rigid-body modes at 0 Hz, unless a frame other than auto holds it.
+    The rigid-body modes of a free body are counted, not listed.
     """
     report = hpcred.modes_of_file(
         model, count, frame=None if frame == "auto" else values.frame(frame), figure=figure,
         preload=preload_of(preload), factoring=values.factoring(out_of_core, low_rank, package),
         progress=session.progress(),
     )  # fmt: skip
-    f = report["frequencies_hz"]
-    if "masses" in report:
+    f, rigid = report["frequencies_hz"], report["rigid_body_modes"]
+    if "masses" in report and rigid < 6:  # all of which take all of the mass
         share, factors = hpcred.tables_of_modes(report)
         show_table(f"{model}: effective masses in % of the mass along x, y, z and of the inertia about them", share)
         show_table("Participation factors (kg^(1/2); kg^(1/2) m)", factors)
         print(hpcred.mass_in_words(report))
     else:
-        show_table(model, [{"mode": i, "f (Hz)": value} for i, value in enumerate(f, 1)])
-    print(f"{report['rigid_body_modes']} rigid-body modes; largest residual {report['residual']:.1e}")
+        show_table(model, [{"mode": i, "f (Hz)": value} for i, value in enumerate(f[rigid:], rigid + 1)])
+        if "masses" in report:
+            print(hpcred.mass_in_words(report))
+    moved = " at 0 Hz, which move all of the mass" if rigid == 6 else ""
+    print(f"{rigid} rigid-body modes{moved}; largest residual {report['residual']:.1e}")
     session.written(figure)
     session.warn(report["warnings"])
     session.write_json(json, report)

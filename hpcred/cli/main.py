@@ -19,6 +19,7 @@ from .evaluate import evaluate, response
 from .export import ExportCommand, export
 from .info import bores, info, modes
 from .options import JsonFile
+from .plan import plan
 from .recover import recover
 from .reduce import reduce, store
 from .report import report
@@ -86,7 +87,7 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
 
 
 app.add_typer(example, name="example")
-for command in (convert, info, bores, modes, reduce, store, sweep, collect, evaluate, report, response, campbell):
+for command in (convert, info, bores, modes, plan, reduce, store, sweep, collect, evaluate, report, response, campbell):
     app.command()(command)
 app.command(cls=ExportCommand, context_settings={"allow_extra_args": True})(export)
 for command in (simulate, recover, paper, bench):

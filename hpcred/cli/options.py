@@ -36,5 +36,6 @@ PreloadTable = Annotated[
 AtValues = Annotated[
     str | None, typer.Option("--at", metavar="P=V,...", help="Values of parameters; default: the reference values.")
 ]
+Details = Annotated[bool, typer.Option("--details", help="Show basis, points, time and memory too.")]
 DIRECTIONS = "Directions by themselves, the least accurate first (|H| in SI units: m/N, rad/(N m))"
 INTERFACES = "Interfaces, and where their reference nodes are (m)"

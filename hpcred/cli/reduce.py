@@ -11,12 +11,14 @@ import typer
 import hpcred
 
 from ..parallel.failures import InputError
-from ..parallel.progress import counted
+from ..parallel.progress import counted, in_time
+from ..reduction.tolerance.accuracy import WORST
 from ..reduction.tolerance.directions import rows_of_directions
-from ..report.tables import in_words, show_table, show_timing
+from ..report.tables import show_table
 from ..settings.toml_file import check_file_names
 from . import session, values
-from .options import DIRECTIONS, INTERFACES, JsonFile, LowRank, OutOfCore, Overrides
+from .details import show_details
+from .options import Details, JsonFile, LowRank, OutOfCore, Overrides
 
 
 def reduce(
@@ -33,6 +35,7 @@ def reduce(
         str | None,
         typer.Option(metavar="RESULT.h5", help="Of this job without `at`: take its basis, factor nothing."),
     ] = None,
+    details: Details = False,
     json: JsonFile = None,
 ):
     """Reduce a model as a job file says."""
@@ -43,41 +46,41 @@ def reduce(
     overrides = [*(set_ or []), *(f"{key}={value}" for key, value in given.items() if value is not None)]
     found = hpcred.reduce_job(job, overrides=overrides, basis=basis, progress=session.progress())
     record, accuracy = found.record, found.record.accuracy
-    stored = any(item.from_store for item in record.components)
-    if accuracy is not None:
-        made = counted(0 if record.basis_of else accuracy.factorisations, "factorisation")
-        session.verdict(f"{accuracy.sentence}, {made}, {found.size_in_words}", accuracy.reached)
-        show_table(DIRECTIONS, rows_of_directions(accuracy.directions, accuracy.band))
-    show_table(
-        f"{found.output}: {found.size_in_words} for {record.size} dofs",
-        [{"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
-          **({"from": "store" if item.from_store else ""} if stored else {})} for item in record.components],
-    )  # fmt: skip
-    show_table(INTERFACES, record.interface_rows)
-    session.show_loads([item.row for item in record.loads])
-    if accuracy is not None:
-        show_table("Expansion points", [
-            {"f (Hz)": item.frequency, "columns": item.columns, "modes below": in_words(item.modes_below),
-             "estimate after it": in_words(item.estimate), "factor": item.factor_in_words} for item in accuracy.points
-        ])  # fmt: skip
-        show_table("Each new point checks the model before it", [asdict(item) for item in accuracy.proofs])
-        print(f"{accuracy.measured}; {accuracy.modes_in_words}; round-off {accuracy.noise:.0e}; "
-              f"{accuracy.uncompressed_size} columns before the compression")  # fmt: skip
-    residual = max((item.residual for item in record.factorisations), default=0.0)
-    print(
-        f"pseudo-frequencies {found.frequencies[0]:.6g} to {found.frequencies[-1]:.6g} Hz; "
-        f"max |V^T M V - I| = {record.orthonormality_defect:.1e}; "
-        + (f"largest residual {residual:.1e}; " if residual else "")
-        + record.effort
-    )
-    told = accuracy.sentence if accuracy is not None else None  # which the verdict has said
-    session.warn([item for item in record.warnings if item != told])
-    print(f"{record.scalar} PETSc {record.versions['petsc']}, {record.ranks} rank(s)")
-    show_timing(record.timing, record.factorisations)
-    session.list_all("hint", record.hints)
+    size, output = f"{found.size_in_words} for {record.size} dofs", os.path.normpath(found.output)
+    verdict = size if accuracy is None else accuracy.sentence
+    session.verdict(verdict, accuracy is None or accuracy.reached)
+    print(f"{'' if accuracy is None else f'{size}, '}{record.effort}, {in_time(record.timing.elapsed)}")
+    if accuracy is not None and accuracy.directions:
+        show_table(f"Least accurate of {counted(len(accuracy.directions), 'direction')} (|H| in SI units)",
+                   rows_of_directions(accuracy.directions[:WORST], accuracy.band))  # fmt: skip
+    if details:
+        show_details(record)
+        session.list_all("hint", record.hints)
+    session.warn([item for item in record.warnings if item != verdict])
+    session.written(output, found.report)
+    _show_next(found, output)
     session.write_json(json, {**asdict(record), "output": found.output, "reduced_size": found.size,
                               "frequencies_hz": found.frequencies})  # fmt: skip
     return int(accuracy is not None and not accuracy.reached)
+
+
+def _show_next(found, output):
+    """Print what is usually done with a result."""
+    named = (found.record.job or {}).get("model")
+    model = os.path.relpath(named) if isinstance(named, str) else "MODEL.h5"
+    rows = [
+        (f"evaluate {output} --full {model} --check 5", "more full solves"),
+        (f"report {output}", "responses, error and shapes"),
+        (f"export {output} --format sid", "for a multibody program (--help: others)"),
+        (f"info {output} --details", "basis, points, time, memory"),
+    ]  # fmt: skip
+    if found.record.accuracy is None:
+        rows[0] = (f"evaluate {output} --full {model}", "the error, by full solves")
+    if found.report:
+        del rows[1]
+    width = max(len(command) for command, _ in rows)
+    for k, (command, what) in enumerate(rows):
+        print(f"{'next: ' if k == 0 else '      '}hpcred {command:{width}}  {what}")
 
 
 def store(

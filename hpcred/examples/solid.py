@@ -13,10 +13,12 @@ from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 from ..parallel.shares import row_range
 
+DEFAULT = 60, 24, 24  # cells
+
 
 def solid(
-    cells=(60, 24, 24), size=None, inputs=6, clamped=True, comm=MPI.COMM_WORLD, young=2.1e11, poisson=0.3,
-    density=7850.0,
+    cells=None, size=None, inputs=6, clamped=True, comm=MPI.COMM_WORLD, young=2.1e11, poisson=0.3,
+    density=7850.0, dofs: int | None = None,
 ) -> SecondOrderModel:  # fmt: skip
     """Make a block of hexahedra with forces at one end.
 
@@ -26,6 +28,8 @@ def solid(
     ----------
     cells : tuple of three int, default (60, 24, 24)
         Numbers of hexahedra along x, y, z.
+    dofs : int, optional
+        About so many dofs, in place of `cells`, by blocks of the same shape.
     size : tuple of three floats, optional
         Edges in m; by default 10 mm per cell.
     inputs : int, default 6
@@ -47,7 +51,13 @@ def solid(
     InputError
         For cells, sizes and numbers of inputs out of range.
     """
-    cells = tuple(int(count) for count in cells)
+    if dofs is not None:
+        if cells is not None:
+            raise InputError("dofs: found it beside cells, of which it takes the place; leave one out")
+        if not 24 <= dofs < 2**31:
+            raise InputError(f"dofs: found {dofs}, expected 24 to 2^31")
+        cells = _cells_for(dofs, clamped)
+    cells = tuple(int(count) for count in (DEFAULT if cells is None else cells))
     if len(cells) != 3 or min(cells) < 1:
         raise InputError(f"cells: found {list(cells)}, expected three numbers of at least 1")
     if 3 * prod(count + 1 for count in cells) >= 2**31:
@@ -75,6 +85,17 @@ def solid(
         properties=ElementProperties.of_one(comm, elements, material),
     ) as model:
         return model.with_inputs([(int(node), direction) for node in face for direction in "xyz"][:inputs])
+
+
+def _cells_for(dofs, clamped):
+    """Return the cells of the block of the shape of the default one that comes nearest to a number of dofs."""
+
+    def count(cells):
+        return 3 * (cells[0] + (not clamped)) * (cells[1] + 1) * (cells[2] + 1)
+
+    most = range(1, 3 + int((dofs / 3) ** (1 / 3)))
+    blocks = ((max(round(DEFAULT[0] / DEFAULT[1] * k), 1), k, k) for k in most)
+    return min(blocks, key=lambda cells: abs(count(cells) - dofs))
 
 
 def _numbers(nodes, grid, skipped):

@@ -31,7 +31,7 @@ from ..model.loads import LoadColumn
 from ..model.materials import ElementProperties, Material
 from ..model.operator import ADDED, KEY, Operator, Term
 from ..model.second_order_model import SecondOrderModel, require_model
-from ..parallel.failures import agreed
+from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI, PETSc
 from ..parallel.shares import row_range
 from .checked import Array, damaged
@@ -152,8 +152,11 @@ def read_properties(file, comm) -> ElementProperties | None:
 
 
 def place_of_set(name: str) -> str:
-    """Where the numbers of a node set are in a file."""
-    return f"sets/{quote(name, safe=' ')}"
+    """Where the numbers of a node set are in a file. Raises InputError for an empty name."""
+    if not name:
+        raise InputError("sets: found a node set without a name, expected one with letters")
+    # a name of a dot is that of the group itself in HDF5
+    return f"sets/{quote(name, safe=' ', errors='surrogateescape') if name != '.' else '%2E'}"
 
 
 def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
@@ -219,7 +222,7 @@ def read_laws(dataset) -> tuple[NamedLaw, ...]:
 
 def sets_of(file) -> dict:
     """The datasets of the node sets of an open file, by the names of the sets."""
-    return {unquote(name): part for name, part in file.get("sets", {}).items()}
+    return {unquote(name, errors="surrogateescape"): part for name, part in file.get("sets", {}).items()}
 
 
 def _loads(group) -> tuple[LoadColumn, ...]:

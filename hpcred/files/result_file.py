@@ -374,7 +374,8 @@ class Shapes:
 
     def moved(self, q) -> tuple[np.ndarray, np.ndarray]:
         """(k, 3) and (j, 3); displacements of the nodes and of the interface nodes at coordinates q (m,)."""
-        return self._placed(sum(part * self._basis[k] for k, part in enumerate(q))), self._mark_phi @ q
+        columns = (part * self._basis[k] for k, part in enumerate(q) if part)
+        return self._placed(sum(columns, np.zeros(self._basis.shape[1]))), self._mark_phi @ q
 
     def stress(self, q) -> np.ndarray:
         """(k, 6); stresses xx, yy, zz, xy, yz, zx in Pa at coordinates q (m,), NaN at nodes without stress modes.

@@ -53,9 +53,18 @@ def open_input(path, mode="rb", **options):
 def _not_waiting(path, flags) -> int:
     """An opener that does not wait for a pipe, as `open` does until another process writes to it."""
     file = os.open(path, flags | os.O_NONBLOCK)
-    mode = os.fstat(file).st_mode
-    if stat.S_ISREG(mode) or stat.S_ISDIR(mode):  # folders are refused by open
-        return file
+    try:
+        mode = os.fstat(file).st_mode
+        if stat.S_ISDIR(mode):  # which open refuses
+            return file
+        if stat.S_ISREG(mode):
+            os.pread(file, 1, 0)  # some of the kernel's are pipes all the same, such as /proc/kmsg
+            return file
+    except BlockingIOError:
+        pass
+    except OSError:
+        os.close(file)
+        raise
     os.close(file)
     raise InputError(f"{path}: this is a pipe or a device, expected a file")
 

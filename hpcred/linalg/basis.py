@@ -27,6 +27,7 @@ from .blocks import (
     create_block,
     dense,
     fold,
+    from_dense,
     inner,
     multiply,
     stacked_inner,
@@ -160,11 +161,14 @@ class Basis:
         """All columns, with those that are deflated, or M times these."""
         return View(self._block if bv is None else bv, 0, self._end)
 
-    def extend(self, block: Block, mass_images: Block | None = None) -> Extension:
+    def extend(self, block: Block | np.ndarray, mass_images: Block | None = None) -> Extension:
         """Add the span of the active columns of `block`, which stays as it is; `mass_images`: M block if known.
 
-        Raises ComputationError when a column is not finite or M shows a negative norm.
+        An array has the rows of this rank, (rows, k) or (rows,): see from_dense. Raises ComputationError when a column
+        is not finite or M shows a negative norm, and InputError for an array that does not fit.
         """
+        if isinstance(block, np.ndarray):
+            block = from_dense(block, self.mass)
         first, last = block.getActiveColumns()
         if first == last:
             return Extension()

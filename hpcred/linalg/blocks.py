@@ -15,6 +15,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from mpi4py import MPI
 
+from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import PETSc, SLEPc, make_room
 from ..parallel.sums import summed
 
@@ -141,18 +142,75 @@ def dense_matrix(like: PETSc.Mat, local: np.ndarray) -> PETSc.Mat:
     return mat
 
 
-def from_dense(mat: PETSc.Mat) -> SLEPc.BV:
-    """A new block with a copy of the columns of a dense matrix."""
+def from_dense(mat: PETSc.Mat | np.ndarray, like: PETSc.Mat | None = None) -> SLEPc.BV:
+    """Return a new block with a copy of the columns of a dense matrix.
+
+    Collective.
+
+    Parameters
+    ----------
+    mat : PETSc.Mat or ndarray, shape (n, k)
+        Of an array each rank gives its own rows (rows, k); (rows,) is one column.
+    like : PETSc.Mat, optional
+        Beside an array: a matrix with the same rows on the same ranks, such as `run.model.K`; by default all ranks
+        share the rows as they give them.
+
+    Raises
+    ------
+    InputError
+        For an array with another number of rows than this rank has, or with numbers that are not finite or not real.
+    """
+    if not isinstance(mat, PETSc.Mat):
+        with agreed(MPI.COMM_WORLD if like is None else like.comm.tompi4py()):
+            local = _own_rows(mat, like)
+        if like is None:
+            like = PETSc.Mat().createDense(((len(local), None), (None, local.shape[1])), comm=PETSc.COMM_WORLD)
+        mat = dense_matrix(like, local)
     new = create_block(mat, mat.getSize()[1])
     with dense(new) as target:
         mat.copy(target)
     return new
 
 
+def multiply_dense(mat: PETSc.Mat, source: PETSc.Mat, target: PETSc.Mat):
+    """target = mat source, with a sparse matrix and dense ones.
+
+    PETSc 3.25 crashes where a rank has rows of the sparse matrix but none of the dense one, as it then writes the first
+    entry of an array that has as many entries as that rank has rows. There the columns go one by one.
+    """
+    rows, columns = np.diff(mat.getOwnershipRanges()), np.diff(mat.getOwnershipRangesColumn())
+    if not (rows[columns == 0] > 0).any():
+        mat.matMult(source, target)
+        return
+    x, y = mat.createVecs()
+    given, found = source.getDenseArray(readonly=True), target.getDenseArray()
+    for k in range(source.getSize()[1]):
+        x.setArray(given[:, k])
+        mat.mult(x, y)
+        found[:, k] = y.getArray(readonly=True)
+    target.stateIncrease()
+    for vector in (x, y):
+        vector.destroy()
+
+
+def _own_rows(array, like) -> np.ndarray:
+    """Return an array of the rows of this rank as real (rows, k). Raises InputError."""
+    local = np.asarray(array)
+    local = local[:, None] if local.ndim == 1 else local
+    rows = like.getLocalSize()[0] if like is not None else len(local) if local.ndim else 0
+    if local.ndim != 2 or len(local) != rows:
+        raise InputError(f"columns: found an array of shape {np.shape(array)}, expected ({rows}, columns), the rows "
+                         "of this rank")  # fmt: skip
+    if local.dtype.kind not in "biuf" or not np.isfinite(local).all():
+        raise InputError(f"columns: found an array of {local.dtype} with numbers that are not real or not finite; real "
+                         "and imaginary parts are columns of their own")  # fmt: skip
+    return local
+
+
 def apply(mat: PETSc.Mat, block: Block, result: Block):
     """result = mat block."""
     with dense(block) as source, dense(result) as target:
-        mat.matMult(source, target)
+        multiply_dense(mat, source, target)
 
 
 def times(mat: PETSc.Mat, block: Block) -> SLEPc.BV:

@@ -78,7 +78,12 @@ def aggregates(matrix, near_null: np.ndarray, prefix: str, threshold: float, agg
     pc.setType("gamg")
     pc.setGAMGLevels(2)  # no option: newer versions refuse -pc_mg_levels of GAMG
     pc.setOperators(matrix)
-    asked = {"pc_gamg_threshold": threshold, "pc_gamg_aggressive_coarsening": int(aggressive)}
+    asked = {
+        "pc_gamg_threshold": threshold, "pc_gamg_aggressive_coarsening": int(aggressive),
+        # what PETSc 3.18, which knows neither, does: independent sets at a distance of two nodes, from nodes with few
+        # neighbours on; the defaults of later versions take shells half as many iterations again
+        "pc_gamg_aggressive_square_graph": False, "pc_gamg_mis_k_minimum_degree_ordering": True,
+    }  # fmt: skip
     forced = {
         "pc_gamg_agg_nsmooths": 0, "pc_gamg_coarse_eq_limit": 1, "mg_levels_pc_type": "none",
         "pc_gamg_use_parallel_coarse_grid_solver": True, "mg_levels_ksp_type": "richardson",

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError
-from ..parallel.petsc import PETSc, SLEPc, is_complex, petsc_errors
+from ..parallel.petsc import PETSc, SLEPc, is_complex, petsc_errors, without_gil
 from .blocks import create_block, local_rows
 from .options import temporary_options
 
@@ -37,7 +37,7 @@ def modes_in_interval(K, M, low, high, options):
         try:
             with temporary_options("modes_st_", options), petsc_errors():
                 eps.setFromOptions()
-                eps.solve()
+                without_gil("EPSSolve", eps)
             break
         except PETSc.Error as error:
             _give_up(eps)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import PETSc
-from .blocks import create_dense, local_rows
+from .blocks import create_dense, local_rows, multiply_dense
 from .coarsening import DENSE, STUCK, aggregates, coarse, node_inverses, smoothed
 from .ritz_values import ritz_values
 
@@ -110,7 +110,7 @@ class Multigrid:
         level.smooth(self.sweeps)
         level.restrict(below)
         self._cycle(k + 1)
-        level.interpolation.matMult(below.x, level.d)
+        multiply_dense(level.interpolation, below.x, level.d)
         x += level.d.getDenseArray()
         level.subtract_product()
         level.smooth(self.sweeps, residual=False)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..linalg.blocks import local_rows
 from ..linalg.csr import diagonal_of
+from ..parallel.sums import summed
 
 ROWS = 64  # of a rank that are looked at
 FEWEST, MOST = 8, 15  # digits that say something: fewer have models made by hand, more have all
@@ -21,6 +22,7 @@ ROUNDED = 0.13  # mean error of a rounded number, in units of its last digit and
 BESIDE = 6.0  # of all entries of a row to that of the diagonal, with those of equal elements, which are rounded alike
 MODES = 12  # that are looked at
 INACCURATE = 1e-5  # relative error of a frequency
+ALL = 16  # digits of a double
 
 
 def digits_of(mat, distinct=DISTINCT) -> int | None:
@@ -64,10 +66,7 @@ def warnings_of_digits(model, K, eigenvalues: np.ndarray, block) -> list[str]:
     digits = digits_of(model.K) if len(eigenvalues) else None
     if digits is None:
         return []
-    with local_rows(block) as rows:
-        moved = ((np.abs(rows[:, : len(eigenvalues)]) ** 2 * diagonal_of(K)[:, None]) ** 2).sum(axis=0)
-    moved = BESIDE * ROUNDED * 10.0 ** (1 - digits) * np.sqrt(model.comm.allreduce(moved))
-    errors = moved / np.maximum(eigenvalues, np.finfo(float).tiny) / 2
+    errors = _errors_of_frequencies(K, eigenvalues, block, digits)
     worst = int(np.argmax(errors))
     if errors[worst] <= INACCURATE:
         return []
@@ -78,3 +77,34 @@ def warnings_of_digits(model, K, eigenvalues: np.ndarray, block) -> list[str]:
         f"{frequency:.4g} Hz is uncertain {uncertain}, whatever its residual; take a form of the export with more "
         "digits, or larger elements"
     ]
+
+
+def warnings_of_peaks(model, K, eigenvalues: np.ndarray, ratios: np.ndarray, block, tolerance: float) -> list[str]:
+    """Return warnings of resonances so sharp that the last digits of K, as doubles have them, change the peak by more
+    than a tolerance. Collective.
+
+    `ratios` (m,): damping ratios of the modes; for the others see warnings_of_digits.
+    """
+    if not (ratios > 0).any():
+        return []
+    errors = _errors_of_frequencies(K, eigenvalues, block, ALL)
+    peaks = np.divide(errors, ratios, out=np.zeros_like(errors), where=ratios > 0)
+    worst = int(np.argmax(peaks))
+    if peaks[worst] <= tolerance:
+        return []
+    frequency = np.sqrt(max(eigenvalues[worst], 0.0)) / (2 * np.pi)
+    uncertain = f"by up to about {peaks[worst]:.0e} of itself" if peaks[worst] < 1 else "altogether"
+    return [
+        f"{model.name}: the resonance at {frequency:.4g} Hz has a damping ratio of {ratios[worst]:.1e}, and the last "
+        f"digits of K, where stiff parts cancel, move its frequency by {errors[worst]:.0e} of itself: its peak is that "
+        f"of K as stored, but uncertain {uncertain}, in full solves too; give more damping, or larger elements"
+    ]
+
+
+def _errors_of_frequencies(K, eigenvalues, block, digits) -> np.ndarray:
+    """Return the relative errors (m,) of the frequencies of the first columns of a block by rounding K to so many
+    digits. Collective."""
+    with local_rows(block) as rows:
+        moved = ((np.abs(rows[:, : len(eigenvalues)]) ** 2 * diagonal_of(K)[:, None]) ** 2).sum(axis=0)
+    moved = BESIDE * ROUNDED * 10.0 ** (1 - digits) * np.sqrt(summed(K.comm.tompi4py(), moved))
+    return moved / np.maximum(eigenvalues, np.finfo(float).tiny) / 2

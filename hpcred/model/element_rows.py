@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linalg.blocks import Block, create_dense, local_rows, times
+from ..linalg.blocks import Block, create_dense, local_rows, multiply_dense, times
 from ..parallel.lookup import look_up
 from ..parallel.petsc import PETSc
 from .dofs import require_dofs
@@ -121,6 +121,6 @@ def added_up(adding: PETSc.Mat, values: np.ndarray) -> np.ndarray:
     given.setUp()
     given.getDenseArray()[...] = values
     given.assemble()
-    found = create_dense(adding, values.shape[1])  # PETSc 3.25 crashes where it makes a product of one column itself
-    adding.matMult(given, found)
+    found = create_dense(adding, values.shape[1])
+    multiply_dense(adding, given, found)
     return found.getDenseArray().real.copy()

@@ -13,6 +13,7 @@ from typing import Any
 
 from ..linalg.csr import diagonal_of
 from ..linalg.matrix_estimates import symmetry_defect
+from ..parallel.as_html import as_html
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed, settle
 from ..parallel.petsc import PETSc
@@ -117,6 +118,11 @@ class ParametricModel:
         """Return one line. Not collective."""
         ranges = ", ".join(f"{item.name} {item.range[0]:g} to {item.range[1]:g}" for item in self.parameters)
         return f"<ParametricModel of {len(self.terms)} terms over {ranges}: {self.model!r}>"
+
+    def _repr_html_(self):
+        """Return a table for notebooks. Not collective."""
+        rows = [{"parameter": item.name, "from": item.range[0], "to": item.range[1]} for item in self.parameters]
+        return self.model._repr_html_() + as_html(f"{len(self.terms)} terms of parameters", {}, rows)
 
     def __str__(self):
         """Return lines that describe the model. Collective."""

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..linalg.csr import diagonal_of
 from ..linalg.matrix_estimates import extreme_quotients, symmetry_defect
+from ..parallel.as_html import as_html
 from ..parallel.declared import declared, spelled_with
 from ..parallel.failures import InputError, agreed, settle, watched
 from ..parallel.petsc import MPI, PETSc
@@ -75,8 +76,8 @@ class SecondOrderModel:
     Parameters
     ----------
     M, D, K : SciPy sparse matrix, ndarray or PETSc.Mat, shape (n, n)
-        Mass, damping (or None) and stiffness. Every rank passes the whole of a SciPy matrix; PETSc matrices keep their
-        distribution.
+        Mass, damping (None, or left out as in `SecondOrderModel(M=M, K=K, B=B)`) and stiffness. Every rank passes the
+        whole of a SciPy matrix; PETSc matrices keep their distribution.
     B : ndarray or SciPy sparse matrix, shape (n, p), optional
         Columns of the inputs; with PETSc matrices the rows of this rank. `with_inputs` makes them from dofs.
     C : ndarray or SciPy sparse matrix, shape (r, n), optional
@@ -175,8 +176,8 @@ class SecondOrderModel:
     def __init__(
         self,
         M: Matrix | PETSc.Mat,
-        D: Matrix | PETSc.Mat | None,
-        K: Matrix | PETSc.Mat,
+        D: Matrix | PETSc.Mat | None = None,
+        K: Matrix | PETSc.Mat | None = None,
         B: Matrix | None = None,
         C: Matrix | None = None,
         *,
@@ -189,6 +190,9 @@ class SecondOrderModel:
         Ca: Matrix | None = None,
         circulatory: bool = False,
     ) -> None:
+        if K is None:
+            raise InputError("SecondOrderModel: K is missing; the order is M, D, K, and without damping "
+                             "SecondOrderModel(M=M, K=K)")  # fmt: skip
         rates = Cv is not None or Ca is not None
         given = construction.from_given(
             M, D, K, B, None if rates else C, comm, dofs=dofs, input_names=input_names,
@@ -254,6 +258,18 @@ class SecondOrderModel:
         size = f"{self.K.getSize()[0]} dofs" if "operator" in vars(self) else "closed"
         return (f"<SecondOrderModel {self.name}: {size}, {len(self.input_names)} inputs, {len(self.output_names)} "
                 "outputs>")  # fmt: skip
+
+    def _repr_html_(self):
+        """Return a table for notebooks. Not collective."""
+        facts = {
+            "dofs": self.K.getSize()[0] if "K" in vars(self) else "closed",
+            "damping matrix": "none" if self.D is None else "yes",
+            "nodes": "none" if self.dofs is None else "with positions",
+            "inputs": listed(self.input_names),
+            "outputs": listed(self.output_names),
+            "interfaces": listed([item.name for item in self.interfaces]),
+        }
+        return as_html(f"{self.name}: M q'' + D q' + K q = B u, y = C q", facts)
 
     def __str__(self):
         """Return three lines that describe the model. Collective."""

@@ -90,14 +90,16 @@ def spelled_with(table: type) -> Callable[[Function], Function]:
     def decorated(function: Function) -> Function:
         parameters = signature(function).parameters.values()
         names = [item.name for item in parameters if item.kind in (item.POSITIONAL_OR_KEYWORD, item.KEYWORD_ONLY)]
-        names += getattr(table, "__annotations__", ())
+        names = [name for name in names if name != "self"] + list(getattr(table, "__annotations__", ()))
+        *_, owner, own = ("", *function.__qualname__.split("."))
+        called = owner if own == "__init__" else own
 
         @wraps(function)
         def checked(*arguments, **keywords):
             for key in keywords:
                 if key not in names:
                     raise InputError(
-                        f"{function.__name__}: unknown keyword '{key}'{nearest(key, names)}; known are "
+                        f"{called}: unknown keyword '{key}'{nearest(key, names)}; known are "
                         f"{', '.join(names)}"
                     )
             return function(*arguments, **keywords)
@@ -107,11 +109,26 @@ def spelled_with(table: type) -> Callable[[Function], Function]:
     return decorated
 
 
+def with_spelled_fields(item):
+    """Have a dataclass refuse keywords that it does not have, as spelled functions do; others are as they were."""
+    if isinstance(item, type) and is_dataclass(item) and not hasattr(item.__init__, "__wrapped__"):
+        item.__init__ = spelled(item.__init__)
+    return item
+
+
+def refuse_file(key: str, value, instead: str):
+    """Raise InputError for the name of a file where an object is expected; `instead`: the function that takes files."""
+    if isinstance(value, (str, os.PathLike)):
+        raise InputError(f"{key}: found '{os.fspath(value)}', expected an object in memory; files are taken by hpcred."
+                         f"{instead}")  # fmt: skip
+
+
 def nearest(word, words) -> str:
     """Words in brackets that ask whether the one of some words was meant that is most alike; empty for none."""
     asked, by_lower = str(word).lower(), {str(item).lower(): item for item in words}
     close = get_close_matches(asked, by_lower, n=5, cutoff=0.55)
-    close.sort(key=lambda item: sorted(item) != sorted(asked))  # two letters that changed places come first
+    # two letters that changed places come first, and what begins so
+    close.sort(key=lambda item: sorted(item) != sorted(asked) and not item.startswith(f"{asked}_"))
     return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""
 
 

@@ -4,6 +4,7 @@ Modules may import these two at their top: nothing is loaded until then, so that
 by what it asks for, before PETSc is there.
 """
 
+import ctypes
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
@@ -78,4 +79,14 @@ def petsc_errors():
         raise
 
 
-__all__ = ["MPI", "PETSc", "SAME", "SLEPc", "free_dropped", "is_complex", "make_room", "petsc_errors"]
+def without_gil(name: str, *objects):
+    """Call a function of PETSc or SLEPc that takes long on objects, such as KSPSetUp, and let other threads of Python
+    run, which petsc4py does not. Raises PETSc.Error. Not for what calls Python back."""
+    module = SLEPc if name.startswith("EPS") else PETSc
+    code = getattr(ctypes.CDLL(module.__file__), name)(*(ctypes.c_void_p(item.handle) for item in objects))
+    if code:
+        raise PETSc.Error(code)
+
+
+__all__ = ["MPI", "PETSc", "SAME", "SLEPc", "free_dropped", "is_complex", "make_room", "petsc_errors",
+           "without_gil"]  # fmt: skip

@@ -2,7 +2,10 @@
 
 import resource
 import sys
+import threading
 import time
+import weakref
+from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -11,7 +14,8 @@ from .petsc import PETSc
 
 SHORT = 2.0  # seconds of a run that needs no progress
 LARGE = 30_000  # dofs of a model whose first factorisation may take longer than anybody waits for a line
-MINUTE = 60.0  # seconds between lines of steps that are not worth one each
+MINUTE = 60.0  # seconds between lines of steps that are not worth one each, and of a long stage
+SILENT = 10.0  # seconds without a line after which a stage says that it goes on
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,11 +32,24 @@ def memory_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
+@dataclass(kw_only=True)
+class Stage:
+    """A stage that goes on: since when (s of the run); `known` returns what is known of it by now, as text, and its
+    expected seconds, None where these are not known; `told`: whether that text was shown."""
+
+    name: str
+    detail: str
+    begun: float
+    known: Callable[[], tuple[str, float | None]] | None
+    told: bool = False
+
+
 class Progress:
     """Times named stages. A stage inside a stage is taken off the outer one, so the sum is the elapsed time.
 
     `seconds` holds the time per stage of this rank. `show`: lines on stderr of rank 0, by default once a run has
     lasted SHORT seconds. `bars`: on a terminal steps are bars below the lines; call close() then.
+    A thread of rank 0 looks after stages that say nothing by themselves; see parallel.petsc.without_gil.
     """
 
     def __init__(self, comm, show: bool | None = None, bars: bool = False):
@@ -43,30 +60,61 @@ class Progress:
         self._bars = Bars() if bars and comm.rank == 0 and sys.stderr.isatty() else None
         self._begun: dict[str, float] = {}
         self._said = float("-inf")
-        self._open: list[str] = []
+        self._open: list[Stage] = []
         self._start = self._mark = time.perf_counter()
+        self._watched = False
 
     def _charge(self):
         now = time.perf_counter()
-        name = self._open[-1] if self._open else "other"
+        name = self._open[-1].name if self._open else "other"
         self.seconds[name] = self.seconds.get(name, 0.0) + now - self._mark
         self._mark = now
 
     @contextmanager
-    def stage(self, name: str, detail: str = ""):
-        """Charge the time of the block to `name`; also a PETSc log stage, so that -log_view lists it."""
+    def stage(self, name: str, detail: str = "", known: Callable[[], tuple[str, float | None]] | None = None):
+        """Charge the time of the block to `name`; also a PETSc log stage, so that -log_view lists it. `known`: see
+        Stage; the thread calls it, so that it must not communicate."""
         self._charge()
-        self._open.append(name)
+        stage = Stage(name=name, detail=detail, begun=self.elapsed(), known=known)
+        self._open.append(stage)
+        self._watch()
         log = PETSc.Log.Stage(name)
         log.push()
         if detail:
             self.say(f"{name}: {detail}")
         try:
             yield
+            self._tell_known(stage)
         finally:
             log.pop()
             self._charge()
             self._open.pop()
+
+    def _watch(self):
+        """Start the thread that looks after silent stages, unless it runs or nothing is shown."""
+        if not self._watched and self.comm.rank == 0 and self._after < float("inf"):
+            self._watched = True
+            threading.Thread(target=_look_after, args=(weakref.ref(self),), daemon=True).start()
+
+    def look(self):
+        """Say what has become known of the present stage, and that it goes on: after SILENT seconds without a line,
+        then once a MINUTE."""
+        stage = next(iter(self._open[-1:]), None)  # which the other thread may close meanwhile
+        if stage is None or not self.shown:
+            return
+        self._tell_known(stage)
+        now, lasted = self.elapsed(), self.elapsed() - stage.begun
+        silent = now - max(self._said, stage.begun)
+        if silent >= (SILENT if self._said <= stage.begun + SILENT / 2 else MINUTE):
+            expected = stage.known()[1] if stage.known is not None else None
+            left = f", about {in_time(expected - lasted)} left" if expected and expected > lasted else ""
+            self.say(f"{_named(stage)}: {in_time(lasted)} so far{left}")
+
+    def _tell_known(self, stage):
+        """Say once what is known of a stage."""
+        if stage.known is not None and not stage.told and self.shown and (text := stage.known()[0]):
+            stage.told = True
+            self.say(f"{_named(stage)}: {text}")
 
     def elapsed(self) -> float:
         """Seconds since the start, on this rank."""
@@ -131,6 +179,18 @@ class Progress:
         seconds = {name: round(value, 4) for name, value in self.seconds.items()}
         elapsed = round(time.perf_counter() - self._start, 4)
         return self.comm.bcast(Timing(seconds=seconds, elapsed=elapsed, memory_mb_per_rank=tuple(memory)))
+
+
+def _look_after(progress):
+    """Look after the stages of a Progress (a weak reference), as long as somebody holds it."""
+    while (held := progress()) is not None:
+        held.look()
+        del held
+        time.sleep(1.0)
+
+
+def _named(stage):
+    return f"{stage.name}, {stage.detail}" if stage.detail else stage.name
 
 
 def in_time(seconds: float) -> str:

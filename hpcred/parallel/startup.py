@@ -17,6 +17,13 @@ from ..parallel import INSTALL
 from . import failures
 from .failures import InputError
 
+# in the environment of a rank: how many there are, and its number; those of srun, which others inherit, last
+SIZES = {
+    "OMPI_COMM_WORLD_SIZE": ("OMPI_COMM_WORLD_RANK", "the mpiexec of Open MPI"),
+    "PMI_SIZE": ("PMI_RANK", "the mpiexec of MPICH or Intel MPI"),
+    "SLURM_STEP_NUM_TASKS": ("SLURM_PROCID", "srun"),
+}
+
 with_scotch = False  # whether Debian's MUMPS with Scotch was loaded in place of the one without
 
 ranks_on_node, rank_on_node = 1, 0  # once MPI is started
@@ -89,6 +96,7 @@ def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", 
             if not low_rank:
                 _load_scotch()
         start_mpi()
+        _import_wheel()
         try:
             import petsc4py
         except ModuleNotFoundError as error:
@@ -112,6 +120,17 @@ def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", 
             f"leave the option out or set PETSC_DIR and SLEPC_DIR to a {_insisted} build"
         )
     return _scalar
+
+
+def _import_wheel():
+    """Import the wheel of PETSc from PyPI, where it is installed, before petsc4py: it sees to it that MPI comes first,
+    and refuses a petsc4py of another PETSc. Raises InputError."""
+    if importlib.util.find_spec("dolfinx_solver") is None:
+        return
+    try:
+        importlib.import_module("dolfinx_solver")
+    except ImportError as error:
+        raise InputError(str(error)) from error
 
 
 def _options() -> list[str]:
@@ -179,10 +198,28 @@ def _load_scotch():
             with_scotch = True
 
 
+def _refuse_singletons():
+    """Raise InputError where a launcher started several ranks that do not find each other: each of them would do the
+    whole job, into the same files."""
+    library = MPI.Get_library_version().partition(",")[0].split(" v")[0].strip("\x00\n ") or "this MPI"
+    for name, (number, launcher) in SIZES.items():
+        ranks = os.environ.get(name, "")
+        if MPI.COMM_WORLD.size == 1 and ranks.isdigit() and int(ranks) > 1:
+            if os.environ.get(number, "0") != "0":
+                sys.exit(2)  # the first one says it
+            how = f"`srun --mpi=pmix` (`srun --mpi=list` shows what there is) or `mpiexec -n {ranks}`"
+            raise InputError(
+                f"{launcher} started {ranks} ranks, and {library}, which mpi4py uses, finds one: take "
+                f"{how if launcher == 'srun' else f'the mpiexec of {library}'}; for {ranks} jobs of one rank take "
+                f"{name} out of the environment"
+            )
+
+
 def start_mpi():
     """See to it that an exception on one rank ends the job on all; returns the communicator of the job. Collective."""
     global _mpi_started, ranks_on_node, rank_on_node
     if not _mpi_started:
+        _refuse_singletons()
         failures.watched(MPI.COMM_WORLD)
         node = MPI.COMM_WORLD.Split_type(MPI.COMM_TYPE_SHARED)
         ranks_on_node, rank_on_node = node.size, node.rank

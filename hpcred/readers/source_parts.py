@@ -41,10 +41,13 @@ def read_source(source: Source, comm) -> Parts:
             start = first_bytes(source.nodes)
             is_input_file = abaqus_input.begins(start)
         if uff.begins(start):
-            parts.nodes, parts.elements = uff.read(source.nodes, comm)
+            mesh = uff.read(source.nodes, comm)
+            parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
+            parts.warnings += mesh.remarks
         elif nastran.begins_bulk(start):
             parts.nodes, deck, points = nastran.read_nodes(source.nodes, comm)
-            parts.elements, parts.properties = deck.elements, deck.properties
+            parts.elements, parts.properties, parts.sets = deck.elements, deck.properties, deck.sets
+            parts.warnings += deck.remarks
         elif is_input_file:
             mesh = abaqus_input.read(source.nodes, comm)
             parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets

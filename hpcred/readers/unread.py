@@ -13,6 +13,7 @@ NASTRAN = "without matrices; give the .op4 or .pch that the run wrote them to, w
 ABAQUS = "without matrices; give the .inp of a run with *Matrix Generate and *Matrix Output, Stiffness, Mass"
 CALCULIX = "without matrices; give the .inp or .sti of a run with *FREQUENCY, SOLVER=MATRIXSTORAGE"
 MESH = "without matrices; give those that a finite-element program wrote for this mesh"
+GMSH = f"{MESH}, and for its nodes and physical groups the mesh as .unv (gmsh -save mesh.msh -o mesh.unv)"
 UNPACK = "unpack it first"
 ARRAY = "save each matrix by scipy.sparse.save_npz(name, scipy.sparse.csr_matrix(array))"
 SHEET = "save what is needed as text: lines of row, column, value, or of node, x, y, z"
@@ -21,7 +22,7 @@ BEGINNINGS = tuple(
     (re.compile(pattern), what, instead)
     for pattern, what, instead in (
         (rb"[01]?\s[^%#]{,1500}?(?:NASTRAN|N A S T R A N|MSC\.SOFTWARE)", "a listing of Nastran (.f06, .f04)", NASTRAN),
-        (rb"\$(?:MeshFormat|Comments|NOD)\b", "a mesh of Gmsh", MESH),
+        (rb"\$(?:MeshFormat|Comments|NOD)\b", "a mesh of Gmsh", GMSH),
         (rb"\$TITLE +=[^\n]*\n\$SUBTITLE *=", "results of Nastran (.pch), no DMIG cards", NASTRAN),
         (rb"\$[^\n]*\n(?:\$[^\n]*\n|[A-Z]\w*\*? |\*)", "cards of Nastran, but first no DMIG or GRID", NASTRAN),
         (rb" {4}1C", "results of CalculiX (.frd)", CALCULIX),

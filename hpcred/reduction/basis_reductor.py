@@ -21,7 +21,7 @@ from ..parallel.memory import give_back
 from ..parallel.petsc import free_dropped
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
-from .checks import check_added, check_model, check_unsymmetric, warnings_of
+from .checks import check_added, check_model, check_series, check_unsymmetric, warnings_of
 from .components.component import Component, PointComponent
 from .components.groups import blocks_in_groups, number_of_groups
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
@@ -86,7 +86,8 @@ class BasisReductor(Reductor):
     def _reduce(self, model) -> ReducedModel:
         """Reduce a model in usual units: again, where M has turned out not to see all motions that count."""
         self.progress.expect(model.size)
-        warnings = self._check(model)
+        with self.progress.stage("check"):
+            warnings = self._check(model)
         with self.progress.stage("frame"):
             framed = apply_frame(model, self.frame, self.damping)
             warnings += inputs_without_effect(framed)
@@ -118,7 +119,8 @@ class BasisReductor(Reductor):
                 tau=tau,
             ))  # fmt: skip
             runs = [run, *(owned.owns(other) for other in self._more_runs(run))]
-            run.mass, run.inner  # noqa: B018  (made before memory is given back)
+            with progress.stage("copy of M"):
+                run.mass, run.inner  # noqa: B018  (made before memory is given back)
             give_back()  # what it took to read and copy matrices, of which a basis may not find enough in one piece
             bases = [run.new_basis(columns) for _ in runs]
             groups = number_of_groups(settings.groups, run, self._points(model))
@@ -149,6 +151,7 @@ class BasisReductor(Reductor):
         check_model(model)
         check_added(model, self.damping)
         check_unsymmetric(model, self.damping)
+        check_series(model, self.damping)
         self._check_room(model)
         if self.settings.coordinates == "interface":
             check_interface_coordinates(model, self.frame)
@@ -173,7 +176,7 @@ class BasisReductor(Reductor):
         serve: a time of the frequencies that count, by default of the highest point, else of the whole model."""
         if (caughey_terms(self.damping) or ())[2:]:  # powers of M^-1 K
             return 0.0
-        points = [abs(item.point) for item in self.basis if isinstance(item, PointComponent) and hasattr(item, "point")]
+        points = [abs(item.point) for item in self.basis if hasattr(item, "point")]
         highest = max([point for point in points if np.isfinite(point)], default=0.0)
         return 1 / (highest or np.sqrt(abs(framed.model.mean_eigenvalue)))
 
@@ -220,12 +223,16 @@ class BasisReductor(Reductor):
         """Return the reduced model with its basis in all dofs, and the orthonormality defect."""
         (vectors,), full, drop_above = bases, framed.model, self.settings.drop_above
         static = 0
+
+        def stiffness(columns):
+            if full.is_symmetric("K"):
+                return project_stiffness(full.K, columns, run.cancels)
+            return project(full.K, columns)
+
         if run.tau:
-            eigenvalues, static = diagonalise_with_massless(vectors, run.mass, full.K, run.tau)
-        elif full.is_symmetric("K"):
-            eigenvalues = diagonalise(vectors, project_stiffness(full.K, vectors.columns, run.cancels))
+            eigenvalues, static = diagonalise_with_massless(vectors, run.mass, stiffness, run.tau)
         else:
-            eigenvalues = diagonalise(vectors, project(full.K, vectors.columns))
+            eigenvalues = diagonalise(vectors, stiffness(vectors.columns))
         frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
         if drop_above is not None:
             kept = int((frequencies <= drop_above).sum())

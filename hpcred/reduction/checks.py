@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..linalg.csr import diagonal_of
 from ..model.damping import ModalDamping, caughey_terms
 from ..model.definiteness import check_definite, warnings_of_definiteness
 from ..model.frames import Buckens, refuse_unsymmetric
+from ..model.interface_motion import members
 from ..model.interfaces import warnings_of_interfaces
 from ..model.rigid_body_modes import exchange_of_matrices, misfit_of_nodes, remark_on_digits, warnings_of_nodes
 from ..model.rows_alone import warnings_of_rows_alone
@@ -18,6 +21,8 @@ from ..model.support import support_of
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 
+LEAST_DIGITS = 4  # of a number that is seen to be 2 pi times a round one: one in 200 is so by accident
+FAR = 3.0  # times the frequency at which a wave is as long as a bearing is wide
 BEYOND = 10.0  # times the highest frequency of a single node: a mesh has modes up to about five times that
 
 
@@ -76,6 +81,21 @@ def check_added(model, damping):
         )
 
 
+def check_series(model, damping):
+    """Refuse forces and outputs on dofs without mass beside a Caughey series of more than two terms. Collective."""
+    terms = caughey_terms(damping)
+    if terms is None:
+        return
+    without = diagonal_of(model.M) == 0
+    mine = any(bool(mat.getDenseArray()[without].any()) for mat in (model.B, model.Ct) if mat is not None)
+    if model.comm.allreduce(mine, op=MPI.LOR):
+        raise InputError(
+            f"damping.kind: found 'caughey' with {len(terms)} terms and forces or outputs on dofs without mass of "
+            f"{model.name}, where M (M^-1 K)^k has no value; take two terms (Rayleigh), modal ratios or a loss factor, "
+            "or give these dofs some mass"
+        )
+
+
 def require_no_series(model, damping):
     """Refuse a Caughey series of more than two terms beside added terms."""
     if model.added and caughey_terms(damping) is not None:
@@ -114,13 +134,56 @@ def warnings_of(model, frame, constant=None) -> tuple[str, ...]:
 
 
 def warnings_of_band(model, band) -> tuple[str, ...]:
-    """Return a band that ends far above all that the mesh follows, as one in other units does. Collective."""
+    """Return what looks wrong of a band: one in rad/s, one far above what the bearings transmit, and one above all that
+    the mesh follows. Collective."""
+    found = (_in_radians(band[1]), _beyond_bearings(model, band[1]), _beyond_mesh(model, band[1]))
+    return tuple(sentence for sentence in found if sentence)
+
+
+def _in_radians(upper) -> str | None:
+    """Return a sentence where the end of a band is a round number times 2 pi, to the digits that it has."""
+    digits = len(f"{upper:.10e}".partition("e")[0].replace(".", "").rstrip("0"))
+    if digits < LEAST_DIGITS:
+        return None
+    unit = 10.0 ** (math.floor(math.log10(upper)) + 1 - digits)
+    round_number = float(f"{upper / (2 * np.pi):.{min(digits - LEAST_DIGITS, 2)}e}")
+    if abs(upper - 2 * np.pi * round_number) > unit:
+        return None
+    return (
+        f"band: it ends at {upper:.10g} Hz, which is 2 pi times {round_number:g}; a band is in Hz: where rad/s were "
+        f"meant, it ends at {round_number:g}"
+    )
+
+
+def _beyond_bearings(model, upper) -> str | None:
+    """Return a sentence where shear waves at the end of a band are far shorter than all interfaces are wide."""
+    materials = model.properties.materials if model.properties is not None else ()
+    speeds = [(item.young / (2 * (1 + item.poisson) * item.density)) ** 0.5 for item in materials
+              if None not in (item.young, item.poisson, item.density) and item.density > 0]  # fmt: skip
+    made = [item for item in model.interfaces if item.definition]
+    if not speeds or not made:
+        return None
+    wide = []
+    for item in made:
+        away = model.dofs.position[members(model, item.definition)] - item.position
+        wide.append(2 * model.comm.allreduce(np.sqrt((away**2).sum(axis=1)).max(initial=0.0), op=MPI.MAX))
+    transmitted = max(speeds) / min(wide) if min(wide) > 0 else np.inf
+    if upper <= FAR * transmitted:
+        return None
+    return (
+        f"band: it ends at {upper:g} Hz, where waves of shear are shorter than the smallest bearing, which is "
+        f"{min(wide):.3g} m wide: they hardly pass a bearing above {transmitted:.2g} Hz; is the band in Hz?"
+    )
+
+
+def _beyond_mesh(model, upper) -> str | None:
+    """Return a sentence where a band ends far above all that the mesh follows, as one in other units does."""
     stiffness, mass = diagonal_of(model.K), diagonal_of(model.M)
     ratios = stiffness[mass > 0] / mass[mass > 0]
     highest = np.sqrt(max(model.comm.allreduce(ratios.max(initial=0.0), op=MPI.MAX), 0.0)) / 2 / np.pi
-    if not 0 < BEYOND * highest < band[1]:
-        return ()
+    if not 0 < BEYOND * highest < upper:
+        return None
     return (
-        f"band: it ends at {band[1]:g} Hz, while single nodes of {model.name} vibrate at {highest:.2g} Hz at "
-        "most, which no mesh follows; is the band in Hz, and are M and K in the units of one system?",
+        f"band: it ends at {upper:g} Hz, while single nodes of {model.name} vibrate at {highest:.2g} Hz at "
+        "most, which no mesh follows; is the band in Hz, and are M and K in the units of one system?"
     )

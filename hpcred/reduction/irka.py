@@ -43,6 +43,11 @@ class TangentialPoints(Component):
     inputs: tuple[tuple[tuple[float, float], ...], ...]
     outputs: tuple[tuple[tuple[float, float], ...], ...]
 
+    @property
+    def point(self) -> complex:
+        """The point farthest from 0."""
+        return max((complex(*s) for s in self.points), key=abs)
+
     def columns(self, inputs: int, rigid: int) -> int:
         return 2 * len(self.points)
 

@@ -59,13 +59,13 @@ def diagonalise(basis, stiffness: np.ndarray):
 
 def diagonalise_with_massless(basis, mass, stiffness, tau: float) -> tuple[np.ndarray, int]:
     """Replace V by V X that makes V^T M V and V^T K V diagonal, K by its symmetric part; returns omega^2 (m,),
-    ascending, and how many of the last columns have no mass. Collective.
+    ascending, and how many of the last columns have no mass. `stiffness`: makes V^T K V of columns V. Collective.
 
     Columns have x^T M x = 1, or no mass and tau^2 x^T K x = 1. It is done more than once, since those
     with little mass have the round-off of the others.
     """
     for _ in range(TURNS):
-        squares, X, static = decided(basis.comm, massless_last, project(stiffness, basis.columns),
+        squares, X, static = decided(basis.comm, massless_last, stiffness(basis.columns),
                                      project(mass, basis.columns), tau)  # fmt: skip
         basis.multiply(X)
     return squares, static

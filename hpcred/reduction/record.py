@@ -38,7 +38,8 @@ class Record:
     where the time went, and hints at what would take less; of an automatic one its accuracy. `viscoelastic`: the laws
     of added terms. `job`: the job file with its overrides, file names absolute, and `contents` of the files that it
     names, by name. `basis_of`: the result over ranges of parameters whose basis it is at the values `at` of the job, ""
-    for a basis of its own.
+    for a basis of its own. `units`: from which the numbers of the model were converted to SI, "" where nothing is
+    known of that.
     """
 
     date: str
@@ -80,6 +81,7 @@ class Record:
     viscoelastic: tuple[NamedLaw, ...] = ()
     basis_of: str = ""
     digests: dict[str, str] = field(default_factory=dict)
+    units: str = ""
 
     def away_from_reference(self) -> Record:
         """Return the record of the model at other values of its parameters, where of the error over the frequencies no
@@ -175,6 +177,7 @@ def make_record(model, framed, runs, progress, **known) -> Record:
         ranks=model.comm.size,
         petsc_options={key: str(value) for key, value in PETSc.Options().getAll().items()},
         model=model.name,
+        units=model.converted_from,
         size=model.size,
         free_size=framed.model.size,
         nonzeros=framed.model.nonzeros,

@@ -13,7 +13,7 @@ from ..model.damping import Damping, damping_or_given
 from ..model.frames import Frame, NoFrame
 from ..model.parametric_model import ParametricModel
 from ..model.second_order_model import SecondOrderModel, require_model
-from ..parallel.declared import declared, spelled
+from ..parallel.declared import declared, refuse_file, spelled
 from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 from .basis_reductor import BasisReductor
@@ -95,7 +95,7 @@ def reduce(
         Where blocks of points and sets of modes are kept from one reduction to the next, so that no point is factored
         twice; PointStore is one in a folder.
     progress : Progress, optional
-        Shows stages and times; by default nothing is shown.
+        By default one that shows stages and times on stderr once they take long.
     deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates
         See Reduction.
 
@@ -115,6 +115,7 @@ def reduce(
     -----
     Equations (20), (32), (41-50) and (52-54) of Lehner and Eberhard (2006); the error is (55) or that of docs/theory.
     """
+    refuse_file("model", model, "reduce_job")
     parametric = isinstance(model, ParametricModel)
     require_model(model.model if parametric else model)
     given = {
@@ -144,7 +145,7 @@ def reduce(
             raise InputError(f"{key}: found it for a model without parameters; leave it out")
     asked = {"basis": basis, "frame": frame, "damping": damping, "settings": settings,
              "factoring": factoring or Factoring(), "store": store,
-             "progress": progress or Progress(model.comm, show=False)}  # fmt: skip
+             "progress": progress or Progress(model.comm)}  # fmt: skip
     if parametric:
         if adaptive is None:
             if parameter_search is not None:

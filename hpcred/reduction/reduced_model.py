@@ -15,6 +15,7 @@ from ..model.interfaces import InterfaceNode
 from ..model.operator import ADDED, Operator, Term, in_coordinates
 from ..model.rates import Rates, combined
 from ..model.second_order_model import SecondOrderModel, listed
+from ..parallel.as_html import as_html
 from ..parallel.failures import InputError, settle
 from .massless import first_order, static_coordinates
 from .maxwell_states import maxwell_states, with_maxwell_states
@@ -113,24 +114,37 @@ class ReducedModel:
         return f"{self.size} coordinates" + (f" ({rigid} rigid-body, {self.size - rigid} elastic)" if rigid else "")
 
     def __str__(self):
-        """Describe the model in a few lines, with its accuracy if it was reduced to a tolerance."""
-        record = self.record
+        """Describe the model in a few lines; one that was reduced to a tolerance begins with its error."""
+        record, first, last = self.record, [], []
+        if record is not None:
+            last = [f"warning: {text}" for text in record.warnings]
+            if (accuracy := record.accuracy) is not None:
+                first = [accuracy.sentence]
+                last = [accuracy.least_accurate, accuracy.measured, *last]
+                last = [text for text in last if text and text != f"warning: {accuracy.sentence}"]
         origin = f" for the {record.size} dofs of {record.model}" if record is not None else ""
         frame = f", frame {record.frame.kind}, damping {record.damping.kind}" if record is not None else ""
-        return (
-            f"reduced model: {self.size_in_words}{origin}\n"
-            f"  pseudo-frequencies {self.frequencies[0]:.6g} to {self.frequencies[-1]:.6g} Hz{frame}\n"
-            f"  inputs {listed(self.input_names)}; outputs {listed(self.output_names)}"
-            + "".join(f"\n  {text}" for text in self._known())
-        )
-
-    def _known(self):
-        """Yield the accuracy and the warnings of the record as text."""
-        if self.record is not None and (accuracy := self.record.accuracy) is not None:
-            yield f"{accuracy.sentence}; {accuracy.measured}"
-        yield from (f"warning: {text}" for text in (self.record.warnings if self.record is not None else ()))
+        return "\n  ".join([
+            "\n".join([*first, f"reduced model: {self.size_in_words}{origin}"]),
+            f"pseudo-frequencies {self.frequencies[0]:.6g} to {self.frequencies[-1]:.6g} Hz{frame}",
+            f"inputs {listed(self.input_names)}; outputs {listed(self.output_names)}",
+            *last,
+        ])  # fmt: skip
 
     __repr__ = __str__
+
+    def _repr_html_(self):
+        """Return a table for notebooks."""
+        record, accuracy = self.record, None if self.record is None else self.record.accuracy
+        facts = {"full model": f"{record.model}, {record.size} dofs"} if record is not None else {}
+        facts["pseudo-frequencies (Hz)"] = f"{self.frequencies[0]:.6g} to {self.frequencies[-1]:.6g}"
+        if record is not None:
+            facts |= {"units": f"SI, converted from {record.units}"} if record.units else {}
+            facts |= {"frame": record.frame.kind, "damping": record.damping.kind}
+        facts |= {"inputs": listed(self.input_names), "outputs": listed(self.output_names)}
+        notes = [f"warning: {text}" for text in (() if record is None else record.warnings)]
+        known = "" if accuracy is None else accuracy._repr_html_()
+        return as_html(f"reduced model: {self.size_in_words}", facts, notes=notes) + known
 
     def transfer_function(self, s: complex | np.ndarray) -> np.ndarray:
         """Return H(s) = (C + s C_v + s^2 C_a) A(s)^-1 B (r, p), (25, 41); (..., r, p) for an array (...) of

@@ -220,7 +220,7 @@ class Run:
         own = Notes(components=self.notes.components, remarks=self.notes.remarks)
         return Run(framed, self.progress, self.tolerance, self.factoring, self.columns, store=self.store,
                    identity=identity, notes=self.notes if shares else own,
-                   solvers=self.solvers if shares else None, is_dual=True)  # fmt: skip
+                   solvers=self.solvers if shares else None, is_dual=True, tau=self.tau)  # fmt: skip
 
     def close(self):
         if self.owns_solvers:

@@ -57,12 +57,12 @@ class RunSolvers:
     def factored(self, mass: float, name: str, damping: float = 0.0, may_give_up: bool = True) -> Solver:
         """Return the solver with the factor of K + damping D + mass M, or of M (mass = inf), made unless it is there.
 
-        Raises SingularMatrix. Where the factor does not fit, solver.kind is "auto" and the matrix is positive definite,
-        the run goes on by multigrid, if it `may_give_up` factors and few iterations are expected; else DoesNotFit or
-        TooSlow is raised.
+        Raises SingularMatrix. Where the factor does not fit, solver.unfit is "multigrid" and the matrix is positive
+        definite, the run goes on by multigrid, if it `may_give_up` factors and few iterations are expected; else
+        DoesNotFit or TooSlow is raised.
         """
         if self.real.factored != (mass, damping):
-            with self._progress.stage("factor", name):
+            with self._progress.stage("factor", name, lambda: self._real.known()):
                 try:
                     self.real.factor(mass, damping)
                 except SingularMatrix as error:
@@ -83,11 +83,11 @@ class RunSolvers:
         Raises DoesNotFit where the model does not allow what they would.
         """
         model = self.model
-        if self._factoring.solver.kind != "auto":
+        if self._factoring.solver.unfit != "multigrid":
             return False
         if model.dofs is None or not model.symmetric:
             lacks = "node coordinates (convert it with --nodes)" if model.dofs is None else "symmetric matrices"
-            fits_not = str(error).partition("; real points")[0]
+            fits_not = str(error).partition("; with solver.unfit")[0]
             raise DoesNotFit(f"{fits_not}; {model.name} lacks {lacks}, which multigrid needs in place of it") from error
         if self._real is not None:
             self._records_before += self._real.records

@@ -36,6 +36,11 @@ OUTLINE, UNDEFORMED, EDGE = (0.13, 0.13, 0.13), (0.62, 0.62, 0.62), (0.25, 0.25,
 MARK = tuple(int(COLOURS[1][k : k + 2], 16) / 255 for k in (1, 3, 5))
 
 
+# Blue over yellow to red of ColorBrewer: light and told apart by hue, so that shadow leaves it readable, where the dark
+# end of viridis gets black; no grey in it, which stands for no value. The page has it without matplotlib.
+COLOUR_MAP, NO_VALUE = "RdYlBu_r", (0.4, 0.4, 0.4)
+COLOUR_STOPS = ("#313695", "#4575b4", "#74add1", "#abd9e9", "#e0f3f8", "#ffffbf", "#fee090", "#fdae61", "#f46d43",
+                "#d73027", "#a50026")  # fmt: skip
 COLOUR_BARS = {"displacement": "displacement / its largest", "stress": "von Mises stress / its largest"}
 MEGAPASCAL = 1e6
 
@@ -274,9 +279,9 @@ class _Stage:
             axes.text(left + 1.75, 0.30, "undeformed", fontsize=9, color=INK, va="center")
         bar = figure.add_axes([(WIDTH - 3.0) / WIDTH, 0.27 / tall, 2.6 / WIDTH, 0.12 / tall])
         label, largest = self.bar
-        bar.imshow(np.linspace(0, 1, 256)[None], cmap="viridis", aspect="auto", extent=(0, 1, 0, 1))
-        ticks = [0, 0.5, 1]
-        bar.set(yticks=[], xticks=ticks, xticklabels=[f"{largest * tick:.4g}" for tick in ticks])
+        bar.imshow(np.linspace(0, 1, 256)[None], cmap=COLOUR_MAP, aspect="auto", extent=(0, largest or 1.0, 0, 1))
+        ticks = round_ticks(largest)
+        bar.set(yticks=[], xticks=ticks, xticklabels=[f"{tick:g}" for tick in ticks])
         bar.tick_params(labelsize=8, length=2, pad=2, color=INK, labelcolor=INK)
         bar.set_title(label, fontsize=9, color=INK, pad=3)
         for spine in bar.spines.values():
@@ -303,7 +308,7 @@ def render(surface: DrawnSurface, moved, values, view: View, marks=()) -> np.nda
     """
     from matplotlib import colormaps
 
-    colours = colormaps["viridis"].with_extremes(bad="0.8")
+    colours = colormaps[COLOUR_MAP].with_extremes(bad=NO_VALUE)
     canvas = Canvas(view.width, view.height)
     image = np.ones((view.height, view.width, 3))
     screen = view.screen(moved)
@@ -380,6 +385,14 @@ def round_length(length) -> float:
     """Return the largest of 1, 2, 5 times a power of ten that is not above a length."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(max(step for step in (1, 2, 5) if step * power <= length * (1 + 1e-12)) * power)
+
+
+def round_ticks(largest) -> list[float]:
+    """Return 0 and multiples of a round step up to `largest`, three to six in all; 0 alone where that is 0."""
+    if not largest > 0:
+        return [0.0]
+    step = round_length(largest / 2)
+    return [float(f"{k * step:.6g}") for k in range(int(largest / step * (1 + 1e-9)) + 1)]
 
 
 def in_metres(length) -> str:

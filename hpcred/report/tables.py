@@ -19,40 +19,46 @@ NAMES = {"mumps": "MUMPS", "cudss": "cuDSS", "superlu_dist": "SuperLU_DIST", "pe
 def show_table(title, rows: list[dict]):
     """Print rows, dicts with the same keys, as a table on rank 0; numbers are right-aligned.
 
-    It is as wide as the terminal (or COLUMNS), 80 where there is none: texts take several lines between their words,
-    which are never parted, so that names can be copied; columns that do not fit follow below, behind the first one
-    again.
+    It is as wide as the terminal (or COLUMNS), 80 where there is none. Every row is one line: where the columns do not
+    fit, the longest texts, or else the last columns, follow below, behind the first column again. Only texts that are
+    longer than such a line take several, between their words, which are never parted, so that names can be copied.
     """
     if MPI.COMM_WORLD.rank or not rows:
         return
+    columns = shutil.get_terminal_size().columns
     if title:
-        print(title)
-    width = shutil.get_terminal_size().columns
-    least = {column: _widest(column, rows) for column in rows[0]}
-    first, *others = rows[0]
+        print(textwrap.fill(title, columns, break_long_words=False, break_on_hyphens=False))
+    first, *left = rows[0]
+    whole = columns - 2
+    start = _width(first, rows, whole // 3, True)
+    room = whole - start - 2
     while True:
-        taken, room = [first], width - least[first] - 4
-        while others and (len(taken) == 1 or least[others[0]] + 2 <= room):
-            room -= least[others[0]] + 2
-            taken.append(others.pop(0))
-        _show(_widths({column: least[column] for column in taken}, rows, room), rows)
-        if not others:
+        widths = _fitting(left, rows, room)
+        _show({first: start, **widths}, rows)
+        left = [column for column in left if column not in widths]
+        if not left:
             return
 
 
-def _widths(least, rows, room) -> dict[str, int]:
-    """Return the widths of columns: the `least`, and fair shares of the room that is left for those with longer
-    texts."""
-    wanted = {} if room < 0 else {
-        column: max(len(column), *(len(_cell(row[column])) for row in rows)) - width for column, width in least.items()
-        if not _numeric(column, rows)
-    }  # fmt: skip
-    widths = dict(least)
-    for left, column in zip(range(len(wanted), 0, -1), sorted(wanted, key=wanted.get), strict=True):
-        more = max(min(wanted[column], room // left), 0)
-        widths[column] += more
-        room -= more
+def _fitting(columns, rows, room) -> dict[str, int]:
+    """Return the widths of those columns that fit beside each other, with two blanks before each; of one at least."""
+    for head in (True, False):  # heads of texts take several lines only where that helps
+        widths = {column: _width(column, rows, room - 2, head) for column in columns}
+        if sum(widths.values()) + 2 * len(widths) <= room:
+            return widths
+    while len(widths) > 1 and sum(widths.values()) + 2 * len(widths) > room:
+        texts = [column for column in widths if not _numeric(column, rows)]
+        del widths[max(texts, key=widths.get) if texts else list(widths)[-1]]
     return widths
+
+
+def _width(column, rows, most, head) -> int:
+    """Return the width of a column with each row in one line of at most `most`, but for longer words; `head`: the head
+    of texts too, while that of numbers always takes several."""
+    longest = max(len(_cell(row[column])) for row in rows)
+    if head and not _numeric(column, rows):
+        longest = max(longest, len(column))
+    return max(_widest_word(column, rows), min(longest, most))
 
 
 def told_apart(names: list[str]) -> list[str]:
@@ -69,8 +75,8 @@ def _numeric(column, rows):
     return all(isinstance(row[column], (int, float)) for row in rows)
 
 
-def _widest(column, rows) -> int:
-    """Return the longest word of a column."""
+def _widest_word(column, rows) -> int:
+    """Return the length of the longest word of a column and its head."""
     return max(map(len, " ".join([column, *(_cell(row[column]) for row in rows)]).split()), default=1)
 
 
@@ -89,10 +95,10 @@ def _show(widths, rows):
     for row in rows:
         table.add_row(*(_cell(row[column]) for column in widths))
     wide = sum(widths.values()) + 2 * len(widths) + 2  # with blanks beside each
-    try:
-        Console(file=sys.stdout, width=wide, highlight=False, markup=False, emoji=False).print(table)
-    except SystemExit as error:  # so rich says that a pipe was closed
-        raise BrokenPipeError from error
+    console = Console(file=sys.stdout, width=wide, highlight=False, markup=False, emoji=False)
+    with console.capture() as captured:
+        console.print(table)
+    print("\n".join(line.rstrip() for line in captured.get().splitlines()), flush=True)
 
 
 def _cell(value) -> str:

@@ -37,7 +37,7 @@ from ..reduction.settings import Reduction
 from ..reduction.tolerance.accuracy import Adaptive, Limits
 from .source import Source
 from .term_table import TermTable
-from .toml_file import CONFIG, check_file_names, parse, read_table
+from .toml_file import CONFIG, check_file_names, parse, read_table, require_kind
 from .viscoelastic import ViscoelasticPart
 
 FILES_OF_STATE = ("stresses", "file", "opposite")
@@ -254,6 +254,7 @@ def read_job(path, overrides=()) -> Job:
     Raises InputError that names the key, what was found and what was expected.
     """
     path, table = Path(path), read_table(path, overrides)
+    require_kind(path, table, "model")
     try:
         return _with_folder(parse(Job, table), path.parent)
     except InputError as error:

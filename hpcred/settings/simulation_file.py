@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..parallel.failures import InputError
 from ..simulation.simulation import Simulation
-from .toml_file import CONFIG, check_file_names, parse, read_table
+from .toml_file import CONFIG, check_file_names, parse, read_table, require_kind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +38,7 @@ class SimulationJob(Simulation):
 def read_simulation(path, overrides=()) -> SimulationJob:
     """Read and check a file of a simulation; `overrides` as for read_job. Raises InputError."""
     path, table = Path(path), read_table(path, overrides)
+    require_kind(path, table, "body")
     try:
         setup = parse(SimulationJob, table)
         if Path(setup.output).suffix in (".csv", ".png", ".pvd"):

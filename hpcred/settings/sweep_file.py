@@ -32,7 +32,7 @@ from ..files.result_file import FORMAT as RESULT
 from ..parallel.failures import InputError
 from ..parallel.ranges import ANYTHING, SAMPLES, require_band, within
 from .job_file import Job, job_from, plain
-from .toml_file import CONFIG, as_value, check_file_names, parse, put, read_table
+from .toml_file import CONFIG, as_value, check_file_names, parse, put, read_table, require_kind
 
 RUNS = (1, 10**5, "")
 NO_MATTER = ("output", "out_of_core", "memory_mb", "store")  # keys of a job that no number of its result depends on
@@ -243,6 +243,7 @@ def read_sweep(path, store=None, *, runs_come=True) -> Sweep:
     path = Path(path)
     check_file_names(**{"--store": store})
     table = read_table(path)
+    require_kind(path, table, "job")
     try:
         file = parse(_File, table)
         folder = path.parent / (file.output or path.stem)

@@ -22,6 +22,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
+COMMANDS = {"job": ("a sweep", "sweep"), "body": ("a simulation", "simulate"), "model": ("a job", "reduce")}  # by key
 CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)  # of the outermost dataclass, which hands it to those inside
 LONGEST_PATH, LONGEST_NAME = 4096, 255  # bytes, of Linux
 STRAY = re.compile("[\ud800-\udfff]")  # bytes of a command line that are no letters, as Python keeps them
@@ -122,6 +123,15 @@ def _stray_text(value, key="") -> tuple[str, str] | None:
     else:
         items = [(f"{key}[{k}]", item) for k, item in enumerate(value)] if isinstance(value, list) else []
     return next((found for name, item in items if (found := _stray_text(item, name)) is not None), None)
+
+
+def require_kind(path, table, key):
+    """Raise InputError for the file of another command: one without `key`, and with the key of another."""
+    other = next((item for item in COMMANDS if item in table), None)
+    if key not in table and other is not None:
+        what, command = COMMANDS[other]
+        raise InputError(f"{path}: found {what}, which `hpcred {command}` reads; expected {COMMANDS[key][0]}, with a "
+                         f"key {key}")  # fmt: skip
 
 
 _MISSING = object()

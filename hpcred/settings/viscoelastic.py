@@ -25,7 +25,7 @@ class ViscoelasticPart:
     material: str | None = None
     variable: str | None = None
     units: str | None = None
-    name: str = ""
+    name: str | None = None
 
     def __post_init__(self):
         as_declared(self, "viscoelastic.")

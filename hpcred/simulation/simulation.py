@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from ..body.rotations import continuous, quaternion, rotation, vector_of
 from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError
 from ..parallel.petsc import MPI
-from ..parallel.progress import Progress
+from ..parallel.progress import Progress, in_time
 from ..parallel.ranges import LABEL, within
 from ..reduction.maxwell_states import maxwell_states
 from .checks import require_finite
@@ -21,7 +22,7 @@ from .equations_of_motion import FlexibleBody, node_motion
 from .joints import AXES, Joint, holds_of
 from .loads import AnyForce, AnyInputLoad, AnyMoment, Vector, load_of, push_of
 from .springs import ZERO, AnySpring, element_of
-from .warnings import Limits, first_frequency, warnings_of_inputs, warnings_of_places
+from .warnings import Limits, first_frequency, note_on_steps, warnings_of_inputs, warnings_of_places
 
 MOST_STEPS = 1e8  # that a simulation may need; they take weeks
 STEPS_OF_A_TURN = 8
@@ -302,7 +303,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     )  # fmt: skip
     warnings = setup.warnings + warnings_of_places(body, setup, {node: motion.x for node, motion in first.items()})
     warnings += warnings_of_inputs(body, setup, holds, {node: motion.R for node, motion in first.items()}, A)
-    progress = progress or Progress(MPI.COMM_SELF, show=False)
+    progress = progress or Progress(MPI.COMM_SELF)
     for warning in warnings:  # before a run that may take long for that reason
         progress.warn(warning)
     notes = remarks(body) + _loads_without_stress(body, setup) + _spins_twice(body, setup)
@@ -318,6 +319,9 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     y0, yp0, change = system.start(r, p, q, z)
     if change > 1e-10 * max(1.0, np.abs(z).max()):
         notes.append(f"the initial velocities did not fit the constraints and were projected (change {change:.2g})")
+    if told := note_on_steps(system, setup, y0, yp0):  # before they are taken
+        progress.tell(f"note: {told}")
+        notes.append(told)
     limits = Limits(body, system, first_frequency(system, r, p, q), progress.warn)
     with np.errstate(all="ignore"):  # a step in which numbers overflow is tried again, shorter; the motion is checked
         t, states, rates, factorisations = _integrate(system, setup, y0, yp0, limits, progress)
@@ -398,16 +402,16 @@ def _integrate(system, setup, y0, yp0, limits, progress):
     except ImportError as error:
         raise InputError("a simulation needs scipy_dae: pip install 'hpcred[simulate]'") from error
 
-    shown = -1
-
-    pace = _Pace(setup.end)
+    shown, begun, pace = -1, time.perf_counter(), _Pace(setup.end)
 
     def residual(t, y, yp):
         nonlocal shown
         pace.evaluated()
         if int(20 * t / setup.end) > shown:
             shown = int(20 * t / setup.end)
-            progress.say(f"t = {t:.4g} s of {setup.end:g} s")
+            passed = time.perf_counter() - begun
+            left = f", {pace.steps} steps, about {in_time(passed * (setup.end / t - 1))} left" if shown > 0 else ""
+            progress.say(f"t = {t:.4g} s of {setup.end:g} s{left}")
         return system.residual(t, y, yp)
 
     # impulses begin at zero, and their rates, the forces, have round-off relative to their own size

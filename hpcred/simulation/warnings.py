@@ -10,7 +10,7 @@ first frequency has no stability.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import eigvalsh, null_space
+from scipy.linalg import eigh, null_space
 
 from ..body.geometric_stiffness import StiffenedFrame
 from ..body.rotations import rotation
@@ -18,6 +18,9 @@ from ..body.rotations import rotation
 OUTSIDE = 1e-6  # of a generalised force: more outside of those of the inputs belongs to none of them
 STILL = 1e-9  # of the largest: below it a direction does not move, and an input is none
 KINDS = ("forces", "moments")
+STEPS_OF_A_PERIOD = 3.0  # of the stiffest mode, once the body vibrates; 1.4 to 6 were counted
+GONE = 10.0  # time constants after which a vibration is below the tolerance
+MANY_STEPS = 20_000
 FAR = 100.0  # radii of gyration: what is m away from a part is a thousand times as far in mm
 # what is seen, the fraction of its scale from which on it is told, and how
 LIMITS = (
@@ -103,12 +106,49 @@ def first_frequency(system, r, p, q) -> float:
     """
     if isinstance(system.floating_frame, StiffenedFrame) and system.floating_frame.stiffened_by_rotation:
         return np.inf
+    values, _, G = _held_modes(system, r, p, q)
+    free = 6 - np.linalg.matrix_rank(G[:, :6]) if len(G) else 6  # rigid motions, at frequency zero
+    return float(np.sqrt(max(values[free], 0.0))) if len(values) > free else np.inf
+
+
+def _held_modes(system, r, p, q):
+    """Return eigenvalues (k,) and vectors (6 + m, k) of the body as joints and drives hold it at first, and their
+    constraints (c, 6 + m)."""
     G, _ = system.constraints(0.0, system.node_motions(r, rotation(p), q))
     Z = null_space(G) if len(G) else np.eye(G.shape[1])
     K = (system.K + system.K.T) / 2
-    values = eigvalsh(Z[6:].T @ K @ Z[6:], Z.T @ system.floating_frame.mass_matrix(q) @ Z)
-    free = 6 - np.linalg.matrix_rank(G[:, :6]) if len(G) else 6  # rigid motions, at frequency zero
-    return float(np.sqrt(max(values[free], 0.0))) if len(values) > free else np.inf
+    values, X = eigh(Z[6:].T @ K @ Z[6:], Z.T @ system.floating_frame.mass_matrix(q) @ Z)
+    return values, Z @ X, G
+
+
+def note_on_steps(system, setup, y0, yp0) -> str | None:
+    """Return a sentence where the start sets the body vibrating, and its stiffest modes are so stiff that the
+    integrator will take very many steps; None where the start is at rest to the tolerance."""
+    r, p, q, z, *_ = system.split(y0)
+    rates = system.split(yp0)[3]
+    values, X, _ = _held_modes(system, r, p, q)
+    M = system.floating_frame.mass_matrix(q)
+    omega = np.sqrt(np.maximum(values, 0.0))
+    elastic = omega > np.finfo(float).eps ** 0.5 * omega.max(initial=0.0)
+    omega, X = omega[elastic], X[:, elastic]
+    # amplitudes in the elastic coordinates, by the velocities and accelerations that the start has in each mode
+    speed, push = (X.T @ M @ part for part in (z, rates))
+    amplitude = np.hypot(speed / omega, push / omega**2) * np.abs(X[6:]).max(axis=0, initial=0.0)
+    if not amplitude.max(initial=0.0) > setup.absolute_tolerance:
+        return None
+    decay = np.einsum("ik,ij,jk->k", X[6:], system.D, X[6:]) / 2
+    lasting = np.minimum(setup.end, GONE / np.maximum(decay, 1e-300))
+    steps = STEPS_OF_A_PERIOD * omega / (2 * np.pi) * lasting
+    k = int(steps.argmax())
+    if steps[k] < MANY_STEPS:
+        return None
+    f = omega[k] / (2 * np.pi)
+    return (
+        f"steps: the start sets the body vibrating, which as joints hold it has {f:.4g} Hz in its stiffest mode that "
+        f"is hardly damped: a period of {1e6 / f:.3g} us, for output steps of {1e6 * setup.end / setup.steps:.3g} us; "
+        f"the integrator will take about {steps[k]:.0e} steps; start = 'static', damping, drop_above in the job of the "
+        "reduction, or relative_tolerance = 1e-3 with absolute_tolerance = 1e-6 take far fewer"
+    )
 
 
 class Limits:

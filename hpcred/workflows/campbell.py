@@ -166,7 +166,7 @@ def _report(found: Campbell) -> dict:
         "residual": max((item.residual for item in found.full), default=None),
         "stability_limit": found.stability_limit,
         "unstable_frequency_hz": found.unstable_frequency,
-        "sentence": in_a_sentence(found),
+        "sentence": found.sentence,
         "warnings": list(found.warnings),
     }
 
@@ -197,14 +197,3 @@ def rows_of_critical(found: Campbell) -> list[dict]:
          "f (Hz)": item.frequency, "mode": item.mode + 1, "whirl": item.whirl, "damping (%)": 100 * item.damping_ratio}
         for item in found.critical_speeds
     ]  # fmt: skip
-
-
-def in_a_sentence(found: Campbell) -> str:
-    """Return what is known of stability in a sentence."""
-    name, unit = found.parameter, f" {found.unit}" * bool(found.unit)
-    if found.stability_limit is None:
-        low, high = found.values[[0, -1]]
-        return f"stable for {name} = {low:.6g} to {high:.6g}{unit}"
-    how = "without vibration" if not found.unstable_frequency else f"at {found.unstable_frequency:.6g} Hz"
-    rpm = f" ({found.stability_limit * 30 / np.pi:.6g} rpm)" if found.unit == "rad/s" else ""
-    return f"UNSTABLE from {name} = {found.stability_limit:.8g}{unit}{rpm} on, {how}"

@@ -26,10 +26,9 @@ from ..reduction.parametric.accuracy import in_words
 from ..reduction.reduced_model import ReducedModel
 from ..settings.toml_file import override
 from ..writers.base import OF_NAMES, ExportSource
-from ..writers.registry import WRITERS
+from ..writers.registry import PROGRAMS, WRITERS
 from .workflow import workflow
 
-PROGRAMS = {"simpack": "sid", "simulink": "simscape", "dymola": "fmu", "paraview": "vtk"}  # words for a format
 WITHOUT_NODES = {
     "shapes": "shows all nodes",
     "reduced": "has inputs and outputs, and no nodes",
@@ -44,12 +43,12 @@ def export_result(
 ) -> dict:  # fmt: skip
     """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
 
-    `kind`: a format, see `hpcred export --help`, by default what the name of `path` ends in, or else "sid"; `path`: by
-    default the name of the result with the suffix of the format. `nodes`: numbers of the interface nodes, or names of
-    interfaces or node sets, by default those of the inputs and outputs; a superelement has those of its coordinates.
-    `units`: of the file, see model.units.units_of; bodies and superelements have others than SI. `preload`: a Preload,
-    whose stiffness K then has. `at`: values of the parameters by name; without them formats that hold parameters keep
-    them, and others have the reference values.
+    `kind`: a format, see `hpcred export --help`, or one of PROGRAMS, by default what the name of `path` ends in,
+    or else "sid"; `path`: by default the name of the result with the suffix of the format. `nodes`: numbers of the
+    interface nodes, or names of interfaces or node sets, by default those of the inputs and outputs; a superelement
+    has those of its coordinates. `units`: of the file, see model.units.units_of; bodies and superelements have
+    others than SI. `preload`: a Preload, whose stiffness K then has. `at`: values of the parameters by name;
+    without them formats that hold parameters keep them, and others have the reference values.
     `modes`: numbers from 1 of the shapes of a picture, by default the first six elastic ones, of a moving one (gif,
     webp) the first. `options`: settings of the format by name, such as {"ge_order": "coordinate"} of "sid", or texts
     such as "sid.ge_order=coordinate". Returns what was written: output, format, and shapes (their names), or
@@ -184,13 +183,13 @@ def _entry(kind, path):
     if kind is None:
         fits = ending and WRITERS.first(lambda item: _ending(item) == ending, WRITERS.others)
         return fits or own["sid"]
+    kind = PROGRAMS.get(str(kind).lower(), kind)
     known = own if kind in own else dict(own)
     for entry in WRITERS.others if kind not in own else ():
         known.setdefault(entry.name, entry)
     if kind not in known:
-        meant = PROGRAMS.get(str(kind).lower())
-        such = f" (did you mean '{meant}'?)" if meant else nearest(kind, known)
-        raise InputError(f"--format: found '{kind}', expected one of {', '.join(known)}{such}")
+        names = [*known, *PROGRAMS]
+        raise InputError(f"--format: found '{kind}', expected one of {', '.join(names)}{nearest(kind, names)}")
     writer = WRITERS.load(known[kind])
     expected = _ending(writer)
     if path and ending != expected and (writer.picture or ending in endings.values()):

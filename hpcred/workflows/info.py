@@ -38,7 +38,6 @@ from ..readers.registry import reader_of
 from ..readers.unread import refuse_unread
 from ..reduction.record import versions
 from ..settings.job_file import read_job
-from ..settings.toml_file import read_table
 from ..writers.registry import WRITERS
 from .info_of_output import OUTPUTS, by_writers, damaged, described, read_whole
 from .model_of_job import with_interfaces_of_job
@@ -91,7 +90,7 @@ def describe_file(
     job = None
     with agreed(comm):
         if Path(path).suffix == ".toml":
-            job = _read_job(path)
+            job = read_job(path)
             if frequencies or band_top or modes or sets is not None:
                 raise InputError(f"{path}: a job is shown and drawn with its interfaces; modes, sizes and sets are "
                                  "those of a model file")  # fmt: skip
@@ -157,15 +156,6 @@ def _draw(figure, model, names):
                          "`hpcred info job.toml --figure` draws the interfaces of a job")  # fmt: skip
     chosen = names or [name for name, size in known.items() if size <= MOST] or known
     draw_sets_of(figure, model, {name: model.sets.get(name, np.zeros(0, np.int64)) for name in chosen})
-
-
-def _read_job(path):
-    """Return the job of a .toml file; raises InputError for a sweep or a simulation, which other commands read."""
-    table = read_table(path)
-    for key, what, how in (("job", "a sweep", "sweep"), ("body", "a simulation", "simulate")):
-        if key in table:
-            raise InputError(f"{path}: found {what}; `hpcred {how}` reads it")
-    return read_job(path)
 
 
 def _job(path, job, figure, comm, progress):

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..analysis.summary import inspect
 from ..files import (
     campbell_file,
     model_file,
@@ -28,6 +29,7 @@ from ..model.parameters import rows_of_parameters
 from ..model.second_order_model import declared_in
 from ..parallel.failures import InputError, agreed
 from ..parallel.plugins import OWN, blamed
+from ..parallel.progress import Progress
 from ..parallel.shares import row_range
 from ..writers.registry import WRITERS
 from .workflow import workflow
@@ -152,9 +154,9 @@ FORMATS = {item.FORMAT: (item.VERSION, getattr(item, "SCHEMA", None)) for item i
 
 
 @workflow
-def verify_file(path, *, comm=None) -> dict:
+def verify_file(path, *, comm=None, progress: Progress | None = None) -> dict:
     """Read all of a file of hpcred that has checksums, such as a model or a result, on all ranks; what was checked, in
-    numbers.
+    numbers, and of a model its summary, for which M is factored (see analysis.summary.inspect).
 
     Collective. Raises InputError at the first dataset that is damaged, and where there are no
     checksums, or those of earlier versions.
@@ -168,7 +170,11 @@ def verify_file(path, *, comm=None) -> dict:
             if not file.complete:
                 raise InputError(f"{path}: has no checksums, or other ones, made by an older hpcred; make it again")
             count = file.verify(lambda rows: row_range(comm, rows))
-    return {"format": kind, "verified_datasets": count, "warnings": []}
+    report = {"format": kind, "verified_datasets": count, "warnings": []}
+    if kind == model_file.FORMAT:
+        with model_file.read_model(path, comm) as model, progress.stage("inspect"):
+            report |= inspect(model, verify=True, progress=progress)
+    return report
 
 
 def table(path) -> dict:

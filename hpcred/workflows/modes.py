@@ -72,16 +72,18 @@ def tables_of_modes(report) -> tuple[list[dict], list[dict]]:
     """Return rows for tables of what modes_of_file returned: effective masses in % of the whole, and participation
     factors.
 
-    Motions without mass or inertia have no column, such as those out of the plane of a plane body.
+    Motions without mass or inertia have no column, such as those out of the plane of a plane body, and rigid-body
+    modes no row.
     """
     masses, factors = np.array(report["masses"]), np.array(report["participation_factors"])
     there = _moving(masses)
     share = np.divide(report["effective_masses"], masses, out=np.zeros_like(factors), where=there)
     factors[np.abs(factors) < np.sqrt(ROUND_OFF * masses)] = 0.0
     named = [{"mode": i, "f (Hz)": f} for i, f in enumerate(report["frequencies_hz"], 1)]
-    rows = [row | _by_motion(100 * part, 2, there) for row, part in zip(named, share, strict=True)]
+    rigid = slice(report["rigid_body_modes"], None)
+    rows = [row | _by_motion(100 * part, 2, there) for row, part in zip(named, share, strict=True)][rigid]
     rows.append({"mode": "sum", "f (Hz)": ""} | _by_motion(100 * share.sum(axis=0), 2, there))
-    return rows, [row | _by_motion(part, 5, there) for row, part in zip(named, factors, strict=True)]
+    return rows, [row | _by_motion(part, 5, there) for row, part in zip(named, factors, strict=True)][rigid]
 
 
 def mass_in_words(report) -> str:

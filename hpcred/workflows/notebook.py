@@ -1,4 +1,5 @@
-"""Draw what is in memory for notebooks: responses of a reduced model, and the lowest modes of a model."""
+"""Draw what is in memory for notebooks: responses of a reduced model, Campbell diagrams, the lowest modes of a model.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +8,7 @@ from contextlib import closing
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
+from ..analysis.campbell_diagram import Campbell
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
 from ..analysis.natural_modes import natural_modes
 from ..files.temporary import folder_of_all
@@ -18,6 +20,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.ranges import require_band
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.reduced_model import ReducedModel, as_measured
+from ..report.campbell_figure import draw_campbell
 from ..report.figures import MOST, draw_responses, new_figure
 from ..report.mode_pictures import figure_of_shapes
 from .evaluate import band_of
@@ -83,6 +86,32 @@ def plot_response(
     curves = [(names[0][i], names[1][j], H[:, i, j]) for i, j in chosen]
     known = None if accuracy is None else (accuracy.frequencies, accuracy.eps)
     draw_responses(figure, frequencies, curves, title, known, accuracy and accuracy.tolerance)
+    return figure
+
+
+@spelled
+def plot_campbell(found: Campbell, title: str | None = None) -> Figure:
+    """Draw a Campbell diagram: frequencies, and damping ratios where there is damping, over the parameter.
+
+    Parameters
+    ----------
+    found : Campbell
+    title : str, optional
+        By default what is known of stability.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Notebooks show it; `savefig` writes it. No window of pyplot has it.
+
+    Raises
+    ------
+    InputError
+        If matplotlib is missing.
+    """
+    found = declared("found", found, Campbell)
+    figure = new_figure(figsize=(9.0, 7.0), layout="constrained")
+    draw_campbell(figure, found, found.sentence if title is None else declared("title", title, str))
     return figure
 
 

@@ -33,14 +33,15 @@ SIZE = 40  # coordinates that a reduction to a tolerance is expected to have
 
 @dataclass(frozen=True)
 class Reduced:
-    """What a job gave: the file, its record, the number of coordinates, also in words, and the pseudo-frequencies in
-    Hz."""
+    """What a job gave: the file, its record, the number of coordinates, also in words, the pseudo-frequencies in Hz,
+    and the report, None without one."""
 
     output: str
     record: Record
     size: int
     size_in_words: str
     frequencies: tuple[float, ...]
+    report: str | None = None
 
 
 @workflow
@@ -119,7 +120,10 @@ def _reduced(job, basis, reads, comm, progress) -> Reduced:
                     ), output, comm,
                 )  # fmt: skip
             record = replace(reduced.record, timing=progress.timing())
-            found = Reduced(output, record, reduced.size, reduced.size_in_words, tuple(reduced.frequencies.tolist()))
+            report = str(_report_of(output)) if job.report else None
+            found = Reduced(
+                output, record, reduced.size, reduced.size_in_words, tuple(reduced.frequencies.tolist()), report
+            )
     if job.report:
         from .report import report_file  # which most jobs do without
 

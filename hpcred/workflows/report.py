@@ -12,10 +12,9 @@ from ..files.together import together
 from ..linalg.solvers.settings import Factoring
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
-from ..report.figures import has_matplotlib
-from ..report.page import MOST_POINTS, body_for_page, drawn_for_page, render_page
+from ..report.page import MOST_POINTS, body_for_page, motion_for_page, render_page
 from .pair_figures import check_drawing, pairs_by_name, pairs_to_show
-from .report_files import draw_files, stress_pictures, write_tables
+from .report_files import draw_files, write_tables
 from .report_page import page_of
 from .report_sheets import Sheet, sheets_of
 from .stress_state import stress_of_motion
@@ -84,8 +83,8 @@ def _take_body(sheet, modes, most):
         with sheet.result.shapes() as shapes:
             sheet.body, sheet.body_sentence = body_for_page(shapes, modes, most)
             sheet.has_stress = shapes.has_stress
-            if sheet.has_stress and has_matplotlib():
-                sheet.pictures = [drawn_for_page(draw) for _, draw in stress_pictures(sheet, shapes, "png")]
+            if (moved := sheet.moved) is not None:
+                sheet.motion = motion_for_page(shapes, moved.q, moved.t[moved.shown], moved.worst_shown)
     except InputError as error:
         sheet.body_sentence = str(error)
 

@@ -9,7 +9,7 @@ from ..parallel.failures import InputError
 from ..report.campbell_figure import campbell_figure
 from ..report.figures import has_matplotlib
 from ..report.page import drawn_for_page
-from .campbell import axis_of, in_a_sentence, rows_of_critical, rows_of_modes
+from .campbell import axis_of, rows_of_critical, rows_of_modes
 
 
 def diagrams_of(result: Result, notes: list[str], at: dict[str, float]) -> list[Campbell]:
@@ -34,7 +34,7 @@ def shown_diagrams(sheet) -> list[dict]:
     return [
         {
             "over": found.parameter,
-            "sentence": in_a_sentence(found),
+            "sentence": found.sentence,
             "stable": found.stability_limit is None,
             "warnings": list(found.warnings),
             "picture": drawn_for_page(draw) if has_matplotlib() else None,

@@ -8,6 +8,7 @@ from ..model.dofs import named_quantity, target_of
 from ..model.units import unit_of_response
 from ..reduction.parametric.accuracy import in_words as values_in_words
 from ..reduction.record import version_of
+from ..reduction.tolerance.accuracy import WORST
 from ..reduction.tolerance.directions import rows_of_directions
 from ..report.figures import UNKNOWN
 from ..report.page import packed
@@ -35,9 +36,11 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
         "notes": list(dict.fromkeys(note for sheet in sheets for note in sheet.notes)),
         "response_notes": [f"{name}: responses and errors are {words}" for name, words in whose.items()],
         "paper": [sheet.name for sheet in sheets if _is_of_paper(sheet)],
+        "worst": WORST,
         "searched": any(result["points"] for result in results),
         "shaped": any(result["shape"] for result in results),
-        "stressed": any(result["pictures"] for result in results),
+        "stressed": any(sheet.has_stress for sheet in sheets),
+        "moved": any(result["motion"] for result in results),
         "parametric": any(result["diagrams"] for result in results),
         "with_modes": any(sheet.full is not None and len(sheet.full.modes) for sheet in sheets),
     }  # fmt: skip
@@ -69,6 +72,10 @@ def _drawn(sheet, pairs):
         "tolerance": None if accuracy is None else accuracy.tolerance,
         "seconds": sheet.record.timing.seconds,
         "shape": sheet.body,
+        "motion": sheet.motion,
+        "stress_curves": None if sheet.moved is None else {
+            "t": packed(sheet.moved.t), "curves": [{"name": name, "y": packed(y)} for name, y in sheet.moved.curves]
+        },
     }
     if accuracy is not None:
         drawn |= {"eps_frequencies": packed(accuracy.frequencies), "eps": packed(accuracy.eps)}
@@ -127,7 +134,11 @@ def _shown(sheet):
         ],
         "shape": None if sheet.body is None else {"count": len(sheet.body["names"]), "start": sheet.body["start"] + 1},
         "shape_note": sheet.body_sentence,
-        "pictures": sheet.pictures,
+        "motion": None if sheet.motion is None else {
+            "title": sheet.moved.title, "count": len(sheet.motion["times"]), "start": sheet.motion["start"],
+            "ticks": [(100 * tick / max(sheet.motion["largest"], 1e-300), f"{tick:g}")
+                      for tick in sheet.motion["ticks"]],
+        },
         "diagrams": shown_diagrams(sheet),
     }  # fmt: skip
 
@@ -181,7 +192,7 @@ def _facts(sheet):
         "model": f"{record.model}, {record.size} dofs, {record.nonzeros} nonzeros",
         "reduced model": sheet.result.reduced.size_in_words,
         **body,
-        "units": "kg, m, s, if the model has them",
+        "units": f"kg, m, s, converted from {record.units}" if record.units else "kg, m, s, if the model has them",
         "frame": kind_in_words(record.frame),
         "damping": kind_in_words(record.damping),
         **({"at": values_in_words(sheet.result.values)} if sheet.result.values else {}),

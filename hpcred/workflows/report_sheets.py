@@ -50,7 +50,7 @@ class Sheet:
 
     With a full model: `full`, which may be that of a sheet before (`full_as_before`), and the `errors` at its
     frequencies. `body`: shapes for the page and a sentence, by body_for_page. `has_stress`: whether the result has
-    stress modes. `moved`: stresses of a motion. `pictures`: of stresses, for the page.
+    stress modes. `moved`: stresses of a motion, and `motion` their picture for the page, by motion_for_page.
     `diagrams`: poles over each parameter.
     """
 
@@ -69,7 +69,7 @@ class Sheet:
     body_sentence: str = ""
     has_stress: bool = False
     moved: StressOfMotion | None = None
-    pictures: list[str] = field(default_factory=list)
+    motion: dict | None = None
     diagrams: list[Campbell] = field(default_factory=list)
     notes: list = field(default_factory=list)
 

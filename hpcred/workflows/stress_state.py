@@ -13,18 +13,25 @@ from .recover import coordinates_of
 
 AT_ONCE = 2**24  # numbers of stresses that are held at a time
 CURVES = 4  # nodes whose stress over time is kept
+SHOWN = 48  # instants of the motion that a page plays
 APART = 0.1  # of the diagonal of the body, between these nodes: the neighbours of the worst node show nothing new
 
 
 @dataclass(frozen=True)
 class StressOfMotion:
     """Coordinates (m,) at the `worst` instant, that of the largest von Mises stress, a `title` with its numbers, and
-    `curves` over the times `t` (nt,): a label and the stress in MPa (nt,) of the nodes with the largest peaks."""
+    `curves` over the times `t` (nt,): a label and the stress in MPa (nt,) of the nodes with the largest peaks.
+
+    `q` (f, m): coordinates at the instants `shown` (f,) of t, equally spaced ones and the worst; `worst_shown`: its
+    place among them."""
 
     worst: np.ndarray
     title: str
     t: np.ndarray
     curves: list[tuple[str, np.ndarray]]
+    q: np.ndarray
+    shown: np.ndarray
+    worst_shown: int
 
 
 def stress_of_motion(result: Result, motion, comm) -> StressOfMotion | None:
@@ -50,12 +57,17 @@ def stress_of_motion(result: Result, motion, comm) -> StressOfMotion | None:
             chosen = _apart(peaks, places, APART * np.linalg.norm(np.ptp(shapes.points, axis=0)))
         found = von_mises(np.einsum("tm,msc->tsc", q, modes.stress[:, chosen])) / 1e6
         worst = instants[chosen[0]]
+        spaced = np.linspace(0, len(q) - 1, min(SHOWN, len(q))).round().astype(int)
+        shown = np.unique([*spaced, worst])
         return StressOfMotion(
             q[worst],
             f"t = {coordinates.t[worst]:.4g} s: von Mises stress up to {found.max():.4g} MPa, at node "
             f"{modes.node[chosen[0]]}",
             coordinates.t,
             [(f"node {node}", values) for node, values in zip(modes.node[chosen], found.T, strict=True)],
+            q[shown],
+            shown,
+            int(np.searchsorted(shown, worst)),
         )
 
 

@@ -13,7 +13,8 @@ from ..parallel.progress import Progress
 
 
 def workflow(function: Function) -> Function:
-    """Make a function take `comm`, by default that of the job, and `progress`, by default a silent one.
+    """Make a function take `comm`, by default that of the job, and `progress`, by default one that shows what
+    takes long.
 
     Keywords that it does not have are refused, and outputs that it does not write in the end are given free.
     """
@@ -24,7 +25,7 @@ def workflow(function: Function) -> Function:
     def run(*arguments, **keywords):
         keywords["comm"] = keywords.get("comm") or startup.start_mpi()
         if shows:
-            keywords["progress"] = keywords.get("progress") or Progress(keywords["comm"], show=False)
+            keywords["progress"] = keywords.get("progress") or Progress(keywords["comm"])
         for key, value in [*zip(names, arguments, strict=False), *keywords.items()]:
             if is_blank(value):
                 raise InputError(f"{key}: found an empty text, expected one with letters; leave it out where there is "

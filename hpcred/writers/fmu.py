@@ -372,7 +372,7 @@ class FmuOptions:
     "20:xx,20:yy", or "20" for all six components, at nodes with stress modes.
     """
 
-    name: str = ""
+    name: str | None = None
     stress: tuple[int | str, ...] | int | str = ()
 
 

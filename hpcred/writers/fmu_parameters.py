@@ -8,6 +8,7 @@ import numpy as np
 
 from ..model.expressions import in_c
 from ..model.parameters import Parameter
+from ..reduction.massless import static_coordinates
 from ..reduction.parametric.accuracy import in_words
 from ..reduction.parametric.reduced import ParametricReducedModel
 from ..reduction.reduced_model import ReducedModel
@@ -28,13 +29,17 @@ class Family:
     @classmethod
     def of(cls, parametric: ParametricReducedModel | None, reduced: ReducedModel) -> Family:
         """Return the parts of a model that is `reduced` at the reference values, perhaps with further outputs, whose
-        rows do not depend on parameters; `reduced` alone for None, and where its mass does or its damping is no sum of
-        terms."""
+        rows do not depend on parameters; `reduced` alone for None, and where its mass does, its damping is no sum of
+        terms, or coordinates without mass were eliminated."""
         if parametric is None:
             return cls(reduced)
         what = "mass" if any(item.of == "M" for item in parametric.terms) else "damping"
-        if what == "mass" or parametric.damping_follows:
+        without = bool(static_coordinates(parametric))
+        if without:
+            what, how = "motion of coordinates without mass", "follows forces by the stiffness at each value"
+        elif what == "mass" or parametric.damping_follows:
             how = "depends on parameters" if what == "mass" else "follows the eigenfrequencies at each value"
+        if without or what == "mass" or parametric.damping_follows:
             remark = f"the {what} {how}: at {in_words(parametric.reference)}; --at takes others"
             return cls(reduced, remarks=(remark,))
         known = {key: parametric.constant[key] for key in "KDB"}

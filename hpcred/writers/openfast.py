@@ -37,7 +37,7 @@ class OpenfastOptions:
     """
 
     layout: Literal["flex", "keywords"] = "flex"
-    loads: str = ""
+    loads: str | None = None
 
 
 class ExtPtfm(Writer):

@@ -29,3 +29,4 @@ WRITERS = Registry("writers.base:Writer", "hpcred.writers", {
     "openfast": "writers.openfast:ExtPtfm",
     "mbsim": "writers.mbsim:MbsimFile",
 })  # fmt: skip
+PROGRAMS = {"simpack": "sid", "simulink": "fmu", "dymola": "fmu", "paraview": "vtk"}  # names of formats too

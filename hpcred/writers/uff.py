@@ -72,7 +72,7 @@ class UffFile(Writer):
             return list(shapes.names)
 
     def describe(self, path):
-        nodes, elements = uff.read(path, MPI.COMM_SELF)
+        nodes, elements, *_ = uff.read(path, MPI.COMM_SELF)
         with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
             shapes = [found[1].decode(errors="replace").strip() for found in SHAPE.finditer(text)]
         return {

@@ -6,10 +6,11 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
+from xml.etree import ElementTree
 
 import pytest
 import typer.main
-from docs_pages import DOCS, PAGES, PATHS, ROOT, reference
+from docs_pages import DOCS, PAGES, PATHS, ROOT, reference, tutorial
 from pydantic import Field
 
 import hpcred.cli.main
@@ -132,6 +133,25 @@ def test_messages_are_those_of_the_program():
 
 def test_all_exports_are_on_their_page():
     assert {entry.name for entry in WRITERS.own} <= set(re.findall(r"`([\w-]+)`", (DOCS / "exports.md").read_text()))
+
+
+def test_the_gallery_has_ten_small_pictures_each_behind_its_command():
+    text = (DOCS / "gallery.md").read_text()
+    parts = text.split("\n## ")[1:]
+    names = [tutorial.pictures(part, DOCS / "gallery.md") for part in parts]
+    assert len(parts) == 10 and all(len(found) == 1 for found in names)
+    for part, (name,) in zip(parts, names, strict=True):
+        assert "```console\n$ " in part.partition("![")[0], name
+        assert (DOCS / "gallery" / name).stat().st_size < 130_000, name
+    assert {path.name for path in (DOCS / "gallery").iterdir()} == {name for (name,) in names}
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", DOCS / "index.md"], ids=lambda page: page.name)
+def test_the_first_picture_is_vectors_with_colours_for_light_and_dark(page):
+    first = re.search(r"!\[[^]]+\]\(([^)]+)\)", page.read_text())[1]
+    picture = (page.parent / first).read_text()
+    assert first.endswith(".svg") and "@media (prefers-color-scheme: dark)" in picture and "<title" in picture
+    ElementTree.fromstring(picture)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ from docs_pages import DOCS, ROOT, notebooks, tutorial
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 OF_THE_MACHINE = ("time ", "MUMPS ", "real PETSc", "complex PETSc")
 needs_programs = pytest.mark.skipif(not (shutil.which("ccx") and shutil.which("gmsh")), reason="needs ccx and gmsh")
+needs_browser = pytest.mark.skipif(not shutil.which("chromium"), reason="needs chromium")
 needs_exudyn = pytest.mark.skipif(find_spec("exudyn") is None, reason="needs exudyn")
 
 
@@ -27,6 +28,7 @@ def said(text):
         pytest.param(DOCS / "tutorial" / "1-lever.md", marks=[pytest.mark.ccx, needs_programs]),
         pytest.param(DOCS / "tutorial" / "2-crank.md", marks=pytest.mark.slow),
         pytest.param(DOCS / "tutorial" / "3-stress.md", marks=[pytest.mark.ccx, needs_programs, needs_exudyn]),
+        pytest.param(DOCS / "gallery.md", marks=[pytest.mark.slow, pytest.mark.chromium, needs_browser]),
         ROOT / "README.md",
     ],
     ids=lambda page: page.stem,

@@ -69,3 +69,13 @@ def test_elements_that_are_missing_are_said_where_stresses_need_them(comm):
                 with measured, hpcred.reduce(measured, [Modes(count=3)]) as rom:
                     told = [text for text in rom.record.warnings if text.startswith("stress: the forces")]
                     assert len(told) == len(hpcred.stress_modes(lacking, rom.columns, [node]).remarks) == count
+
+
+def test_a_block_of_about_so_many_dofs():
+    """Of the shape of the default one."""
+    for dofs in (300, 3000, 20_000):
+        for clamped in (True, False):
+            with hpcred.solid(dofs=dofs, clamped=clamped) as model:
+                assert abs(model.size - dofs) < 0.45 * dofs
+    with pytest.raises(InputError, match="dofs: found it beside cells"):
+        hpcred.solid((2, 2, 2), dofs=300)

@@ -10,7 +10,7 @@ from helpers import SIMULATION, bar, reduce_linkage
 
 import hpcred
 from hpcred.cli.main import run
-from hpcred.files import checksums, model_file, motion_file, response_file, result_file
+from hpcred.files import checksums, model_file, motion_file, opened_hdf5, response_file, result_file
 from hpcred.files.checked import CheckedFile
 from hpcred.files.checksums import ROWS_OF_SUM, sums_of, sums_of_parts, tag_of
 from hpcred.files.hdf5 import reading, writing
@@ -204,6 +204,20 @@ def test_bytes_anywhere_in_a_file_are_refused_or_of_no_account(small, tmp_path, 
                 taken.append(place)
     first, last = whole.rindex(b'{"data": '), len(whole)
     assert all(first <= place < last for place in taken)  # the seal itself, without which the file is as good
+
+
+def test_sealed_files_need_no_other_process_and_others_one_each(files, monkeypatch):
+    """A process reads a file without a seal before HDF5 does, once however often it is opened."""
+    begun, plain = [], opened_hdf5.subprocess.run
+    monkeypatch.setattr(opened_hdf5.subprocess, "run", lambda *args, **how: begun.append(args) or plain(*args, **how))
+    for name in ROOMS:
+        read(files / name)
+    assert not begun
+    with h5py.File(files / "result.h5", "r+") as file:  # takes the seal off
+        del file.attrs["xxh3"]
+    for _ in range(3):
+        read(files / "result.h5")
+    assert len(begun) == 1
 
 
 def test_files_of_before_there_were_checksums_are_read(files, capsys):

@@ -70,6 +70,21 @@ def test_held_dofs_sets_and_remarks_are_kept(comm, folder):
             model.with_inputs([(6, "y")])
 
 
+@pytest.mark.parametrize("name", [".", "..", "/", "a/../b", "%2E", " ", "\0", "\udcff", "é" * 300])
+def test_names_of_sets_that_mean_something_to_hdf5(comm, folder, name):
+    with chain(comm, sets={name: np.array([2])[comm.rank :]}) as model:
+        hpcred.write_model(folder / "a.h5", model)
+    with hpcred.read_model(folder / "a.h5", comm) as model:
+        assert set(model.sets) == {name} and gathered(comm, model.sets[name])[0].tolist() == [2]
+
+
+def test_a_set_without_a_name_is_refused(comm, folder):
+    with chain(comm, sets={"": np.array([2])}) as model, pytest.raises(hpcred.InputError, match="without a name"):
+        hpcred.write_model(folder / "a.h5", model)
+    comm.Barrier()
+    assert not list(folder.iterdir())
+
+
 def by_hand(folder, comm, attributes=None, **changed):
     """A model.h5 of nodes 1 and 2 with three dofs each, as a script of a user writes it; None leaves a thing out."""
     content = {

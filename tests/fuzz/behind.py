@@ -8,22 +8,23 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import scipy.sparse
 from ansys_files import archive
 from calculix_prints import DECK as BRICKS
 from op2_files import displaced, op2, stressed
 
-from hpcred import InputError
+from hpcred import Dofs, InputError, SecondOrderModel, write_model
 from hpcred.model.expressions import Expression
 
+from . import test_deck_loads as deck_loads
 from . import test_motions as motions
 from .containers import outcome
 from .judge import Case, inside, run_good, write
 from .matrices import chosen
 from .mutations import bytes_changed, damaged_text
-from .readings import Nonsense
+from .readings import Nonsense, require
 from .tables import CHORD, good_files
 from .test_answers import OP2
-from .test_deck_loads import BDF, CARDS, INP, STEP
 
 HEAD = 'output = "new.h5"\nmodel = "model.h5"\n'
 MODAL = HEAD + 'inputs = [[20, "z"]]\n[frame]\nkind = "buckens"\n[[basis]]\nkind = "modes"\nindex = [7, 8, 9]\n'
@@ -126,15 +127,51 @@ def _op2():
     return op2([("OUGV1", displaced(1, moved)), ("OES1X1", stressed(1, {7: {k: np.ones(6) for k in range(1, 9)}}))])
 
 
+@functools.cache
+def _brick() -> bytes:
+    """A model of the nodes of the decks of loads, with masses of 1 kg and modes along single dofs."""
+    node, direction = np.repeat(np.arange(1, 9), 3), np.tile(np.arange(3), 8)
+    dofs = Dofs(node, direction, np.repeat(np.array(deck_loads.POINTS, float), 3, axis=0))
+    with tempfile.TemporaryDirectory() as name:
+        with SecondOrderModel(scipy.sparse.eye(24), None, scipy.sparse.diags(1e4 * np.arange(1.0, 25)), np.eye(24, 1),
+                              dofs=dofs) as model:  # fmt: skip
+            write_model(Path(name) / "model.h5", model)
+        return (Path(name) / "model.h5").read_bytes()
+
+
 def loads(rng, kind):
-    """A damaged deck of loads, of a mesh that is not the model's: refused, or taken with nothing asked."""
+    """A damaged deck of loads: the forces of the input are those that a second reading finds."""
     abaqus = rng.random() < 0.5
-    good = INP.encode() + STEP if abaqus else BDF.encode() + CARDS + b"ENDDATA\n"
-    note, content = damaged_text(good, rng)
+    form = deck_loads.INP.encode() + b"%s" if abaqus else deck_loads.BDF.encode() + b"%s\nENDDATA\n"
+    good = deck_loads.STEP if abaqus else deck_loads.CARDS
+    note, content = ("good", good) if rng.random() < 0.125 else damaged_text(good, rng)
     name, key = ("d.inp", "step = 1") if abaqus else ("d.bdf", "sid = 3")
-    job = MODAL + f'[[load]]\nkind = "deck"\nname = "l"\nfile = "{name}"\n{key}\n'
-    files = {**good_files(), name: content, "new.toml": job.encode()}
-    return Case(f"{name}: {note}", files, ["reduce", "new.toml"], {}, lambda folder: {})
+    job = f'{HEAD}[[basis]]\nkind = "modes"\ncount = 24\n[[load]]\nkind = "deck"\nname = "l"\nfile = "{name}"\n{key}\n'
+    try:
+        second = deck_loads.second_of_abaqus if abaqus else deck_loads.second_of_nastran
+        expected = {"b": _forces(*second(content))}
+    except (Nonsense, ValueError):  # of cards of Nastran more may be read than the second reading knows
+        expected = None if abaqus else {}
+
+    def read(folder):
+        with h5py.File(folder / "new.h5") as file:
+            return {"b": file["basis/V"][...].T @ file["reduced/B"][:, -1]}
+
+    files = {"model.h5": _brick(), name: form % content, "new.toml": job.encode()}
+    return Case(f"{name}: {note}", files, ["reduce", "new.toml"], expected, read, note == "good")
+
+
+def _forces(forces, pressures, acceleration) -> np.ndarray:
+    """Forces (24,) on the nodes of the brick, each with a mass of 1 kg, pressures shared out to the corners alike."""
+    b, points = np.tile(acceleration, (8, 1)), np.array(deck_loads.POINTS)
+    require(all(1 <= node <= 8 for node, _ in forces))
+    for (node, direction), value in forces.items():
+        b[node - 1, direction] += value
+    for corners, pressure in pressures.items():
+        at = np.array(corners) - 1
+        axis = int(np.flatnonzero(np.ptp(points[at], axis=0) == 0)[0])
+        b[at, axis] += pressure / 4 * (1 if points[at[0], axis] == 0 else -1)
+    return b.ravel()
 
 
 def includes(rng, kind):

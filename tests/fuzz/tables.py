@@ -57,7 +57,7 @@ JOBS = [
     'inputs = [1]\nmodel = {K = "K.mtx", M = "M.mtx", D = "K.mtx"}\nframe = {kind = "none"}\n'
     'damping = {kind = "given"}\n' + MODES,
     JOB + CHORD + 'tolerance = 1e-2\n[adaptive]\nfactorisations = 6\n',
-    JOB + CHORD + '[solver]\nkind = "auto"\nprecision = "double"\nthreshold = 0.01\n'
+    JOB + CHORD + '[solver]\nunfit = "multigrid"\nprecision = "double"\nthreshold = 0.01\n'
           '[[basis]]\nkind = "krylov"\nfrequency = 0.0\n',
     JOB + CHORD + '[[basis]]\nkind = "second_order_krylov"\nfrequency = 100.0\n',
     *(BLOCK + f'[[basis]]\nkind = "{kind}"\n{count}' for kind, count in (

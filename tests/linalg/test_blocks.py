@@ -1,11 +1,12 @@
-"""Blocks of columns: the numbers of random ones."""
+"""Blocks of columns: the numbers of random ones, combinations, products on ranks without rows."""
 
 import numpy as np
 import pytest
 from helpers import gather
 
 import hpcred
-from hpcred.linalg.blocks import independent, random_block
+from hpcred.linalg.blocks import create_block, independent, local_rows, random_block, times
+from hpcred.parallel.petsc import PETSc
 
 
 @pytest.mark.mpi
@@ -27,3 +28,20 @@ def test_combinations_of_columns_of_any_size_are_orthogonal():
     factor, eigenvalues = independent(A.T @ A, 1e-12)
     found = A @ factor
     assert eigenvalues.shape == (3,) and np.allclose(found.T @ found, np.diag(eigenvalues), atol=1e-12)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("empty", [0, 1, 2])
+def test_products_are_right_where_a_rank_has_rows_but_none_of_the_columns(comm, empty):
+    """Row i of the product is row i^2 of what is multiplied, modulo all rows of that."""
+    rows, columns = 4, 0 if comm.size > 1 and comm.rank == empty else 3
+    taken = np.arange(rows * comm.rank, rows * (comm.rank + 1)) ** 2 % comm.allreduce(columns)
+    csr = (np.arange(rows + 1).astype(PETSc.IntType), taken.astype(PETSc.IntType), np.ones(rows))
+    matrix = PETSc.Mat().createAIJ(((rows, None), (columns, None)), csr=csr, comm=comm)
+    like = PETSc.Mat().createAIJ(((columns, None), (columns, None)), nnz=1, comm=comm)
+    like.assemble()
+    block = create_block(like, 2)
+    with local_rows(block) as values:
+        values[...] = like.getOwnershipRange()[0] + np.arange(columns)[:, None] + [[0.0, 100.0]]
+    with local_rows(times(matrix, block)) as values:
+        assert np.array_equal(values.real, taken[:, None] + [[0.0, 100.0]])

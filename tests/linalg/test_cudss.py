@@ -19,7 +19,7 @@ FULL = RuntimeError("cuDSS error (2): CUDSS_STATUS_ALLOC_FAILED")
 
 
 def by(package="cudss", **more):
-    return Factoring(solver=LinearSolver(package=package, kind="direct", **more))
+    return Factoring(solver=LinearSolver(package=package, **more))
 
 
 @pytest.fixture

@@ -60,7 +60,7 @@ def test_pivots_of_approximate_factors_count_modes_or_nothing(monkeypatch):
     counted, wrong = [], 0
     with hpcred.SecondOrderModel.from_scipy(Q * values @ Q.T, np.eye(n), inputs=np.ones((n, 1))) as model:
         for Rough.error in (1e-6, 1e-2, 0.1, 0.5):
-            factoring = Factoring(solver=LinearSolver(package="rough", kind="direct"))
+            factoring = Factoring(solver=LinearSolver(package="rough"))
             solver = ShiftedSolver(model, inertia=True, factoring=factoring)
             known = 0
             for shift in shifts:

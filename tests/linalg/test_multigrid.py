@@ -36,6 +36,7 @@ from hpcred.model.node_blocks import NodeBlocks
 from hpcred.parallel.petsc import MPI, free_dropped
 from hpcred.reduction.tolerance.point_solver import ROUGH_LOADS
 
+UNFIT = LinearSolver(unfit="multigrid")
 MULTIGRID = Factoring(solver=LinearSolver(kind="multigrid"))
 CELLS = (9, 5, 5)  # 972 dofs, on several levels
 
@@ -272,7 +273,7 @@ def test_a_tolerance_is_reached_by_the_chain_at_0_hz_and_proven_beside_the_basis
             accuracy, record = rom.record.accuracy, rom.record
             assert accuracy.reached and len(record.factorisations) == 1
             where = [proof.frequency for proof in accuracy.proofs]
-            assert accuracy.points[0].frequency == 0.0 and "proven" in accuracy.sentence
+            assert accuracy.points[0].frequency == 0.0 and "confirmed by a full solve" in accuracy.sentence
             assert max(where) > 0.99 * band[1] and min(where) <= band[1] / 2
             for proof in accuracy.proofs:
                 assert 0.3 * proof.measured < proof.estimated < 3 * proof.measured or proof.measured < 1e-12
@@ -344,12 +345,12 @@ def test_where_a_factor_does_not_fit_multigrid_takes_over_at_real_points(comm, m
         for basis, more in (([Krylov(frequency=0.0, order=1)], {}), ([Modes(count=1)], {}), ([], to_tolerance)):
             if isinstance(next(iter(basis), None), Modes) and comm.size > 1:
                 continue  # many small messages
-            with hpcred.reduce(model, basis, **more) as rom:
+            with hpcred.reduce(model, basis, factoring=Factoring(solver=UNFIT), **more) as rom:
                 assert {item.kind for item in rom.record.factorisations} == {"multigrid"}
                 assert any("does not fit" in text and "multigrid instead" in text for text in rom.record.warnings)
-        for solver in (LinearSolver(kind="direct"), LinearSolver()):
-            with pytest.raises(ComputationError, match="does not fit.*real points.*'multigrid'"):
-                point = Krylov(frequency=0.0 if solver.kind == "direct" else 100.0)
+        for solver in (LinearSolver(), UNFIT):
+            with pytest.raises(ComputationError, match="does not fit.*unfit = 'multigrid' real points"):
+                point = Krylov(frequency=0.0 if solver.unfit == "refuse" else 100.0)
                 hpcred.reduce(model, [point], factoring=Factoring(solver=solver))
 
 
@@ -367,8 +368,10 @@ def test_what_multigrid_cannot_do_is_refused(solid):
 
 
 @pytest.mark.parametrize(
-    "options", [{"kind": "amg"}, {"residual": 1e-3}, {"iterations": 0}, {"sweeps": 0}, {"threshold": 2.0}]
-)
+    "options",
+    [{"kind": "amg"}, {"kind": "auto"}, {"unfit": "wait"}, {"residual": 1e-3}, {"iterations": 0}, {"sweeps": 0},
+     {"threshold": 2.0}],
+)  # fmt: skip
 def test_solvers_that_make_no_sense(options):
     with pytest.raises(InputError, match=rf"solver\.{next(iter(options))}: found"):
         LinearSolver(**options)
@@ -380,7 +383,7 @@ def test_settings_of_factors_have_no_effect_on_multigrid_and_are_refused(options
     said = rf"solver\.{key}: found '{value}' beside solver\.kind = 'multigrid'"
     with pytest.raises(InputError, match=said):
         LinearSolver(kind="multigrid", **options)
-    assert getattr(LinearSolver(kind="auto", **options), key) == value
+    assert getattr(LinearSolver(**options), key) == value
     LinearSolver(kind="multigrid", package="auto", precision="double")
 
 

@@ -116,9 +116,10 @@ def test_bodies_on_which_multigrid_is_slow_are_refused_with_the_remedy(comm):
 
 
 @pytest.mark.mpi(ranks=(1, 3))
-def test_auto_takes_factors_that_fit_then_multigrid_that_converges_and_refuses_the_rest(comm, monkeypatch):
+def test_unfit_takes_factors_that_fit_then_multigrid_that_converges_and_refuses_the_rest(comm, monkeypatch):
     def kinds(model, **settings):
-        with hpcred.reduce(model, [StaticCorrection()], factoring=Factoring(solver=LinearSolver(**settings))) as rom:
+        factoring = Factoring(solver=LinearSolver(unfit="multigrid", **settings))
+        with hpcred.reduce(model, [StaticCorrection()], factoring=factoring) as rom:
             return {item.kind for item in rom.record.factorisations}
 
     with SHAPES["soft layers, 1e-4"](comm, 6) as model:

@@ -13,7 +13,7 @@ from hpcred.model.frames import apply_frame
 from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import PETSc
 
-SINGLE, DOUBLE = (Factoring(solver=LinearSolver(precision=word, kind="direct")) for word in ("single", "double"))
+SINGLE, DOUBLE = (Factoring(solver=LinearSolver(precision=word)) for word in ("single", "double"))
 
 
 def require_single():

@@ -4,11 +4,16 @@ import os
 import pty
 import subprocess
 import sys
+import threading
+import time
 
 import pytest
 from launch import mpi_environment
 
+import hpcred
+from hpcred.linalg.solvers.shifted import ShiftedSolver
 from hpcred.parallel import progress as module
+from hpcred.parallel.petsc import PETSc, without_gil
 from hpcred.parallel.progress import LARGE, Progress, in_time
 
 
@@ -72,3 +77,60 @@ def test_bars_on_a_terminal():
     os.close(master)
     assert run.returncode == 0 and not run.stdout
     assert "points" in shown and "2/2" in shown and shown.count("a line") == 3
+
+
+def said(capsys):
+    return [line.partition("] ")[2] for line in capsys.readouterr().err.splitlines()]
+
+
+def test_a_silent_stage_says_that_it_goes_on_and_what_is_known_of_it(comm, capsys, clock):
+    """After ten seconds, then once a minute; operations as soon as the analysis has them."""
+    progress, told = Progress(comm, show=True), [""]
+    with progress.stage("factor", "30 Hz", lambda: (told[-1], None)):
+        for seconds, text in ((9, ""), (2, ""), (20, "2.0e+10 operations"), (41, ""), (20, "")):
+            clock(seconds)
+            told.append(text)
+            progress.look()
+    assert said(capsys) == [
+        "factor: 30 Hz", "factor, 30 Hz: 11 s so far", "factor, 30 Hz: 2.0e+10 operations",
+        "factor, 30 Hz: 92 s so far",
+    ]  # fmt: skip
+
+
+def test_the_time_left_of_a_factor_is_that_of_the_one_before(comm, capsys, clock):
+    progress = Progress(comm, show=True)
+    with progress.stage("factor", "30 Hz", lambda: ("2.0e+10 operations", 60.0)):
+        progress.look()
+        clock(20)
+        progress.look()
+    assert said(capsys)[1:] == ["factor, 30 Hz: 2.0e+10 operations", "factor, 30 Hz: 20 s so far, about 40 s left"]
+
+
+def test_other_threads_run_while_a_factor_is_made(comm):
+    """By petsc4py's own call they do not, and nothing could be said."""
+    ticks, done = [], threading.Event()
+
+    def tick():
+        while not done.wait(0.01):
+            ticks.append(time.perf_counter())
+
+    with hpcred.solid((20, 8, 8), (1.0, 0.4, 0.4), comm=comm) as model:
+        solver = ShiftedSolver(model)
+        other = threading.Thread(target=tick)
+        other.start()
+        start = time.perf_counter()
+        solver.factor(0.0)
+        end = time.perf_counter()
+        done.set()
+        other.join()
+        solver.close()
+    during = sum(start < at < end for at in ticks)
+    assert during >= (end - start) / 0.05, (during, end - start)
+
+
+def test_an_error_of_petsc_is_raised_by_a_call_without_the_interpreter():
+    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+    ksp.getPC().setType("cholesky")
+    with pytest.raises(PETSc.Error) as raised:
+        without_gil("KSPSetUp", ksp)
+    assert raised.value.ierr and "KSPSetUp" in str(raised.value)

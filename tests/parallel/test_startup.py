@@ -1,6 +1,7 @@
-"""Which PETSc is taken, where Debian has two builds."""
+"""Which PETSc is taken: of Debian's two builds, of another origin, of the wheel from PyPI."""
 
 import os
+import re
 import subprocess
 import sys
 
@@ -9,7 +10,7 @@ from launch import TWO_BUILDS, mpi_environment
 
 from hpcred.parallel import startup
 
-pytestmark = pytest.mark.skipif(not TWO_BUILDS, reason="needs Debian's two builds, and none chosen")
+two_builds = pytest.mark.skipif(not TWO_BUILDS, reason="needs Debian's two builds, and none chosen")
 
 
 def output(program, *paths):
@@ -21,6 +22,7 @@ def output(program, *paths):
     return run.stdout.split()
 
 
+@two_builds
 def test_the_link_to_the_default_build_is_no_choice(tmp_path):
     """The development files of PETSc bring a link by which Python finds one build, also with DOLFINx."""
     (tmp_path / "default").symlink_to(startup.debian_builds()["real"][0])
@@ -28,24 +30,52 @@ def test_the_link_to_the_default_build_is_no_choice(tmp_path):
     assert output(program, tmp_path / "default") == ["True", "complex"]
 
 
+@two_builds
 def test_a_petsc_that_is_loaded_is_taken(tmp_path):
     folders = startup.debian_builds()["complex"]
     program = "from petsc4py import PETSc; from hpcred.parallel import startup as s; print(s.can_choose(), s.start())"
     assert output(program, *folders) == ["False", "complex"]
 
 
+@two_builds
 def test_a_petsc_of_another_origin_is_taken(tmp_path):
     (tmp_path / "petsc4py").mkdir()
     (tmp_path / "petsc4py" / "__init__.py").touch()
     assert output("from hpcred.parallel import startup as s; print(s.can_choose())", tmp_path) == ["False"]
 
 
+@two_builds
 def test_a_petsc_dir_without_petsc4py_is_named():
     """As a module of a cluster sets it, which has no Python in it."""
     found = subprocess.run([sys.executable, "-m", "hpcred", "info", __file__], capture_output=True, text=True,
                            env=mpi_environment(PETSC_DIR="/nowhere"))  # fmt: skip
     assert found.returncode == 2
     assert "error: found no petsc4py for PETSC_DIR=/nowhere; install it for this PETSc" in found.stderr
+
+
+@pytest.fixture
+def wheel(tmp_path):
+    """A module that stands for the wheel of PETSc from PyPI."""
+    path = tmp_path / "dolfinx_solver.py"
+    path.touch()
+    return path
+
+
+def test_the_wheel_of_petsc_is_imported_between_mpi_and_petsc(wheel):
+    wheel.write_text("import sys; print(*[name in sys.modules for name in ('mpi4py.MPI', 'petsc4py')])")
+    program = "from hpcred.parallel import startup as s; s.start(); s.start()"
+    assert output(program, wheel.parent) == ["True", "False"]
+
+
+def test_what_the_wheel_of_petsc_refuses_is_an_error_of_the_user(wheel):
+    """As a petsc4py of another PETSc beside it."""
+    wheel.write_text("raise ImportError('petsc4py would be imported from elsewhere')")
+    program = "import hpcred; hpcred.linkage()"
+    for command, status in ((["-m", "hpcred"], 2), (["-c", program], 1)):
+        found = subprocess.run([sys.executable, *command], capture_output=True, text=True,
+                               env=mpi_environment(PYTHONPATH=str(wheel.parent)))  # fmt: skip
+        assert found.returncode == status
+        assert found.stderr.splitlines()[-1].endswith(": petsc4py would be imported from elsewhere")
 
 
 @pytest.mark.parametrize(("given", "left"), [({}, "None"), ({"OMPI_MCA_pml": "ob1,ucx"}, "ob1,ucx")])
@@ -58,3 +88,15 @@ def test_what_a_single_process_starts_may_look_for_networks(given, left):
     environment = {name: word for name, word in mpi_environment().items() if name != "OMPI_MCA_pml"}
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment | given)
     assert run.stdout.split() == [left, str(not given)], run.stderr
+
+
+@pytest.mark.parametrize("name, number, says", [
+    ("SLURM_STEP_NUM_TASKS", "SLURM_PROCID", "srun started 4 ranks, .* finds one: take `srun --mpi=pmix`"),
+    ("PMI_SIZE", "PMI_RANK", "the mpiexec of MPICH or Intel MPI started 4 ranks"),
+])  # fmt: skip
+def test_ranks_that_do_not_find_each_other_are_refused_by_one_of_them(hpcred, name, number, says):
+    """Each would do the whole job. A launcher of another MPI shows by its variables alone."""
+    for rank, said in (("0", 1), ("2", 0)):
+        run = hpcred("info", **{name: "4", number: rank})
+        assert run.returncode == 2 and len(run.stderr.splitlines()) == said
+        assert not said or re.search(says, run.stderr)

@@ -383,3 +383,45 @@ def test_files_that_include_each_other_again_and_again_come_to_an_end(comm, fold
         read_nodes(write(folder / "main.bdf", deck.format("n0.bdf"), comm), comm)
     nodes, *_ = read_nodes(write(folder / "main.bdf", deck.format("n14.bdf"), comm), comm)
     assert gathered(comm, nodes.label)[0].tolist() == [1]
+
+
+SETS = """SOL 103
+CEND
+SET 5 = 1 THRU 6 EXCEPT 3,
+  5, 9
+SET 6 = ALL
+SET 7 = 0.1, 2.0
+SET 8 = 1, 2
+STRESS(PRINT) = 8
+SET 11 = 1, 99
+$ SET 12 = 1
+set 13=2 thru 99 $ comment, 1
+SET 14 = 3
+SET 14 = 4
+SET 15 = 6 THRU 1
+BEGIN BULK
+{}
+SET1,5,1,2,4
+SET1,6,1,THRU,2000000000
+SET3,7,GRID,3,THRU,5,9
+SET3,8,ELEM,3,THRU,5
+SET     20      GRID    LIST                                            +
++       1       THRU    3       9
+SET,21,ELEM,LIST,,,,,,+
++,1,2
+SET1,30,77
+ENDDATA
+"""
+
+
+def test_sets_of_points(comm, folder, monkeypatch):
+    """By hand: a list with THRU has the points that are there, numbers behind EXCEPT only those in the range before."""
+    monkeypatch.setattr(text_module, "PIECE", 40)
+    grids = "\n".join(f"GRID,{number},,{number}.,0.,0." for number in (9, 6, 5, 4, 3, 2, 1))
+    deck = nastran_bulk.read_deck(write(folder / "a.bdf", SETS.format(grids), comm), comm)
+    assert {name: gathered(comm, points)[0].tolist() for name, points in deck.sets.items()} == {
+        "SET 5": [1, 2, 4, 6, 9], "SET 13": [2, 3, 4, 5, 6, 9], "SET1 5": [1, 2, 4], "SET1 6": [1, 2, 3, 4, 5, 6, 9],
+        "SET3 7": [3, 4, 5, 9], "SET 20": [1, 2, 3, 9],
+    }  # fmt: skip
+    (remark,) = deck.remarks
+    assert remark.startswith(f"{folder / 'a.bdf'}: SET 6, SET 7, SET 11, SET 14, SET 15, ...: no sets of points alone")

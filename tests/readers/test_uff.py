@@ -12,7 +12,9 @@ from hpcred.files import text as text_module
 from hpcred.files.result_file import read_result
 from hpcred.model.elements import NODES
 from hpcred.parallel.petsc import MPI
+from hpcred.readers.model_source import load_source
 from hpcred.readers.nodes import uff
+from hpcred.settings.source import Source
 from hpcred.workflows.export import export_result
 from hpcred.writers.uff import CODES, UffFile
 
@@ -23,7 +25,7 @@ FILE = DATA / "uff" / "heat_engine_housing.uff"
 
 def test_nodes_and_elements_of_a_real_file(comm, monkeypatch):
     monkeypatch.setattr(text_module, "PIECE", 150)
-    nodes, elements = uff.read(FILE, comm)
+    nodes, elements, *_ = uff.read(FILE, comm)
     label, place, position = gathered(comm, nodes.label, nodes.place, nodes.position)
     assert label.tolist() == list(range(1, 11)) and place.tolist() == list(range(10))
     assert position[0].tolist() == [-1.711755676269531e2, 1.036403427124023e2, 1.384829101562500e2]
@@ -55,7 +57,7 @@ def test_shapes_of_a_result(comm, folder):
             found = [[float(row[13 * c : 13 * c + 13]) for c in range(3)] for row in rows[1::2]]
             moved = shapes.displacement(k)
             assert np.abs(found - moved).max() < 1e-5 * np.abs(moved).max()
-        nodes, elements = uff.read(folder / "r.uff", comm)
+        nodes, elements, *_ = uff.read(folder / "r.uff", comm)
         label, position = gathered(comm, nodes.label, nodes.position)
         assert np.array_equal(label, shapes.nodes) and np.array_equal(position, shapes.points)
         cells = np.concatenate(comm.allgather(elements["hexahedron"]))
@@ -96,7 +98,7 @@ def test_every_kind_of_element_comes_back(comm, folder):
     if comm.rank == 0:
         assert exported(UffFile, folder / "a.unv", Cells) == []
     comm.Barrier()
-    _, elements = uff.read(folder / "a.unv", comm)
+    _, elements, *_ = uff.read(folder / "a.unv", comm)
     assert sorted(elements) == sorted(CODES)
     for kind, nodes in Cells.cells.items():
         assert np.array_equal(np.concatenate(comm.allgather(elements[kind])), Cells.nodes[nodes])
@@ -123,7 +125,7 @@ NODES_15 = """    -1
 
 
 def test_nodes_of_dataset_15(comm, folder):
-    nodes, elements = uff.read(write(folder / "a.unv", NODES_15, comm), comm)
+    nodes, elements, *_ = uff.read(write(folder / "a.unv", NODES_15, comm), comm)
     label, position = gathered(comm, nodes.label, nodes.position)
     assert label.tolist() == [1, 5] and position.tolist() == [[1, 2, -3], [1.5, 2, 3]] and not elements
 
@@ -202,7 +204,7 @@ def test_nodes_beside_binary_functions(comm, folder, behind):
     head = f"    -1\n    58b     1     2{2:12d}{len(rubbish):12d}     0     0           0           0\na\nb\n"
     text = head.encode() + rubbish + behind + b"    -1\n"
     for content in (text + NODES_15.encode(), NODES_15.encode() + text):
-        nodes, _ = uff.read(write(folder / "a.uff", content, comm), comm)
+        nodes, *_ = uff.read(write(folder / "a.uff", content, comm), comm)
         assert gathered(comm, nodes.label)[0].tolist() == [1, 5]
         comm.Barrier()
     unknown = text.replace(f"{2:12d}".encode(), b"           x")
@@ -221,3 +223,58 @@ def test_damaged_elements_are_refused(comm, folder):
         assert old in content
         with pytest.raises(InputError, match="expected (number, kind|as many nodes|the numbers)"):
             uff.read(write(folder / "a.uff", content.replace(old, new, 1), comm), comm)
+
+
+def group(number, name, *members, width=4, head=8):
+    """Lines of a group as Gmsh and others write them: members are a kind and a number each."""
+    numbers = [item for kind, tag in members for item in (kind, tag, 0, 0)[:width]]
+    rows = ["".join(f"{item:10d}" for item in numbers[k : k + 8]) for k in range(0, len(numbers), 8)]
+    first = "".join(f"{item:10d}" for item in [number, *[0] * (head - 2), len(members)])
+    return "\n".join([first, name, *rows]) + "\n"
+
+
+def dataset(number, *groups):
+    return f"    -1\n{number:6d}\n{''.join(groups)}    -1\n"
+
+
+@pytest.mark.parametrize(("number", "form"), [(2477, {}), (2467, {}), (2452, {}), (2432, {"width": 2}),
+                                              (2417, {"width": 2, "head": 7})])  # fmt: skip
+def test_groups_are_node_sets(comm, folder, number, form):
+    """Nodes that a group lists, and those of its elements, which are taken from the lines of the file above."""
+    groups = [group(1, "big end", (7, 9), (7, 2), (7, 9), **form), group(2, "faces", (8, 5), (8, 8), **form),
+              group(3, "both", (8, 1), (7, 2), **form), group(7, "", (7, 4), **form), group(8, "none", **form),
+              group(9, "twice", (7, 1), **form), group(11, "twice", (7, 3), **form),
+              group(12, "lacking", (8, 5), (8, 77), **form), group(13, "other", (1, 5), **form)]  # fmt: skip
+    mesh = uff.read(write(folder / "a.unv", FILE.read_text() + dataset(number, *groups), comm), comm)
+    found = {name: gathered(comm, nodes)[0].tolist() for name, nodes in mesh.sets.items()}
+    assert found == {
+        "big end": [2, 9], "faces": [1, 2, 3, 4, 8], "both": [1, 2, 3, 6, 7], "group 7": [4], "twice 9": [1],
+        "twice 11": [3], "lacking": [1, 2, 4],
+    }  # fmt: skip
+    remarks = sum(comm.allgather(mesh.remarks), [])
+    assert len(remarks) == 1 and remarks[0].endswith("elements whose kinds are not read: lacking")
+
+
+@pytest.mark.parametrize("lines", [
+    group(1, "A", (7, 9), (7, 2), (7, 3)).rsplit("\n", 2)[0] + "\n", group(1, "A", (7, 9)) + "junk\n",
+    group(1, "A", (7, 9)).replace("         9", "       9.5"), group(1, "A", (7, -9)), "         1         0\nA\n",
+    group(1, "A").replace("         0\nA", " 999999999\nA"), group(1, "A").split("A")[0],
+    group(1, "A", (7, 9)).replace("         9", " " + "9" * 400),
+], ids=["cut", "junk", "no whole number", "negative", "short", "more than there are", "no name", "huge"])  # fmt: skip
+def test_groups_that_are_damaged_are_refused(comm, folder, lines):
+    path = write(folder / "a.unv", FILE.read_text() + dataset(2477, lines), comm)
+    with pytest.raises(InputError, match=r"a.unv, line \d+: found '.*a group"):
+        uff.read(path, comm)
+
+
+def test_groups_and_sets_of_points_reach_the_model(comm, folder):
+    """The nodes of a set in the model, of a universal file and of an input file of Nastran with the same points."""
+    K = write(folder / "K.mtx", "".join(f"{k} {k} 1.0\n" for k in range(1, 31)), comm)
+    grids = "".join(f"GRID,{k},,{k * k}.,{k}.,0.\n" for k in range(1, 11))
+    files = {
+        "faces": write(folder / "a.unv", FILE.read_text() + dataset(2477, group(2, "faces", (8, 5), (8, 8))), comm),
+        "SET1 4": write(folder / "a.bdf", f"BEGIN BULK\n{grids}SET1,4,1,THRU,4,8\nENDDATA\n", comm),
+    }
+    for name, file in files.items():
+        with load_source(Source(str(K), str(K), nodes=str(file)), comm) as model:
+            assert gathered(comm, model.sets[name])[0].tolist() == [1, 2, 3, 4, 8]

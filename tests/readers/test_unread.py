@@ -46,7 +46,7 @@ FILES = {
     "a.tar": (257 * b"\0" + b"ustar\x0000" + 249 * b"\0", "a tar archive", "unpack it first"),
     "a.step": (b"ISO-10303-21;\nHEADER;\n", "a drawing", "for this mesh"),
     "a.stl": (b"solid part\n facet normal 0 0 1\n", "a surface", "for this mesh"),
-    "a.msh": (b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "a mesh of Gmsh", "for this mesh"),
+    "a.msh": (b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "a mesh of Gmsh", "the mesh as .unv"),
     "a.vtu": (b'<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid">\n', "a VTK file", "for this mesh"),
     "a.toml": (b'# a job\n\nmodel = "model.h5"\n', "a job of hpcred", "hpcred reduce"),
     "a.npy": (b"\x93NUMPY\x01\x00v\x00{'descr'" + 60 * b"\0", "an array of NumPy", "save_npz"),

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 import random_models
 import scipy.sparse
+from fifty_digits import at_peaks, exact_response, with_other_last_digits
 
 import hpcred
 from hpcred import InputError
 from hpcred.linalg.pencil import massless_last, modes_of
+from hpcred.reduction.irka import mirrored
 from hpcred.reduction.massless import static_coordinates, with_mass
 
 KINDS = ("chain-without-mass", "skew-without-mass", "beam-without-inertia", "rotor-without-inertia")
+AT_FEW_VALUES = 4, 7  # seeds of random models with parameters that take little time
 BAND = (0.0, 2.0)
 
 
@@ -62,6 +65,71 @@ POINTS = 2j * np.pi * np.array([0.01, 0.3, 1.1, 1.9])
 def test_random_models(kind, seed):
     """The claim against dense solves, over the band and around all poles."""
     require_right(random_models.random_case(kind, seed))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", AT_FEW_VALUES)
+def test_random_models_with_parameters(seed):
+    require_right(random_models.random_case("parameters-without-mass", seed))
+
+
+@pytest.fixture(scope="module")
+def parametric():
+    """A spring, a dashpot and a mass of dofs without mass that depend on a parameter; and the full matrices."""
+    M, K = chain()
+    D, B, C = np.diag([3.0, 0.2, 0.0, 0.2, 0.0, 0.2]), unit(6, 0, 2, 3), np.eye(6)[[0, 2, 4, 5]]
+    spring, dashpot, mass = np.outer(unit(6, 2) - unit(6, 5), unit(6, 2) - unit(6, 5)), *map(np.diag, np.eye(6)[[2, 4]])
+    terms = [hpcred.Term("K", 60.0 * spring, "p"), hpcred.Term("D", dashpot, "p"), hpcred.Term("M", mass, "p")]
+
+    def response(s, p):
+        A = s * s * (M + p * mass) + s * (D + p * dashpot) + K + 60.0 * p * spring
+        return C @ np.linalg.solve(A, B)
+
+    with (
+        hpcred.SecondOrderModel(M, D, K, B, C) as constant,
+        hpcred.ParametricModel(constant, [hpcred.Parameter("p", (0.0, 1.5), 0.0)], terms) as model,
+    ):
+        return replace(hpcred.reduce(model, tolerance=1e-8, band=BAND)), response
+
+
+@pytest.mark.parametrize("p", [0.0, 0.4, 1.5])
+def test_parameters_of_dofs_without_mass(parametric, p):
+    """Claims over the ranges, models at values, and their states, against dense solves."""
+    rom, response = parametric
+    assert rom.record.accuracy.reached and static_coordinates(rom) == 3
+    at = rom.at(p=p)
+    assert static_coordinates(at) == (3 if p == 0 else 2) and np.allclose(np.diag(np.diag(at.K)), at.K, atol=1e-9)
+    states = hpcred.state_space(at)
+    for s in POINTS:
+        assert np.allclose(rom.transfer_function(s, p=p), response(s, p), rtol=1e-7, atol=1e-10)
+        assert np.allclose(at.transfer_function(s), response(s, p), rtol=1e-7, atol=1e-10)
+        inside = np.linalg.solve(s * np.eye(len(states["A"])) - states["A"], states["B"])
+        assert np.allclose(states["C"] @ inside + states["D"], response(s, p), rtol=1e-7, atol=1e-10)
+
+
+def test_parameters_are_fixed_in_an_fmu(parametric, tmp_path):
+    """What follows forces at once would follow them otherwise at each value."""
+    rom, _ = parametric
+    remarks = rom.export(tmp_path / "x.fmu")["remarks"]
+    assert any("the motion of coordinates without mass follows forces by the stiffness" in line for line in remarks)
+
+
+def test_components_at_values_of_parameters():
+    """Without a tolerance."""
+    M, K = chain()
+    B, spring = unit(6, 0, 1), np.diag(unit(6, 2)[:, 0])
+    with (
+        hpcred.SecondOrderModel(M, None, K, B) as constant,
+        hpcred.ParametricModel(
+            constant, [hpcred.Parameter("p", (0.0, 2.0))], [hpcred.Term("K", 80 * spring, "p")]
+        ) as model,
+    ):
+        rom = hpcred.reduce(model, [hpcred.Krylov(1.0, 1)], parameter_points=[{"p": 0.5}, {"p": 2.0}])
+    for p in (0.5, 2.0):
+        s = 2j * np.pi
+        H = B.T @ np.linalg.solve(s * s * M + K + 80 * p * spring, B)
+        assert np.allclose(rom.transfer_function(s, p=p), H, rtol=1e-9)
+    assert not rom.record.warnings
 
 
 def test_dashpots_on_dofs_without_mass_that_no_load_acts_on():
@@ -144,6 +212,77 @@ def test_other_damping(damping):
         s = 3j
         H = B.T @ np.linalg.solve(s * s * M + s * (0.1 * M + 1e-2 * K) + K, B)
         assert np.allclose(rom.transfer_function(s), H, rtol=1e-5)
+
+
+@pytest.mark.parametrize("rows", [(0, 3), (2,)])
+def test_a_caughey_series_has_no_value_without_mass(rows):
+    """A basis of components had an error of more than 1 without a word; what the sentence names works."""
+    M, K = chain()
+    series = hpcred.Caughey((0.1, 1e-2, 1e-7))
+    for B, C in ((unit(6, *rows), None), (unit(6, 1), unit(6, *rows).T)):
+        for basis in ({"tolerance": 1e-6, "band": BAND}, {"basis": [hpcred.Krylov(1.0, 1)]}):
+            with (
+                hpcred.SecondOrderModel(M, None, K, B, C) as model,
+                pytest.raises(InputError, match="'caughey' with 3 terms and forces or outputs on dofs without mass"),
+            ):
+                hpcred.reduce(model, damping=series, **basis)
+    for damping in (hpcred.Rayleigh(0.1, 1e-2), hpcred.Structural(0.05), hpcred.ModalDamping(0.02)):
+        assert reduced(M, K, unit(6, *rows), damping=damping, tolerance=1e-6).record.accuracy.reached
+
+
+TWO_SIDED = {"projection": "two_sided", "allow_unstable": True}
+
+
+@pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.parametrize("loaded, measured", [((0, 3), (2, 5)), ((4, 3), (0, 4)), ((0,), (2,))])
+def test_two_sided_projections(loaded, measured, comm):
+    """Interpolation at the point, and the same as states, with dashpots on dofs without mass."""
+    M, K = chain(8)
+    D, B, C = np.diag([3.0, 0.2, 0.0, 0.2, 1.0, 0.2, 0.0, 0.2]), unit(8, *loaded), np.eye(8)[list(measured)]
+    basis = [hpcred.SecondOrderKrylov(frequency=1.0, order=1)]
+    with (
+        hpcred.SecondOrderModel(M, D, K, B, C, comm=comm) as model,
+        hpcred.reduce(model, basis, damping=hpcred.GivenDamping(), **TWO_SIDED) as rom,
+    ):
+        assert not any("M is singular" in line for line in rom.record.warnings)
+        found = hpcred.state_space(rom)
+        count = static_coordinates(rom)
+        moving = rom.size - count
+        assert np.allclose(rom.M, np.diag([1.0] * moving + [0.0] * count), atol=1e-11)
+        step = 1e-4
+        for s in (2j * np.pi, 2j * np.pi * (1 + step)):  # values and first derivatives of both sides
+            H = C @ np.linalg.solve(s * s * M + s * D + K, B)
+            size = np.abs(H).max()
+            assert np.abs(rom.transfer_function(s) - H).max() < 1e-10 * size
+            inside = np.linalg.solve(s * np.eye(len(found["A"])) - found["A"], found["B"])
+            assert np.abs(found["C"] @ inside + found["D"] - H).max() < 1e-9 * size
+        assert len(loaded) == 1 or count == 2
+
+
+def test_two_sided_projections_without_dampers():
+    """All of what loads and outputs reach: exact at any frequency."""
+    M, K = chain(8)
+    B, C = unit(8, 0, 3), np.eye(8)[[2, 5]]
+    with hpcred.SecondOrderModel(M, None, K, B, C) as model:
+        rom = replace(hpcred.reduce(model, [hpcred.Krylov(1.0, 2)], **TWO_SIDED))
+    for s in POINTS:
+        assert np.allclose(rom.transfer_function(s), C @ np.linalg.solve(s * s * M + K, B), rtol=1e-9, atol=1e-14)
+
+
+@pytest.mark.parametrize("rows, C, size", [((0, 3), None, 8), ((0,), np.eye(12)[[4]], 6)])
+def test_irka(rows, C, size):
+    """It interpolates at its mirrored poles, with forces and dashpots on dofs without mass."""
+    M, K = chain(12)
+    D, B = np.diag(np.tile([3.0, 0.4], 6)), unit(12, *rows)
+    with hpcred.SecondOrderModel(M, D, K, B, C) as model:
+        rom = replace(hpcred.IRKA(size=size, band=BAND, turns=200).reduce(model))
+    assert not rom.record.warnings
+    measured = B.T if C is None else C
+    points, inputs, outputs = mirrored(rom, size // 2)
+    for s, b, c in zip(points, inputs, outputs, strict=True):
+        H, found = measured @ np.linalg.solve(s * s * M + s * D + K, B), rom.transfer_function(s)
+        assert np.abs((H - found) @ b).max() < 1e-4 * np.abs(H).max()
+        assert C is None or np.abs(c @ (H - found)).max() < 1e-4 * np.abs(H).max()
 
 
 def test_viscoelastic_parts_on_dofs_without_mass():
@@ -258,3 +397,34 @@ def test_interface_coordinates(linkage):
         found = replace(rom, loss_factor=eta).frequency_response(f)
     assert hpcred.relative_error(full, found).max() < 1e-5
     assert np.allclose(rom.B[:12], np.eye(12), atol=1e-9)
+
+
+def slender(count, damper):
+    """K, M and D of a clamped beam without rotational inertia, with one dashpot (N s/m); forces act on two places."""
+    h, rng = 1.0 / count, np.random.default_rng(1)
+    k = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
+                  [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]) / h**3  # fmt: skip
+    K = np.zeros((2 * count + 2,) * 2)
+    for e in range(count):
+        K[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += k * rng.uniform(0.9, 1.1)
+    K = K[2:, 2:]
+    M, D = np.diag(np.tile([h, 0.0], count)), np.zeros_like(K)
+    D[count - count % 2, count - count % 2] = damper
+    return K, M, D, np.array([count - count % 2, 2 * count - 2])
+
+
+@pytest.mark.parametrize("count, damper, warned", [(60, 3e-6, True), (60, 1.0, False), (6, 3e-6, False)])
+def test_peaks_sharper_than_the_last_digits_of_K(count, damper, warned):
+    """Right for K as stored, against 50 digits; what other last digits would do is said, with what helps."""
+    K, M, D, rows = slender(count, damper)
+    with hpcred.SecondOrderModel(M, D, K, unit(len(K), *rows)) as model:
+        rom = hpcred.reduce(model, tolerance=1e-4, band=(0.0, 8.0))
+    said = [line for line in rom.record.warnings if "last digits of K, where stiff parts cancel, move its" in line]
+    assert rom.record.accuracy.reached and bool(said) == warned
+    f = at_peaks(rom, 2)
+    exact = np.array([exact_response(K, M, D, rows, at) for at in f])
+    found = np.array([rom.transfer_function(2j * np.pi * at) for at in f])
+    assert hpcred.relative_error(exact, found).max() < 1e-4
+    other = with_other_last_digits(K)
+    moved = hpcred.relative_error(exact, np.array([exact_response(other, M, D, rows, at) for at in f])).max()
+    assert moved > 1e-3 if warned else moved < 1e-6

@@ -208,7 +208,7 @@ def test_a_measure_of_ones_own_is_one_argument(rod, comm, tmp_path):
     assert evaluated["measure"] == "of the peak" and evaluated["eps_max"] < 1e-2
     table = TypeAdapter(Accuracy).dump_python(found) | {"measure": {"kind": "elsewhere", "peak": 2.0}}
     unknown = TypeAdapter(Accuracy).validate_python(table)
-    assert unknown.measure == UnknownMeasure("elsewhere", {"peak": 2.0}) and "eps" in unknown.sentence
+    assert unknown.measure == UnknownMeasure("elsewhere", {"peak": 2.0}) and "largest error" in unknown.sentence
     assert TypeAdapter(Accuracy).dump_python(unknown)["measure"] == table["measure"]
     with pytest.raises(hpcred.InputError, match="measure: found the kind 'elsewhere', whose class is not known here"):
         hpcred.relative_error(H, H, unknown.measure)

@@ -35,6 +35,7 @@ from hpcred.reduction.parametric.training import (
     corner_points,
     distances,
     fresh_points,
+    low_discrepancy,
     place_of,
     points_around,
     training_points,
@@ -86,7 +87,7 @@ def test_the_tolerance_holds_at_other_values(make, tolerance, comm):
     with reduced(case, tolerance, comm, parameter_search=hpcred.ParameterSearch(points=25)) as rom:
         check(case, rom, tolerance)
         accuracy = rom.record.accuracy
-        assert rom.size < len(case.K) / 2 and f"{accuracy.parameters.ranges_in_words}: " in accuracy.sentence
+        assert rom.size < len(case.K) / 2 and f"{accuracy.parameters.ranges_in_words}, " in accuracy.sentence
         assert len(accuracy.parameters.points) <= 5
         name, value = next(iter(accuracy.parameters.points[-1].values.items()))
         assert f" Hz and {name} = {value:.6g}" in accuracy.sentence
@@ -139,7 +140,10 @@ def test_viscoelastic_parts_beside_parameters(make, law, comm):
         assert "viscoelastic parts of the model" in rom.record.accuracy.measured
         values = {item.name: item.range[1] for item in case.parameters}
         s = 2j * np.pi * np.array([0.3, 2.2])
-        assert np.allclose(rom.transfer_function(s, **values), rom.at(**values).transfer_function(s), rtol=1e-9)
+        at = rom.at(**values)
+        assert np.allclose(rom.transfer_function(s, **values), at.transfer_function(s), rtol=1e-9)
+        squares = scipy.linalg.eigh(*(rom.matrices(values)[key] for key in "KM"), eigvals_only=True)
+        assert np.allclose((2 * np.pi * at.frequencies) ** 2, squares, rtol=1e-9, atol=1e-9 * squares.max())
 
 
 @pytest.mark.parametrize("seed", [0, 2])
@@ -593,3 +597,18 @@ def test_damping_leaves_rigid_body_motion_in_interface_coordinates_alone(damping
             D = rom.matrices({"e": 0.9})["D"]
             assert np.abs(D @ R).max() < 1e-6 * np.abs(D).max()
             rom.close()
+
+
+def test_where_larger_errors_are_looked_for():
+    """The worst values, each two first steps away from the others, and none with half of the largest error."""
+    errors = {0.0: 1.0, 0.1: 0.9, 0.5: 0.8, 0.55: 0.95, 0.71: 0.4, 0.9: 0.6}
+    points = [(value,) for value in errors]
+    found = compression._worst_apart([Parameter("a", (0.0, 1.0))], points, np.array(list(errors.values())))
+    assert found == [(0.0,), (0.55,), (0.9,)]
+
+
+def test_places_of_low_discrepancy():
+    """Those of the golden ratio for one parameter, and of the plastic ratio for two (Roberts, 2018)."""
+    golden, plastic = (1 + 5**0.5) / 2, 1.32471795724474602596
+    assert np.allclose(low_discrepancy(1, 3)[:, 0], [(0.5 + k / golden) % 1 for k in (1, 2, 3)], rtol=1e-12)
+    assert np.allclose(low_discrepancy(2, 9)[8], [(0.5 + 9 / plastic**k) % 1 for k in (1, 2)], rtol=1e-12)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from bodies import block
 from matplotlib import colormaps
+from matplotlib.colors import to_rgb
 from PIL import Image
 
 from hpcred.parallel.failures import InputError
@@ -47,11 +48,11 @@ def test_what_is_inside_a_body_is_not_seen():
     view = View(axes_of_view(outer), 110.0, np.full(3, 0.5), 200, 200)
     values = (body.nodes >= len(outer)).astype(float)  # 1 inside
     image = render(body, body.points, values, view)
-    low, high = colormaps["viridis"]([0.0, 1.0])[:, :3]
+    low, high = colormaps[mode_pictures.COLOUR_MAP]([0.0, 1.0])[:, :3]
     red_over_blue = image[..., 0] / image[..., 2]
     seen = image.min(axis=-1) < 0.99
     assert 0.3 < seen.mean() < 0.9
-    assert (red_over_blue[seen] < 1.2).all() and high[0] / high[2] > 5 > low[0] / low[2]
+    assert (red_over_blue[seen] < 1.2).all() and high[0] / high[2] > 4 > low[0] / low[2]
     alone = surface_of(inner, {"hexahedron": cells})
     image = render(alone, inner, np.ones(len(alone.points)), view)
     assert (image[..., 0] / image[..., 2] > 3).mean() > 0.05  # and it would be seen
@@ -121,11 +122,25 @@ class Stressed(Bending):
 
 
 def colours_of(path):
-    """Shares of grey, and of the blue and the yellow end of the colours, among the pixels of the body."""
+    """Shares of grey, and of the blue and the red end of the colours, among the pixels of the body."""
     image = np.asarray(Image.open(path).convert("RGB")).astype(int)[20:-60]  # without title and legend
     red, green, blue = np.moveaxis(image, -1, 0)
-    grey = (np.ptp(image, axis=2) < 4) & (red > 90) & (red < 215)
-    return grey.mean(), ((blue > red + 5) & (green < 90)).mean(), ((green > 105) & (red > blue + 60)).mean()
+    grey = (np.ptp(image, axis=2) < 4) & (red > 50) & (red < 110)
+    low, high = (blue > red + 40) & (green < 130), (red > green + 40) & (red > blue + 40)
+    return grey.mean(), low.mean(), high.mean()
+
+
+def test_the_page_has_the_colours_of_the_pictures():
+    stops = [to_rgb(stop) for stop in mode_pictures.COLOUR_STOPS]
+    known = colormaps[mode_pictures.COLOUR_MAP](np.linspace(0, 1, len(stops)))[:, :3]
+    assert np.abs(known - stops).max() < 0.01
+
+
+@pytest.mark.parametrize(("largest", "ticks"), [
+    (166.5, [0, 50, 100, 150]), (1.0, [0, 0.5, 1]), (0.04, [0, 0.02, 0.04]), (99.0, [0, 20, 40, 60, 80]), (0.0, [0]),
+])  # fmt: skip
+def test_ticks_are_round(largest, ticks):
+    assert mode_pictures.round_ticks(largest) == ticks
 
 
 def test_stresses_are_drawn_grey_where_they_are_not_known(tmp_path, monkeypatch):

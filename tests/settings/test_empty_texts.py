@@ -30,6 +30,8 @@ STATE = '[[geometric_stiffness]]\nstate = "ax"\nvalue = 1.0\nfile = "model.h5"\n
      r"term\[0\].units: found an empty text"),
     ('[[parameter]]\nname = "a"\nrange = [0.0, 1.0]\n[[term]]\nof = "K"\nfile = "k.mtx"\nfactor = "a"\n'
      'variable = ""\n', r"term\[0\].variable: found an empty text"),
+    ('[[viscoelastic]]\nfile = "k.mtx"\nname = ""\nlaw = {kind = "maxwell", factors = [0.5], times = [1e-3]}\n',
+     "viscoelastic.name: found '', expected a text"),
 ])  # fmt: skip
 def test_keys_of_a_job(folder, capsys, text, says):
     Path("job.toml").write_text(CHORD_JOB + text)
@@ -48,6 +50,8 @@ def test_names_of_files_in_a_job(folder, capsys, key):
     (["info", " "], "the word behind 'info': found an empty text"),
     (["response", "model.h5", "--frame", "", "--band", "0,300"], "--frame: found an empty text"),
     (["evaluate", "result.h5", "--at", ""], "--at: found an empty text"),
+    (["export", "result.h5", "--format", "fmu", "--set", "fmu.name="], "fmu.name: found '', expected a text"),
+    (["export", "result.h5", "--format", "openfast", "--set", "openfast.loads="], "openfast.loads: found '', expected"),
 ])  # fmt: skip
 def test_words_of_a_command_line(folder, capsys, line, says):
     assert re.search(says, refused(capsys, *line))

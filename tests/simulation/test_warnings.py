@@ -1,6 +1,7 @@
 """Motions beyond what the equations describe are told, with their numbers; those within are not."""
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +15,7 @@ from hpcred.body.node_shapes import interface_nodes
 from hpcred.model.interfaces import Interface, Nodes
 from hpcred.parallel.failures import ComputationError
 from hpcred.parallel.petsc import MPI
+from hpcred.parallel.progress import Progress
 from hpcred.simulation.equations_of_motion import FlexibleBody
 from hpcred.simulation.joints import holds_of
 from hpcred.simulation.simulation import simulate
@@ -104,3 +106,26 @@ def test_a_motion_that_overflows_says_that_it_diverged(beam, monkeypatch):
     })  # fmt: skip
     with pytest.raises(ComputationError, match=r"rotation too fast: .*; the motion has numbers that overflow"):
         simulate(beam, Simulation(end=0.1, steps=2, angular_velocity=(0.0, 0.0, 30.0)))
+
+
+class Told(Exception):
+    pass
+
+
+class StopsAtNote(Progress):
+    """A Progress that ends the run at the first note."""
+
+    def tell(self, text):
+        if text.startswith("note: steps"):
+            raise Told(text)
+
+
+def test_a_start_that_costs_very_many_steps_is_told_before_them(beam):
+    """Weight at once on an undeformed beam sets it vibrating; at rest, for a short time or for rough tolerances there
+    are few steps."""
+    at_once = Simulation(end=1000.0, steps=50, gravity=(0.0, 0.0, -0.01), constraint=(Joint(1, kind="fixed"),))
+    with pytest.raises(Told, match=r"Hz in its stiffest mode .* output steps of 2e\+07 us; .* about \de\+0\d steps"):
+        simulate(beam, at_once, StopsAtNote(MPI.COMM_SELF))
+    for change in ({"start": "static"}, {"end": 0.01}, {"absolute_tolerance": 1.0, "end": 1.0}):
+        motion = simulate(beam, replace(at_once, **change), StopsAtNote(MPI.COMM_SELF))
+        assert not any("stiffest mode" in note for note in motion.notes)

@@ -1,10 +1,11 @@
 #!/bin/sh
 # debian.sh RELEASE COMMAND...: run a command in a copy of this work tree, in a bare Debian of its own (as root).
-# The system is made by debootstrap in build/RELEASE and kept; what it needs of networks is copied from this machine.
+# The system is made by debootstrap in build/RELEASE, or SYSTEMS/RELEASE, and kept; what it needs of networks is copied
+# from this machine.
 set -eu
 release=$1; shift
 cd "$(dirname "$0")/../.."
-root=$PWD/build/$release
+root=${SYSTEMS:-$PWD/build}/$release
 
 if [ ! -e "$root.ready" ]; then
     command -v debootstrap >/dev/null || { apt-get update -qq && apt-get install -y -qq debootstrap; }

@@ -63,7 +63,7 @@ def test_structural_damping_is_carried_or_refused(reduced_linkage, comm):
 def test_the_help_names_all_formats(capsys):
     assert run(["export", "--help"]) == 0
     words = capsys.readouterr().out.replace(",", " ").replace(".", " ").replace(";", " ").split()
-    assert {entry.name for entry in WRITERS.own} <= set(words)
+    assert {entry.name for entry in WRITERS.own} | {"simpack", "simulink", "paraview"} <= set(words)
 
 
 @pytest.mark.mpi
@@ -210,7 +210,7 @@ def test_the_ending_of_a_name_is_that_of_its_format(linkage_folder, capsys):
         (["--format", "png", "-o", "x.jpg"], "x.jpg: found a name that ends in .jpg, expected .png of --format png"),
         (["-o", "a.txt"], "output a.txt: found a name that ends in .txt, expected one of .sid_fem, .mat, .npz, .fem"),
         (["-o", "a"], "output a: found a name that ends in nothing, expected one of .sid_fem, "),
-        (["--format", "SIMPACK"], "(did you mean 'sid'?)"), (["--format", "matlb"], "(did you mean 'matlab'?)"),
+        (["--format", "matlb"], "(did you mean 'matlab'?)"),
     ):
         assert says in refused(capsys, "export", "result.h5", *words)
     for name, kind, more in (

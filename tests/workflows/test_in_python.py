@@ -1,12 +1,17 @@
 """What a scientist writes first: a model of matrices, its reduction, responses, files and other libraries."""
 
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 import scipy.sparse
+import typer.main
 
 import hpcred
+from hpcred.cli.main import app
+from hpcred.linalg.blocks import from_dense, local_rows
 from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import PETSc
 
@@ -34,7 +39,7 @@ def test_from_matrices_to_a_file_and_back(comm, folder):
     full = fom.frequency_response(F)
     assert np.abs(full - dense(D)).max() < 1e-9 * np.abs(full).max()
     assert np.abs(rom.frequency_response(F) - full).max() < 1e-4 * np.abs(full).max()
-    assert rom.record.damping == hpcred.GivenDamping() and "eps <= 0.0001 over 0 to 300 Hz" in str(rom)
+    assert rom.record.damping == hpcred.GivenDamping() and "(tolerance 0.01 %) over 0 to 300 Hz" in str(rom)
     rom.save(folder / "rod.h5")
     again = hpcred.read_result(folder / "rod.h5", comm).reduced
     assert np.array_equal(again.K, rom.K) and again.record.damping == hpcred.GivenDamping()
@@ -51,6 +56,114 @@ def test_a_given_damping_matrix_counts_unless_told_otherwise(comm):
     assert not rom.D.any() and any("kind = 'given' takes" in item for item in rom.record.warnings)
     bare = hpcred.SecondOrderModel(M, None, K, B)
     assert bare.D is None and hpcred.reduce(bare, hpcred.Modes(count=3)).record.damping == hpcred.NoDamping()
+
+
+def test_damping_may_be_left_out_but_not_the_stiffness():
+    fom = hpcred.SecondOrderModel(M=M, K=K, B=B)
+    assert fom.D is None
+    same = hpcred.SecondOrderModel(M, None, K, B)
+    np.testing.assert_array_equal(fom.frequency_response(F[:2]), same.frequency_response(F[:2]))
+    with pytest.raises(InputError, match=r"K is missing; the order is M, D, K"):
+        hpcred.SecondOrderModel(M, K)
+
+
+@pytest.mark.parametrize(("make", "says"), [
+    (lambda: hpcred.Rayleigh(alfa=2.0), r"Rayleigh: unknown keyword 'alfa' \(did you mean 'alpha'\?\)"),
+    (lambda: hpcred.Krylov(freqency=1.0), "did you mean 'frequency'"),
+    (lambda: hpcred.Interface(name="a", nodes=(1,), kimd="rigid"), "did you mean 'kind'"),
+    (lambda: hpcred.Simulation(end=1.0, step=3), "did you mean 'steps'"),
+    (lambda: hpcred.SecondOrderModel(M=M, K=K, input_name=["a"]), "did you mean 'input_names'"),
+])  # fmt: skip
+def test_misspelt_keywords_of_settings_are_suggested(make, says):
+    with pytest.raises(InputError, match=says):
+        make()
+
+
+def test_every_public_class_with_fields_checks_its_keywords():
+    classes = [item for name in hpcred.__all__ if is_dataclass(item := getattr(hpcred, name))]
+    assert len(classes) > 50
+    for item in classes:
+        with pytest.raises(InputError, match=f"{item.__name__}: unknown keyword 'no_such_key'"):
+            item(no_such_key=1)
+
+
+def test_commands_are_found_under_their_names():
+    """But `report`, the name of a room, and those whose name is that of a function on objects."""
+    others = {"report", "example"}
+    for name in set(typer.main.get_command(app).commands) - others:
+        assert callable(getattr(hpcred, name)) and name in dir(hpcred)
+    assert hpcred.info is hpcred.describe_file
+    for word, meant in (("inof", "info"), ("reprot_file", "report_file")):
+        with pytest.raises(AttributeError, match=f"did you mean '{meant}'"):
+            getattr(hpcred, word)
+    for function, other in ((hpcred.reduce, "reduce_job"), (hpcred.campbell, "campbell_file")):
+        with pytest.raises(InputError, match=f"found 'a.h5', expected an object in memory; .*hpcred.{other}"):
+            function("a.h5")
+
+
+@pytest.mark.mpi(ranks=(1, 3))
+def test_what_notebooks_show(comm):
+    fom = hpcred.SecondOrderModel(M, D, K, B, name="a < b")
+    shown = fom._repr_html_() if comm.rank == 0 else ""  # notebooks call it on one rank
+    assert comm.rank or ("a &lt; b" in shown and f"<td style='text-align:left'>{N}</td>" in shown)
+    rom = hpcred.reduce(fom, tolerance=1e-4, band=(0, 300))
+    accuracy = rom.record.accuracy
+    for text in (f"{rom.size} coordinates", accuracy.sentence.replace("<", "&lt;"), accuracy.directions[0].output):
+        assert text in rom._repr_html_()
+    assert accuracy._repr_html_().count("<tr>") == 1 + min(5, len(accuracy.directions))
+
+
+def test_a_campbell_diagram_draws_and_shows_itself():
+    """Two modes of a rotor that split with its speed, one of which crosses it."""
+    omega = np.linspace(0.0, 800.0, 9)
+    poles = 1j * (500.0 + np.array([0.25, -0.25]) * omega[:, None]) - 1.0
+    crossing = hpcred.CriticalSpeed(order=1.0, mode=1, value=400.0, frequency=63.66, damping_ratio=2.5e-3,
+                                    whirl="backward")  # fmt: skip
+    found = hpcred.Campbell(parameter="omega", unit="rad/s", values=omega, poles=poles, orbits=np.full((9, 2), np.nan),
+                            highest=200.0, orders=(1.0,), critical_speeds=(crossing,))  # fmt: skip
+    figure = found.plot()
+    assert figure.axes[0].get_title() == found.sentence == "stable for omega = 0 to 800 rad/s"
+    drawn = [line.get_ydata() for line in figure.axes[0].lines]
+    assert any(len(y) == 9 and np.allclose(y, poles[:, 0].imag / 2 / np.pi) for y in drawn)
+    html = found._repr_html_()
+    assert all(f"<td>{word}</td>" in html for word in ("400", "63.66", "0.25", "backward")) and found.sentence in html
+    assert figure._repr_png_()[:4] == b"\x89PNG"
+
+
+SHAPES = np.random.default_rng(3).standard_normal((N, 3))
+
+
+@dataclass(frozen=True)
+class Given(hpcred.Component):
+    """Given columns, of which each rank gives its rows."""
+
+    kind: Literal["given_for_test"] = "given_for_test"
+
+    def columns(self, inputs, rigid):
+        return 3
+
+    def extend(self, basis, run):
+        rows = slice(*run.model.K.getOwnershipRange())
+        mine = SHAPES[rows]
+        assert basis.extend(mine[:, 0]).kept == 1 and basis.extend(mine[:, 1:]).kept == 2
+        assert basis.extend(from_dense(mine, run.model.K)).kept == 0
+        assert from_dense(mine).getSizes() == from_dense(mine, run.model.K).getSizes()
+        with pytest.raises(InputError, match=r"expected \(\d+, columns\), the rows of this rank"):
+            basis.extend(mine[:-1])
+        with pytest.raises(InputError, match="not real or not finite"):
+            basis.extend(1j * mine)
+
+
+@pytest.mark.mpi(ranks=(1, 3))
+def test_components_on_plain_arrays(comm):
+    """Their span is that of the basis."""
+    with (
+        hpcred.SecondOrderModel(M, None, K, B) as fom,
+        hpcred.reduce(fom, [Given()]) as rom,
+        local_rows(rom.columns) as rows,
+    ):
+        V = np.concatenate(comm.allgather(rows.real.copy()))
+    assert V.shape == (N, 3) and np.abs(V - SHAPES @ np.linalg.lstsq(SHAPES, V, rcond=None)[0]).max() < 1e-9
 
 
 @pytest.mark.mpi(ranks=(1, 3))

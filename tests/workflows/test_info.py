@@ -127,8 +127,8 @@ def test_files_in_toml_are_told_apart(linkage_folder, capsys):
     Path("s.toml").write_text('job = "job.toml"')
     Path("y.toml").write_text('body = "result.h5"\nend = 1.0')
     for words, says in (
-        (["s.toml"], "s.toml: found a sweep; `hpcred sweep` reads it"),
-        (["y.toml"], "y.toml: found a simulation; `hpcred simulate` reads it"),
+        (["s.toml"], "s.toml: found a sweep, which `hpcred sweep` reads"),
+        (["y.toml"], "y.toml: found a simulation, which `hpcred simulate` reads"),
         (["job.toml", "--modes", "3"], "job.toml: a job is shown and drawn with its interfaces; modes"),
         (["job.toml", "--figure", "f.png"], "job.toml has no [[interface]] to draw"),
     ):

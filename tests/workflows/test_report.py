@@ -89,6 +89,22 @@ def test_the_page_is_whole_and_needs_no_network(linkage_report):
     assert "mod<al" in page.texts and "mod<al<" not in text  # names of users are not taken as tags
 
 
+def test_units_that_were_converted_are_named(tmp_path, monkeypatch):
+    """In the record, in Python and on the page."""
+    monkeypatch.chdir(tmp_path)
+    with (
+        package.linkage() as model,
+        package.in_si(model, package.units_of("mm,t,s")) as converted,
+        converted.with_inputs([(20, "z")]) as loaded,
+        package.reduce(loaded, [package.Modes(index=(7, 8, 9))], package.Buckens()) as rom,
+    ):
+        rom.save("rod.h5")
+        assert rom.record.units == converted.converted_from and rom.record.units in rom._repr_html_()
+    report_file(["rod.h5"], output="rod.html")
+    page, _ = page_of("rod.html")
+    assert f"kg, m, s, converted from {rom.record.units}" in " ".join(page.texts)
+
+
 def test_what_is_drawn_is_what_the_files_say(linkage_report):
     folder, told = linkage_report
     page, _ = page_of(folder / "report.html")

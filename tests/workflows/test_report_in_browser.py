@@ -81,6 +81,45 @@ def test_the_slider_moves_the_picture(linkage_page):
     assert (np.abs(by_address - after).max(axis=2) > 60).sum() < 200
 
 
+@pytest.fixture(scope="module")
+def moving_page(tmp_path_factory):
+    """A report of a rod with stress modes and a motion, whose stress is largest at 0.2 s."""
+    folder = tmp_path_factory.mktemp("moving")
+    inputs = [(1, "x"), (7, "z")]
+    with (
+        package.crank(600) as rod,
+        rod.with_inputs(inputs) as model,
+        package.reduce(model, [package.Modes(index=(7, 8, 9))], package.Buckens()) as rom,
+    ):
+        rom.save(folder / "rod.h5", stress=package.stress_modes(model, rom.columns))
+    rows = [[0.0, 0, 0, 0], [0.1, 1e-4, 0, 0], [0.2, 2e-3, 1e-3, 0], [0.3, 0, 1e-4, 1e-4]]
+    text = "t,q1,q2,q3\n" + "".join(",".join(map(str, row)) + "\n" for row in rows)
+    (folder / "motion.csv").write_text(text)
+    package.report_file([folder / "rod.h5"], motion=folder / "motion.csv", output=folder / "report.html")
+    return folder / "report.html"
+
+
+def test_stress_is_coloured_and_its_motion_steps(moving_page):
+    text = moving_page.read_text(encoding="utf-8")
+    hand = """<script>const c = document.getElementById("colour"), t = document.querySelector(".moving .mode");
+    c.value = "stress"; c.dispatchEvent(new Event("change"));
+    t.value = 2; t.dispatchEvent(new Event("input"));</script>"""
+    moved = moving_page.with_name("moved.html")
+    moved.write_text(text.replace("</body>", f"{hand}</body>"), encoding="utf-8")
+    before, after = browse(moving_page, "--dump-dom"), browse(moved, "--dump-dom")
+    assert 'data-bodies="2"' in before and "0.2 s</output>" in before and "0.1 s</output>" in after
+    pictures = screenshot(moving_page, "before.png"), screenshot(moved, "after.png")
+    rows = np.flatnonzero((np.abs(pictures[0] - pictures[1]).max(axis=2) > 60).any(axis=1))
+    assert np.ptp(rows) > 600  # both bodies have other colours
+
+
+def test_the_page_is_dark_where_the_browser_is(moving_page):
+    browse(moving_page, "--blink-settings=preferredColorScheme=0", f"--screenshot={moving_page.with_name('dark.png')}")
+    dark = np.asarray(Image.open(moving_page.with_name("dark.png")).convert("L")).astype(int)
+    light = screenshot(moving_page, "light.png").mean(axis=2)
+    assert np.median(dark) < 60 and np.median(light) > 220 and (dark > 150).mean() > 0.005  # with light words
+
+
 def test_interfaces_inside_a_body_are_seen_and_named(tmp_path):
     """A free body in interface coordinates opens with its first elastic shape; marks lie over what hides them."""
     with block_with_ends(MPI.COMM_SELF) as model:

@@ -105,7 +105,7 @@ def test_the_command_and_its_files(model_file, capsys):
     command += ["--check", "3", "--seed", "4", "--figure", "r.svg", "--json", "r.json"]
     assert run([*command, "-o", "r.h5"]) == 0
     shown = capsys.readouterr().out
-    assert "eps <= 1e-05 over 0 to 9000 Hz: estimated" in shown and "never above eps = 1e-05" in shown
+    assert "(tolerance 0.001 %) over 0 to 9000 Hz" in shown and "never above: largest error" in shown
     assert run([*command, "-o", "r.csv"]) == 0
     report, stored = json.loads(Path("r.json").read_text()), package.read_responses("r.h5")
     assert report["reached"] and report["check"]["seed"] == 4 and report["proofs"]
@@ -137,7 +137,7 @@ def test_a_tolerance_below_round_off_is_said_first(model_file, capsys):
 def test_a_check_can_fail():
     check = Check(seed=7, bound=1e-4, frequencies=(1.0, 2.0), estimated=(1e-5, 1e-5), measured=(1e-5, 2e-3))
     assert not check.passed
-    assert "ABOVE at 1 of them: eps = 0.0001; at most 2.00e-03, at 2 Hz (estimated 1.00e-05)" in check.sentence
+    assert "ABOVE at 1 of them: largest error 0.2 % (tolerance 0.01 %), at 2 Hz (estimated 0.001 %)" in check.sentence
     assert not Check(seed=7, bound=1e-4, frequencies=(1.0,), estimated=(1e-5,), measured=(float("nan"),)).passed
 
 

@@ -1,5 +1,9 @@
 """Stress modes in result.h5 by the key `stress` of a job."""
 
+import base64
+import json
+import re
+
 import numpy as np
 import pytest
 from foreign import gathered
@@ -9,6 +13,7 @@ import hpcred
 from hpcred.body.recovery import von_mises
 from hpcred.cli.main import run
 from hpcred.parallel.failures import InputError
+from hpcred.report.surface import surface_of
 from hpcred.workflows import stress_state
 
 JOB = """model = "crank.h5"
@@ -94,6 +99,35 @@ def unlike_any(count):
     return np.sin(np.arange(1, 8)[:, None] * np.arange(1, count + 1))
 
 
+def unpacked(packed):
+    kinds = {"f4": "<f4", "f8": "<f8", "u4": "<u4", "i2": "<i2"}
+    array = np.frombuffer(base64.b64decode(packed["bdata"]), kinds[packed["dtype"]]).reshape(packed["shape"])
+    return array / (2**15 - 1) if packed["dtype"] == "i2" else array
+
+
+def _check_played(drawn, moved, q, whole, result, modes):
+    """What the page plays: displacements and stresses of its instants at the surface, against all at once."""
+    motion, shape = drawn["motion"], drawn["shape"]
+    assert motion["times"] == moved.t[moved.shown].tolist()
+    assert moved.shown[motion["start"]] == whole.max(axis=1).argmax()
+    assert motion["largest"] == pytest.approx(whole.max() / 1e6) and motion["ticks"][0] == 0
+    with result.shapes() as shapes:
+        nodes, known = surface_of(shapes.points, shapes.cells).nodes, np.searchsorted(shapes.nodes, modes.node)
+        fields, marks = zip(*(shapes.moved(q[i]) for i in moved.shown), strict=True)
+        stress = np.full((len(moved.shown), len(shapes.nodes)), -1.0)
+    fields = np.concatenate([np.array(fields)[:, nodes], np.array(marks)], axis=1)
+    fields /= np.linalg.norm(fields, axis=2).max()
+    stress[:, known] = whole[moved.shown] / whole.max()
+    for k in range(len(fields)):
+        assert np.allclose(unpacked(motion["fields"][k]), fields[k], atol=2e-4)
+        drawn_stress = unpacked(motion["stresses"][k])
+        assert np.allclose(drawn_stress[: len(nodes)], stress[k, nodes], atol=2e-4)
+        assert (drawn_stress[len(nodes) :] == -1).all()
+    assert len(shape["stresses"]) == len(shape["fields"])
+    for values in map(unpacked, shape["stresses"]):
+        assert values.max() == pytest.approx(1.0, abs=0.5) and values.min() >= -1
+
+
 def test_pictures_of_stresses_of_shapes_and_of_a_motion(folder, comm, monkeypatch, capsys):
     """Against all stresses at once; the page has both pictures, the folder of figures too."""
     hpcred.reduce_job(job(folder, comm, "stress = true"), comm=comm)
@@ -120,11 +154,14 @@ def test_pictures_of_stresses_of_shapes_and_of_a_motion(folder, comm, monkeypatc
         assert np.allclose(values, whole[:, np.searchsorted(known, i)] / 1e6)
         free = np.linalg.norm(points[:, None] - points[at[:k]], axis=2).min(axis=1, initial=np.inf) > far
         assert free[i] and values.max() == pytest.approx(peaks[free].max())
+    found_stress = found
     found = hpcred.report_file(["r.h5"], motion="motion.csv", output="page.html", png="figures", comm=comm)
     drawn = {f"figures/{name}_r.png" for name in ("stress", "stress_of_motion", "stress_over_time")}
     assert drawn <= set(found["files"])
     text = (folder / "page.html").read_text()
-    assert text.count('<img class="drawn" src="data:image/png;base64,') == 3 and '<section id="stress">' in text
+    assert '<section id="stress">' in text and '<option value="stress">' in text and "<img" not in text
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)[1])
+    _check_played(data["results"][0], found_stress, q, whole, result, modes)
     assert run(["export", "r.h5", "--format", "png", "--set", "png.colour=stress", "-o", "a.png"]) == 0
     assert (folder / "a.png").read_bytes()[:4] == b"\x89PNG"
     with pytest.raises(InputError, match=r"^--motion: found 2 results, expected the one that moved so"):

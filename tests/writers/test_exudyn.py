@@ -1,7 +1,10 @@
 """The file for Exudyn: Exudyn itself moves the body, and what its file does not hold is said."""
 
+import re
+
 import numpy as np
 import pytest
+from docs_pages import DOCS
 from helpers import bar, exported
 
 import hpcred
@@ -130,6 +133,24 @@ def test_exudyn_swings_a_pendulum_as_we_do(tmp_path, kind):
     assert np.linalg.norm(ours.node_displacement[-1], axis=1).max() > 0.1
     assert np.abs(ours.elastic @ body.nodes[place].psi.T).max() > bending  # rad
     assert ours.balance < 1e-4 and ours.rotation_drift < 1e-6
+
+
+@pytest.mark.peers("exudyn")
+@pytest.mark.parametrize("node", ["1", "14", "20"])
+def test_the_page_hangs_a_body_on_any_node(tmp_path, monkeypatch, node):
+    """The program of the page for another node than the first: the hinge is where the node is, and holds."""
+    exported(Exudyn, tmp_path / "result_exudyn.npz", body_with(Rayleigh(2.0, 1e-4)))
+    monkeypatch.chdir(tmp_path)
+    program = re.search(r"```python\n(.*?)```", (DOCS / "export-exudyn.md").read_text(), re.S)[1]
+    assert program.count('"20"') == 1
+    exec(compile(program.replace('"20"', f'"{node}"'), "export-exudyn.md", "exec"), names := {})
+    names["mbs"].Assemble()
+    ends = [names["mbs"].GetMarkerOutput(names[key], names["exudyn"].OutputVariableType.Position)
+            for key in ("ground", "bearing")]  # fmt: skip
+    assert ends[0] == pytest.approx(ends[1], abs=1e-12)
+    with hpcred.linkage() as model:
+        place = model.dofs.position[model.dofs.node == int(node)][0]
+    assert ends[1] == pytest.approx(place, abs=1e-12)
 
 
 def bent(path, held, loaded, moment):

@@ -91,16 +91,16 @@ def test_a_motion_for_paraview(linkage_folder):
         assert [(code, nodes.shape) for code, nodes in mesh.cells] == [(vtk.TYPES["line"], (19, 2))]
 
 
+@pytest.mark.mpi(costly=True)
 @pytest.mark.parametrize("name, kind, count", [("blockC3D10", "tetra10", 122), ("blockC3D8", "hexahedron", 90)])
-def test_elements_of_abaqus_reach_paraview(tmp_path, monkeypatch, hpcred, name, kind, count):
-    monkeypatch.chdir(tmp_path)
-    for file in DATA.glob(f"{name}*"):
-        (tmp_path / file.name).symlink_to(file)
-    assert hpcred("convert", f"{name}.inp", "model.h5", "--inputs", "1:x", ranks=3).returncode == 0
-    (tmp_path / "job.toml").write_text(JOB)
-    assert hpcred("reduce", "job.toml", ranks=2).returncode == 0
-    export_result("result.h5", "vtk")
-    mesh = vtu_reading.read("result.vtu")
+def test_elements_of_abaqus_reach_paraview(folder, comm, name, kind, count):
+    assert run(["convert", str(DATA / f"{name}.inp"), str(folder / "model.h5"), "--inputs", "1:x"]) == 0
+    if comm.rank == 0:
+        (folder / "job.toml").write_text(JOB)
+    comm.Barrier()
+    assert run(["reduce", str(folder / "job.toml")]) == 0
+    assert run(["export", str(folder / "result.h5"), "--format", "vtk"]) == 0
+    mesh = vtu_reading.read(folder / "result.vtu")
     ((code, cells),) = mesh.cells
     assert code == {"tetra10": 24, "hexahedron": 12}[kind] and cells.shape == (count, NODES[kind])
     corners = mesh.points[cells]

@@ -68,6 +68,9 @@ class Auto(Factorisation):
     def estimate(self):
         return self._on_gpu_or_not(lambda: self._factors.estimate())
 
+    def known(self):
+        return self._factors.known()
+
     def factor(self, **labels):
         self._on_gpu_or_not(lambda: self._factors.factor(**labels))
         self.source = self._factors.source

@@ -139,6 +139,10 @@ class Solver(ABC):
         DoesNotFit."""
         return None
 
+    def known(self) -> tuple[str, float | None]:
+        """What is known of the factor that is being made: see parallel.progress.Stage. Local."""
+        return "", None
+
     @abstractmethod
     def release(self):
         """Free what was made for A, for another solver to have the memory."""
@@ -222,6 +226,10 @@ class Factorisation(ABC):
     def estimate(self) -> tuple[float, float] | None:
         """See Solver."""
         return None
+
+    def known(self) -> tuple[str, float | None]:
+        """See Solver."""
+        return "", None
 
     @abstractmethod
     def release(self):

@@ -31,6 +31,9 @@ class DirectSolver(Solver):
     def analyses(self):
         return self.factors.analyses
 
+    def known(self):
+        return self.factors.known()
+
     def release(self):
         self.factored = None
         self.factors.release()

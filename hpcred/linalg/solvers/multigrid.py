@@ -10,7 +10,7 @@ import numpy as np
 from ...parallel.failures import ComputationError, InputError
 from ...parallel.petsc import SAME, PETSc, free_dropped
 from ...parallel.sums import summed
-from ..blocks import create_dense, local_rows
+from ..blocks import create_dense, local_rows, multiply_dense
 from ..conjugate_gradients import NegativeCurvature, negative_curvature
 from ..csr import diagonal_of
 from ..multigrid import Multigrid, TooDense
@@ -168,9 +168,9 @@ class MultigridSolver(IterativeSolves, Solver):
 
             def cycle(r, z):
                 plain.getDenseArray()[...] = r
-                blocks.expansion.matMult(plain, wide)
+                multiply_dense(blocks.expansion, plain, wide)
                 self._levels.apply(wide.getDenseArray(), made.getDenseArray())
-                blocks.contraction.matMult(made, plain)
+                multiply_dense(blocks.contraction, made, plain)
                 z[...] = plain.getDenseArray()
 
         if self.rigid is None:

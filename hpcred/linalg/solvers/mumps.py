@@ -46,6 +46,7 @@ class Mumps(PetscFactorisation):
         super().__init__(matrix, symmetric, prefix, factoring, inertia=inertia)
         self._ksp.setErrorIfNotConverged(False)  # for codes of MUMPS say more
         self._chosen = False
+        self._under_way: PETSc.Mat | None = None  # the factor that is being made
         if self.factoring.single:
             _check_single()
         self._settings = {
@@ -85,13 +86,14 @@ class Mumps(PetscFactorisation):
 
     def expected(self, orderings) -> dict[int, dict]:
         """What a factor with each of the orderings (icntl_7) takes, as MUMPS estimates by analyses alone: `flops`,
-        `entries`, `mb` in all and `mb_max_rank`."""
+        `entries`, `mb` in all and `mb_max_rank`, and `mb_on_disk`, those in all where factors are on a disk."""
         found = {}
         for ordering in orderings:
             mumps = self._set_up(ANALYSIS | {"icntl_7": ordering})
             found[ordering] = {
                 "flops": mumps.getMumpsRinfog(1), "entries": _entries(mumps.getMumpsInfog(20)),
                 "mb": mumps.getMumpsInfog(17), "mb_max_rank": mumps.getMumpsInfog(16),
+                "mb_on_disk": mumps.getMumpsInfog(27),
             }  # fmt: skip
             self.release()
         return found
@@ -125,8 +127,8 @@ class Mumps(PetscFactorisation):
         return (
             f"the factorisation does not fit: it needs about {rank} MB on one rank and {total} MB in all, and a rank "
             f"has {self._limit} MB; take more ranks on more nodes, fewer groups, or keep factors on a disk "
-            f"(out_of_core: about {on_disk} MB a rank); real points, 0 Hz or decays, need no factor with "
-            "solver.kind = 'multigrid'"
+            f"(out_of_core: about {on_disk} MB a rank); with solver.unfit = 'multigrid' real points, 0 Hz or decays, "
+            "are solved by multigrid"
         )
 
     def _set_up(self, forced=None, **more):
@@ -136,7 +138,24 @@ class Mumps(PetscFactorisation):
             temporary_options(self.prefix + "mat_mumps_", self._settings | more, forced),
             temporary_options(self.prefix, {}, precision),
         ):
-            return super()._set_up()
+            pc = self._ksp.getPC()
+            self._ksp.setOperators(self.matrix)
+            pc.setFactorSetUpSolverType()
+            self._under_way = pc.getFactorMatrix()
+            self._under_way.setOptionsPrefix(self.prefix)  # which the set-up gives only to those that it makes
+            try:
+                return super()._set_up()
+            finally:
+                self._under_way = None
+
+    def known(self):
+        """See Solver: operations by the analysis, and seconds at the pace of the factor before."""
+        factor = self._under_way
+        operations = 0.0 if factor is None else factor.getMumpsRinfog(1)
+        if not operations > 0:
+            return "", None
+        before = next((record for record in reversed(self.records) if record.flops), None)
+        return f"{operations:.1e} operations", before and before.factor_seconds * operations / before.flops
 
     def _made(self):
         self._choose_ordering()

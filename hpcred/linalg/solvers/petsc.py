@@ -1,7 +1,7 @@
 """Factor by what PETSc reaches through its PC: its own Cholesky and LU, SuperLU_DIST, and (see mumps.py) MUMPS."""
 
 from ...parallel.failures import ComputationError, InputError
-from ...parallel.petsc import PETSc
+from ...parallel.petsc import PETSc, without_gil
 from .base import DoesNotFit, Factorisation, SingularMatrix
 
 ZERO_PIVOT, NO_MEMORY = (71, 81), 55  # error codes of PETSc
@@ -38,7 +38,7 @@ class PetscFactorisation(Factorisation):
 
     def _set_up(self):
         self._ksp.setOperators(self.matrix)
-        self._ksp.setUp()
+        without_gil("KSPSetUp", self._ksp)
         return self._ksp.getPC().getFactorMatrix()
 
     def _factor(self):
@@ -68,7 +68,7 @@ class PetscFactorisation(Factorisation):
         return {"ordering": "other", "factor_entries": int(factor.getInfo()["nz_used"])}
 
     def _solve(self, right, solution):
-        self._ksp.getPC().getFactorMatrix().matSolve(right, solution)
+        without_gil("MatMatSolve", self._ksp.getPC().getFactorMatrix(), right, solution)
 
 
 class PetscOwn(PetscFactorisation):

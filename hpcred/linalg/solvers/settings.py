@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import Literal
@@ -28,18 +29,19 @@ class LinearSolver:
     """How blocks are solved for at the points of a reduction.
 
     `kind`: "direct", by factors; "multigrid", by conjugate gradients with algebraic multigrid, which takes a tenth
-    of the memory and real points only (0 Hz, decays); "auto": by factors, and by multigrid from the first real
-    point on whose factor does not fit. `package`: what makes factors: "mumps"; "cudss", on a GPU of NVIDIA; "auto":
-    by cuDSS where there is a GPU, nvmath-python imports and the factor fits, else by MUMPS; "superlu_dist" or
-    "petsc" (one rank). `precision` of the factors: "double", or "single", which takes half the memory (cuDSS, and
-    MUMPS with PETSc 3.25 or later); solutions are refined to the residual of full factors, and the run fails if
-    that is not reached. Both are refused beside "multigrid", which makes no factors. Of multigrid: `residual`, the
-    relative one that solutions are refined to, as far as round-off lets them; at most so many `iterations`, also of
-    those that a trial expects; `threshold`, the share of the diagonal below which entries do not count in
-    coarsening; `sweeps` of the smoother.
+    of the memory and real points only (0 Hz, decays). `unfit`: what happens where a factor does not fit into
+    memory: "refuse" ends the run, "multigrid" goes on by multigrid from that real point on. `package`: what makes
+    factors: "mumps"; "cudss", on a GPU of NVIDIA; "auto": by cuDSS where there is a GPU, nvmath-python imports and
+    the factor fits, else by MUMPS; "superlu_dist" or "petsc" (one rank). `precision` of the factors: "double", or
+    "single", which takes half the memory (cuDSS, and MUMPS with PETSc 3.25 or later); solutions are refined to the
+    residual of full factors, and the run fails if that is not reached. Both are refused beside "multigrid", which
+    makes no factors. Of multigrid: `residual`, the relative one that solutions are refined to, as far as round-off
+    lets them; at most so many `iterations`, also of those that a trial expects; `threshold`, the share of the
+    diagonal below which entries do not count in coarsening; `sweeps` of the smoother.
     """
 
-    kind: Literal["auto", "direct", "multigrid"] = "auto"
+    kind: Literal["direct", "multigrid"] = "direct"
+    unfit: Literal["refuse", "multigrid"] = "refuse"
     package: str = "auto"
     precision: Literal["double", "single"] = "double"
     residual: float = 1e-12
@@ -48,9 +50,12 @@ class LinearSolver:
     sweeps: int = 2
 
     def __post_init__(self):
+        if self.kind == "auto":  # of earlier versions
+            raise InputError("solver.kind: found 'auto'; it is now kind 'direct' with unfit = 'multigrid'")
         as_declared(self, "solver.")
-        if self.kind not in ("auto", "direct", "multigrid"):
-            raise InputError(f"solver.kind: found '{self.kind[:40]}', expected 'auto', 'direct' or 'multigrid'")
+        for key, values in (("kind", ("direct", "multigrid")), ("unfit", ("refuse", "multigrid"))):
+            if (found := getattr(self, key)) not in values:
+                raise InputError(f"solver.{key}: found '{found[:40]}', expected '{values[0]}' or '{values[1]}'")
         if self.package not in PACKAGES:
             *names, last = map(repr, PACKAGES)
             raise InputError(f"solver.package: found '{self.package[:40]}', expected {', '.join(names)} or {last}")
@@ -60,7 +65,7 @@ class LinearSolver:
             if self.kind == "multigrid" and value != getattr(LinearSolver, key):
                 raise InputError(
                     f"solver.{key}: found '{value}' beside solver.kind = 'multigrid', which makes no factors; leave "
-                    f"{key} out, or take kind 'direct' or 'auto'"
+                    f"{key} out, or take kind 'direct'"
                 )
         within("solver.residual", self.residual, (1e-16, 1e-10, ""))
         within("solver.iterations", self.iterations, (1, 1e6, ""))
@@ -72,12 +77,12 @@ class LinearSolver:
 class Factoring:
     """How matrices are factored, wherever it is done.
 
-    `out_of_core`: a folder for the factors, on a fast local disk, instead of memory. `low_rank`: relative accuracy of
-    block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019); solutions are refined to the residual
-    of full factors, and the run fails if that is not reached; modes are counted where refinement with them converges.
-    `memory_mb`: what a rank may take for a factor, by default what the machine and the batch system leave. These three
-    take MUMPS. `solver`: the package that makes factors, and what a reduction does where there shall be no factor, or
-    where it does not fit.
+    `out_of_core`: a folder for the factors, on a fast local disk, instead of memory; it is made. `low_rank`: relative
+    accuracy of block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019); solutions are refined
+    to the residual of full factors, and the run fails if that is not reached; modes are counted where refinement
+    with them converges. `memory_mb`: what a rank may take for a factor, by default what the machine and the batch
+    system leave. These three take MUMPS. `solver`: the package that makes factors, and what a reduction does where
+    there shall be no factor, or where a factor does not fit.
     """
 
     out_of_core: str | None = None
@@ -91,9 +96,12 @@ class Factoring:
             raise InputError(f"low_rank: found {self.low_rank:g}, expected a number from 0 to 0.01, such as 1e-8")
         if self.memory_mb is not None and not 1 <= self.memory_mb < 1e12:
             raise InputError(f"memory_mb: found {self.memory_mb:g}, expected MB of a rank, more than 0")
-        if self.out_of_core is not None and not os.access(self.out_of_core, os.W_OK | os.X_OK):
-            raise InputError(f"out_of_core: the folder {self.out_of_core} cannot be written; create it or name another")
         self.package.check(self)
+        if self.out_of_core is not None:
+            with suppress(OSError):  # on each node, whose own disk it may be on
+                os.makedirs(self.out_of_core, exist_ok=True)
+            if not os.access(self.out_of_core, os.W_OK | os.X_OK):
+                raise InputError(f"out_of_core: the folder {self.out_of_core} cannot be made or written; name another")
 
     @property
     def package(self) -> type:

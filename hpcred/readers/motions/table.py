@@ -26,7 +26,7 @@ FAMILIES = {  # names of columns, of which the first family counts that is there
     "velocity": ("qdot{}", "v[{}]", "der(q[{}])"),
     "acceleration": ("qddot{}", "der(v[{}])"),
 }
-NUMBER = "[1-9][0-9]{0,8}"
+NUMBER = "[1-9][0-9]*"  # of any length, and never taken as a number
 
 
 def begins(start: bytes) -> bool:
@@ -82,14 +82,15 @@ def _family(path, names, patterns) -> list[int]:
     """Return the places of the columns 1, 2, ... of the first pattern that is there, or none. Raises InputError."""
     for pattern in patterns:
         form = re.compile(re.escape(pattern).replace(re.escape("{}"), f"({NUMBER})"))
-        places = {int(match[1]): k for k, match in enumerate(map(form.fullmatch, names)) if match}
+        places = {match[1]: k for k, match in enumerate(map(form.fullmatch, names)) if match}
         if not places:
             continue
-        missing = next((number for number in range(1, len(places) + 1) if number not in places), None)
+        wanted = [str(number) for number in range(1, len(places) + 1)]
+        missing = next((number for number in wanted if number not in places), None)
         if missing is not None:
             raise InputError(
-                f"{path}: found {len(places)} columns such as {pattern.format(min(places))}, and no "
+                f"{path}: found {len(places)} columns such as {_shown(names[min(places.values())])}, and no "
                 f"{pattern.format(missing)}; expected all from 1 on"
             )
-        return [places[number] for number in sorted(places)]
+        return [places[number] for number in wanted]
     return []

@@ -22,6 +22,7 @@ from ..nodes.table import LARGEST_COORDINATE, elements_of
 from ..nodes.table import VERTICAL_FIRST as VTK
 from .cards import CARD, components, lines_of, number_of, reals, whole_of, wholes
 from .materials import properties_of
+from .point_sets import read_point_sets, sets_of_case
 from .points import CYLINDRICAL, HELD, RECTANGULAR, SPHERICAL, Points, System
 
 START = re.compile(
@@ -37,7 +38,7 @@ CASE = re.compile(rb"(?mi)^[ \t]*(?P<word>SPC|MPC)(?:[ \t]*\([^)\n]*\))?[ \t]*=[
 SYSTEMS = {"R": RECTANGULAR, "C": CYLINDRICAL, "S": SPHERICAL}
 SMALL = re.compile(
     rb"CORD[12][RCS]|GRDSET|SPC|SPC1|SPCADD|MPC|MPCADD|RBE1|RBE2|RBE3|RBAR|RBAR1|RROD|RTRPLT1?|RSPLINE|RSSCON|RJOINT|"
-    rb"PARAM|[ABCQ]SET1?|OMIT1?|SUPORT1?|SPOINT|EPOINT|SEQGP|CSUPER|SESET|SEBULK|EXTRN|"
+    rb"PARAM|[ABCQ]SET1?|SET[13]?|OMIT1?|SUPORT1?|SPOINT|EPOINT|SEQGP|CSUPER|SESET|SEBULK|EXTRN|"
     rb"PSOLID|MAT(?:1|2|3|8|9|10|11|S1)"
 )
 # number of the field of the first node, and nodes by kind, the largest first
@@ -112,9 +113,9 @@ class Deck:
     """The contents of the bulk data; grids are those of this rank, as `Points` but in the systems of the file.
 
     `properties` of the `elements`. `cards`: the few other ones, on all ranks. `case`: the numbers that the case control
-    gives by SPC and MPC, or None where there is no case control. `other`: node numbers of what has nodes and is no
-    element of `elements`, `unknown`: names of elements of which it is not known where the nodes stand. `point_mass`:
-    the sum of CONM2, as written.
+    gives by SPC and MPC, and its SETs, or None where there is no case control. `other`: node numbers of what has nodes
+    and is no element of `elements`, `unknown`: names of elements of which it is not known where the nodes stand.
+    `point_mass`: the sum of CONM2, as written. `sets`: numbers of points by name, and `remarks` on them.
     """
 
     path: Path
@@ -130,6 +131,8 @@ class Deck:
     other: np.ndarray
     unknown: set
     point_mass: float
+    sets: dict[str, np.ndarray]
+    remarks: list[str]
 
     @property
     def mass_unit(self) -> float:
@@ -182,10 +185,11 @@ def read_deck(path, comm) -> Deck:
         displacement = np.where(displacement < -1, defaults[1], displacement)
         held[~own_hold] = defaults[2]
     elements = elements_of(comm, elements)
+    sets, remarks = read_point_sets(path, comm, label, cards, case["SET"] if case else ())
     deck = Deck(
         path, label, system, xyz, displacement, held, cards, case, elements, None,
         np.concatenate([np.zeros(0, np.int64), *other]), set().union(*comm.allgather(unknown)),
-        comm.allreduce(point_mass),
+        comm.allreduce(point_mass), sets, remarks,
     )  # fmt: skip
     with agreed(comm):
         tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *numbers.get(kind, [])]) for kind in elements}
@@ -279,12 +283,13 @@ def _included(path, name, including):
 
 
 def _case(path, stop):
-    """Return numbers of SPC and MPC of the case control; more than one where subcases differ."""
+    """Return numbers of SPC and MPC of the case control, more than one where subcases differ, and its sets."""
     with open_input(path) as file:
         text = file.read(stop)
     text = text[text.upper().rfind(b"CEND") + 4 if b"CEND" in text.upper() else 0 :]
     found = [(match["word"].decode().upper(), int(match["number"])) for match in CASE.finditer(text) if match["word"]]
-    return {key: {number for word, number in found if word == key} for key in ("SPC", "MPC")}
+    return {**{key: {number for word, number in found if word == key} for key in ("SPC", "MPC")},
+            "SET": sets_of_case(text)}  # fmt: skip
 
 
 def _grids(piece):

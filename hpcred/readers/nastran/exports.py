@@ -322,7 +322,8 @@ def _finish(comm, parts, rows, turn, mask):
     points = rows.points
     parts.nodes = NodeTable.as_given(comm, points.label, points.position)
     if rows.deck is not None:
-        parts.elements, parts.properties = rows.deck.elements, rows.deck.properties
+        parts.elements, parts.properties, parts.sets = rows.deck.elements, rows.deck.properties, rows.deck.sets
+        parts.warnings += rows.deck.remarks
     held = points.there() & ~mask & (points.marks & HELD > 0)
     label = points.local_labels()
     for low in (0, 3):

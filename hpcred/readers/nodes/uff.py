@@ -1,13 +1,15 @@
 """Read nodes and elements of universal files (UFF, .unv).
 
-The nodes of datasets 15, 781 and 2411 and the elements of 780 and 2412 are read, and of coordinate systems (18, 2420)
-which of them are the global one. A dataset is between two lines of -1.
+The nodes of datasets 15, 781 and 2411, the elements of 780 and 2412 and the groups of 2467 and its like are read, and
+of coordinate systems (18, 2420) which of them are the global one. A dataset is between two lines of -1.
 """
 
 import os
 import re
 from bisect import bisect_left
+from collections import Counter
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +18,7 @@ from ...files.text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, end_to_end, rec
 from ...files.text_numbers import labels, ragged, whole
 from ...model.elements import NODES
 from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import require_once
+from ...parallel.lookup import require_once, sort_over_ranks
 from .table import NodeTable, elements_of, finite
 
 MARK = re.compile(rb"(?m)^ {0,4}-1[ \t]*\r?$")
@@ -25,6 +27,10 @@ NUMBER = re.compile(rb"[ \t]*(\d{1,5})[ \t]*(?P<binary>b[^\n]*)?\r?\n?")
 # numbers in the lines of a node: label, two systems and a colour, and the coordinates
 NODE_LINES = {15: (7,), 781: (4, 3), 2411: (4, 3)}
 ELEMENTS = (780, 2412)
+# numbers of a member in the lines of a group, of which the first two are its kind and its number
+GROUPS = {2417: 2, 2429: 2, 2430: 2, 2432: 2, 2435: 4, 2452: 4, 2467: 4, 2477: 4}
+NODE, ELEMENT = 7, 8  # kinds of members
+HEAD = re.compile(rb"[ \t]*(?P<number>\d{1,10})(?:[ \t]+-?\d{1,10}){5,6}[ \t]+(?P<count>\d{1,9})[ \t]*\r?\n?")
 GLOBAL = np.array([0, 1])  # coordinate systems, where the file does not say otherwise
 # kinds by the number of the finite element; those of WITH_SECTION have a line about the section before the nodes
 KINDS = {
@@ -42,7 +48,18 @@ ORDER = {
     "hexahedron20": [0, 8, 1, 9, 2, 10, 3, 11, 16, 17, 18, 19, 4, 12, 5, 13, 6, 14, 7, 15],
 }  # fmt: skip
 TO_VTK = {kind: np.argsort(places) for kind, places in ORDER.items()}
+WITHOUT = "{}: sets are without the nodes of elements whose kinds are not read: {}{}"
 ABOVE = 1000  # lines above the bytes of functions, of which there are 11
+
+
+class Mesh(NamedTuple):
+    """Nodes in the order of the file, node numbers of elements of this rank by kind, and those of sets by name, each
+    once over all ranks."""
+
+    nodes: NodeTable
+    elements: dict[str, np.ndarray]
+    sets: dict[str, np.ndarray]
+    remarks: list[str]
 
 
 def begins(start: bytes) -> bool:
@@ -50,8 +67,8 @@ def begins(start: bytes) -> bool:
     return START.match(start) is not None
 
 
-def read(path, comm) -> tuple[NodeTable, dict[str, np.ndarray]]:
-    """Return nodes in the order of the file, and node numbers of elements of this rank by kind. Collective."""
+def read(path, comm) -> Mesh:
+    """Return what a file has. Collective. Raises InputError."""
     with agreed(comm):
         refuse_packed(path)
         size = os.path.getsize(path)
@@ -78,9 +95,17 @@ def read(path, comm) -> tuple[NodeTable, dict[str, np.ndarray]]:
     if not comm.allreduce(len(label)):
         raise InputError(f"{path}: found no nodes in the dataset {number}")
     require_once(comm, label, lambda twice: f"{path}: found the node {twice} more than once, expected each node once")
+    elements, groups, remarks = {}, {}, []
     with agreed(comm):
-        elements = _elements(path, [item for item in sets if item[0] in ELEMENTS]) if comm.rank == 0 else {}
-    return NodeTable.as_given(comm, label, position), elements_of(comm, elements, TO_VTK)
+        if comm.rank == 0:
+            elements, numbers = _elements(path, [item for item in sets if item[0] in ELEMENTS])
+            members = [group for item in sets if item[0] in GROUPS for group in _members(path, *item)]
+            groups, remarks = _groups(path, members, elements, numbers)
+    mine = {name: groups.get(name, np.zeros(0, np.int64)) for name in comm.bcast(list(groups))}
+    return Mesh(
+        NodeTable.as_given(comm, label, position), elements_of(comm, elements, TO_VTK),
+        {name: sort_over_ranks(comm, found)[0] for name, found in mine.items()}, remarks,
+    )  # fmt: skip
 
 
 def _datasets(path, marks):
@@ -176,8 +201,9 @@ def _nodes(piece, systems, number, widths):
 
 
 def _elements(path, sets):
-    """Return parts of node numbers by kind, read on one rank: where an element begins is seen from the one before."""
-    found = {}
+    """Return parts of node numbers and of numbers of elements by kind, read on one rank: where an element begins is
+    seen from the one before."""
+    found, numbers = {}, {}
     for number, start, stop in sets:
         with open_input(path) as file:
             file.seek(start)
@@ -211,4 +237,47 @@ def _elements(path, sets):
                 table = values[at[first[mine]][:, None] + np.arange(NODES[name])]
                 whole(piece, table.ravel(), np.repeat(lines[heads[mine]], NODES[name]), "a node of an element", 1)
                 found.setdefault(name, []).append(table.astype(np.int64))
+                numbers.setdefault(name, []).append(values[at[heads[mine]]].astype(np.int64))
+    return found, numbers
+
+
+def _members(path, number, start, stop) -> list[tuple[str, int, np.ndarray]]:
+    """Return name, number and members (n, 2), a kind and a number each, of the groups of a dataset."""
+    with open_input(path) as file:
+        file.seek(start)
+        lines = file.read(stop - start).splitlines(keepends=True)
+    place = start + np.cumsum([0, *map(len, lines)])
+    found, at, width = [], 0, GROUPS[number]
+    while at < len(lines):
+        head = HEAD.fullmatch(lines[at])
+        count = int(head["count"]) if head else 0
+        below = lines[at + 2 : at + 2 + -(-count * width // 8)]
+        piece = Piece(Path(path), b"".join(below), int(place[min(at + 2, len(lines))]))
+        values, counts, rows = ragged(piece, commas=False)
+        if head is None or at + 1 == len(lines) or len(values) != count * width:
+            raise Piece(Path(path), lines[at], int(place[at])).refusal(
+                0, f"a group of the dataset {number}: its number, six more and that of its members, its name, and them"
+            )
+        table = whole(piece, values, np.repeat(rows, counts), "kind and number of a member of a group", 0)
+        name = shown(lines[at + 1], 200) or f"group {int(head['number'])}"
+        found.append((name, int(head["number"]), table.reshape(count, width)[:, :2]))
+        at += 2 + len(below)
     return found
+
+
+def _groups(path, members, elements, numbers) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return node numbers by name of the group, those of its elements among them, and remarks. Names that are there
+    twice have the number of the group behind them."""
+    kinds = [(np.concatenate(elements[kind]), np.concatenate(numbers[kind])) for kind in elements]
+    names, sets, lacking = Counter(name for name, *_ in members), {}, []
+    for name, number, table in members:
+        name = name if names[name] == 1 else f"{name} {number}"
+        of_elements = np.unique(table[table[:, 0] == ELEMENT, 1])
+        inside = [np.isin(own, of_elements) for _, own in kinds]
+        nodes = [rows[there].ravel() for (rows, _), there in zip(kinds, inside, strict=True)]
+        nodes = np.unique(np.concatenate([table[table[:, 0] == NODE, 1], *nodes]))
+        if sum(map(np.count_nonzero, inside)) < len(of_elements):
+            lacking.append(name)
+        if len(nodes):
+            sets[name] = nodes
+    return sets, [WITHOUT.format(path, ", ".join(lacking[:5]), ", ..." * (len(lacking) > 5))] if lacking else []

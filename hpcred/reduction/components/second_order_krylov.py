@@ -113,9 +113,10 @@ class SecondOrderSequence(KrylovSequence):
         s, run = self._s, self.run
         if self._is_real():
             return run.solvers.factored(s.real**2, point_name(s), s.real)
-        with run.progress.stage("factor", point_name(s)):
-            run.solvers.complex.factor_at(s)
-            return run.solvers.complex
+        solver = run.solvers.complex
+        with run.progress.stage("factor", point_name(s), solver.known):
+            solver.factor_at(s)
+            return solver
 
     def _next_load(self):
         """Return -((2 s M + D) Q upper + M Q lower) as pairs."""

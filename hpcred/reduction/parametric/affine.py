@@ -17,17 +17,18 @@ from .singular import factor_of_mass
 class AffineForm:
     """The matrices of a parametric model, with the loads of all its inputs and outputs in the coordinates of a frame.
 
-    `operators`: the constant one, with M only where it depends on parameters and D only where `damped`, and that of
-    each term, by their place among the factors 1, theta_1, theta_2, ...; `matrices` of them: (key, place, matrix,
-    whether it is symmetric); `loads` L: independent columns of all parts of B and C^T, of which `inputs` and `outputs`
-    (None for C = B^T) are lists of (place, factor); `restore`: see FramedModel. Collective.
+    `operators`: the constant one, with M unless it is the inner product of bases at all values, and with D only where
+    `damped`, and that of each term, by their place among the factors 1, theta_1, theta_2, ...; `matrices` of them:
+    (key, place, matrix, whether it is symmetric); `tau`: see Run; `loads` L: independent columns of all parts of B and
+    C^T, of which `inputs` and `outputs` (None for C = B^T) are lists of (place, factor); `restore`: see FramedModel.
+    Collective.
     """
 
-    def __init__(self, parametric, framed, damped: bool):
+    def __init__(self, parametric, framed, damped: bool, tau=0.0):
         model, self.restore = parametric.model, framed.restore
-        self.parametric, self.framed = parametric, framed
+        self.parametric, self.framed, self.tau = parametric, framed, tau
         terms = [(1 + k, item) for k, item in enumerate(parametric.terms)]
-        left_out = {} if any(item.of == "M" for item in parametric.terms) else {"M": None}
+        left_out = {} if tau or any(item.of == "M" for item in parametric.terms) else {"M": None}
         left_out |= {} if damped else {"D": None}
         constant = model.operator.with_matrices(model.operator.matrices | left_out)
         self.operators = [constant, *(
@@ -66,7 +67,7 @@ class AffineForm:
 
     @property
     def has_mass(self) -> bool:
-        """Whether M depends on parameters."""
+        """Whether M is projected, which is not the inner product of bases at all values."""
         return "M" in self.operators[0].terms
 
     def has_responses(self, point) -> bool:
@@ -89,8 +90,8 @@ class AffineForm:
 
 class PointModels(NamedTuple):
     """Projections at values of the parameters on a basis that was made orthonormal there, by the upper triangular
-    `turn` (m, m), so that its first columns still span what those of the basis span; `size_of_k`: the sum of the norms
-    of what adds up to K. Local."""
+    `turn` (m, m), so that its first columns still span what those of the basis span; `tau`: where they are
+    orthonormal in M + tau^2 K; `size_of_k`: the sum of the norms of what adds up to K. Local."""
 
     operator: Operator
     L: np.ndarray
@@ -99,6 +100,7 @@ class PointModels(NamedTuple):
     io: InputsOutputs
     symmetric: bool
     size_of_k: float
+    tau: float = 0.0
 
     @property
     def K(self) -> np.ndarray:
@@ -110,7 +112,7 @@ class PointModels(NamedTuple):
         k = slice(count)
         part = self.operator.map(lambda matrix: matrix[k, k])
         given = part.get("D"), self.damping, self.io, part.added, self.symmetric
-        return diagonalised(part["K"], self.L[k], *given)
+        return diagonalised(part["K"], self.L[k], *given, part.get("M") if self.tau else None, self.tau)
 
 
 class AffineProjections:
@@ -149,16 +151,18 @@ class AffineProjections:
 
     def at(self, point) -> PointModels:
         """Return the projections at a point; local. Raises InputError where M is not positive definite."""
-        theta, constant = self.form.theta(point), self.small[0]
+        theta, tau, constant = self.form.theta(point), self.form.tau, self.small[0]
         L, turn = self.L, np.eye(len(self.L))
         summed = constant.with_matrices({key: self._sum(key, theta) for key in constant.terms})
         if self.form.has_mass:
-            turn = np.linalg.inv(factor_of_mass(summed["M"], self.form.values(point))).T
+            M, K = summed["M"], summed["K"]
+            inner = M + tau**2 * (K + K.T) / 2 if tau else M
+            turn = np.linalg.inv(factor_of_mass(inner, self.form.values(point))).T
             summed, L = summed.projected(turn), turn.T @ L
         symmetric = all(symmetric for key, *_, symmetric in self.form.matrices if key == "K")
         size = sum(abs(factor) * np.linalg.norm(small["K"])
                    for factor, small in zip(theta, self.small, strict=True) if "K" in small.terms)  # fmt: skip
-        return PointModels(summed, L, turn, self.damping, self.form.io(theta), symmetric, float(size))
+        return PointModels(summed, L, turn, self.damping, self.form.io(theta), symmetric, float(size), tau)
 
     def _sum(self, key, theta):
         return sum(factor * small[key] for factor, small in zip(theta, self.small, strict=True) if key in small.terms)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...linalg.pencil import massless_last
 from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, caughey_terms
 from ...model.expressions import Expression
 from ...model.operator import Operator
@@ -72,20 +73,20 @@ class ParametricReducedModel(ReducedModel):
             found[item.of] = found[item.of] + item.expression.at(values) * item.matrix
         damping = None if self.record is None else self.record.damping
         if _follows_frequencies(damping):
-            X, eigenvalues = _eigenpairs(found, values, np.diag(self.M))
-            X, eigenvalues = X[:, self.rigid_size :], eigenvalues[self.rigid_size :]  # which damping models leave alone
-            frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
-            back = found["M"] @ X  # X^-T
-            found["D"] = back @ reduced_damping(damping, np.diag(eigenvalues), frequencies) @ back.T
+            modes = _modes(found, values, self.base)
+            elastic = slice(self.rigid_size, None)  # the others damping models leave alone
+            back = np.linalg.inv(modes.X).T[:, elastic]
+            small = (np.diag(part[elastic]) for part in (modes.stiffnesses, modes.masses))
+            found["D"] = back @ reduced_damping(damping, next(small), modes.frequencies[elastic], next(small)) @ back.T
         return found
 
     def turn(self, values: Mapping[str, float]) -> np.ndarray:
-        """Return X (m, m) of the coordinates x = X z of the model at values of the parameters: X^T M X = I and X^T K X
-        diagonal; the identity in interface coordinates."""
+        """Return X (m, m) of the coordinates x = X z of the model at values of the parameters: X^T M X = I, but for
+        coordinates without mass, and X^T K X diagonal; the identity in interface coordinates."""
         found = self.matrices(values)
         if self.interfaces:
             return np.eye(self.size)
-        return _eigenpairs(found, checked_values(self.parameters, values), np.diag(self.M))[0]
+        return _modes(found, checked_values(self.parameters, values), self.base).X
 
     def at(self, **values: float) -> ReducedModel:
         """Return the model at values of the parameters, in pseudo-modal coordinates of its own (see turn).
@@ -106,21 +107,20 @@ class ParametricReducedModel(ReducedModel):
             For other names, and values outside of the ranges.
         """
         found: dict[str, Any] = self.matrices(values)
-        X, eigenvalues = _eigenpairs(found, checked_values(self.parameters, values), np.diag(self.M))
-        frequencies = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
-        base = self.base
+        modes, base = _modes(found, checked_values(self.parameters, values), self.base), self.base
+        X = modes.X
         if not self.interfaces:
             outputs = {key: found[key] @ X for key in ("C", "Cv", "Ca") if key in found}
             skew = (found["K"] - found["K"].T) / 2  # none of symmetric parts, which are so exactly
-            operator = Operator.of(np.eye(self.size), X.T @ found["D"] @ X, np.diag(eigenvalues) + X.T @ skew @ X,
-                                   self.added.projected(X))  # fmt: skip
+            operator = Operator.of(np.diag(modes.masses), X.T @ found["D"] @ X,
+                                   np.diag(modes.stiffnesses) + X.T @ skew @ X, self.added.projected(X))  # fmt: skip
             base, found = base.with_operator(operator), {"B": X.T @ found["B"], **outputs}
         if any(item.of == "B" for item in self.terms) and checked_values(self.parameters, values) != self.reference:
             found["resultants"] = None  # those of the columns at the reference
         record = base.record
         if record is not None and checked_values(self.parameters, values) != self.reference:
             record = record.away_from_reference()
-        return replace(base, **found, frequencies=frequencies, columns=None, left_columns=None, model=None,
+        return replace(base, **found, frequencies=modes.frequencies, columns=None, left_columns=None, model=None,
                        record=record)  # fmt: skip
 
     def to_pymor(self) -> Any:
@@ -196,11 +196,28 @@ def _follows_frequencies(damping):
     )
 
 
-def _eigenpairs(matrices, values, sizes):
-    """Return X (m, m) with X^T M X = I and X^T K X = diag(eigenvalues), and these, ascending, of the matrices at
-    values; `sizes` (m,): see factor_of_mass. Raises InputError where M is singular."""
-    K = matrices["K"]
-    inverse = np.linalg.inv(factor_of_mass(matrices["M"], values, sizes))
-    eigenvalues, vectors = np.linalg.eigh(inverse @ ((K + K.T) / 2) @ inverse.T)
-    X = inverse.T @ vectors
-    return X * np.where(X[np.abs(X).argmax(axis=0), np.arange(len(X))] < 0, -1.0, 1.0), eigenvalues
+class _Modes(NamedTuple):
+    """X (m, m) that makes M and K diagonal, both diagonals (m,), and frequencies (m,) in Hz; masses are 1, or 0."""
+
+    X: np.ndarray
+    masses: np.ndarray
+    stiffnesses: np.ndarray
+    frequencies: np.ndarray
+
+
+def _modes(matrices, values, base) -> _Modes:
+    """Return the modes of the matrices at values of the parameters; `base`: the model at the reference, of whose
+    coordinates some may have no mass. Raises InputError where M is singular for others."""
+    M, K = ((matrices[key] + matrices[key].T) / 2 for key in "MK")
+    without = ~base.M.any(axis=0)
+    if without.any():
+        tau = np.diag(base.K)[without].max() ** -0.5
+        squares, X, static = massless_last(K, M, tau)
+        masses = np.where(np.arange(len(K)) < len(K) - static, 1.0, 0.0)
+        stiffnesses = np.where(masses > 0, squares, tau**-2)
+    else:
+        inverse = np.linalg.inv(factor_of_mass(M, values, np.diag(base.M)))
+        squares, vectors = np.linalg.eigh(inverse @ K @ inverse.T)
+        X, masses, stiffnesses = inverse.T @ vectors, np.ones(len(K)), squares
+    X = X * np.where(X[np.abs(X).argmax(axis=0), np.arange(len(X))] < 0, -1.0, 1.0)
+    return _Modes(X, masses, stiffnesses, np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi))

@@ -55,9 +55,6 @@ class ParametricBasisReductor(BasisReductor):
     def _constant(self):
         return self.parametric.model
 
-    def _tau(self, framed):
-        return 0.0  # V^T M V = I at the reference values
-
     def _expected_columns(self, framed):
         return max(len(self.parameter_points), 1) * super()._expected_columns(framed)
 
@@ -91,9 +88,6 @@ class ParametricReductor(ToleranceReductor):
 
     def _constant(self):
         return self.parametric.model
-
-    def _tau(self, framed):
-        return 0.0  # V^T M V = I at the reference values
 
     def _search(self, vectors, run, groups, kept):
         terms = digests_of_terms(self.parametric) if self.store is not None else []
@@ -196,7 +190,7 @@ def run_at(reductor, first, point, asked=()):
             identity = identity_of_model(model, framed, frame=reductor.frame, damping=reductor.damping, basis=basis)
         run = owned.owns(Run(
             framed, reductor.progress, first.tolerance, reductor.factoring, first.columns, reductor.counts_modes,
-            reductor.store, identity, Notes(components=first.notes.components),
+            reductor.store, identity, Notes(components=first.notes.components), tau=first.tau,
         ))  # fmt: skip
         yield run
         first.notes.add(run.recorded, components=False)

@@ -10,18 +10,22 @@ import numpy as np
 from ...linalg.known import ModeCount, Source
 from ...model.damping import Caughey, GivenDamping, ModalDamping, NoDamping, Rayleigh, Structural
 from ...model.second_order_model import listed
+from ...parallel.as_html import as_html
 from ...parallel.declared import as_declared, renamed
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, FREQUENCY, require_band, within
 from ..measure import PAPER, AnyMeasure, Measure, Paper, measure_called
 from ..parametric.accuracy import ParameterAccuracy, in_words
-from .directions import Direction
+from .directions import Direction, rows_of_directions
 from .error_estimate import UNIFORM
 from .pseudo_modal import Proportional
 
 ROUND_OFF = "limited by round-off"  # why a search ended
+PERCENT = 1e-6  # tolerance below which errors are not in percent, and percentage below which these have an exponent
 UNDAMPED = 1e-8  # damping ratio up to which a mode counts as undamped
+WORST = 5  # directions that are shown where nobody asks for all
 NAMED = 3  # outputs that a warning names
+SHOWN = 5  # directions that a notebook shows, the worst
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,29 +203,47 @@ class Accuracy:
     @property
     def sentence(self) -> str:
         """What a user reads first."""
-        low, high = self.band
-        proven = self.proofs[-1] if self.proofs else None
-        if self.multigrid:  # whose first points in the band are no proofs yet
-            proven = max(self.proofs[1:] or self.proofs, key=lambda item: item.measured, default=None)
-        where = ""
-        if self.parameters is not None and proven is not None and proven == self.proofs[-1]:
-            where = f" and {in_words(self.parameters.points[-1].values)}"
-        by = ""
-        if proven is not None:
-            by = f", proven {proven.measured:.1e} at {proven.frequency:g} Hz{where} of the uncompressed model"
-        # responses of round-off are compared with each other; without a measured value nothing bounds an estimate
-        more = " or more" if self.stopped == ROUND_OFF or self.unproven else ""
-        about = f"{self.largest + self.noise:.1e}{more}"
-        eps = "eps" + (" (55)" if isinstance(self.measure, Paper) else "")
-        ranges = f"{low:g} to {high:g} Hz"
+        ranges = "{:g} to {:g} Hz".format(*self.band)
         if self.parameters is not None:
             ranges += f" and {self.parameters.ranges_in_words}"
-        claim = (
-            f"{eps} <= {self.tolerance:g} over {ranges}" if self.reached
-            else f"NOT REACHED: {eps} is about {about}, not {self.tolerance:g}, over {ranges}, {self.stopped}"
-        )  # fmt: skip
-        unproven = f"; estimated, not proven: {self.unproven}" if self.unproven else ""
-        return f"{claim}: estimated {self.largest:.1e}, round-off {self.noise:.0e}{by}{unproven}"
+        by = " by the norm (55)" if isinstance(self.measure, Paper) else ""
+        error, tolerance = (in_percent(value, self.tolerance) for value in (self.largest + self.noise, self.tolerance))
+        if self.reached:
+            claim = f"largest error{by} {error} (tolerance {tolerance}) over {ranges}"
+        else:
+            # responses of round-off are compared with each other; without a measured value nothing bounds an estimate
+            more = " or more" if self.stopped == ROUND_OFF or self.unproven else ""
+            claim = (
+                f"NOT REACHED: largest error{by} about {error}{more} (tolerance {tolerance}) over {ranges}, "
+                f"{self.stopped}"
+            )
+        return claim + self._proof_in_words() + (f"; not confirmed: {self.unproven}" if self.unproven else "")
+
+    def _proof_in_words(self):
+        """Return what full solves say of the estimate; "" without one."""
+        proof = self.proofs[-1] if self.proofs else None
+        if self.multigrid:  # whose first points in the band are no proofs yet
+            proof = max(self.proofs[1:] or self.proofs, key=lambda item: item.measured, default=None)
+        if proof is None:
+            return ""
+        at = f"at {proof.frequency:g} Hz"
+        if self.parameters is not None and proof == self.proofs[-1]:
+            at += f" and {in_words(self.parameters.points[-1].values)}"
+        if self.reached:
+            return f", confirmed by a full solve {at}"
+        return f"; a full solve {at} measured {in_percent(proof.measured, self.tolerance)} before the compression"
+
+    @property
+    def least_accurate(self) -> str:
+        """The WORST least accurate directions as text; "" where nothing is known of them."""
+        named = [f"{item.output} {in_percent(item.largest, self.tolerance)} at {item.frequency:.4g} Hz"
+                 for item in self.directions[:WORST]]  # fmt: skip
+        return f"least accurate directions: {', '.join(named)}" if named else ""
+
+    def _repr_html_(self):
+        """Return the verdict and the least accurate directions for notebooks."""
+        rows = rows_of_directions(self.directions[:SHOWN], self.band)
+        return as_html(self.sentence, {}, rows, notes=(self.measured,))
 
     @property
     def beyond(self) -> tuple[Direction, ...]:
@@ -245,6 +267,22 @@ class Accuracy:
                 "matter",
             )
         return found
+
+
+def in_percent(error: float, tolerance: float) -> str:
+    """Return an error as text: in percent, or as a number where the tolerance is far below one; with as many digits
+    as it takes to tell it from the tolerance."""
+    if not np.isfinite(error):
+        return "not known"
+    small = tolerance < PERCENT
+    for digits in range(2, 7):
+        value, bound = (float(f"{number:.{digits - 1}e}") for number in (error, tolerance))
+        if value != bound or error == tolerance:
+            break
+    if small:
+        return f"{value:g}"
+    text = np.format_float_positional(100 * value, precision=digits, fractional=False, trim="-")
+    return f"{text if 100 * value >= PERCENT or not value else f'{100 * value:.1e}'} %"
 
 
 def measured_damping(damping, zeta0: float, band, added="") -> tuple[Proportional, bool, str]:

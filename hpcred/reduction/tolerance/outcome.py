@@ -12,13 +12,14 @@ from ..measure import MEASURES
 from .accuracy import Accuracy
 from .compression import compress
 from .directions import Direction, directions_table
-from .error_estimate import grid, measure_over
+from .error_estimate import SHARPEST, grid, measure_over, resonances
 from .search import Search
 
 UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
 ENDED = "the search ended before a second point"
 LITTLE = 1e-3  # of the goal: round-off that is no matter
 MIXING = 1e-12  # round-off of K on the columns of a basis at sharp resonances, relative to the highest eigenvalue
+SHARP = 5e-4  # damping ratio of these
 PASSES = 4  # of projections
 TOGETHER = 2**22  # errors of single responses that are held at a time
 
@@ -48,12 +49,14 @@ def _compressed(search, drop_above, kept, beside):
 
 
 def _project_again(search, kept) -> np.ndarray:
-    """Project on the pseudo-modes of the basis where round-off of K on stiff columns may have mixed soft ones, until
-    that changes nothing: what it changes last is the noise of the models that follow, in place of that of the search,
-    whose models had no digits of soft modes. Returns the columns `kept` in terms of the new basis. Collective."""
+    """Project on the pseudo-modes of the basis where round-off of K on stiff columns may have mixed soft ones, or where
+    resonances are so sharp that less of it counts, until that changes nothing: what it changes last is the noise of the
+    models that follow, in place of that of the search, whose models had no digits of soft modes. Returns the columns
+    `kept` in terms of the new basis. Collective."""
     projections, judge, comm = search.projections, search.judge, search.run.model.comm
-    before = decided(comm, projections.model)
-    if MIXING * before.eigenvalues[-1] <= judge.goal * before.eigenvalues[0]:
+    before, sharper = decided(comm, lambda: (model := projections.model(), _sharper(model, judge.settings.band)))
+    search.run.cancels *= sharper
+    if sharper == 1 and MIXING * before.eigenvalues[-1] <= judge.goal * before.eigenvalues[0]:
         return kept
     for _ in range(PASSES):
         projections.rotate(before.vectors)
@@ -63,6 +66,12 @@ def _project_again(search, kept) -> np.ndarray:
             break
         before = decided(comm, projections.model)
     return kept
+
+
+def _sharper(model, band) -> float:
+    """Return by how much resonances of a band (Hz) are sharper than SHARP, at least 1."""
+    f, ratios = resonances(model)
+    return max(1.0, SHARP / max(ratios[(f >= band[0]) & (f <= band[1])].min(initial=SHARP), SHARPEST))
 
 
 def _changed(judge, before) -> float:

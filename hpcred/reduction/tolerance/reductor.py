@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...linalg.solvers.base import DoesNotFit
+from ...model.digits import warnings_of_peaks
 from ...model.input_output_counts import require_room
 from ...parallel.failures import InputError
 from ..basis_reductor import BasisReductor, extend_by_all
@@ -107,6 +108,17 @@ class ToleranceReductor(BasisReductor):
 
     def _accuracy(self, search, reduced, framed):
         accuracy, projections = search
+        if framed.model.D is not None and not reduced.interfaces:
+            remarks = self._warnings_of_peaks(reduced, framed.model, projections.basis, accuracy.loss_factor)
+            projections.run.notes.remarks += remarks
         with self.progress.stage("estimate"):
             elastic = elastic_part(reduced, framed.rigid_size if reduced.interfaces else 0)
             return with_round_off(accuracy, elastic, projections)
+
+    def _warnings_of_peaks(self, reduced, model, basis, loss_factor) -> list[str]:
+        """Return warnings of resonances of the band that the last digits of K decide about. Collective."""
+        count = int((reduced.frequencies <= self.goal.band[1]).sum())
+        eigenvalues = np.diag(reduced.K)[:count]
+        ratios = np.diag(reduced.D)[:count] / (2 * np.sqrt(np.maximum(eigenvalues, np.finfo(float).tiny)))
+        ratios = np.maximum(ratios, 0.0) + loss_factor / 2
+        return warnings_of_peaks(model, model.K, eigenvalues, ratios, basis.columns, self.goal.tolerance)

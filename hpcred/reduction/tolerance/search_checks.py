@@ -138,7 +138,7 @@ def _lost(projections):
             "begins higher"
         )
     return InputError(
-        f"{model.name}: M is singular, and a basis of {size} mass-orthonormal columns has lost the static deflection "
-        "of dofs without mass, by forces on them or by round-off; give them a little mass, take them out by static "
-        "condensation, or ask for a lower band"
+        f"{model.name}: M is singular, and a basis of {size} mass-orthonormal columns, which a Caughey series of more "
+        "than two terms needs, has lost static deflection of motions without mass; take two terms (Rayleigh), modal "
+        "ratios or a loss factor, or give them some mass"
     )

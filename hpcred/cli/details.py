@@ -1,0 +1,38 @@
+"""Show the details of a result: all directions, basis, expansion points, proofs, time and memory."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from ..reduction.tolerance.directions import rows_of_directions
+from ..report.tables import in_words, show_table, show_timing
+from . import session
+from .options import DIRECTIONS, INTERFACES
+
+
+def show_details(record):
+    """Print what the record of a result has beside its verdict."""
+    accuracy, stored = record.accuracy, any(item.from_store for item in record.components)
+    if accuracy is not None:
+        show_table(DIRECTIONS, rows_of_directions(accuracy.directions, accuracy.band))
+    show_table("Basis", [
+        {"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
+         **({"from": "store" if item.from_store else ""} if stored else {})} for item in record.components
+    ])  # fmt: skip
+    show_table(INTERFACES, record.interface_rows)
+    session.show_loads([item.row for item in record.loads])
+    if accuracy is not None:
+        show_table("Expansion points", [
+            {"f (Hz)": item.frequency, "columns": item.columns, "modes below": in_words(item.modes_below),
+             "estimate after it": in_words(item.estimate), "factor": item.factor_in_words} for item in accuracy.points
+        ])  # fmt: skip
+        show_table("Each new point checks the model before it", [asdict(item) for item in accuracy.proofs])
+        print(f"{accuracy.measured}; {accuracy.modes_in_words}; estimated {accuracy.largest:.1e}, round-off "
+              f"{accuracy.noise:.0e}; {accuracy.uncompressed_size} columns before the compression")  # fmt: skip
+    residual = max((item.residual for item in record.factorisations), default=0.0)
+    print(
+        f"max |V^T M V - I| = {record.orthonormality_defect:.1e}; "
+        + (f"largest residual {residual:.1e}; " if residual else "")
+        + f"{record.effort}; {record.scalar} PETSc {record.versions['petsc']}, {record.ranks} rank(s)"
+    )
+    show_timing(record.timing, record.factorisations)

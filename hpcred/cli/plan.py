@@ -1,0 +1,42 @@
+"""Plan a reduction on a cluster."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+import hpcred
+
+from ..report.tables import show_table
+from . import session
+from .options import JsonFile
+
+
+def plan(
+    model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
+    ranks: Annotated[int, typer.Option(help="Ranks of the job.")],
+    nodes: Annotated[int, typer.Option(help="Nodes that they are on.")] = 1,
+    memory: Annotated[float | None, typer.Option(metavar="GB", help="Memory of a node.")] = None,
+    gflops: Annotated[float, typer.Option(help="GFlop/s of a rank, see hpcred bench.")] = 10.0,
+    analyse: Annotated[bool, typer.Option("--analyse", help="Ask MUMPS also above 10^6 dofs.")] = False,
+    json: JsonFile = None,
+):
+    """Say what a reduction to a tolerance will take, and print the head of a SLURM script."""
+    report = hpcred.plan_file(
+        model, ranks=ranks, nodes=nodes, memory_gb=memory, gflops=gflops, analyse=analyse, progress=session.progress()
+    )
+    print(f"{model}: {report['dofs']} dofs, {report['nonzeros']} nonzeros")
+    print(f"a factor: {report['operations']:.1e} operations, {report['entries']:.1e} entries")
+    print(f"          {report['source']}")
+    rows = report["rows"]
+    shown = [key for key in rows[0] if key not in ("remark", "hours") and (key != "fits" or memory is not None)]
+    show_table(f"{ranks} ranks on {nodes} node(s)", [{key: row[key] for key in shown} for row in rows])
+    for row in rows:
+        if row["remark"]:
+            print(f"{row['way']}: {row['remark']}")
+    if report["best"]:
+        print(f"\nFor {report['best']}:\n{report['script']}")
+    else:
+        print("nothing fits: take more nodes, or multigrid on fewer ranks")
+    session.write_json(json, report)

@@ -1,0 +1,124 @@
+"""Tables of every command, on a terminal of 80 and of 120 columns and in a pipe."""
+
+import ast
+import io
+import sys
+from contextlib import redirect_stdout
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from helpers import SIMULATION
+
+import hpcred
+from hpcred.cli import main, session
+from hpcred.examples.section5 import AUTOMATIC, TABLE_1, TABLE_2, table
+from hpcred.report import tables
+
+CLI = Path(main.__file__).parent
+JOB = '''model = "model.h5"
+output = "auto.h5"
+inputs = [[20, "z"], [1, "x"]]
+tolerance = 1e-3
+band = [0.0, 300.0]
+frame = {kind = "buckens"}
+'''
+PARAMETRIC = '''model = "crank.h5"
+output = "turning.h5"
+band = [0.0, 2000.0]
+geometric_stiffness = true
+frame = {kind = "buckens"}
+basis = [{kind = "modes", count = 3}]
+interface = [{name = "crank", nodes = {set = "BIG_EYE"}}]
+load = [{name = "weight", kind = "gravity", value = [0.0, 0.0, -9.81]}]
+'''
+SWEEP = """job = "job.toml"
+output = "runs"
+[[vary]]
+key = "tolerance"
+values = [1e-2, 1e-3]
+"""
+
+
+def functions_with_tables():
+    """(module, function) of the commands that print tables."""
+    for path in CLI.glob("*.py"):
+        for function in ast.parse(path.read_text()).body:
+            if isinstance(function, ast.FunctionDef):
+                called = {ast.unparse(node.func).split(".")[-1] for node in ast.walk(function)
+                          if isinstance(node, ast.Call)}  # fmt: skip
+                if "show_table" in called:
+                    yield path.stem, function.name
+
+
+class Printed:
+    """Prints each table at both widths, and keeps what does not fit and who asked."""
+
+    def __init__(self, monkeypatch):
+        self.faults, self.seen, self.show, self.patch = [], set(), tables.show_table, monkeypatch
+        for module in [tables, *(module for name, module in sys.modules.items() if name.startswith("hpcred.cli."))]:
+            if hasattr(module, "show_table"):
+                monkeypatch.setattr(module, "show_table", self)
+
+    def __call__(self, title, rows):
+        code = sys._getframe(1).f_code
+        self.seen |= {(Path(code.co_filename).stem, code.co_name)} if rows else set()
+        for width in (80, 120):
+            self.patch.setenv("COLUMNS", str(width))
+            with redirect_stdout(io.StringIO()) as out:
+                self.show(title, rows)
+            lines = out.getvalue().splitlines()
+            self.faults += [line for line in lines if len(line) > width or line != line.rstrip()]
+
+
+def test_tables_of_all_commands_fit_and_have_no_trailing_blanks(linkage_folder, monkeypatch, capsys):
+    printed = Printed(monkeypatch)
+    with hpcred.crank(dofs=600) as rod:
+        hpcred.write_model("crank.h5", rod)
+    for name, text in (("job.toml", JOB), ("turning.toml", PARAMETRIC), ("sweep.toml", SWEEP)):
+        Path(name).write_text(text)
+    Path("simulation.toml").write_text(SIMULATION.replace("result.h5", "auto.h5"))
+    for line in (
+        "convert --list-formats", "info model.h5", "info crank.h5", "bores crank.h5", "modes crank.h5 --count 8",
+        "info", "modes model.h5 --count 8", "reduce job.toml --store store", "reduce job.toml --set output='other.h5'",
+        "store store", "reduce turning.toml", "info turning.h5", "campbell turning.h5 --range 0,3000 --points 3",
+        "evaluate auto.h5 --estimate", "evaluate auto.h5 --full model.h5", "evaluate auto.h5 --full model.h5 --check 2",
+        "evaluate auto.h5 other.h5 --full model.h5", "simulate simulation.toml",
+        "recover auto.h5 simulation.h5 -o r.csv", "sweep sweep.toml", "collect sweep.toml",
+    ):  # fmt: skip
+        assert main.run(line.split()) == 0, (line, capsys.readouterr().err)
+    _of_long_commands(monkeypatch)
+    assert printed.faults == []
+    assert set(functions_with_tables()) <= printed.seen, set(functions_with_tables()) - printed.seen
+
+
+def _of_long_commands(monkeypatch):
+    """Print what the commands that take minutes print, with the texts that they have."""
+    found = {"size": 14, "Q": 1.91546e-09, "eps_max": 3.19955e-10}
+    rows = {}
+    for key, part in (("table_1", (AUTOMATIC, *TABLE_1)), ("table_2", TABLE_2)):
+        columns, lines = table([{"row": row, **found} for row in part])
+        rows[key] = [dict(zip(columns, line, strict=True)) for line in lines]
+    monkeypatch.setattr(hpcred, "run_demo", lambda *_, **__: rows["table_1"], raising=False)
+    monkeypatch.setattr(hpcred, "reproduce", lambda *_, show, **__: show(rows) or rows, raising=False)
+    machine = {"processor": "a processor with a long name of many words that fills more than a line of 80, 3 GHz"}
+    monkeypatch.setattr(hpcred, "bench", lambda *_, **__: machine | {"hints": []}, raising=False)
+    kernels = [{"kernels": "SkylakeX", "factor (s)": 1.23456, "Gflop/s": 12.3456, "ratio": 1.0}]
+    found = {"why_none": "", "blas": "OpenBLAS", "own": "SkylakeX", "table": kernels, "not_here": [], "kept": "",
+             "hints": []}  # fmt: skip
+    monkeypatch.setattr(hpcred, "bench_kernels", lambda *_, **__: found, raising=False)
+    timing = SimpleNamespace(elapsed=1.0, memory_mb_per_rank=(100.0,), seconds={"other": 1.0})
+    monkeypatch.setattr(session, "progress", lambda: SimpleNamespace(timing=lambda: timing), raising=False)
+    for line in ("", "paper --figures none", "bench"):
+        assert main.run(line.split()) == 0
+
+
+@pytest.mark.parametrize("columns", [80, 120])
+def test_points_have_a_line_of_their_own(monkeypatch, capsys, columns):
+    """No text of the demo's table is broken."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    names, rows = table([{"row": row, "size": 14, "Q": 1.91546e-09, "eps_max": 3.1e-10} for row in TABLE_1])
+    tables.show_table(None, [dict(zip(names, row, strict=True)) for row in rows])
+    lines = capsys.readouterr().out.splitlines()
+    for row in TABLE_1:
+        assert any(row.points in line for line in lines) and any(row.method in line for line in lines)
