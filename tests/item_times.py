@@ -1,6 +1,6 @@
 """Processor seconds of each item, with those of the processes that it waits for: where the time of the suite goes.
 
-HPCRED_TEST_TIMES names a file, to which each rank appends a line with seconds and item; `make test` says build/test-times.
+HPCRED_TEST_TIMES names a file, to which each rank appends a line with seconds and item (`make test`: build/test-times).
 `python tests/item_times.py FILE` shows the items above MOST that do not say `costly`, and the sums of files.
 """
 

@@ -5,7 +5,7 @@ import pytest
 from helpers import block_from
 
 import hpcred
-from hpcred import ElementProperties, Modes, Preload
+from hpcred import ElementProperties, InputError, Modes, Preload
 from hpcred.body.preload import preloaded
 from hpcred.model.material_stiffness import material_stiffness
 from hpcred.model.solids import Solids
