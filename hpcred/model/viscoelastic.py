@@ -60,7 +60,7 @@ class Viscoelastic(Term):
 def with_viscoelastic(model, parts):
     """Return the model, whose K is K_e, with viscoelastic parts; see SecondOrderModel.with_viscoelastic. Collective.
     Raises InputError."""
-    parts = tuple(declared("parts", parts, tuple[Viscoelastic, ...]))
+    parts = tuple(declared("parts", parts, tuple[Viscoelastic | Term, ...]))  # terms: of a file
     if model.added:
         raise InputError(f"{model.name}: it has viscoelastic parts already; give all of them at once")
     if not parts:
@@ -78,7 +78,7 @@ def with_viscoelastic(model, parts):
     K = mats["K"].copy()
     for part in operator.added:
         _check(model, part)
-        if more := part.law.static - part.within:
+        if more := part.law.static - getattr(part, "within", False):
             K.axpy(more, part.matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
     K.stateIncrease()
     return model.with_fields(operator=operator.with_matrices(mats | {"K": K}))

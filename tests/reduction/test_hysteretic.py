@@ -96,3 +96,15 @@ def test_the_table_between_and_beyond_its_frequencies():
     s, step = 2j * np.pi * f[1:], 1e-4j
     assert LAW.slope(s) == pytest.approx((LAW.coefficient(s + step) - LAW.coefficient(s - step)) / (2 * step), abs=1e-9)
     assert LAW.in_units(1e-3).coefficient(1e-3 * s) == pytest.approx(LAW.coefficient(s), rel=1e-12)
+
+
+def test_terms_of_a_file_serve_another_model(comm, tmp_path):
+    case = plate()
+    with case.model(comm) as model:
+        write_model(tmp_path / "plate.h5", model)
+        with (
+            read_model(tmp_path / "plate.h5", comm) as read,
+            hpcred.SecondOrderModel.from_scipy(case.K, case.M, None, comm, inputs=case.B) as elastic,
+            elastic.with_viscoelastic(read.viscoelastic) as again,
+        ):
+            assert again.frequency_response(FRESH[:3]) == pytest.approx(model.frequency_response(FRESH[:3]), rel=1e-9)
