@@ -1,7 +1,7 @@
 """Make a release: python .ci/release.py VERSION, in a clean checkout; the package `build` must be installed.
 
-Sets the version in pyproject.toml, CITATION.cff and CHANGELOG.md, builds the sdist and the wheel into dist/, and only
-then commits and tags. Uploads nothing.
+Sets the version in the files of CHANGES, builds the sdist and the wheel into dist/, and only
+then commits and tags. A version that these files have already, and no tag, is built and tagged. Uploads nothing.
 """
 
 import datetime
@@ -21,21 +21,27 @@ class Refused(Exception):
 def release(root: Path, version: str, today: datetime.date, build) -> None:
     """Release the checkout `root` as `version`; `build()` makes the files in dist/. Raises Refused."""
     old = _version_of((root / "pyproject.toml").read_text())
-    if not VERSION.fullmatch(version) or _numbers(version) <= _numbers(old):
-        raise Refused(f"VERSION: found '{version}', expected x.y.z above {old}")
+    if not VERSION.fullmatch(version) or _numbers(version) < _numbers(old):
+        raise Refused(f"VERSION: found '{version}', expected x.y.z, {old} or above")
     if changed := _git(root, "status", "--porcelain"):
         raise Refused(f"the checkout has changes; commit them or put them aside:\n{changed}")
     if _git(root, "tag", "--list", f"v{version}"):
         raise Refused(f"there is a tag v{version} already")
-    texts = {name: change((root / name).read_text(), version, today) for name, change in CHANGES.items()}
+    texts = {}
+    if version != old:
+        texts = {name: change((root / name).read_text(), version, today) for name, change in CHANGES.items()}
+    elif f"\n## {version} - " not in (root / "CHANGELOG.md").read_text():
+        raise Refused(f"CHANGELOG.md: found no section '## {version} - ', though pyproject.toml has this version")
     for name, text in texts.items():
         (root / name).write_text(text)
     try:
         build()
     except BaseException:
-        _git(root, "checkout", "--", *texts)
+        if texts:
+            _git(root, "checkout", "--", *texts)
         raise
-    _git(root, "commit", "--quiet", "-m", f"Version {version}", "--", *texts)
+    if texts:
+        _git(root, "commit", "--quiet", "-m", f"Version {version}", "--", *texts)
     _git(root, "tag", "-a", f"v{version}", "-m", f"Version {version}")
 
 
@@ -64,7 +70,14 @@ def _of_changelog(text, version, today):
     return f"{text[: found.start()]}{UNRELEASED}\n## {version} - {today}\n{text[found.start(1) :]}"
 
 
-CHANGES = {"pyproject.toml": _of_project, "CITATION.cff": _of_citation, "CHANGELOG.md": _of_changelog}
+def _of_recipe(text, version, today):
+    return re.sub(r'^  version: ".+"$', f'  version: "{version}"', text, count=1, flags=re.M)
+
+
+CHANGES = {
+    "pyproject.toml": _of_project, "CITATION.cff": _of_citation, "CHANGELOG.md": _of_changelog,
+    "packaging/conda/recipe.yaml": _of_recipe,
+}  # fmt: skip
 
 
 def _git(root, *words):

@@ -37,6 +37,7 @@ _COMMANDS = {  # under the names of the command line, but `report`, which is a r
     "info": "describe_file",
     "modes": "modes_of_file",
     "paper": "reproduce",
+    "plan": "plan_file",
     "response": "response_file",
     "store": "list_store",
     "sweep": "run_sweep",

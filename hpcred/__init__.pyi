@@ -202,6 +202,7 @@ export = export_result
 info = describe_file
 modes = modes_of_file
 paper = reproduce
+plan = plan_file
 response = response_file
 store = list_store
 sweep = run_sweep

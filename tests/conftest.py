@@ -1,5 +1,6 @@
 """Fixtures, and the plugin that runs the tests marked mpi on several ranks."""
 
+import logging
 import os
 import shutil
 import subprocess
@@ -64,6 +65,20 @@ def folder(comm):
     comm.Barrier()
     if comm.rank == 0:
         shutil.rmtree(path, ignore_errors=True)
+
+
+@pytest.fixture
+def logger():
+    """The logger "hpcred"; it and the root logger are afterwards as a session begins with them."""
+    found = logging.getLogger("hpcred")
+    yield found
+    for each in (found, logging.getLogger()):
+        for handler in each.handlers[:]:
+            each.removeHandler(handler)
+            handler.close()
+    logging.disable(logging.NOTSET)
+    found.disabled = False
+    found.setLevel(logging.NOTSET)
 
 
 @pytest.fixture

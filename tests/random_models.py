@@ -15,6 +15,7 @@ from hpcred.reduction.measure import Directions, drive_points
 UNIFORM = 200  # frequencies over the band
 BESIDE = np.array([-3, -1, -0.3, 0, 0.3, 1, 3])  # places around a pole, in half widths of its resonance
 AT_A_TIME = 2**22  # numbers of dynamic stiffness matrices
+STEPS, REFINED = 30, 1e-13  # of solves, and the change that ends them
 
 
 @dataclass
@@ -148,8 +149,11 @@ def responses(matrices, laws, eta, f) -> tuple[np.ndarray, np.ndarray]:
             A = A + np.array([law(value) for value in s[:, 0, 0].astype(complex)])[:, None, None] * K_v
         inverse = np.linalg.inv(A.astype(complex))
         x = (inverse @ B.astype(float)).astype(np.clongdouble)
-        for _ in range(2):
-            x = x + inverse @ (B - A @ x).astype(complex)
+        for _ in range(STEPS):  # at sharp resonances of soft modes each has few digits
+            change = inverse @ (B - A @ x).astype(complex)
+            x = x + change
+            if (np.linalg.norm(change, axis=1) <= REFINED * np.linalg.norm(x, axis=1)).all():
+                break
         H.append((C @ x).astype(complex))
         drive.append(np.einsum("np,snp->sp", B, x).astype(complex))
     return np.concatenate(H), np.concatenate(drive)

@@ -55,7 +55,8 @@ def test_versions_agree():
     heads = re.findall(r"^## (\S+)(?: - (\d{4}-\d\d-\d\d))?$", (ROOT / "CHANGELOG.md").read_text(), re.M)
     assert heads.pop(0) == ("Unreleased", "")
     (newest, date), *_ = heads
-    assert newest == version == citation["version"]
+    recipe = yaml.safe_load((ROOT / "packaging" / "conda" / "recipe.yaml").read_text())
+    assert newest == version == citation["version"] == recipe["context"]["version"]
     assert "date-released" not in citation or str(citation["date-released"]) == date
 
 
@@ -67,10 +68,10 @@ def test_the_citation_names_the_paper():
     assert paper["title"] in " ".join((ROOT / "README.md").read_text().split()) and str(paper["year"]) == "2006"
 
 
-@pytest.mark.parametrize("recipe, prefix", [("environment.yml", ""), ("spack/package.py", "py-")])
-def test_recipes_name_what_hpcred_needs(recipe, prefix):
+@pytest.mark.parametrize("recipe", ["environment.yml", "packaging/conda/recipe.yaml"])
+def test_recipes_name_what_hpcred_needs(recipe):
     text = (ROOT / "pyproject.toml").read_text()
     needed = re.findall(r"^    \"(\w+)", re.search(r"^dependencies = \[\n(.*?)^\]", text, re.M | re.S)[1], re.M)
     words = set(re.findall(r"[\w-]+", (ROOT / recipe).read_text().replace("python-xxhash", "xxhash")))
-    words |= {word.replace("-", "_") for word in words} | {word.removeprefix(prefix) for word in words}
+    words |= {word.replace("-", "_") for word in words}
     assert len(needed) > 10 and [name for name in needed if name not in words | {"tomli"}] == []

@@ -131,14 +131,15 @@ def test_names_of_runs_are_as_short_as_they_may(names, short):
 def test_modes_of_a_file(linkage_folder, capsys):
     assert run(["modes", "model.h5", "--count", "8", "--figure", "m.png", "--json", "m.json"]) == 0
     text = capsys.readouterr().out
-    assert "6 rigid-body modes" in text
-    assert re.search(r"sum( +100){6}", text)
+    assert "6 rigid-body modes at 0 Hz, which move all of the mass" in text and "    7  33.30" in text
+    assert not re.search(r"^ +[1-6] ", text, re.M)
     report = json.loads(Path("m.json").read_text())
     assert np.sum(report["effective_masses"], axis=0) == pytest.approx(report["masses"])
     assert Path("m.png").read_bytes().startswith(b"\x89PNG")
     assert sorted(path.name for path in Path().iterdir()) == ["job.toml", "m.json", "m.png", "model.h5"]
     assert run(["modes", "model.h5", "--count", "2", "--frame", "tangent:7"]) == 0
-    assert "0 rigid-body modes" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "0 rigid-body modes;" in text and "sum" in text and "    1  " in text
     for arguments, says in (
         (["--count", "0"], "expected at least 1"), (["--figure", "m.jpg"], "ends in .png"),
         (["--count", "6", "--figure", "n.png"], "no elastic mode"), (["--frame", "loose"], "--frame: found 'loose'"),
@@ -179,3 +180,22 @@ def test_info_of_everything_that_hpcred_writes(linkage_folder, capsys):
         assert all(part in text for part in expected), text
         assert "convert it first" in refused(capsys, "info", name, "--modes", "3")
     assert "at least 1" in refused(capsys, "info", "model.h5", "--modes", "0")
+
+
+def test_reduce_begins_with_the_verdict_and_ends_with_what_to_do_next(linkage_folder, capsys):
+    to_tolerance = ["--set", "tolerance=1e-3", "--set", "band=[0.0, 300.0]"]
+    assert run(["reduce", "job.toml", *to_tolerance]) == 0
+    text = capsys.readouterr().out
+    assert re.match(r"largest error 0\.\d+ % \(tolerance 0\.1 %\) over 0 to 300 Hz, confirmed by a full solve", text)
+    assert "Expansion points" not in text and "\nnext: hpcred evaluate result.h5 --full model.h5 --check 5  # " in text
+    assert run(["reduce", "job.toml", *to_tolerance, "--details"]) == 0
+    details = capsys.readouterr().out
+    assert details.startswith(text.splitlines()[0]) and "Expansion points" in details and "max |V^T M V - I|" in details
+    assert run(["info", "result.h5", "--details"]) == 0
+    assert "Expansion points" in capsys.readouterr().out
+
+
+def test_programs_are_names_of_formats(linkage_folder, capsys):
+    assert run(["reduce", "job.toml"]) == 0
+    assert run(["export", "result.h5", "--format", "SIMPACK"]) == 0
+    assert "result.SID_FEM: " in capsys.readouterr().out

@@ -13,6 +13,7 @@ TODAY = datetime.date(2027, 1, 31)
 FILES = {
     "pyproject.toml": '[project]\nname = "a"\nversion = "0.9.1"\n[tool.x]\nversion = "7"\n',
     "CITATION.cff": "cff-version: 1.2.0\nversion: 0.9.1\ndate-released: 2026-01-01\ntitle: a\n",
+    "packaging/conda/recipe.yaml": 'context:\n  version: "0.9.1"\n',
     "CHANGELOG.md": "# Changelog\n\n## Unreleased\n### Added\n- New.\n\n## 0.9.1 - 2026-01-01\n- Old.\n",
 }
 
@@ -26,6 +27,7 @@ def checkout(tmp_path, monkeypatch):
     for who in ("AUTHOR", "COMMITTER"):
         monkeypatch.setenv(f"GIT_{who}_NAME", "a")
         monkeypatch.setenv(f"GIT_{who}_EMAIL", "a@example.org")
+    (tmp_path / "packaging/conda").mkdir(parents=True)
     for name, text in FILES.items():
         (tmp_path / name).write_text(text)
     git(tmp_path, "init", "-q")
@@ -44,15 +46,32 @@ def test_a_release(checkout):
     assert (checkout / "CHANGELOG.md").read_text() == (
         "# Changelog\n\n## Unreleased\n\n## 0.10.0 - 2027-01-31\n### Added\n- New.\n\n## 0.9.1 - 2026-01-01\n- Old.\n"
     )
+    assert (checkout / "packaging/conda/recipe.yaml").read_text() == 'context:\n  version: "0.10.0"\n'
     assert git(checkout, "tag", "--points-at", "HEAD") == "v0.10.0\n" and git(checkout, "status", "--porcelain") == ""
     with pytest.raises(program.Refused, match="nothing below '## Unreleased'"):
         program.release(checkout, "0.11.0", TODAY, lambda: None)
 
 
-@pytest.mark.parametrize("version", ["", "0.9.1", "0.9.0", "1.0", "1.0.0rc1", "v1.0.0"])
+@pytest.mark.parametrize("version", ["", "0.9.0", "0.8.12", "1.0", "1.0.0rc1", "v1.0.0"])
 def test_versions_that_are_refused(checkout, version):
-    with pytest.raises(program.Refused, match="expected x.y.z above 0.9.1"):
+    with pytest.raises(program.Refused, match="expected x.y.z, 0.9.1 or above"):
         program.release(checkout, version, TODAY, lambda: None)
+
+
+def test_a_version_that_the_files_have_is_built_and_tagged_once(checkout):
+    program.release(checkout, "0.9.1", TODAY, lambda: None)
+    assert git(checkout, "tag", "--points-at", "HEAD") == "v0.9.1\n" and git(checkout, "log", "--format=%s") == "a\n"
+    assert {name: (checkout / name).read_text() for name in FILES} == FILES
+    with pytest.raises(program.Refused, match="tag v0.9.1 already"):
+        program.release(checkout, "0.9.1", TODAY, lambda: None)
+
+
+def test_a_version_without_a_section_is_refused(checkout):
+    text = FILES["CHANGELOG.md"].replace("## 0.9.1", "## 0.9.0")
+    (checkout / "CHANGELOG.md").write_text(text)
+    git(checkout, "commit", "-q", "-am", "b")
+    with pytest.raises(program.Refused, match="no section '## 0.9.1"):
+        program.release(checkout, "0.9.1", TODAY, lambda: None)
 
 
 def test_a_release_needs_a_clean_checkout_and_a_build(checkout):

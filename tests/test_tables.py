@@ -11,7 +11,7 @@ import pytest
 from helpers import SIMULATION
 
 import hpcred
-from hpcred.cli import main, session
+from hpcred.cli import campbell, main, session
 from hpcred.examples.section5 import AUTOMATIC, TABLE_1, TABLE_2, table
 from hpcred.report import tables
 
@@ -80,11 +80,13 @@ def test_tables_of_all_commands_fit_and_have_no_trailing_blanks(linkage_folder, 
     Path("simulation.toml").write_text(SIMULATION.replace("result.h5", "auto.h5"))
     for line in (
         "convert --list-formats", "info model.h5", "info crank.h5", "bores crank.h5", "modes crank.h5 --count 8",
-        "info", "modes model.h5 --count 8", "reduce job.toml --store store", "reduce job.toml --set output='other.h5'",
-        "store store", "reduce turning.toml", "info turning.h5", "campbell turning.h5 --range 0,3000 --points 3",
+        "info", "modes model.h5 --count 8", "reduce job.toml --store store",
+        "reduce job.toml --details --set output='other.h5'", "store store", "plan model.h5 --ranks 4",
+        "reduce turning.toml", "info turning.h5", "campbell turning.h5 --range 0,3000 --points 3",
         "evaluate auto.h5 --estimate", "evaluate auto.h5 --full model.h5", "evaluate auto.h5 --full model.h5 --check 2",
         "evaluate auto.h5 other.h5 --full model.h5", "simulate simulation.toml",
         "recover auto.h5 simulation.h5 -o r.csv", "sweep sweep.toml", "collect sweep.toml",
+        "response model.h5 --frame buckens --inputs 20:z --band 1,300 --points 11 --check 1",
     ):  # fmt: skip
         assert main.run(line.split()) == 0, (line, capsys.readouterr().err)
     _of_long_commands(monkeypatch)
@@ -99,6 +101,10 @@ def _of_long_commands(monkeypatch):
     for key, part in (("table_1", (AUTOMATIC, *TABLE_1)), ("table_2", TABLE_2)):
         columns, lines = table([{"row": row, **found} for row in part])
         rows[key] = [dict(zip(columns, line, strict=True)) for line in lines]
+    figure = {"row": 2, "method": "modal + second-order Krylov", "size": 14,
+              "largest |u_y - reference| (m)": 1.23456e-9, "constraint drift (m)": 1.23456e-12,
+              "energy defect": 1.23456e-12}  # fmt: skip
+    rows["figure_5"] = [figure, figure]
     monkeypatch.setattr(hpcred, "run_demo", lambda *_, **__: rows["table_1"], raising=False)
     monkeypatch.setattr(hpcred, "reproduce", lambda *_, show, **__: show(rows) or rows, raising=False)
     machine = {"processor": "a processor with a long name of many words that fills more than a line of 80, 3 GHz"}
@@ -111,6 +117,8 @@ def _of_long_commands(monkeypatch):
     monkeypatch.setattr(session, "progress", lambda: SimpleNamespace(timing=lambda: timing), raising=False)
     for line in ("", "paper --figures none", "bench"):
         assert main.run(line.split()) == 0
+    pole = {"value": 314.159, "frequency": 1234.56, "damping_ratio": 0.0123456, "distance": 1.23456e-9}
+    campbell._show_full({"parameter": "omega", "full": [pole], "residual": 1e-12})
 
 
 @pytest.mark.parametrize("columns", [80, 120])

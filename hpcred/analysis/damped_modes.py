@@ -13,6 +13,7 @@ from ..linalg.solvers.settings import Factoring
 from ..linalg.solvers.shifted import ShiftedSolver
 from ..model.damping import Damping, ModalDamping, caughey_terms, damping_or_given, loss_factor_of
 from ..model.frames import Buckens, Frame, apply_frame
+from ..model.rows_alone import warnings_of_rows_alone
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned
@@ -148,7 +149,8 @@ def damped_modes(
             poles, block = damped_eigenpairs(free.M, free.D, free.K, count, shift, solver.solve)
         found = damped_residuals(free.M, free.D, free.K, poles, block)
         shapes = everywhere(model, framed, block)
-    return DampedModes(poles=poles, residuals=found, shapes=shapes, warnings=_warnings(count, poles, found))
+    warnings = (*warnings_of_rows_alone(model), *_warnings(count, poles, found))
+    return progress.found(DampedModes(poles=poles, residuals=found, shapes=shapes, warnings=warnings))
 
 
 def _warnings(count, poles, found):

@@ -233,11 +233,11 @@ def _by_search(
             values, eps, accuracy = decided(model.comm, _evaluate, search, frequencies, models)
         factorisations, warnings = tuple(run.factorisations), (*warnings, *run.notes.warnings)
     values = model.rates.with_factors(2j * np.pi * frequencies, values)
-    return FullResponse(
+    return progress.found(FullResponse(
         frequencies=frequencies, response=values, eps=eps, accuracy=accuracy, input_names=model.input_names,
         output_names=model.output_names, factorisations=factorisations, warnings=warnings,
         timing=progress.timing(), models=models,
-    ), models  # fmt: skip
+    )), models  # fmt: skip
 
 
 def _damping_of_response(damping) -> Proportional:

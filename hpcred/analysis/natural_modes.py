@@ -133,11 +133,11 @@ def natural_modes(
         warnings = warnings_of_rows_alone(model)
         if shapes is not None:
             warnings += warnings_of_digits(model, model.K, elastic, shapes)
-        return NaturalModes(
+        return progress.found(NaturalModes(
             frequencies=np.append(np.zeros(rigid), frequencies)[:count], rigid=min(rigid + int(still.sum()), count),
             participation=None if participation is None else participation[:count], masses=masses, residual=residual,
             shapes=shapes, warnings=tuple(warnings),
-        )  # fmt: skip
+        ))  # fmt: skip
 
 
 def _frame_of(model):

@@ -33,7 +33,7 @@ def info(
 ):
     """Say what a file is: what a model contains and needs, and the format and matrices of any other file."""
     if file is None:
-        if below or band_top or modes or verify or figure or names:
+        if below or band_top or modes or verify or figure or names or details:
             raise InputError("FILE: is missing, which the options ask about")
         report = hpcred.installation()
         show_table(None, [{"": key.replace("_", " "), "this installation": value} for key, value in report.items()])

@@ -71,7 +71,7 @@ def _show_next(found, output):
     rows = [
         (f"evaluate {output} --full {model} --check 5", "more full solves"),
         (f"report {output}", "responses, error and shapes"),
-        (f"export {output} --format sid", "for a multibody program (--help: others)"),
+        (f"export {output} --format sid", "for a multibody program"),
         (f"info {output} --details", "basis, points, time, memory"),
     ]  # fmt: skip
     if found.record.accuracy is None:
@@ -80,7 +80,7 @@ def _show_next(found, output):
         del rows[1]
     width = max(len(command) for command, _ in rows)
     for k, (command, what) in enumerate(rows):
-        print(f"{'next: ' if k == 0 else '      '}hpcred {command:{width}}  {what}")
+        print(f"{'next: ' if k == 0 else '      '}hpcred {command:{width}}  # {what}")
 
 
 def store(

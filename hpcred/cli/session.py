@@ -5,6 +5,7 @@ Commands print through this module what --quiet and --json send to other places.
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 from contextlib import redirect_stdout
@@ -12,7 +13,8 @@ from contextlib import redirect_stdout
 from ..files.locks import unlock_all
 from ..files.outputs import JSON, check_outputs, keep_files
 from ..parallel import kernels, startup
-from ..parallel.failures import InputError, fail, printable
+from ..parallel.failures import InputError, fail
+from ..parallel.messages import LOGGER, message, printable
 from ..parallel.progress import Progress
 from ..report import tables
 from ..report.profile import show_profile, start_profile
@@ -41,6 +43,7 @@ def _refuse_blank(arguments):
 
 def run(arguments: list[str], call) -> int:
     """Run one command line on all ranks and return the exit status, which `call(arguments)` may give."""
+    LOGGER.propagate = False  # what a plug-in makes of the root logger changes nothing on the terminal
     try:
         comm = startup.start_mpi()
         arguments = list(arguments)
@@ -59,7 +62,7 @@ def run(arguments: list[str], call) -> int:
         show = False if Session.quiet else Session.verbose or None
         Session.progress = Progress(comm, show=show, bars=True)
         if comm.rank == 0 and not {"--save", "--forget"} & {*arguments} and (damage := kernels.damage()):
-            print(f"warning: {printable(damage)}", file=sys.stderr)
+            message(logging.WARNING, damage, f"warning: {damage}")
         with redirect_stdout(_stdout(comm, arguments)):
             try:
                 status = call(arguments)
@@ -73,6 +76,7 @@ def run(arguments: list[str], call) -> int:
     except BaseException as error:
         return fail(error)
     finally:
+        LOGGER.propagate = True
         unlock_all()
 
 

@@ -417,7 +417,8 @@ def write_result(
     declared("reduced", reduced, ReducedModel)
     if model is not None:
         require_model(model)
-        key = reduced.record and difference_of(model.digests, reduced.record)
+        known = reduced.record is not None and reduced.record.knows_its_model
+        key = difference_of(model.digests, reduced.record) if known else None
         if key in ("M", "K"):
             raise InputError(f"model: found another {key} than that which was reduced; give the model that was")
     comm = model.comm if model is not None else reduced.columns.comm.tompi4py() if reduced.columns else MPI.COMM_WORLD

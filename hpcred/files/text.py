@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..parallel.failures import InputError, agreed, printable
+from ..parallel.failures import InputError, agreed
+from ..parallel.messages import printable
 from .system_errors import open_input
 
 PIECE = 2**19  # bytes of text parsed at a time: what is copied on the way stays in the cache

@@ -1,7 +1,6 @@
 """Solve eigenproblems by SLEPc: modes of (K, M) in a band, the lowest modes, and the small dense problem."""
 
 from contextlib import suppress
-from itertools import pairwise
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from .blocks import create_block, local_rows
 from .options import temporary_options
 
 TOLERANCE = 1e-10
-SOFTER = 0.25  # of the diagonal entry of the next coordinate, between groups
 
 
 def modes_in_interval(K, M, low, high, options):
@@ -131,41 +129,65 @@ def symmetric_eigenpairs(matrix: np.ndarray, comm):
 
 def graded_eigenpairs(matrix: np.ndarray, eigenpairs=np.linalg.eigh):
     """Return eigenvalues (m,), ascending, and orthonormal eigenvectors (m, m) of a small symmetric matrix, those of
-    soft motions beside stiff ones with as many digits as its entries have. Local.
+    soft motions beside stiff ones, and of parts that hardly couple, with as many digits as its entries have. Local.
 
     `eigenpairs` has errors of 1e-16 of the largest eigenvalue. Groups of coordinates that hardly couple are therefore
     taken one by one; to first order their coupling turns only the eigenvectors.
     """
-    order = np.argsort(np.diag(matrix), kind="stable")
-    A = matrix[np.ix_(order, order)]
-    ends = [0, *_group_ends(A), len(A)]
-    if len(ends) == 2:
-        return eigenpairs(matrix)
-    values, vectors, group = np.zeros(len(A)), np.zeros(A.shape), np.zeros(len(A))
-    for k, (start, end) in enumerate(pairwise(ends)):
-        own = slice(start, end)
-        values[own], vectors[own, own] = eigenpairs(A[own, own])
-        group[own] = k
-    apart = group[:, None] != group
-    if any(values[end - 1] > 0.5 * values[end] for end in ends[1:-1]):  # the diagonal does not show how soft a group is
-        return eigenpairs(matrix)
-    coupling = vectors.T @ A @ vectors
-    turn = np.divide(coupling, values - values[:, None], out=np.zeros(A.shape), where=apart)
-    found = np.empty_like(vectors)
-    found[order] = vectors + vectors @ turn
-    return values, found
+    group = _groups(_coupled(matrix, np.diag(matrix)))
+    while group.any():
+        values, vectors = _by_groups(matrix, group, eigenpairs)
+        coupling = vectors.T @ matrix @ vectors
+        apart = group[:, None] != group
+        if not (coupled := _coupled(coupling, values) & apart).any():
+            gap = values - values[:, None]
+            found = vectors + vectors @ np.divide(coupling, gap, out=np.zeros(gap.shape), where=apart & (gap != 0))
+            order = np.argsort(values, kind="stable")
+            return values[order], (found @ (1.5 * np.eye(len(gap)) - found.T @ found / 2))[:, order]
+        group = _groups(coupled | ~apart)  # the diagonal did not show how close their eigenvalues are
+    return eigenpairs(matrix)
 
 
-def _group_ends(A) -> np.ndarray:
-    """Return where groups of coordinates end, ascending by their diagonal: softer than the next ones, with squared
-    couplings that are round-off of the products of the diagonal."""
-    sizes = np.diag(A)
-    if not len(A) or sizes[0] <= 0:
-        return np.zeros(0, dtype=int)
-    coupling = np.triu((A / np.sqrt(sizes)[:, None] / np.sqrt(sizes)) ** 2, 1)
-    # sums over the rows before a place and the columns from there on
-    before = np.cumsum(coupling.sum(axis=1) - coupling.sum(axis=0))[:-1]
-    return np.flatnonzero((sizes[:-1] < SOFTER * sizes[1:]) & (before <= np.finfo(float).eps)) + 1
+def _coupled(matrix, values):
+    """Test which coordinates of a nearly diagonal matrix (m, m) couple so that it shows beyond first order: in their
+    eigenvectors, or in the softer of their eigenvalues, which are about `values` (m,)."""
+    size = np.abs(values)
+    gap = np.abs(values - values[:, None])
+    return matrix**2 * len(matrix) > np.finfo(float).eps * gap * np.minimum(gap, np.minimum(size, size[:, None]))
+
+
+def _groups(coupled) -> np.ndarray:
+    """Return the numbers (m,) of groups of coordinates, from 0, that couple with no other."""
+    from scipy.sparse.csgraph import connected_components
+
+    return connected_components(coupled, directed=False)[1]
+
+
+def _by_groups(matrix, group, eigenpairs):
+    """Return eigenvalues (m,) and eigenvectors (m, m) of the groups of coordinates, each by itself."""
+    values, vectors = np.diag(matrix).copy(), np.eye(len(matrix))
+    for k in np.flatnonzero(np.bincount(group) > 1):
+        own = np.flatnonzero(group == k)
+        values[own], vectors[np.ix_(own, own)] = eigenpairs(matrix[np.ix_(own, own)])
+    return values, vectors
+
+
+def congruent(matrix: np.ndarray, X: np.ndarray) -> np.ndarray:
+    """Return X^T A X, exactly symmetric where the matrix A is. Local."""
+    found = X.T @ matrix @ X
+    return (found + found.T) / 2 if np.array_equal(matrix, matrix.T) else found
+
+
+def settled(K: np.ndarray, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return eigenvalues (m,), ascending, of the small symmetric K on columns whose Gram matrix (m, m) is I but for
+    round-off, and X (m, m) that makes them diagonal and orthonormal. Local.
+
+    Of parts that hardly couple, both matrices have the couplings with all digits, which round-off of the columns
+    changes in one as in the other: their difference is what the parts feel of each other.
+    """
+    straight = 1.5 * np.eye(len(gram)) - gram / 2
+    eigenvalues, vectors = graded_eigenpairs(congruent((K + K.T) / 2, straight))
+    return eigenvalues, straight @ vectors
 
 
 def _dense_eigenpairs(matrix):

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from ..linalg.eigensolver import congruent
+
 ADDED = "viscoelastic"  # key of added terms in files, records and digests, after the kind that was the first
 KEY = "Kv"  # of the matrices of added terms: Kv1, Kv2, ...
 ORDERS = {"M": 2, "D": 1, "K": 0}  # powers of s
@@ -202,12 +204,6 @@ def in_coordinates(of: str, matrix: np.ndarray, T: np.ndarray) -> np.ndarray:
     """Return M, D, K, B, C, Cv or Ca, as `of` tells, in coordinates z with x = T z."""
     rows = matrix if of.startswith("C") else T.T @ matrix
     return rows if of == "B" else rows @ T
-
-
-def congruent(matrix: np.ndarray, X: np.ndarray) -> np.ndarray:
-    """Return X^T A X, exactly symmetric where the matrix A is."""
-    found = X.T @ matrix @ X
-    return (found + found.T) / 2 if np.array_equal(matrix, matrix.T) else found
 
 
 def times(matrix: np.ndarray, states: np.ndarray) -> np.ndarray:

@@ -31,7 +31,7 @@ def warnings_of_rows_alone(model) -> list[str]:
     """
     comm, alone = model.comm, rows_alone(model)
     stiffness, mass = diagonal_of(model.K), diagonal_of(model.M)
-    alone = alone[(stiffness[alone] > 0) & (mass[alone] > 0)]
+    alone = alone[(stiffness[alone] >= 0) & (mass[alone] > 0)]
     if model.dofs is not None:  # a rigid body at a node or two may have such rows
         alone = alone[(model.dofs.direction[alone] < SCALAR) & (model.node_count >= FEWEST_NODES)]
     frequencies = np.sqrt(stiffness[alone] / mass[alone]) / (2 * np.pi)

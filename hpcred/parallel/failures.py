@@ -10,6 +10,7 @@ that fails and one that comes to the end of a block meet in it, and see that the
 """
 
 import errno
+import logging
 import os
 import pickle
 import re
@@ -22,6 +23,7 @@ from contextlib import ExitStack, contextmanager, suppress
 import numpy as np
 from mpi4py import MPI
 
+from .messages import message
 from .signals import Terminated
 
 GRACE = 4.0  # seconds that a failed rank waits for the others
@@ -272,15 +274,10 @@ def _others_say_it():
     return False
 
 
-def printable(text: str) -> str:
-    """A text in one line, with blanks for what a terminal would not show as a letter."""
-    return "".join(letter if letter.isprintable() else " " for letter in text)
-
-
 def _say(error, where=""):
     if getattr(error, "of_script", False) and not isinstance(error, KeyboardInterrupt):
         sys.__excepthook__(type(error), error, error.__traceback__)
-        print(f"hpcred: this error{where} is not that of all ranks, and ends the job", file=sys.stderr, flush=True)
+        _end_with(f"this error{where} is not that of all ranks, and ends the job")
         return
     if os.environ.get("HPCRED_TRACEBACK", "").strip().lower() not in OFF:
         import traceback
@@ -306,7 +303,11 @@ def _say(error, where=""):
             lines = [", ".join(dict.fromkeys((lines[0], lines[-1])))]
         text = f"internal error{where}: {type(error).__name__}: {lines[0] if lines else ''}"
         text += " (--traceback or HPCRED_TRACEBACK=1 shows where)"
-    print(f"hpcred: {printable(text)}", file=sys.stderr, flush=True)
+    _end_with(text)
+
+
+def _end_with(text):
+    message(logging.CRITICAL, text, f"hpcred: {text}")
 
 
 def excepthook(kind, error, trace):

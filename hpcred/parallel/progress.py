@@ -1,5 +1,7 @@
 """Where the run is and where its time went: stages, shown by rank 0 when a run is long, summed for the result."""
 
+import logging
+import math
 import resource
 import sys
 import threading
@@ -8,14 +10,16 @@ import weakref
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TypeVar
 
-from .failures import printable
+from .messages import message, routed
 from .petsc import PETSc
 
 SHORT = 2.0  # seconds of a run that needs no progress
 LARGE = 30_000  # dofs of a model whose first factorisation may take longer than anybody waits for a line
 MINUTE = 60.0  # seconds between lines of steps that are not worth one each, and of a long stage
 SILENT = 10.0  # seconds without a line after which a stage says that it goes on
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +51,9 @@ class Stage:
 class Progress:
     """Times named stages. A stage inside a stage is taken off the outer one, so the sum is the elapsed time.
 
-    `seconds` holds the time per stage of this rank. `show`: lines on stderr of rank 0, by default once a run has
-    lasted SHORT seconds. `bars`: on a terminal steps are bars below the lines; call close() then.
+    `seconds` holds the time per stage of this rank. Rank 0 gives its lines to the logger "hpcred"; where that has no
+    handler, `show` says whether they are on stderr, by default once a run has lasted SHORT seconds. `bars`: on a
+    terminal steps are bars below the lines; call close() then.
     A thread of rank 0 looks after stages that say nothing by themselves; see parallel.petsc.without_gil.
     """
 
@@ -56,10 +61,11 @@ class Progress:
         self.comm = comm
         self.seconds: dict[str, float] = {}
         self.warned: list[str] = []
-        self._after = SHORT if show is None else 0.0 if show else float("inf")
+        self._found: list[str] = []
+        self._after = SHORT if show is None else 0.0 if show else math.inf
         self._bars = Bars() if bars and comm.rank == 0 and sys.stderr.isatty() else None
         self._begun: dict[str, float] = {}
-        self._said = float("-inf")
+        self._said = -math.inf
         self._open: list[Stage] = []
         self._start = self._mark = time.perf_counter()
         self._watched = False
@@ -75,13 +81,13 @@ class Progress:
         """Charge the time of the block to `name`; also a PETSc log stage, so that -log_view lists it. `known`: see
         Stage; the thread calls it, so that it must not communicate."""
         self._charge()
+        if detail:
+            self.say(f"{name}: {detail}")
         stage = Stage(name=name, detail=detail, begun=self.elapsed(), known=known)
         self._open.append(stage)
         self._watch()
         log = PETSc.Log.Stage(name)
         log.push()
-        if detail:
-            self.say(f"{name}: {detail}")
         try:
             yield
             self._tell_known(stage)
@@ -122,8 +128,8 @@ class Progress:
 
     @property
     def shown(self) -> bool:
-        """Whether this rank shows anything by now."""
-        return self.comm.rank == 0 and self.elapsed() >= self._after
+        """Whether lines of this rank are read by anybody by now."""
+        return self.comm.rank == 0 and (routed() or self.elapsed() >= self._after)
 
     def expect(self, size: int):
         """A model of so many dofs is worked on: of a large one everything is said from the start."""
@@ -134,11 +140,7 @@ class Progress:
         """One line of rank 0, with elapsed time and memory."""
         if self.shown:
             self._said = self.elapsed()
-            line = f"[{self._said:8.1f} s {memory_mb():7.0f} MB] {text}"
-            if self._bars is not None:
-                self._bars.line(line)
-            else:
-                print(line, file=sys.stderr, flush=True)
+            self._give(logging.INFO, text, f"[{self._said:8.1f} s {memory_mb():7.0f} MB] {text}")
 
     def step(self, what: str, done: int, total: int | None = None, always: bool = False):
         """So many of the steps `what` are done, of `total` where that is known: a bar, or a line with the time left.
@@ -163,13 +165,26 @@ class Progress:
 
     def tell(self, text: str):
         """One line of rank 0, however short the run is, unless progress is off."""
-        if self.comm.rank == 0 and self._after < float("inf"):
-            print(printable(text), file=sys.stderr, flush=True)
+        self._give(logging.INFO, text, text)
 
     def warn(self, text: str):
         """Tell a warning while a run goes on; what is `warned` of needs no repetition at its end."""
-        self.tell(f"warning: {text}")
+        self._give(logging.WARNING, text, f"warning: {text}")
         self.warned.append(text)
+
+    def found(self, result: Result) -> Result:
+        """Log the warnings of a result that are not logged yet, and return it; who shows it shows them."""
+        record = getattr(result, "record", result)
+        warnings = record.get("warnings", ()) if isinstance(record, dict) else getattr(record, "warnings", ())
+        for text in warnings:
+            if not text.startswith((*self.warned, *self._found)):  # at the end its largest value may follow
+                self._give(logging.WARNING, text, None)
+                self._found.append(text)
+        return result
+
+    def _give(self, level, text, line):
+        if self.comm.rank == 0:
+            message(level, text, line if self._after < math.inf else None, self._bars and self._bars.line)
 
     def timing(self) -> Timing:
         """Where the time went until now; bars are taken away. Collective."""

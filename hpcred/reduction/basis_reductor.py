@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
+from ..linalg.eigensolver import congruent, settled
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import Damping, NoDamping, caughey_terms, loss_factor_of, warnings_of_damping
 from ..model.definiteness import growing, warnings_of_definiteness
@@ -16,6 +17,7 @@ from ..model.load_columns import loads_of, resultants
 from ..model.operator import Operator
 from ..model.scales import in_usual_units
 from ..model.second_order_model import SecondOrderModel, massless, require_model
+from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.memory import give_back
 from ..parallel.petsc import free_dropped
@@ -254,6 +256,11 @@ class BasisReductor(Reductor):
                 f"{ORTHONORMAL_TO:g}"
             )
         columns = vectors.columns
+        # round-off of the product V X couples parts that hardly couple: the small matrices alone are turned once more
+        X, again = np.eye(len(eigenvalues)), not run.tau and full.is_symmetric("K")
+        if again:
+            eigenvalues, X = decided(model.comm, settled, stiffness(columns), mass)
+            mass, frequencies = congruent(mass, X), np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
         run.notes.remarks += warnings_of_digits(model, full.K, eigenvalues, columns)
         if not warnings_of_definiteness(model) and (unstable := growing(model, eigenvalues)):
             run.notes.remarks.append(unstable)
@@ -265,15 +272,18 @@ class BasisReductor(Reductor):
             stiffness = project(full.K, columns)
             small["K"] += (stiffness - stiffness.T) / 2
         if "D" in full.matrices:
-            small["D"] = without_round_off(project(full.matrices["D"], columns), static, run.tau)
+            small["D"] = without_round_off(congruent(project(full.matrices["D"], columns), X), static, run.tau)
         else:
             small["D"] = reduced_damping(framed.damping, small["K"], frequencies, mass)
         for key, value in small.items():
             if full.is_symmetric(key):
                 small[key] = (value + value.T) / 2
-        operator = Operator.of(**small, added=full.added.map(lambda mat: _symmetric(project(mat, columns))))
-        inputs = project_columns(columns, full.B)
-        outputs = (inputs if full.Ct is None else project_columns(columns, full.Ct)).T.copy()
+        added = full.added.map(lambda mat: congruent(_symmetric(project(mat, columns)), X))
+        operator = Operator.of(**small, added=added)
+        inputs = X.T @ project_columns(columns, full.B)
+        outputs = (inputs if full.Ct is None else X.T @ project_columns(columns, full.Ct)).T.copy()
+        if again:
+            vectors.multiply(X)
         if self.settings.coordinates == "interface":
             moved = to_interface_coordinates(framed, Projected(columns, operator, inputs, outputs), run.tau)
             frequencies = np.concatenate([np.zeros(framed.rigid_size), frequencies])

@@ -8,6 +8,7 @@ C. Beattie, SIAM J. Matrix Anal. Appl. 30(2) (2008). It needs damping: without i
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -20,6 +21,7 @@ from ..model.second_order_model import require_model
 from ..parallel.decisions import decided
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
+from ..parallel.messages import message
 from ..parallel.ranges import require_band
 from .components.component import Component
 from .massless import first_order
@@ -121,6 +123,8 @@ class IRKA(Reductor):
                     return reduced
         said = f"irka: after {self.turns} turns points still move by {moved:.1e} of themselves"
         reduced.record = replace(reduced.record, warnings=(*reduced.record.warnings, said))
+        if model.comm.rank == 0:
+            message(logging.WARNING, said)
         return reduced
 
     def _first(self, model):

@@ -25,6 +25,7 @@ from .notes import ComponentRecord
 from .tolerance.accuracy import Accuracy
 
 TERMS = "terms"  # key of the digest of the terms of parameters
+DIGITS_OF_DIGEST = 32  # hexadecimal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +94,11 @@ class Record:
         known = replace(self.accuracy, frequencies=(low, high), eps=(largest, largest), mean=largest, directions=(),
                         counted=None, missing_modes=None)  # fmt: skip
         return replace(self, accuracy=known)
+
+    @property
+    def knows_its_model(self) -> bool:
+        """Whether it has digests of the model in the form of today: earlier versions had others, or none."""
+        return bool(self.digests) and all(len(item) == DIGITS_OF_DIGEST for item in self.digests.values())
 
     @property
     def ordering(self) -> str:

@@ -143,23 +143,25 @@ def reduce(
                        ("parameter_points", points or None)):  # fmt: skip
         if value is not None and not parametric:
             raise InputError(f"{key}: found it for a model without parameters; leave it out")
+    progress = progress or Progress(model.comm)
     asked = {"basis": basis, "frame": frame, "damping": damping, "settings": settings,
              "factoring": factoring or Factoring(), "store": store,
-             "progress": progress or Progress(model.comm)}  # fmt: skip
+             "progress": progress}  # fmt: skip
     if parametric:
         if adaptive is None:
             if parameter_search is not None:
                 raise InputError("parameter_search: found it without a tolerance, to which it belongs; leave it out")
-            return ParametricBasisReductor(**asked, parameter_points=points).reduce(model)
+            return progress.found(ParametricBasisReductor(**asked, parameter_points=points).reduce(model))
         if points:
             raise InputError("parameter_points: found it beside a tolerance, which chooses them; leave it out")
         search = parameter_search or ParameterSearch()
-        return ParametricReductor(**asked, goal=adaptive, parameter_search=search).reduce(model)
+        return progress.found(ParametricReductor(**asked, goal=adaptive, parameter_search=search).reduce(model))
     if settings.projection == "two_sided" and model.Ct is not None:
         if adaptive is not None:
             raise InputError("projection: a reduction to a tolerance is one-sided, which keeps stability; leave it out")
-        return TwoSidedReductor(**asked).reduce(model)
-    return (BasisReductor(**asked) if adaptive is None else ToleranceReductor(**asked, goal=adaptive)).reduce(model)
+        return progress.found(TwoSidedReductor(**asked).reduce(model))
+    reductor = BasisReductor(**asked) if adaptive is None else ToleranceReductor(**asked, goal=adaptive)
+    return progress.found(reductor.reduce(model))
 
 
 def _asked_accuracy(adaptive, tolerance, band, **more) -> Adaptive | None:

@@ -9,7 +9,8 @@ import sys
 import textwrap
 
 from ..files.hdf5 import atomic_output
-from ..parallel.failures import agreed, printable
+from ..parallel.failures import agreed
+from ..parallel.messages import printable
 from ..parallel.petsc import MPI
 from ..parallel.progress import Timing
 

@@ -303,7 +303,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     )  # fmt: skip
     warnings = setup.warnings + warnings_of_places(body, setup, {node: motion.x for node, motion in first.items()})
     warnings += warnings_of_inputs(body, setup, holds, {node: motion.R for node, motion in first.items()}, A)
-    progress = progress or Progress(MPI.COMM_SELF)
+    progress = progress or Progress(MPI.COMM_WORLD)
     for warning in warnings:  # before a run that may take long for that reason
         progress.warn(warning)
     notes = remarks(body) + _loads_without_stress(body, setup) + _spins_twice(body, setup)

@@ -106,9 +106,9 @@ def _check_alike(results, reduced):
     if len(set(results)) < len(results) or len(results) < 2:
         raise InputError(f"results: found {', '.join(results)}, expected two or more, each once")
     for path, item in zip(results, reduced, strict=True):
-        if item.record is None or not item.record.digests:
+        if item.record is None or not item.record.knows_its_model:
             raise InputError(f"{path}: has no record of its reduction that tells its model from others, which a "
-                             "comparison needs (earlier versions wrote none); reduce again")  # fmt: skip
+                             "comparison needs (earlier versions wrote none, or another); reduce it again")  # fmt: skip
     first = reduced[0].record
     for path, item in zip(results[1:], reduced[1:], strict=True):
         record = item.record

@@ -16,7 +16,8 @@ def workflow(function: Function) -> Function:
     """Make a function take `comm`, by default that of the job, and `progress`, by default one that shows what
     takes long.
 
-    Keywords that it does not have are refused, and outputs that it does not write in the end are given free.
+    Warnings of what it returns are logged. Keywords that it does not have are refused, and outputs that it does not
+    write in the end are given free.
     """
     names = list(signature(function).parameters)
     shows = "progress" in names
@@ -24,13 +25,14 @@ def workflow(function: Function) -> Function:
     @wraps(function)
     def run(*arguments, **keywords):
         keywords["comm"] = keywords.get("comm") or startup.start_mpi()
+        progress = keywords.get("progress") or Progress(keywords["comm"])
         if shows:
-            keywords["progress"] = keywords.get("progress") or Progress(keywords["comm"])
+            keywords["progress"] = progress
         for key, value in [*zip(names, arguments, strict=False), *keywords.items()]:
             if is_blank(value):
                 raise InputError(f"{key}: found an empty text, expected one with letters; leave it out where there is "
                                  "none")  # fmt: skip
         with locks_given_back():
-            return function(*arguments, **keywords)
+            return progress.found(function(*arguments, **keywords))
 
     return spelled(run)  # type: ignore[return-value]

@@ -28,7 +28,8 @@ from ..files.outputs import ZIP
 from ..files.temporary import folder_of_all
 from ..model.cut_outputs import cut_output_of
 from ..model.dofs import DIRECTIONS, QUANTITIES, SCALAR, named_quantity, target_of
-from ..parallel.failures import ComputationError, InputError, printable
+from ..parallel.failures import ComputationError, InputError
+from ..parallel.messages import printable
 from ..parallel.petsc import MPI
 from ..reduction.massless import with_mass
 from ..reduction.maxwell_states import with_maxwell_states

@@ -53,3 +53,19 @@ def test_eigenvalues_of_graded_matrices_have_their_digits():
     assert np.abs(vectors.T @ A @ vectors / size / size[:, None] - np.eye(18)).max() < 1e-14
     mixed = np.linalg.qr(random.normal(size=(18, 18)))[0]
     assert np.array_equal(graded_eigenpairs(A := mixed @ A @ mixed.T)[0], np.linalg.eigh(A)[0])
+
+
+def test_parts_that_hardly_couple_keep_what_they_feel_of_each_other():
+    """Two dense parts with a tie of 1e-20 of theirs, against perturbation theory; and equal ones without any."""
+    random, n = np.random.default_rng(7), 6
+    one, other = (X @ X.T + n * np.eye(n) for X in random.normal(size=(2, n, n)))
+    tie = 1e-20 * random.normal(size=(n, n))
+    values, vectors = graded_eigenpairs(np.block([[one, tie], [tie.T, other]]))
+    of_one = np.linalg.norm(vectors[n:], axis=0) < 0.5
+    (a, X), (b, Y) = np.linalg.eigh(one), np.linalg.eigh(other)
+    assert values == pytest.approx(np.sort(np.r_[a, b]), rel=1e-13)
+    felt = Y @ ((Y.T @ tie.T @ X) / (a - b[:, None]))
+    signs = np.sign(np.einsum("ij,ij->j", X, vectors[:n, of_one]))
+    assert np.abs(vectors[n:, of_one] * signs - felt).max() < 1e-11 * np.abs(felt).max()
+    twice, vectors = graded_eigenpairs(np.kron(np.eye(2), one))
+    assert twice == pytest.approx(np.repeat(a, 2)) and np.allclose(vectors.T @ vectors, np.eye(2 * n), atol=1e-14)

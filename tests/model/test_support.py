@@ -149,7 +149,10 @@ def test_supports_on_the_diagonal_are_warned_of(comm, folder, way):
             model = hpcred.read_model(folder / "m.h5", comm)
         said = f"found {held} rows with nothing beside the diagonal, the first is dof 1"
         for found in (hpcred.check(model)["warnings"], hpcred.inspect(model)["warnings"],
-                      hpcred.natural_modes(model, 3).warnings):  # fmt: skip
+                      hpcred.natural_modes(model, 3).warnings, hpcred.damped_modes(model, 3).warnings):  # fmt: skip
             assert any(said in text and "4 false modes at 0.159155 Hz" in text for text in found)
+    K[range(held), range(held)] = 0.0
+    with hpcred.SecondOrderModel.from_scipy(given(K), given(np.eye(n)), comm=comm) as loose:
+        assert "4 false modes at 0 Hz" in hpcred.inspect(loose)["warnings"][0]
     with hpcred.SecondOrderModel.from_scipy(np.diag(np.arange(1.0, 9.0)), np.eye(8), comm=comm) as oscillators:
         assert warnings_of_rows_alone(oscillators) == []

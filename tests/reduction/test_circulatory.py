@@ -282,6 +282,23 @@ def test_circulatory_forces_beside_a_stiff_connection_count(comm):
         assert not there.is_symmetric("K") and without.is_symmetric("K")
 
 
+@pytest.mark.slow
+def test_soft_bearings_over_parameters_are_not_limited_by_round_off(comm):
+    """Frequencies 1e4 times below the highest: models of stiff columns had 200 times the round-off of the result."""
+    K, N, M, D, B = seal(0.0, 1.0, 16)
+    K = 1e3 * K
+    K[np.ix_([0, 15], [0, 15])] = K[np.ix_([16, 31], [16, 31])] = np.diag(np.full(2, 1e9 + 8.0))
+    asked = {"tolerance": 1e-2, "band": (2.0, 10.0), "damping": GivenDamping()}
+    with SecondOrderModel.from_scipy(K, 1e-3 * M, 1e-4 * D, comm, inputs=B) as plain, hpcred.ParametricModel(
+        plain, [Parameter("k", (0.01, 0.1))], [hpcred.Term("K", N, "k")]
+    ) as model, hpcred.reduce(model, parameter_search=hpcred.ParameterSearch(points=5), **asked) as rom:
+        assert rom.record.accuracy.reached and rom.record.accuracy.noise < 1e-3
+        poles = rom.at(k=0.1).poles()
+    exact = poles_of(1e-3 * M, 1e-4 * D, K + 0.1 * N)
+    for pole in exact[(np.abs(exact) < 100) & (exact.imag > 0)]:
+        assert np.abs(poles - pole).min() < 1e-5 * abs(pole)
+
+
 def test_a_slow_growth_beside_high_frequencies_is_unstable():
     """0.02 1/s at 31 rad/s, in a model that goes up to 1e8 rad/s."""
     K = np.diag([1e3, 1e3, 1e12, 1e16])

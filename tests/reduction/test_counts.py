@@ -136,6 +136,21 @@ class TestStores:
             again = self.accuracy(comm, tmp_path / "store")
         assert again.points[0].from_store and again.counted == expected.counted
 
+    @needs_counts
+    def test_modes_that_nothing_counted_serve_no_sliced_band(self, comm, tmp_path, monkeypatch):
+        """Modes of a band by a Krylov sequence and those by slicing had one key."""
+        K, B, f = beside([5.0, 5.0])
+        basis, store, served = [hpcred.Modes(band=(0.0, 30.0))], PointStore(tmp_path / "store"), []
+        with hpcred.SecondOrderModel.from_scipy(K, np.eye(len(K)), inputs=B, comm=comm) as model:
+            for slicing in (False, False, True, True, False):
+                with monkeypatch.context() as patch:
+                    if not slicing:
+                        patch.setattr(Mumps, "slicing", lambda *_: None)
+                    with hpcred.reduce(model, basis, store=store) as rom:
+                        served.append(rom.record.components[0].from_store)
+                assert np.allclose(rom.frequencies, f[f < 30], rtol=1e-7)
+        assert served == [False, True, False, True, True]
+
 
 @needs_counts
 def test_factors_that_are_too_rough_to_count_need_a_second_proof(comm, monkeypatch):

@@ -47,9 +47,9 @@ def test_what_symmetry_forbids_is_left_out_and_named(comm, factor):
     assert warning.startswith(f"outputs: {accuracy.silent[0]}, {accuracy.silent[1]}: no input moves them")
 
 
-@pytest.mark.parametrize("tie", [1e-8, 1e-12, 0.0])
+@pytest.mark.parametrize("tie", [1e-8, 1e-13, 0.0])
 def test_an_isolated_output_is_no_round_off(comm, tie):
-    """A sensor 200 dB away has all its digits; without a tie it has nothing but round-off."""
+    """A sensor 260 dB away has all its digits; without a tie it has nothing but round-off."""
     n, K = 12, np.zeros((24, 24))
     K[:n, :n], K[n:, n:] = chain(n)[0], 1.3 * chain(n)[0]
     e = unit(24, 7)[:, 0] - unit(24, n + 4)[:, 0]
@@ -61,12 +61,12 @@ def test_an_isolated_output_is_no_round_off(comm, tie):
     assert accuracy.silent == (() if tie else (rom.output_names[1],))
     if not tie:
         return
-    s, full, small = 2j * np.pi * np.linspace(0, top, 401), 1 + 1j * accuracy.loss_factor, []
-    H = np.array([(C[1:] @ np.linalg.solve(x * x * np.eye(24) + full * K, unit(24, 2))).item() for x in s])
-    small = np.array([(rom.C[1:] @ np.linalg.solve(x * x * rom.M + full * rom.K, rom.B)).item() for x in s])
-    error = (np.abs(H - small) / np.maximum(np.abs(H), np.median(np.abs(H)))).max()
-    assert not accuracy.reached or error <= 1.02 * accuracy.largest + accuracy.noise
-    assert accuracy.reached or (tie < 1e-11 and accuracy.stopped == "limited by round-off")
+    s, full = 2j * np.pi * np.linspace(0, top, 401), 1 + 1j * accuracy.loss_factor
+    states = np.array([np.linalg.solve(x * x * np.eye(24) + full * K, unit(24, 2)) for x in s])
+    small = np.array([rom.C @ np.linalg.solve(x * x * rom.M + full * rom.K, rom.B) for x in s])
+    error = accuracy.measure.eps(C @ states - small, C @ states, states[:, 2]).max()
+    assert accuracy.reached and accuracy.noise < 1e-9
+    assert error <= 1.02 * accuracy.largest
 
 
 def test_between_the_tie_and_nothing_all_outputs_count(comm):
@@ -128,8 +128,10 @@ def test_a_complete_model_has_few_frequencies():
         assert rom.size == 4 and len(rom.record.accuracy.frequencies) < 1500
 
 
-@pytest.mark.parametrize("kind, seed", [("silent", 1), ("silent", 4), ("vanishing", 1), ("signs", 2),
-                                        ("soft-mounts", 7), ("hidden-modes", 0)])  # fmt: skip
+@pytest.mark.parametrize("kind, seed", [
+    ("silent", 1), ("silent", 4), ("silent", 28), ("vanishing", 1), ("signs", 2), ("soft-mounts", 7),
+    ("hidden-modes", 0), *(pytest.param(*case, marks=pytest.mark.slow) for case in (("silent", 89), ("signs", 1040))),
+])  # fmt: skip
 def test_random_models(kind, seed):
     """A few of benchmarks/hunt.py."""
     case = random_case(kind, seed)

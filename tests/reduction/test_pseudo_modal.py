@@ -164,3 +164,19 @@ def test_a_free_motion_beside_a_given_damping_is_infinite_at_0_hz_and_right_else
         s = 2j * np.pi * 0.3
         assert np.isinf(states[0]).all()
         assert states[1] == pytest.approx(np.linalg.solve(s * s * np.eye(3) + s * D + np.diag(eigenvalues), model.L))
+
+
+def test_responses_are_computed_once_at_each_frequency(monkeypatch):
+    """A search asks for those of one model again and again, at grids that contain each other."""
+    rng = np.random.default_rng(0)
+    G = rng.standard_normal((6, 6))
+    model = diagonalised(G @ G.T, rng.standard_normal((6, 2)), np.diag(np.arange(6.0)))
+    asked, solve = [], PseudoModal.solve
+    monkeypatch.setattr(PseudoModal, "solve", lambda self, f, *more: asked.extend(f) or solve(self, f, *more))
+    first, more = np.array([0.1, 0.3, 0.2]), np.array([0.05, 0.2, 0.1, 0.7])
+    for f in (first, more, first):
+        H, drive = model.responses(f)
+        A = model.matrices(f)
+        expected = model.Ct.T @ np.linalg.solve(A, np.broadcast_to(model.B.astype(complex), (len(f), *model.B.shape)))
+        assert np.allclose(H, expected, rtol=1e-10) and np.allclose(drive, np.einsum("spp->sp", expected), rtol=1e-10)
+    assert sorted(asked) == [0.05, 0.1, 0.2, 0.3, 0.7]

@@ -115,3 +115,11 @@ def test_names_that_the_locale_has_no_letters_for_are_refused(path):
     done = subprocess.run([sys.executable, "-c", code], env=narrow, capture_output=True, text=True)
     assert r"InputError" in done.stderr and r"body: found '\xfcresult.h5', with letters that" in done.stderr
     read_simulation(path)
+
+
+def test_a_job_of_another_command_is_named(tmp_path):
+    for text, says in (('model = "m.h5"\nband = [0.0, 1.0]\n', "found a job, which `hpcred reduce` reads"),
+                       ('job = "job.toml"\n', "found a sweep, which `hpcred sweep` reads")):  # fmt: skip
+        (tmp_path / "other.toml").write_text(text)
+        with pytest.raises(InputError, match=says):
+            read_simulation(tmp_path / "other.toml")

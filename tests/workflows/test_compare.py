@@ -1,5 +1,7 @@
 """Results beside each other: the errors that each has alone, and modal assurance in dense numpy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers import block_with_ends, dense_model, gather
@@ -54,3 +56,11 @@ def test_results_of_other_questions_are_refused(comm, folder):
             hpcred.compare_results([folder / "a.h5", folder / "b.h5"], folder / "model.h5")
         with pytest.raises(hpcred.InputError, match="expected two or more, each once"):
             hpcred.compare_results([folder / "a.h5", folder / "a.h5"], folder / "model.h5")
+        # digests of an earlier version, which tell nothing about the model of today
+        old = dict.fromkeys(rom.record.digests, "0" * 64)
+        rom.record = replace(rom.record, digests=old)
+        hpcred.write_result(folder / "old.h5", rom)
+        with pytest.raises(hpcred.InputError, match=r"old\.h5: an earlier version wrote it, .*; reduce again"):
+            hpcred.evaluate_result(folder / "old.h5", folder / "model.h5", frequencies=FREQUENCIES)
+        with pytest.raises(hpcred.InputError, match=r"old\.h5: has no record .*; reduce it again"):
+            hpcred.compare_results([folder / "a.h5", folder / "old.h5"], folder / "model.h5")

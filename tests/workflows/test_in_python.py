@@ -1,6 +1,7 @@
 """What a scientist writes first: a model of matrices, its reduction, responses, files and other libraries."""
 
 from dataclasses import dataclass, is_dataclass
+from html import escape
 from pathlib import Path
 from typing import Literal
 
@@ -108,7 +109,7 @@ def test_what_notebooks_show(comm):
     assert comm.rank or ("a &lt; b" in shown and f"<td style='text-align:left'>{N}</td>" in shown)
     rom = hpcred.reduce(fom, tolerance=1e-4, band=(0, 300))
     accuracy = rom.record.accuracy
-    for text in (f"{rom.size} coordinates", accuracy.sentence.replace("<", "&lt;"), accuracy.directions[0].output):
+    for text in (f"{rom.size} coordinates", escape(accuracy.sentence), accuracy.directions[0].output):
         assert text in rom._repr_html_()
     assert accuracy._repr_html_().count("<tr>") == 1 + min(5, len(accuracy.directions))
 
@@ -205,7 +206,7 @@ def test_lists_are_matrices_too():
 
 def test_warnings_and_the_measure_are_printed():
     rom = hpcred.reduce(hpcred.SecondOrderModel(M, D, K, B), tolerance=1e-3, band=(0, 300), damping=hpcred.NoDamping())
-    assert "; measured with the loss factor 0.002 (undamped)\n  warning: damping: none, though model has" in str(rom)
+    assert "\n  measured with the loss factor 0.002 (undamped)\n  warning: damping: none, though model has" in str(rom)
 
 
 @pytest.mark.mpi(build="real")

@@ -27,7 +27,7 @@ from ...parallel.ranges import COUNT, require_band, within
 from ..run import Run
 from ..store import Entry
 from .component import Component
-from .modes import all_between, kept_modes, lowest_modes_by, require_real_modes
+from .modes import KRYLOV, all_between, kept_modes, lowest_modes_by, require_real_modes
 
 DEPENDENT_DIRECTION = 1e-12  # eigenvalue of the scaled G K^+ G^T below which one of the interfaces depends on others
 
@@ -86,7 +86,7 @@ class FixedInterfaceModes(Component):
             f"fixed-interface modes in {self.band[0]:g} to {self.band[1]:g} Hz")  # fmt: skip
         with run.progress.stage("modes", where):
             rule = {"held": "interfaces", "band": self.band}
-            values, block, served = kept_modes(run, rule, self.count, lambda: self._modes(run, solver, free))
+            values, block, served = kept_modes(run, rule, self.count, KRYLOV, lambda: self._modes(run, solver, free))
         frequencies = tuple((np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)).tolist())
         if block is None:
             run.note(where, 0, 0, frequencies_hz=(), from_store=served)
@@ -97,9 +97,10 @@ class FixedInterfaceModes(Component):
 
     def _modes(self, run, solver, free):
         if self.count:
-            return lowest_modes_by(run, self.count, free, solver.solve)
+            return *lowest_modes_by(run, self.count, free, solver.solve), KRYLOV
         low, high = ((2 * np.pi * f) ** 2 for f in self.band)
-        return all_between(run, low, high, free, lambda count: lowest_modes_by(run, count, free, solver.solve))
+        found = all_between(run, low, high, free, lambda count: lowest_modes_by(run, count, free, solver.solve))
+        return *found, KRYLOV
 
 
 @dataclass(frozen=True)

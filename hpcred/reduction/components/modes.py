@@ -1,6 +1,6 @@
 """Extend a basis by modes of (K, M): the lowest ones, those in a band, or listed ones."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -9,6 +9,7 @@ from ...linalg.basis import Basis, Extension
 from ...linalg.blocks import add_product, column_norms, copy_of, create_block, inner, local_rows, times
 from ...linalg.eigensolver import lowest_modes, modes_in_interval
 from ...linalg.free_motions import free_motions_refused
+from ...linalg.known import EXACT, Source
 from ...linalg.solvers.base import MOVES_FREELY, DoesNotFit, SingularMatrix
 from ...model.damping import ModalDamping
 from ...parallel.decisions import decided
@@ -24,6 +25,7 @@ INDEPENDENT = 1e-6  # weight of a direction of modes found that is not round-off
 MIXED = 0.01  # share of rigid-body motions in a mode, and weight of what is left of it, that are not round-off
 SAME = 1e-7  # relative difference of eigenvalues that is none
 FAR_SOFTER = 1e-4  # of the eigenvalue of the next mode: solves have lost so many digits for that
+KRYLOV = Source(kind="Krylov")  # of modes that nothing counts
 AT_FIRST = 16  # modes that are looked for where nobody knows how many lie in a band
 
 
@@ -86,10 +88,12 @@ class Modes(Component):
         more = {}
         with run.progress.stage("modes", self._name()):
             if self.band is not None:
-                values, block, served = kept_modes(run, {"band": self.band}, None, lambda: self._in_band(run))
+                claim = KRYLOV if self._slicing(run) is None else EXACT
+                values, block, served = kept_modes(run, {"band": self.band}, None, claim, lambda: self._in_band(run))
             else:
-                count = self._highest(rigid)
-                values, block, served = kept_modes(run, {"band": None}, count, lambda: _lowest(run, count))
+                count, rule = self._highest(rigid), {"band": None}
+                find = lambda: (*_lowest(run, count), KRYLOV)  # noqa: E731
+                values, block, served = kept_modes(run, rule, count, KRYLOV, find)
                 if self.index is not None:
                     chosen = np.array(sorted(set(self.index))) - rigid - 1
                     values, block = values[chosen], choose(run, block, chosen)
@@ -110,18 +114,24 @@ class Modes(Component):
             return f"modes in {self.band[0]:g} to {self.band[1]:g} Hz"
         return f"{self.count} lowest modes" if self.count else f"modes {list(self.index)}"
 
+    def _slicing(self, run):
+        """Return the options of SLEPc's spectrum slicing, None where there is no inertia: in complex builds, of some
+        packages, and by multigrid."""
+        if is_complex() or run.solvers.multigrid:
+            return None
+        return run.factoring.package.slicing(run.factoring, run.model.comm)
+
     def _in_band(self, run):
+        """Return the modes in the band, and their source."""
         low, high = ((2 * np.pi * f) ** 2 for f in self.band)
         if low == 0:
             low = -0.01 * high  # below the rigid-body modes, where K - low M is definite
-        package = run.factoring.package
-        options = None if is_complex() else package.slicing(run.factoring, run.model.comm)
+        options = self._slicing(run)
         if options is not None and _slices(run):
             values, block = modes_in_interval(run.model.K, run.model.M, low, high, options)
-            return _without_rigid(run, values, block)
-        # no inertia in complex builds, of some packages, or by multigrid
+            return *_without_rigid(run, values, block), EXACT
         most = run.model.size - run.framed.rigid_size
-        return all_between(run, low, high, most, lambda count: _lowest(run, count))
+        return *all_between(run, low, high, most, lambda count: _lowest(run, count)), KRYLOV
 
 
 def require_real_modes(model):
@@ -144,20 +154,21 @@ def _slices(run):
     return not run.solvers.multigrid
 
 
-def kept_modes(run, rule, count, find):
-    """Return the first `count` modes, or all, from the store or by `find`, and whether they are from the store; the
-    store then has what was found, in place of fewer. `rule`: what tells them from others, with their "band" (None: the
-    lowest)."""
+def kept_modes(run, rule, count, claim, find):
+    """Return the first `count` modes, or all, from the store or by `find`, which also returns their source, and whether
+    they are from the store; the store then has what was found, in place of fewer, or of those of a source that is
+    weaker than the `claim`. `rule`: what tells them from others, with their "band" (None: the lowest)."""
     key = {"kind": "modes", **rule, **run.identity_of("M", "K")}
     entry = run.stored(key)
     if rule["band"] is None:
         run.notes.needs("0.0", "0.0")
-    if entry is not None and len(entry.facts["values"]) >= (count or 0):
+    source = entry is not None and entry.facts.get("source")
+    if source and Source(**source).serves(claim) and len(entry.facts["values"]) >= (count or 0):
         values, block = np.array(entry.facts["values"]), entry.block
         return (values, block, True) if count is None else (values[:count], choose(run, block, np.arange(count)), True)
-    values, block = find()
+    values, block, source = find()
     widths = () if block is None else (len(values),)
-    run.keep(key, Entry({"values": values.tolist()}, widths, block))
+    run.keep(key, Entry({"values": values.tolist(), "source": asdict(source)}, widths, block))
     return values, block, False
 
 

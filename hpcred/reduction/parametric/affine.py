@@ -8,6 +8,7 @@ import numpy as np
 
 from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, inner, times, view_of
 from ...model.operator import NOTHING, Operator
+from ..projection import project_stiffness
 from ..tolerance.independent_loads import independent_columns
 from ..tolerance.projections import extended
 from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
@@ -19,14 +20,14 @@ class AffineForm:
 
     `operators`: the constant one, with M unless it is the inner product of bases at all values, and with D only where
     `damped`, and that of each term, by their place among the factors 1, theta_1, theta_2, ...; `matrices` of them:
-    (key, place, matrix, whether it is symmetric); `tau`: see Run; `loads` L: independent columns of all parts of B and
-    C^T, of which `inputs` and `outputs` (None for C = B^T) are lists of (place, factor); `restore`: see FramedModel.
-    Collective.
+    (key, place, matrix, whether it is symmetric); `run`: that of the reference; `loads` L: independent columns of all
+    parts of B and C^T, of which `inputs` and `outputs` (None for C = B^T) are lists of (place, factor); `restore`: see
+    FramedModel. Collective.
     """
 
-    def __init__(self, parametric, framed, damped: bool, tau=0.0):
-        model, self.restore = parametric.model, framed.restore
-        self.parametric, self.framed, self.tau = parametric, framed, tau
+    def __init__(self, parametric, run, damped: bool):
+        model, framed, tau, self.restore = parametric.model, run.framed, run.tau, run.framed.restore
+        self.parametric, self.run, self.framed, self.tau = parametric, run, framed, tau
         terms = [(1 + k, item) for k, item in enumerate(parametric.terms)]
         left_out = {} if tau or any(item.of == "M" for item in parametric.terms) else {"M": None}
         left_out |= {} if damped else {"D": None}
@@ -141,8 +142,16 @@ class AffineProjections:
         new, columns = form.in_all_dofs(new), form.in_all_dofs(self.basis.columns)
         made: list[dict] = [{} for _ in self.small]
         for key, place, mat, symmetric in form.matrices:
+            if key == "K" and symmetric and not start:
+                made[place][key] = project_stiffness(mat, new, form.run.cancels)
+                continue
             made[place][key] = extended(self.small[place][key], mat, new, columns, symmetric)
         self.small = [small.with_matrices(mats) for small, mats in zip(self.small, made, strict=True)]
+
+    def rotate(self, turn: np.ndarray):
+        """Replace the basis by its combinations `turn` (m, m), and project on these. Collective."""
+        self.basis.multiply(turn)
+        self.restart()
 
     def turn(self, factor: np.ndarray):
         """Follow a basis V that has become V factor; local."""

@@ -89,7 +89,7 @@ class Greedy:
         with self.run.progress.stage("parameters"):
             self.first.projections.rotate(decided(self.comm, self._trimmed_first))
         damping, damped = self.first.projections.damping, self.first.projections.damped
-        self.form = AffineForm(self.parametric, self.run.framed, damped, self.run.tau)
+        self.form = AffineForm(self.parametric, self.run, damped)
         self.projections = AffineProjections(self.form, self.basis, damping)
         check_static(self.projections, self.points, self.goal.band)
         self._look_at_damping()

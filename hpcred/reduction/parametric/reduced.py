@@ -75,9 +75,9 @@ class ParametricReducedModel(ReducedModel):
         if _follows_frequencies(damping):
             modes = _modes(found, values, self.base)
             elastic = slice(self.rigid_size, None)  # the others damping models leave alone
+            stiffness, mass = (np.diag(part[elastic]) for part in (modes.stiffnesses, modes.masses))
             back = np.linalg.inv(modes.X).T[:, elastic]
-            small = (np.diag(part[elastic]) for part in (modes.stiffnesses, modes.masses))
-            found["D"] = back @ reduced_damping(damping, next(small), modes.frequencies[elastic], next(small)) @ back.T
+            found["D"] = back @ reduced_damping(damping, stiffness, modes.frequencies[elastic], mass) @ back.T
         return found
 
     def turn(self, values: Mapping[str, float]) -> np.ndarray:

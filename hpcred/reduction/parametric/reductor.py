@@ -18,6 +18,7 @@ from ...model.parametric_model import ParametricModel
 from ...model.rigid_body_modes import acts_on_free_motions
 from ...model.second_order_model import SAY_SO, SYMMETRIC_TO
 from ...model.term_matrices import FIELD
+from ...parallel.decisions import decided
 from ...parallel.declared import declared
 from ...parallel.failures import InputError, Owned
 from ...parallel.petsc import PETSc, free_dropped
@@ -27,10 +28,10 @@ from ..checks import check_added, require_no_frequencies
 from ..notes import Notes
 from ..record import TERMS
 from ..run import Run, identity_of_model
-from ..tolerance.outcome import accuracy_of
+from ..tolerance.outcome import LITTLE, PASSES, accuracy_of, changed, lack_digits
 from ..tolerance.reductor import ToleranceReductor
 from .accuracy import ParameterAccuracy, in_words
-from .compression import at_ends_of_band, compress
+from .compression import at_ends_of_band, compress, turned
 from .greedy import Greedy
 from .reduced import ParametricReducedModel, projected_parts
 from .settings import ParameterSearch
@@ -103,12 +104,13 @@ class ParametricReductor(ToleranceReductor):
     def _compressed(self, greedy, run, kept):
         """Return the columns of the basis that the tolerance asks for at all values, and what is known of them."""
         goal, judge, estimated = self.goal, greedy.first.judge, greedy.estimate
-        eps, noise = goal.tolerance, max(search.judge.noise for search in greedy.searches)
-        noise = max(noise, *(search.judge.lost for search in greedy.searches))
+        fixed = np.eye(greedy.basis.size)[:, list(kept)]
+        with self.progress.stage("project"):
+            fixed, noise = _project_again(greedy, fixed)
+        eps, noise = goal.tolerance, max(noise, *(search.judge.lost for search in greedy.searches))
         fine = max(0.9 * eps - estimated - noise, 0.3 * eps, noise)
         aim = fine if not greedy.reason else max(0.9 * eps, min(0.5 * estimated, 1.0))
         points = [*greedy.visited, *greedy.points]
-        fixed = np.eye(greedy.basis.size)[:, list(kept)]
         with self.progress.stage("compress"):
             points += at_ends_of_band(greedy.projections, points, goal.band)
             points = list(dict.fromkeys([*points, *greedy.checks()]))
@@ -139,6 +141,23 @@ class ParametricReductor(ToleranceReductor):
             proofs=tuple(proof for search in searches for proof in search.proofs), missing_modes=missing,
             counted=counted_modes,
         )  # fmt: skip
+
+
+def _project_again(greedy, kept) -> tuple[np.ndarray, float]:
+    """Project on the pseudo-modes at the reference as a search at one value does (see outcome). Returns the columns
+    `kept` in terms of the new basis, and the noise of the models. Collective."""
+    comm, judge, projections = greedy.parametric.comm, greedy.first.judge, greedy.projections
+    noise = max(search.judge.noise for search in greedy.searches)
+    pair, outward, inward = decided(comm, turned, projections, greedy.reference, greedy.goal)
+    for _ in range(PASSES if lack_digits(greedy.run, judge, pair.outer) else 0):
+        projections.rotate(outward)
+        kept, before = inward @ kept, pair.outer
+        pair, outward, inward = decided(comm, turned, projections, greedy.reference, greedy.goal)
+        noise = decided(comm, changed, before, pair, greedy.goal.band)
+        if noise <= LITTLE * judge.goal:
+            break
+    return kept, noise
+
 
 def reduced_with_terms(reductor, model) -> ParametricReducedModel:
     """Return the model that a reductor makes at the reference, with the terms on its basis. Collective."""

@@ -19,6 +19,8 @@ from .training import place_of, point_at
 BESIDE = (1.05, 1.3, 5.0)  # times STATIC of the median: static responses at the points beside a zero
 STEPS = 40  # of the search for one
 CLOSE = 1e-6  # of the way between two points, at which a zero is found
+ALL_DIGITS, MORE_DIGITS = 17, 3  # of values in the search, and of points beside a zero, than tell them from the zero
+FEWEST_AND_MOST = (6, 12)
 
 
 def beside_static_zeros(projections, points, band) -> list[tuple[float, ...]]:
@@ -65,8 +67,8 @@ def _beside(projections, band, one, other, k) -> list[tuple[float, ...]]:
     parameters = projections.form.parametric.parameters
     first, last = place_of(parameters, one), place_of(parameters, other)
 
-    def at(t):
-        return point_at(parameters, np.clip(first + t * (last - first), 0.0, 1.0))
+    def at(t, digits=ALL_DIGITS):
+        return point_at(parameters, np.clip(first + t * (last - first), 0.0, 1.0), digits)
 
     def value(t):
         return _static(projections, at(t))[k]
@@ -89,4 +91,5 @@ def _beside(projections, band, one, other, k) -> list[tuple[float, ...]]:
     if not (slope > 0 and median > 0):
         return []
     away = np.array(BESIDE) * STATIC * median / slope
-    return [at(t) for t in (*(zero - away), *(zero + away)) if 0 <= t <= 1]
+    digits = int(np.clip(MORE_DIGITS - np.log10(away[0]), *FEWEST_AND_MOST))
+    return [at(t, digits) for t in (*(zero - away), *(zero + away)) if 0 <= t <= 1]

@@ -65,14 +65,14 @@ def halfway(parameters, one, other) -> tuple[float, ...]:
     return point_at(parameters, (place_of(parameters, one) + place_of(parameters, other)) / 2)
 
 
-def point_at(parameters, place) -> tuple[float, ...]:
-    """Return the point at a place, with values of six digits at most that are exact at the ends."""
+def point_at(parameters, place, digits: int = 6) -> tuple[float, ...]:
+    """Return the point at a place, with values of so many digits at most that are exact at the ends."""
     point = []
     for item, part in zip(parameters, place, strict=True):
         low, high = item.range
         value = low * (high / low) ** part if _is_logarithmic(item) else low + (high - low) * part
-        digits = float(f"{value - low:.6g}") + low
-        point.append(low if part == 0 else high if part == 1 else float(np.clip(digits, low, high)))
+        rounded = float(f"{value - low:.{digits}g}") + low
+        point.append(low if part == 0 else high if part == 1 else float(np.clip(rounded, low, high)))
     return tuple(point)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from ...linalg.known import ModeCount
 from ..measure import Measure, Paper, drive_points
 from ..oscillating_poles import oscillating_poles
-from .pseudo_modal import LEAST_MASS, Proportional, PseudoModal, difference
+from .pseudo_modal import LEAST_MASS, Proportional, PseudoModal, difference, kept
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
 APART = 0.02  # of the band between points
@@ -48,8 +48,13 @@ class Comparison:
         return replace(self, inner=inner, embedding=embedding)
 
     def difference(self, frequencies) -> np.ndarray:
-        """Return H_outer - H_inner (S, r, p)."""
-        return difference(self.inner, self.outer, self.embedding, frequencies)
+        """Return H_outer - H_inner (S, r, p), which is kept as there is room."""
+
+        def compute(some):
+            return (difference(self.inner, self.outer, self.embedding, some),)
+
+        io = self.outer.io
+        return kept(self, "_difference", frequencies, compute, io.output_count * io.inputs.shape[1])[0]
 
     def curve(self, frequencies) -> np.ndarray:
         """Return the error eps (S,) of the inner model."""

@@ -226,7 +226,14 @@ class Expansion:
     def look_at_outputs(self):
         """Find the outputs whose responses are round-off."""
         if self.projections.basis.size:
-            self.projections.note_silent(silent_columns(self.projections, self.settings.band))
+            self.projections.note_silent(*silent_columns(self.projections, self.settings.band))
+
+    def look_at_outputs_again(self):
+        """Find others whose responses are round-off by models that have more digits."""
+        projections = self.projections
+        if projections.io.quiet:
+            silent, _ = silent_columns(projections, self.settings.band)
+            projections.note_silent(tuple(sorted({*projections.io.silent, *silent})), True)
 
     def _has_undamped(self):
         low, high = self.settings.band

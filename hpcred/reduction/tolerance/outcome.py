@@ -49,14 +49,12 @@ def _compressed(search, drop_above, kept, beside):
 
 
 def _project_again(search, kept) -> np.ndarray:
-    """Project on the pseudo-modes of the basis where round-off of K on stiff columns may have mixed soft ones, or where
-    resonances are so sharp that less of it counts, until that changes nothing: what it changes last is the noise of the
-    models that follow, in place of that of the search, whose models had no digits of soft modes. Returns the columns
-    `kept` in terms of the new basis. Collective."""
+    """Project on the pseudo-modes of the basis where its models lack digits (see lack_digits), until that changes
+    nothing: what it changes last is the noise of the models that follow, in place of that of the search. Returns the
+    columns `kept` in terms of the new basis. Collective."""
     projections, judge, comm = search.projections, search.judge, search.run.model.comm
-    before, sharper = decided(comm, lambda: (model := projections.model(), _sharper(model, judge.settings.band)))
-    search.run.cancels *= sharper
-    if sharper == 1 and MIXING * before.eigenvalues[-1] <= judge.goal * before.eigenvalues[0]:
+    before = decided(comm, projections.model)
+    if not (lack_digits(search.run, judge, before) or projections.io.quiet):
         return kept
     for _ in range(PASSES):
         projections.rotate(before.vectors)
@@ -65,6 +63,7 @@ def _project_again(search, kept) -> np.ndarray:
         if judge.noise <= LITTLE * judge.goal:
             break
         before = decided(comm, projections.model)
+    search.expansion.look_at_outputs_again()
     return kept
 
 
@@ -77,7 +76,21 @@ def _sharper(model, band) -> float:
 def _changed(judge, before) -> float:
     """Return how far responses of the model of all columns are from those of one projected before; local."""
     pair = judge.compare(before, judge.projections.model(), np.eye(len(before)))
-    S = grid([before, pair.outer], judge.settings.band)
+    return changed(before, pair, judge.settings.band)
+
+
+def lack_digits(run, judge, model) -> bool:
+    """Test whether round-off of K on the stiffest columns of a model may have mixed the soft ones, or resonances are so
+    sharp that less of it counts, also in the projections of the run that follow. Collective."""
+    sharper = decided(run.model.comm, _sharper, model, judge.settings.band)
+    run.cancels *= sharper
+    return sharper > 1 or not MIXING * model.eigenvalues[-1] <= judge.goal * model.eigenvalues[0]
+
+
+def changed(before, pair, band) -> float:
+    """Return how far responses of `pair.outer` are from those of a model of the same columns that were projected
+    before; local."""
+    S = grid([before, pair.outer], band)
     H, drive = pair.outer.responses(S)
     return float(pair.measure.eps(H - before.response(S), H, drive).max())
 

@@ -29,17 +29,17 @@ class Projections:
     """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
 
     `operator`: V^T A V (m, m) of the terms of the model: K, which may be `symmetric`, D where `damped`, M where V^T M V
-    is not the identity, and added terms; `L` (m, l) = V^T L for the block `loads` L of the run: small arrays, the same
-    on all ranks. Models of columns of the basis are parts of them. `io`: inputs and outputs in terms of L; `damping`:
-    the proportional damping of the models. Raises InputError (see io).
+    does not count as the identity or is `measured`, and added terms; `L` (m, l) = V^T L for the block `loads` L of the
+    run: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `io`: inputs and outputs
+    in terms of L; `damping`: the proportional damping of the models. Raises InputError (see io).
     """
 
-    def __init__(self, run: Run, basis: Basis, damping: Proportional, damped: bool):
+    def __init__(self, run: Run, basis: Basis, damping: Proportional, damped: bool, measured=False):
         self.run, self.basis, self.damping, self.damped = run, basis, damping, damped
         self.loads, self.io = run.independent_loads
         self.symmetric = run.model.is_symmetric("K")
         self.full = run.model.operator.with_matrices(run.model.operator.matrices | {
-            "M": run.mass if run.tau else None, "D": run.model.D if damped else None})  # fmt: skip
+            "M": run.mass if run.tau or measured else None, "D": run.model.D if damped else None})  # fmt: skip
         self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
         self._project_all()
         self._starts: list[int] = []  # first columns of the blocks
@@ -58,13 +58,14 @@ class Projections:
         """Measure responses with a loss factor besides the damping matrix; local."""
         self.damping = self.damping._replace(eta=eta)
 
-    def note_silent(self, columns: tuple[int, ...]):
-        """Keep which columns of C^T have responses that are round-off; local."""
-        self.io = self.io._replace(silent=columns)
+    def note_silent(self, columns: tuple[int, ...], quiet: bool):
+        """Keep which columns of C^T have responses that are round-off, and whether others are quiet; local."""
+        self.io = self.io._replace(silent=columns, quiet=quiet)
 
     def rotate(self, turn):
         """Replace the basis by its combinations `turn` (m, m), orthonormal like itself, and project on these."""
         self.basis.multiply(turn)
+        self.M = np.zeros((0, 0))  # the round-off of the product is measured
         self._project_all()
 
     def replace(self, block):
@@ -129,5 +130,6 @@ class Projections:
 
     def model_of(self, operator: Operator, L: np.ndarray) -> PseudoModal:
         """Return the model of a small operator and its loads L, with the damping and the outputs of these; local."""
-        given = operator.get("D"), self.damping, self.io, operator.added, self.symmetric
-        return diagonalised(operator["K"], L, *given, operator.get("M"), self.run.tau)
+        M = operator.get("M")
+        given = operator["K"], L, operator.get("D"), self.damping, self.io, operator.added, self.symmetric
+        return diagonalised(*given, M, self.run.tau) if self.run.tau else diagonalised(*given, gram=M)

@@ -23,9 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...linalg.eigensolver import graded_eigenpairs
+from ...linalg.eigensolver import congruent, graded_eigenpairs, settled
 from ...linalg.pencil import squared_frequencies, with_masses
-from ...model.operator import NOTHING, Operator, congruent, times
+from ...model.operator import NOTHING, Operator, times
 from ...model.rates import Rates
 
 LEAST_MASS = 1e-7  # of the coordinates of a model with masses, for its poles; the refinement of solves has the rest
@@ -61,13 +61,14 @@ UNDAMPED = Proportional()
 
 class InputsOutputs(NamedTuple):
     """Inputs and outputs in terms of independent loads L: B = L `inputs` (l, p), C^T = L `outputs` (l, r), which are
-    one array where C = B^T; `rates`: what the outputs are of them; `silent`: the columns of C^T
-    whose responses are round-off, None where that was not computed."""
+    one array where C = B^T; `rates`: what the outputs are of them; `silent`: the columns of C^T whose responses are
+    round-off, None where that was not computed; `quiet`: whether others hardly feel the inputs."""
 
     inputs: np.ndarray
     outputs: np.ndarray
     rates: Rates = Rates()
     silent: tuple[int, ...] | None = None
+    quiet: bool = False
 
     @property
     def output_count(self) -> int:
@@ -179,15 +180,15 @@ class PseudoModal:
         """
         M = None if self.masses is None else U.T @ (self.masses[:, None] * U)
         K, turn = U.T @ (self.eigenvalues[:, None] * U), None
-        # where stiff coordinates stand beside soft ones, pseudo-modes of their own keep the soft ones
-        if M is None and abs(self.eigenvalues[0]) < MIXED * abs(self.eigenvalues[-1]):
+        # where columns may mix soft coordinates and stiff ones, or parts that hardly couple, pseudo-modes keep these
+        if M is None and (self.io.quiet or abs(self.eigenvalues[0]) < MIXED * abs(self.eigenvalues[-1])):
             turn = np.linalg.eigh(K)[1]
             U = U @ turn
             K = U.T @ (self.eigenvalues[:, None] * U)
         K = K if self.N is None else (K + K.T) / 2 + U.T @ self.N @ U
         rest = self.operator.projected(U)
         given = rest.get("D"), self.damping, self.io, rest.added, self.N is None
-        inner = diagonalised(K, U.T @ self.L, *given, M, self.tau)
+        inner = diagonalised(K, U.T @ self.L, *given, M, self.tau, U.T @ U)
         embedding = U @ inner.vectors
         return inner if turn is None else replace(inner, vectors=turn @ inner.vectors), embedding
 
@@ -209,7 +210,7 @@ class PseudoModal:
                 states += nearly(rest)
                 rest = right - self.multiply(frequencies, states, transposed)
                 scale = size + _column_norms(self._diagonal(frequencies)[:, :, None] * states)
-                if (_column_norms(rest) <= accuracy * scale).all():
+                if (_column_norms(rest) <= accuracy * scale).all() and not self.io.quiet:
                     break
             wrong = np.flatnonzero(~(_column_norms(rest) <= 1e3 * accuracy * scale).all(axis=1))
         parts = 1 + len(wrong) * len(self) ** 2 // NUMBERS_AT_A_TIME
@@ -241,7 +242,12 @@ class PseudoModal:
         inverse = Poles(self.poles.values, self.poles.left.T, self.poles.right.T) if transposed else self.poles
         s = self.damping.coefficients(frequencies)[2]
         factor = _reciprocal(s[:, None, None] - inverse.values[:, None])
-        return lambda columns: times(inverse.right, factor * times(inverse.left, columns))
+
+        def nearly(columns):
+            same = columns.strides[0] == 0  # at all frequencies
+            return times(inverse.right, factor * (inverse.left @ columns[:1] if same else times(inverse.left, columns)))
+
+        return nearly
 
     def _kept_inverses(self, frequencies):
         """Return A(s)^-1 (S, m, m), which are kept, or None where there is no room for them."""
@@ -290,7 +296,10 @@ class PseudoModal:
 
     def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return H (S, r, p), without the factor s^k of rates, and the drive-point responses b_i^T A^-1 b_i
-        (S, p) of the inputs."""
+        (S, p) of the inputs; they are kept as there is room."""
+        return kept(self, "_responses", frequencies, self._responses_at, (self.io.output_count + 1) * self.B.shape[1])
+
+    def _responses_at(self, frequencies):
         left, right = self.Ct.T, self.B
         H, drive = [], []
         for part in self.parts_of(frequencies):
@@ -302,18 +311,37 @@ class PseudoModal:
         return np.concatenate(H), np.concatenate(drive)
 
 
+def kept(owner, name: str, frequencies, compute, size: int) -> tuple[np.ndarray, ...]:
+    """Return the arrays (S, ...) that `compute` gives at frequencies (S,), of `size` numbers at each: those that an
+    object has computed before and keeps, as there is room, and new ones."""
+    known, *arrays = vars(owner).get(name, (np.zeros(0),))
+    new = np.setdiff1d(frequencies, known)
+    if (len(known) + len(new)) * size > NUMBERS_AT_A_TIME:
+        return compute(frequencies)
+    if len(new):
+        made = compute(new)
+        if len(known):
+            made = [np.concatenate(pair) for pair in zip(arrays, made, strict=True)]
+        known = np.concatenate([known, new])
+        order = np.argsort(known)
+        known, *arrays = vars(owner)[name] = [part[order] for part in (known, *made)]
+    at = np.searchsorted(known, frequencies)
+    return tuple(part[at] for part in arrays)
+
+
 def diagonalised(
     K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, damping: Proportional = UNDAMPED,
     io: InputsOutputs | None = None, added: Operator = NOTHING, symmetric=True,
-    M: np.ndarray | None = None, tau=0.0,
+    M: np.ndarray | None = None, tau=0.0, gram: np.ndarray | None = None,
 ) -> PseudoModal:  # fmt: skip
     """Return the model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) and added terms (m, m) in pseudo-modal
     coordinates (53, 54); by default the columns L are its inputs and outputs. `symmetric`: whether K is, but for
-    round-off. `M` (m, m) = V^T M V and `tau`: where V is orthonormal in M + tau^2 K."""
+    round-off. `M` (m, m) = V^T M V and `tau`: where V is orthonormal in M + tau^2 K; `gram` (m, m): V^T M V where it is
+    I but for round-off, of which the couplings of parts that hardly couple are made."""
     io = io or InputsOutputs(*[np.eye(L.shape[1])] * 2)
     masses = None
     if M is None:
-        eigenvalues, vectors = graded_eigenpairs((K + K.T) / 2)
+        eigenvalues, vectors = graded_eigenpairs((K + K.T) / 2) if gram is None else settled(K, gram)
     else:
         eigenvalues, masses, vectors = with_masses((K + K.T) / 2, (M + M.T) / 2, tau)
     still = np.flatnonzero(np.abs(eigenvalues) <= NEARLY_ZERO * np.abs(eigenvalues).max(initial=0.0))

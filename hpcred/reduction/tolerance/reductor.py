@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...linalg.pencil import MASSLESS
 from ...linalg.solvers.base import DoesNotFit
 from ...model.digits import warnings_of_peaks
 from ...model.input_output_counts import require_room
+from ...parallel.decisions import decided
 from ...parallel.failures import InputError
 from ..basis_reductor import BasisReductor, extend_by_all
 from ..checks import warnings_of_band
@@ -104,6 +106,9 @@ class ToleranceReductor(BasisReductor):
         its span."""
         search = Search(vectors, run, self.goal, groups)
         search.run_to_end()
+        if not run.tau:  # a motion so far beyond the band moves no mass, whatever round-off gives it
+            highest = decided(run.model.comm, lambda: search.projections.model().eigenvalues.max(initial=0.0))
+            run.notes.massless |= bool(highest * MASSLESS > (2 * np.pi * self.goal.band[1]) ** 2)
         return search, *compressed_basis(search, self.settings.drop_above, kept, self._rigid_beside(run))
 
     def _accuracy(self, search, reduced, framed):

@@ -31,7 +31,8 @@ def projected_again(projections: Projections) -> Iterator[PseudoModal]:
         factors = random.uniform(*FACTORS, basis.size)
         basis.multiply(np.diag(factors / lengths))
         lengths = factors
-        again, scale = Projections(projections.run, basis, damping, damped), np.outer(lengths, lengths)
+        again, scale = Projections(projections.run, basis, damping, damped, measured=True), np.outer(lengths, lengths)
+        again.io = projections.io
         operator = again.operator.map(lambda matrix: matrix / scale)  # noqa: B023  (used here)
         yield again.model_of(operator, again.L / lengths[:, None])
 

@@ -40,17 +40,18 @@ class Quiet(NamedTuple):
     y: np.ndarray
 
 
-def silent_columns(projections, band) -> tuple[int, ...]:
-    """Return the columns of C^T whose responses over a band (Hz) are round-off. Collective."""
+def silent_columns(projections, band) -> tuple[tuple[int, ...], bool]:
+    """Return the columns of C^T whose responses over a band (Hz) are round-off, and whether others hardly feel the
+    inputs. Collective."""
     if projections.io.are_same:
-        return ()
+        return (), False
     quiet, silent = decided(projections.run.model.comm, _quiet, projections, band), []
     for start in range(0, len(quiet), AT_A_TIME):
         some = quiet[start : start + AT_A_TIME]
         bounds = _round_off(projections, some)
         silent += [item.column for item, bound in zip(some, bounds, strict=True)
                    if item.size <= max(SURE * bound, item.mixed) or item.ratio <= SURE * UNIT]  # fmt: skip
-    return tuple(silent)
+    return tuple(silent), len(silent) < len(quiet)
 
 
 def _quiet(projections, band):
