@@ -62,6 +62,10 @@ from .model.from_pymor import from_pymor as from_pymor
 from .model.interfaces import Interface as Interface
 from .model.interfaces import InterfaceNode as InterfaceNode
 from .model.interfaces import Nodes as Nodes
+from .model.laws.hysteretic import Hysteretic as Hysteretic
+from .model.laws.viscoelastic import Fractional as Fractional
+from .model.laws.viscoelastic import FractionalKelvinVoigt as FractionalKelvinVoigt
+from .model.laws.viscoelastic import Maxwell as Maxwell
 from .model.loads import Centrifugal as Centrifugal
 from .model.loads import DeckLoad as DeckLoad
 from .model.loads import GivenLoad as GivenLoad
@@ -85,9 +89,6 @@ from .model.stress_outputs import StressOutput as StressOutput
 from .model.units import Units as Units
 from .model.units import in_si as in_si
 from .model.units import units_of as units_of
-from .model.viscoelastic import Fractional as Fractional
-from .model.viscoelastic import FractionalKelvinVoigt as FractionalKelvinVoigt
-from .model.viscoelastic import Maxwell as Maxwell
 from .model.viscoelastic import Viscoelastic as Viscoelastic
 from .parallel.failures import ComputationError as ComputationError
 from .parallel.failures import InputError as InputError

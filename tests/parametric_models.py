@@ -101,7 +101,7 @@ class AffineCase:
         inputs = np.eye(L.shape[1])[:, :p]
         io = InputsOutputs(inputs, inputs if self.Ct is None else np.eye(L.shape[1])[:, p:])
         model = diagonalised(
-            at.K, L, at.D if given else None, damping, io, at.viscoelastic, symmetric=not self.circulatory
+            at.K, L, at.D if given else None, damping, io, at.added, symmetric=not self.circulatory
         )
         return measure_over(MEASURES["directions"], self.band, model)
 

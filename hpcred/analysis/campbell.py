@@ -61,15 +61,15 @@ def campbell(
     Raises
     ------
     InputError
-        For unknown parameters, values that do not ascend, structural damping, which has no poles, and fractional laws
-        of viscoelastic parts, which have no states.
+        For unknown parameters, values that do not ascend, structural damping, which has no poles, and fractional laws,
+        which have no states.
 
     Notes
     -----
     Modes that keep their shapes while their frequencies come closer than a thousandth cross; others veer. Steps are
     halved where this, or which mode goes on as which, is not yet clear.
 
-    Maxwell elements of viscoelastic parts are states. Poles with a damping ratio above 0.9 count as their relaxations,
+    Maxwell elements of added terms are states. Poles with a damping ratio above 0.9 count as their relaxations,
     which the diagram leaves out.
     """
     refuse_file("model", model, "campbell_file")
@@ -106,7 +106,7 @@ def _checked_values(values, over, known):
 
 def _matrices_of(model, over, fixed) -> Callable:
     """Return a function of a value that gives M, D, K in the same coordinates for all values, and MaxwellStates where
-    there are viscoelastic parts."""
+    there are added terms."""
 
     def matrices(value):
         given = fixed | {over: float(value)}
@@ -116,8 +116,8 @@ def _matrices_of(model, over, fixed) -> Callable:
                 f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no poles; reduce with damping "
                 f"of kind 'modal' and ratio = {reduced.loss_factor / 2:g}, which is the same at resonance"
             )
-        parts = getattr(reduced, "viscoelastic", ())
-        elements = [maxwell_states(parts, "a Campbell diagram")] if parts else []
+        added = getattr(reduced, "added", ())
+        elements = [maxwell_states(added, "a Campbell diagram")] if added else []
         if reduced is not model:
             return reduced.M, reduced.D, reduced.K, *elements
         found = model.matrices(given)  # at() has coordinates of its own at each value

@@ -19,7 +19,7 @@ from ..model.rigid_body_modes import (
     warnings_of_nodes,
 )
 from ..model.rows_alone import warnings_of_rows_alone
-from ..model.second_order_model import massless, require_model
+from ..model.second_order_model import SAY_SO, massless, require_model
 from ..model.support import support_of
 from ..model.units import POUND, POUND_FORCE, SI, UNITS, Units, units_of
 from ..parallel.lookup import sort_over_ranks
@@ -69,8 +69,8 @@ def check(model) -> dict:
     }
     sentences.append(_on_symmetry(model))
     for key in ("K", "M"):
-        if not model.is_symmetric(key) and not (model.circulatory and key == "K"):
-            more = ", unless it has circulatory forces (circulatory = true)" if key == "K" else ""
+        if not model.is_symmetric(key) and not model.may_be_unsymmetric(key):
+            more = f", unless it is meant to be so ({SAY_SO})" if key == "K" else ""
             warnings.append(
                 f"{model.name}: {key} is not symmetric, and cannot be reduced{more}; a damaged file looks so too"
             )
@@ -98,8 +98,7 @@ def check(model) -> dict:
                 f"looks like {report['units']}: from the mass, the size, and the speed of waves between neighbouring "
                 "nodes"
             )
-    if model.viscoelastic:
-        report["viscoelastic"] = [part.in_words for part in model.viscoelastic]
+    report |= model.operator.families
     if loads := loads_of(model):
         report["loads"] = [item.row for item in loads]
     digits = digits_of(model.K) or FEW_DIGITS

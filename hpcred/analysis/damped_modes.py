@@ -97,7 +97,7 @@ def damped_modes(
     Raises
     ------
     InputError
-        For damping without a matrix D, viscoelastic parts, the Buckens frame, and a target above 0 in a real build.
+        For damping without a matrix D, laws of frequency, the Buckens frame, and a target above 0 in a real build.
     ComputationError
         If the eigenproblem is not solved.
 
@@ -125,10 +125,10 @@ def damped_modes(
             f"damping: found kind '{damping.kind}', expected viscous damping with a sparse matrix: given, Rayleigh, or "
             "a Caughey series of at most two terms without loss factor"
         )
-    if model.viscoelastic:
+    if model.added:
         raise InputError(
-            f"{model.name}: it has viscoelastic parts, and poles that are not those of a quadratic form; reduce it and "
-            "take poles() of the reduced model"
+            f"{model.name}: it has {model.added.plural}, and poles that are not those of a quadratic form; reduce it "
+            "and take poles() of the reduced model"
         )
     progress = progress or Progress(model.comm)
     with Owned(model.comm) as owned:

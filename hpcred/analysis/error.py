@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..model.damping import Damping, ModalDamping, Structural
-from ..model.derivatives import orders_of
 from ..model.dofs import named_quantity
+from ..model.rates import orders_of
 from ..parallel.failures import InputError
 from ..reduction.measure import IDLE, NO_INPUT, PAPER, Directions, Measure, directions, measure_called, silent_outputs
 from ..reduction.reduced_model import ReducedModel

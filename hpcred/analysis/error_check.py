@@ -147,7 +147,7 @@ def check_reduced(
         model, frequencies, record.frame, measuring_damping(accuracy, record.damping), factoring=factoring,
         groups=groups, progress=progress, measured=True,
     )  # fmt: skip
-    measured = measured_response(as_measured(reduced, accuracy), frequencies, model.derivatives)
+    measured = measured_response(as_measured(reduced, accuracy), frequencies, model.rates)
     errors = relative_error(full, measured, accuracy.measure, drive=drive)
     return Check(
         seed=seed, bound=bound_of(accuracy), frequencies=tuple(frequencies.tolist()),
@@ -158,7 +158,7 @@ def check_reduced(
 def _resonances(reduced, accuracy):
     """Return the frequencies (k,) in Hz where the response may peak as it is measured, and the damping ratios there: by
     the poles, which a given D moves off the pseudo-frequencies."""
-    if accuracy.loss_factor and not (accuracy.beside_damping or reduced.viscoelastic):
+    if accuracy.loss_factor and not (accuracy.beside_damping or reduced.added):
         return reduced.frequencies, accuracy.loss_factor / 2
     f, ratios = at_poles(reduced.poles())
     return f, ratios + accuracy.loss_factor / 2

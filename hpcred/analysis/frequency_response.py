@@ -18,7 +18,6 @@ from ..model.frames import Frame, apply_frame
 from ..model.input_output_counts import require_room
 from ..model.scales import in_usual_units, unscaled
 from ..model.second_order_model import SecondOrderModel, require_inputs, require_model
-from ..model.viscoelastic import added_stiffness, transformed
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.petsc import MPI, PETSc
@@ -108,8 +107,7 @@ def frequency_response(
         else:
             with progress.stage("full model", f"{len(frequencies)} frequencies in {groups} groups"):
                 found = _in_groups(framed, frequencies, factoring, progress, groups)
-    found = unscaled(found, inputs * outputs)
-    return found if model.derivatives is None else model.derivatives.at(2j * np.pi * frequencies) @ found
+    return model.rates.at(2j * np.pi * frequencies, unscaled(found, inputs * outputs))
 
 
 def response_and_drive(
@@ -124,11 +122,8 @@ def response_and_drive(
     other = model.with_output_columns(both, tuple(map(str, range(both.shape[1]))))
     found = frequency_response(other, frequencies, frame, damping, **keywords)
     outputs = model.Ct.getSize()[1]
-    rows = found[:, :outputs]
-    if model.derivatives is not None:
-        s = 2j * np.pi * np.asarray(frequencies)
-        rows = (model.derivatives.measured_at(s) if measured else model.derivatives.at(s)) @ rows
-    return rows, np.einsum("fpp->fp", found[:, outputs:])
+    applied = model.rates.measured if measured else model.rates.at
+    return applied(2j * np.pi * np.asarray(frequencies), found[:, :outputs]), np.einsum("fpp->fp", found[:, outputs:])
 
 
 def checked_frequencies(frequencies) -> np.ndarray:
@@ -176,10 +171,10 @@ def _in_groups(framed, frequencies, factoring, progress, groups):
     return response
 
 
-def measured_response(reduced, frequencies, derivatives) -> np.ndarray:
+def measured_response(reduced, frequencies, rates) -> np.ndarray:
     """Return the response (F, r, p) of a ReducedModel without the factors s and s^2 of velocities and accelerations,
-    which `derivatives` of the full model tells. Collective."""
-    return _reduced(reduced, frequencies, lambda s: reduced.measured_response(s, derivatives))
+    which the `rates` of the full model tell. Collective."""
+    return _reduced(reduced, frequencies, lambda s: reduced.measured_response(s, rates))
 
 
 def _reduced(reduced, frequencies, response_at=None, comm=MPI.COMM_WORLD):
@@ -235,16 +230,11 @@ def _by_full_matrices(solvers, frequencies, response, step) -> np.ndarray:
     model, left = solvers.model, np.ones(len(frequencies), dtype=bool)
     if model.size > TINY or model.comm.size > 1 or not solvers.damped or solvers.terms or solvers.rigid is not None:
         return np.flatnonzero(left)
-    M, K, B = map(_full_matrix, (model.M, model.K, model.B))
-    D = np.zeros_like(K) if model.D is None else _full_matrix(model.D)
+    operator, B = model.operator.map(_full_matrix), _full_matrix(model.B)
     C = B.T if model.Ct is None else _full_matrix(model.Ct).T
-    terms = np.stack([K + 1j * solvers.loss * K, 1j * D, -M]).reshape(3, -1)  # of 1, omega, omega^2
-    parts = transformed(model.viscoelastic, _full_matrix)
     for part in _parts(len(frequencies), model.size):
         omega = 2 * np.pi * frequencies[part]
-        A = (np.vander(omega, 3, increasing=True) @ terms).reshape(-1, *K.shape)
-        if parts:
-            A += added_stiffness(parts, 1j * omega)
+        A = operator.at(1j * omega) + 1j * solvers.loss * operator["K"]
         try:
             X = np.linalg.solve(A, np.broadcast_to(B.astype(complex), (len(A), *B.shape)))
         except np.linalg.LinAlgError:
@@ -270,9 +260,7 @@ class _Solvers:
         self.model, self.rigid, self.factoring = framed.model, framed.rigid, factoring
         self.terms = caughey_terms(framed.damping)
         self.loss = loss_factor_of(framed.damping)
-        self.damped = bool(
-            self.model.D is not None or self.terms is not None or self.loss > 0 or self.model.viscoelastic
-        )
+        self.damped = bool(self.model.D is not None or self.terms is not None or self.loss > 0 or self.model.added)
         self._shifted = self._complex = None
 
     def close(self):

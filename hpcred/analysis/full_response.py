@@ -27,7 +27,7 @@ from ..parallel.decisions import decided
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
-from ..reduction.checks import check_circulatory, check_model, warnings_of
+from ..reduction.checks import check_model, check_unsymmetric, warnings_of
 from ..reduction.run import Run
 from ..reduction.tolerance.accuracy import Accuracy, Adaptive
 from ..reduction.tolerance.compression import LITTLE
@@ -72,8 +72,7 @@ class FullResponse:
         ends = self.frequencies[0], self.frequencies[-1]
         fine = frequencies_to_draw(ends, self.models.resonances_of_response, self.frequencies)
         H, eps = self.models.at(fine)
-        if (derivatives := self.models.pair.outer.io.derivatives) is not None:
-            H = derivatives.factors_at(2j * np.pi * fine) * H
+        H = self.models.pair.outer.io.rates.with_factors(2j * np.pi * fine, H)
         return fine, self.scale * H, eps
 
     @property
@@ -198,7 +197,7 @@ def _by_search(
     turned out to be. Collective."""
     damping_of_response = _damping_of_response(damping)
     check_model(model)
-    check_circulatory(model, damping)
+    check_unsymmetric(model, damping)
     require_room(model, max(len(frequencies), FREQUENCIES))
     warnings = warnings_of(model, frame)
     _check_support(model, frame, frequencies)
@@ -233,8 +232,7 @@ def _by_search(
             models = _Models(pair, again, seen is not None, damping_of_response)
             values, eps, accuracy = decided(model.comm, _evaluate, search, frequencies, models)
         factorisations, warnings = tuple(run.factorisations), (*warnings, *run.notes.warnings)
-    if model.derivatives is not None:
-        values = model.derivatives.factors_at(2j * np.pi * frequencies) * values
+    values = model.rates.with_factors(2j * np.pi * frequencies, values)
     return progress.found(FullResponse(
         frequencies=frequencies, response=values, eps=eps, accuracy=accuracy, input_names=model.input_names,
         output_names=model.output_names, factorisations=factorisations, warnings=warnings,

@@ -83,10 +83,7 @@ def inspect(
         report["mass_matrix"] = "singular"
     else:
         report["mass_matrix"] = "no negative direction found (--verify factors it)"
-    if model.circulatory:
-        report["circulatory"] = "yes: K may be unsymmetric"
-    if model.viscoelastic:
-        report["viscoelastic"] = [part.in_words for part in model.viscoelastic]
+    report |= model.declared | model.operator.families
     if model.converted_from:
         report["converted_from"] = model.converted_from
     if model.properties is not None:

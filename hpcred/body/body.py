@@ -150,7 +150,7 @@ def check_moving(body: Body, where: str, laws=False):
     """Raise InputError unless the body can be used in time by `where` (such as "a SID file").
 
     It needs viscous damping, mass for every coordinate and in all directions, no rigid-body motion in its basis, and no
-    viscoelastic parts unless there is a place for their `laws`.
+    added terms unless there is a place for their `laws`.
     """
     require_finite(body.reduced)
     require_mass(body.reduced, where)
@@ -179,12 +179,13 @@ def check_viscous(reduced, where: str):
 
 
 def require_no_laws(reduced, where: str):
-    """Raise InputError for a model with viscoelastic parts, which `where` (such as "a SID file") cannot contain."""
-    if reduced.viscoelastic:
+    """Raise InputError for a model with added terms, which `where` (such as "a SID file") cannot contain."""
+    if reduced.added:
+        families = " and ".join(reduced.operator.families)
         raise InputError(
-            f"viscoelastic: {where} has no place for a stiffness that depends on frequency "
-            f"({', '.join(part.name for part in reduced.viscoelastic)}); laws of kind 'maxwell' go into state spaces, "
-            "FMUs and simulations, and arrays (npz, mat) hold all"
+            f"{families}: {where} has no place for a stiffness that depends on frequency "
+            f"({reduced.added.names}); laws of kind 'maxwell' go into state spaces, FMUs and simulations, and arrays "
+            "(npz, mat) hold all"
         )
 
 

@@ -15,7 +15,6 @@ from ..linalg.pencil import modes_of
 from ..model.frames import Frame
 from ..model.rotation import spin_softening
 from ..model.second_order_model import SecondOrderModel
-from ..model.viscoelastic import parts_from
 from ..parallel.declared import as_declared, declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
@@ -256,13 +255,14 @@ def preloaded(
     K.axpy(1.0, assembled(model, parts))
     if any(preload.omega):
         K.axpy(1.0, spin_softening(model, preload.omega))
-    mats = {"K": K}
-    for key, mat in model.matrices.items():
-        if key != "K":  # all are on one pattern
-            mats[key] = K.copy()
-            mats[key].zeroEntries()
-            mats[key].axpy(1.0, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+
+    def on_pattern(mat):
+        found = K.copy()
+        found.zeroEntries()
+        found.axpy(1.0, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        return found
+
+    mats = {key: K if key == "K" else on_pattern(mat) for key, mat in model.matrices.items()}
     remark = remark_on_supports(model, solids, lambda points: preload.acceleration_at(points - origin))
-    fields = {key: mats.get(key) for key in "KMD"} | {"viscoelastic": parts_from(model.viscoelastic, mats)}
     remarks = (*model.remarks, *solids.warnings(), *([remark] if remark else []))
-    return model.with_fields(**fields, remarks=remarks)
+    return model.with_fields(operator=model.operator.with_matrices(mats), remarks=remarks)

@@ -290,7 +290,7 @@ def writing(path, comm):
                 seal(temporary)
 
 
-# versions of files with viscoelastic parts, which programs of before would leave out
+# versions of files with added terms, which programs of before would leave out
 ALSO = {"hpcred-model": 2, "hpcred-result": 3}
 
 

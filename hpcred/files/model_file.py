@@ -2,7 +2,7 @@
 
 matrices/indptr (n + 1), matrices/indices (nonzeros): one sorted pattern for all matrices, columns from 0
 matrices/K, M and, where there is one, D (nonzeros)
-matrices/Kv1, Kv2, ... (nonzeros), of viscoelastic parts; viscoelastic: JSON, their names and laws; K is static then
+matrices/Kv1, Kv2, ... (nonzeros), of added terms; viscoelastic: JSON, their names and laws; K is static then
 inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T, and then Cv, Ca (r, n) where
     velocities and accelerations are measured
 loads/name, kind, remark, spins, area (l) in m^2, sums (l, 4, 3): of the inputs that are loads, as of
@@ -18,6 +18,7 @@ All in SI; the attribute converted_from, where there is one, names the units tha
 where K may be unsymmetric.
 """
 
+from copy import copy
 from pathlib import Path
 from urllib.parse import quote, unquote
 
@@ -25,10 +26,11 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from ..model.dofs import Dofs, dofs_per_node
+from ..model.laws.registry import NamedLaw, laws_of
 from ..model.loads import LoadColumn
 from ..model.materials import ElementProperties, Material
+from ..model.operator import ADDED, KEY, Operator, Term
 from ..model.second_order_model import SecondOrderModel, require_model
-from ..model.viscoelastic import KEY, NamedLaw, Viscoelastic, laws_of
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI, PETSc
 from ..parallel.shares import row_range
@@ -51,7 +53,7 @@ SCHEMA = NODES | {
     "matrices/indptr": Array("integer", ("n+1",), needed=True),
     "matrices/indices": Array("integer", ("z",), needed=True),
     "matrices/K": Array("real", ("z",), needed=True), "matrices/M": Array("real", ("z",), needed=True),
-    "matrices/D": Array("real", ("z",)), "matrices/*": Array("real", ("z",)), "viscoelastic": Array("text", ()),
+    "matrices/D": Array("real", ("z",)), "matrices/*": Array("real", ("z",)), ADDED: Array("text", ()),
     "inputs/B": Array("real", ("p", "n")), "inputs/names": Array("text", ("p",)),
     "loads/name": Array("text", ("l",)), "loads/kind": Array("text", ("l",)),
     "loads/remark": Array("text", ("l",)), "loads/area": Array("real", ("l",)),
@@ -73,7 +75,7 @@ def write_model(path, model: SecondOrderModel):
     dense = {"inputs": (model.B, model.input_names), "outputs": (model.Ct, model.output_names)}
     with writing(path, model.comm) as file:
         file.attribute("format", FORMAT)
-        file.attribute("version", ALSO[FORMAT] if model.viscoelastic else VERSION)
+        file.attribute("version", ALSO[FORMAT] if model.added else VERSION)
         file.attribute("size", model.size)
         file.attribute("rows_per_block", _block(model))
         if model.converted_from:
@@ -81,14 +83,12 @@ def write_model(path, model: SecondOrderModel):
         write_csr(file, model.comm, indptr, indices, parts)
         if model.circulatory:
             file.attribute("circulatory", 1)
-        if model.viscoelastic:
-            file.small("viscoelastic", LAWS.dump_json(laws_of(model.viscoelastic)).decode())
+        if model.added:
+            file.small(ADDED, LAWS.dump_json(laws_of(model.added)).decode())
         for group, (mat, names) in dense.items():
             if mat is not None:
                 rows = np.ascontiguousarray(mat.getDenseArray().real.T)
-                parts = {"B": rows} if group == "inputs" else {"C": rows}
-                if group == "outputs" and model.derivatives is not None:
-                    parts = dict(zip(("C", "Cv", "Ca"), model.derivatives.of(rows), strict=True))
+                parts = {"B": rows} if group == "inputs" else model.rates.of(rows)
                 for key, part in parts.items():
                     file.rows(f"{group}/{key}", np.ascontiguousarray(part), axis=1)
                 file.small(f"{group}/names", list(names))
@@ -176,7 +176,7 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         if indices.size and not 0 <= indices.min() <= indices.max() < size:
             raise damaged(path, f"/matrices/indices has columns outside of 0 to {size - 1}")
         values = {key: matrices[key][part] for key in ("K", "M", "D") if key in matrices}
-        laws = read_laws(file["viscoelastic"]) if "viscoelastic" in file else ()
+        laws = read_laws(file[ADDED]) if ADDED in file else ()
         added = {f"{KEY}{number}": matrices[f"{KEY}{number}"][part] for number in range(1, 1 + len(laws))}
         dense, names = {}, {}
         for group, key in (("inputs", "B"), ("outputs", "C")):
@@ -204,15 +204,16 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
     if not loads and not laws:
         return model
     with model:
-        found, pattern = [], [(indptr - indptr[0]).astype(PETSc.IntType), indices.astype(PETSc.IntType)]
-        for item, values in zip(laws, added.values(), strict=True):
-            mat = PETSc.Mat().createAIJ(model.K.getSizes(), csr=(*pattern, values), comm=model.K.comm)
-            found.append(Viscoelastic(mat, item.law, item.name))
-        return model.with_fields(loads=loads, viscoelastic=tuple(found))
+        pattern = (indptr - indptr[0]).astype(PETSc.IntType), indices.astype(PETSc.IntType)
+        mats = {key: PETSc.Mat().createAIJ(model.K.getSizes(), csr=(*pattern, values), comm=model.K.comm)
+                for key, values in added.items()}  # fmt: skip
+        whole = Operator.of(added=[Term(None, item.law, item.name) for item in laws])
+        own = {key: copy(mat) for key, mat in model.matrices.items()}
+        return model.with_fields(loads=loads, operator=whole.with_matrices(own | mats))
 
 
 def read_laws(dataset) -> tuple[NamedLaw, ...]:
-    """Return the names and laws of viscoelastic parts. Raises InputError."""
+    """Return the names and laws of added terms. Raises InputError."""
     try:
         return LAWS.validate_json(dataset[()])
     except ValidationError as error:

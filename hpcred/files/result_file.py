@@ -2,7 +2,7 @@
 
 attributes: format, version; loss_factor of structural damping
 reduced/M, D, K (m, m), B (m, p), C (r, m), Cv, Ca where not zero, frequencies (m) in Hz, input_names, output_names
-reduced/viscoelastic/K (v, m, m): parts that add (g(s) - g(0)) K_v; reduced/viscoelastic/laws: JSON, names and laws
+reduced/viscoelastic/K (v, m, m): of terms c(s) K_v that are added; reduced/viscoelastic/laws: JSON, names and laws
 reduced/resultants (p, 6): force in N and moment about the origin in N m of each input, of a model with nodes
 reduced/interfaces/name, node (k), position (k, 3): in interface coordinates, the nodes whose displacements come first
 basis/V (m, n), one row a basis vector in the dofs of the full model (basis/W: the left one of a two-sided projection)
@@ -43,9 +43,10 @@ from ..linalg.pencil import modes_of
 from ..model.dofs import SCALAR
 from ..model.elements import surface_triangles
 from ..model.interfaces import InterfaceNode
+from ..model.laws.registry import laws_of
+from ..model.operator import ADDED, Term
 from ..model.parameters import checked_values
 from ..model.second_order_model import listed, require_model
-from ..model.viscoelastic import Viscoelastic, laws_of
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
@@ -71,7 +72,7 @@ SCHEMA = NODES | OF_PARAMETERS | {
     "reduced/frequencies": Array("real", ("m",), needed=True), "reduced/resultants": Array("real", ("p", 6)),
     "reduced/input_names": Array("text", ("p",), needed=True),
     "reduced/output_names": Array("text", ("r",), needed=True),
-    "reduced/viscoelastic/K": Array("real", ("v", "m", "m")), "reduced/viscoelastic/laws": Array("text", ()),
+    f"reduced/{ADDED}/K": Array("real", ("v", "m", "m")), f"reduced/{ADDED}/laws": Array("text", ()),
     "reduced/interfaces/name": Array("text", ("i",)), "reduced/interfaces/node": Array("integer", ("i",)),
     "reduced/interfaces/position": Array("real", ("i", 3)),
     "basis/V": Array("real", ("m", "n")), "basis/W": Array("real", ("m", "n")),
@@ -426,7 +427,7 @@ def write_result(
         body = body_of(model, reduced, origin=origin, lumped=lumped, geometric_stiffness=geometric_stiffness)
     with writing(path, comm) as file:
         file.attribute("format", FORMAT)
-        file.attribute("version", ALSO[FORMAT] if reduced.viscoelastic else VERSION)
+        file.attribute("version", ALSO[FORMAT] if reduced.added else VERSION)
         file.attribute("loss_factor", reduced.loss_factor)
         for key in ARRAYS:
             file.small(f"reduced/{key}", getattr(reduced, key))
@@ -437,9 +438,9 @@ def write_result(
             write_parameters(file, reduced)
         for key in NAMES:
             file.small(f"reduced/{key}", list(getattr(reduced, key)))
-        if reduced.viscoelastic:
-            file.small("reduced/viscoelastic/K", np.array([part.matrix for part in reduced.viscoelastic]))
-            file.small("reduced/viscoelastic/laws", LAWS.dump_json(laws_of(reduced.viscoelastic)).decode())
+        if reduced.added:
+            file.small(f"reduced/{ADDED}/K", np.array([term.matrix for term in reduced.added]))
+            file.small(f"reduced/{ADDED}/laws", LAWS.dump_json(laws_of(reduced.added)).decode())
         if reduced.resultants is not None:
             file.small("reduced/resultants", reduced.resultants)
         if reduced.interfaces:
@@ -497,7 +498,7 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
             resultants=group["resultants"][...] if "resultants" in group else None,
             loss_factor=file.attribute("loss_factor", float),
             record=record,
-            viscoelastic=_viscoelastic(group["viscoelastic"]) if "viscoelastic" in group else (),
+            **{ADDED: _added(group[ADDED]) if ADDED in group else ()},
         )
         result = Result(Path(path), with_parameters(file, reduced, path))
         if "basis/stress" in file:
@@ -548,12 +549,12 @@ def read_basis(path, model):
     return block
 
 
-def _viscoelastic(group) -> tuple[Viscoelastic, ...]:
-    """The viscoelastic parts of a reduced model. Raises InputError."""
+def _added(group) -> tuple[Term, ...]:
+    """The added terms of a reduced model. Raises InputError."""
     laws, matrices = read_laws(group["laws"]), group["K"][...]
     if len(laws) != len(matrices):
         raise damaged(group.path, f"{group.name}: found {len(matrices)} matrices and {len(laws)} laws")
-    return tuple(Viscoelastic(matrix, law.law, law.name) for matrix, law in zip(matrices, laws, strict=True))
+    return tuple(Term(matrix, law.law, law.name) for matrix, law in zip(matrices, laws, strict=True))
 
 
 def _interfaces(group) -> tuple[InterfaceNode, ...]:

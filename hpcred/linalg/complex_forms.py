@@ -1,7 +1,7 @@
 """Form complex A(s) = s^2 M + s D + (1 + i eta) K in either PETSc build, where complex columns are pairs of real ones.
 
-A complex build has A(s) as it is (complex symmetric LDL^T, no conjugation); viscoelastic parts add (g(s) - g(0)) K_v. A
-real build takes the symmetric real form of twice the size,
+A complex build has A(s) as it is (complex symmetric LDL^T, no conjugation), added terms with their coefficients. A real
+build takes the symmetric real form of twice the size,
 
     [ Re A  -Im A ] [Re x]   [ Re b]
     [-Im A  -Re A ] [Im x] = [-Im b]      for A x = b,
@@ -21,15 +21,13 @@ class NativeForm:
     def __init__(self, model):
         self.model, self.matrix = model, model.K.duplicate(copy=False)
 
-    def fill(self, mass, damping, stiffness, viscoelastic=()):
-        """matrix = mass M + damping D + stiffness K + sum viscoelastic K_v."""
+    def fill(self, coefficients):
+        """matrix = the sum of coefficients times the terms of the model, by key."""
         self.model.K.copy(self.matrix, structure=SAME)
-        self.matrix.scale(stiffness)
-        if self.model.D is not None:
-            self.matrix.axpy(damping, self.model.D, structure=SAME)
-        self.matrix.axpy(mass, self.model.M, structure=SAME)
-        for factor, part in zip(viscoelastic, self.model.viscoelastic, strict=False):
-            self.matrix.axpy(factor, part.matrix, structure=SAME)
+        self.matrix.scale(coefficients["K"])
+        for key, mat in self.model.matrices.items():
+            if key != "K" and key in coefficients:
+                self.matrix.axpy(coefficients[key], mat, structure=SAME)
 
     def put(self, pairs, block):
         """The complex columns of pairs."""
@@ -67,15 +65,10 @@ class RealForm:
             comm=model.K.comm,
         )
 
-    def fill(self, mass, damping, stiffness, viscoelastic=()):
-        """matrix = the real form of mass M + damping D + stiffness K + sum viscoelastic K_v."""
-        model = self.model
-        values = stiffness * model.K.getValuesCSR()[2].real
-        values = values + mass * model.M.getValuesCSR()[2].real
-        if model.D is not None:
-            values = values + damping * model.D.getValuesCSR()[2].real
-        for factor, part in zip(viscoelastic, model.viscoelastic, strict=False):
-            values = values + factor * part.matrix.getValuesCSR()[2].real
+    def fill(self, coefficients):
+        """matrix = the real form of the sum of coefficients times the terms of the model, by key."""
+        values = sum(coefficients[key] * mat.getValuesCSR()[2].real
+                     for key, mat in self.model.matrices.items() if key in coefficients)  # fmt: skip
         upper = np.concatenate([values.real, -values.imag])[self._order]
         lower = np.concatenate([-values.imag, -values.real])[self._order]
         self.matrix.setValuesCSR(self._indptr, self._indices, np.concatenate([upper, lower]))

@@ -16,11 +16,11 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI, PETSc, free_dropped
 from ..parallel.shares import row_range
 from .checked_arrays import check_columns, check_rows, coordinates, named_columns, real_columns, real_values, row_name
-from .derivatives import Derivatives, check_names, packed_parts
 from .dofs import Dofs, check_labels, dofs_per_node
 from .elements import check_elements
 from .materials import ElementProperties, check_properties
 from .petsc_matrices import decoupled, labels_of, taken
+from .rates import Rates, check_names, packed_parts
 
 
 class Labels(TypedDict, total=False):
@@ -155,7 +155,7 @@ def local_columns(model, key: str, item, is_local: bool) -> np.ndarray | None:
     return columns if is_local else columns[model.first_row : model.first_row + model.local_rows]
 
 
-def measured_columns(K: PETSc.Mat, C, Cv, Ca, names, what: str) -> tuple[PETSc.Mat, Derivatives]:
+def measured_columns(K: PETSc.Mat, C, Cv, Ca, names, what: str) -> tuple[PETSc.Mat, Rates]:
     """Return the measured columns, and the outputs of them, from rows of this rank (local rows, r) of C^T, Cv^T and
     Ca^T, each or None."""
     comm, rows = K.comm.tompi4py(), K.getLocalSize()[0]
@@ -169,8 +169,8 @@ def measured_columns(K: PETSc.Mat, C, Cv, Ca, names, what: str) -> tuple[PETSc.M
     parts = np.stack([given.get(key, np.zeros((rows, len(names)))).T for key in ("C", "Cv", "Ca")])
     there = np.any(comm.allgather(parts.any(axis=2)), axis=0)
     check_names(names, there, what)
-    columns, derivatives = packed_parts(parts, there)
-    return dense_matrix(K, columns), derivatives
+    columns, rates = packed_parts(parts, there)
+    return dense_matrix(K, columns), rates
 
 
 def _columns(B, C, rows):

@@ -22,7 +22,7 @@ def couple(model):
     if not rigid:
         return model, None
     T, dofs = _coupling(model, rigid)
-    return model.in_coordinates({key: mat.ptap(T) for key, mat in model.matrices.items()}, T, dofs), T
+    return model.in_coordinates(model.operator.map(lambda mat: mat.ptap(T)), T, dofs), T
 
 
 def _coupling(model, rigid):

@@ -82,6 +82,14 @@ def cut_output_of(name: str) -> CutOutput | None:
     return CutOutput(cut=match[1], about=about, component=match[5])
 
 
+def cuts_refused(model, added) -> InputError:
+    """Return the error for section forces of a model with `added` terms."""
+    return InputError(
+        f"outputs: {model.name} has {added.plural}, and the force of a cut is that of the static stiffness alone; "
+        "leave the outputs of cuts out"
+    )
+
+
 def cut_columns(model, item: CutOutput) -> np.ndarray:
     """Return the rows of this rank of the columns of C^T (rows, components) of a cut.
 

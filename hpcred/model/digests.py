@@ -8,10 +8,11 @@ from xxhash import xxh3_128
 
 from ..parallel.digest import digest, digest_of_block
 from ..parallel.petsc import MPI
-from .viscoelastic import laws_of, matrices_by_key
+from .operator import ADDED
+from .rates import KEY as RATES
 
 # all that responses and reduced models of a model depend on, by field; elements and node sets by what is made of them
-PARTS = ("viscoelastic", "M", "K", "D", "B", "Ct", "derivatives", "interfaces", "dofs")
+PARTS = (ADDED, "M", "K", "D", "B", "Ct", RATES, "interfaces", "dofs")
 DIGITS = np.pi * 1e7  # no decimal ones, near whose ends round numbers are
 SMALL = 1e-5  # of the largest entry of a column, from which on digits of entries count, not of the largest one
 
@@ -19,6 +20,10 @@ SMALL = 1e-5  # of the largest entry of a column, from which on digits of entrie
 def digest_of(model, key: str) -> str | None:
     """Return the digest that SecondOrderModel.digest_of keeps. Collective."""
     field = "dofs" if key == "labels" else key
+    if key == ADDED:
+        return digest_of_plain(model.added.digest(model.digest_of)) if model.added else None
+    if key == RATES:
+        return digest_of_plain(model.rates.parts.tolist()) if model.rates else None
     item = model.matrices[key] if key in model.matrices else getattr(model, field)
     if item is None or item == ():
         return None
@@ -26,11 +31,6 @@ def digest_of(model, key: str) -> str | None:
     if field == "dofs":
         labels = [item.node, item.direction, *([item.position] if key == "dofs" else [])]
         return digest_of_block(model.comm, first, np.column_stack(labels).astype("<f8"))
-    if key == "derivatives":
-        return digest_of_plain(item.parts.tolist())
-    if key == "viscoelastic":
-        laws = [asdict(law) for law in laws_of(item)]
-        return digest_of_plain([laws, [model.digest_of(each) for each in matrices_by_key(item)]])
     if key == "interfaces":  # what set, bore, pin, weights, elements and places come to
         asked = [asdict(replace(node, position=None, count=0, warnings=())) for node in item]
         return digest_of_plain([asked, model.digest_of("Gt")])

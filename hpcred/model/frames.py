@@ -190,19 +190,20 @@ def _rows_of_tangent(model, frame):
 
 def _free_body(model, frame):
     """Return the rigid-body modes of a body in the Buckens frame, with the supports that the user chose."""
-    refuse_circulatory(model)
+    refuse_unsymmetric(model)
     rigid = RigidBodyModes(model, soft=True)
     if rigid.count == 0:
         raise InputError(
             f"frame: the Buckens frame needs a free body, but {model.name} is supported "
             f"(||K R|| / ||K|| = {rigid.defect:.1e} for rigid-body motions R); take frame kind 'none'"
         )
-    for part in model.viscoelastic:  # the static stiffness does not show one that carries nothing at rest
+    for part in model.added:  # the static stiffness does not show one that carries nothing at rest
         resists = column_norms(times(part.matrix, rigid.R)) / column_norms(rigid.R)
         if resists.max() > RESISTS * part.matrix.norm():
             raise InputError(
-                f"frame: the Buckens frame needs a free body, but the viscoelastic part {part.name} of {model.name} "
-                "resists its rigid-body motions; put it into the multibody model, or take frame kind 'none'"
+                f"frame: the Buckens frame needs a free body, but the {part.law.family} part {part.name} of "
+                f"{model.name} resists its rigid-body motions; put it into the multibody model, or take frame kind "
+                "'none'"
             )
     if frame.supports is not None:
         rows = [row_of(model, tuple(pair)) for pair in frame.supports]
@@ -215,11 +216,11 @@ def _free_body(model, frame):
     return rigid
 
 
-def refuse_circulatory(model):
+def refuse_unsymmetric(model):
     """Refuse an unsymmetric K in the Buckens frame. Collective."""
     if not model.is_symmetric("K"):
         raise InputError(
-            f"frame: the Buckens frame does not go with the unsymmetric K of {model.name}, whose circulatory forces "
+            f"frame: the Buckens frame does not go with the unsymmetric K of {model.name}, whose forces "
             "may push the body as a whole; hold it (frame kind 'tangent' or 'chord', or none)"
         )
 
@@ -283,13 +284,14 @@ def _remove(model, held, rotated):
     total = comm.allreduce(len(free))
     rotation = _rotation(model, rotated) if rotated else None
     keep = PETSc.IS().createGeneral(free, comm=model.K.comm)
-    mats = {key: (mat if rotation is None else mat.ptap(rotation)).createSubMatrix(keep, keep)
-            for key, mat in model.matrices.items()}  # fmt: skip
+    operator = model.operator.map(
+        lambda mat: (mat if rotation is None else mat.ptap(rotation)).createSubMatrix(keep, keep)
+    )
     columns = (comm.exscan(len(free)) or 0) + np.arange(len(free))
     selection = sparse_rows(model.K, [(free - first, columns, np.ones(len(free)))], (len(free), total))
     restore = selection if rotation is None else rotation.matMult(selection)
     dofs = None if model.dofs is None else model.dofs.take(free - first)
-    return model.in_coordinates(mats, restore, dofs), restore
+    return model.in_coordinates(operator, restore, dofs), restore
 
 
 def _rotation(model, rotated):

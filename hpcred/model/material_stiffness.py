@@ -10,6 +10,7 @@ from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, number_over_ranks
 from ..parallel.petsc import PETSc
 from .materials import MATERIAL
+from .operator import ADDED
 from .second_order_model import SecondOrderModel
 from .solids import NO_NODES, NO_TABLE, Solids
 from .strain_matrices import stiffness_matrices
@@ -39,7 +40,7 @@ def material_stiffness(model: SecondOrderModel, material: str) -> PETSc.Mat:
         For materials that do not exist, elements whose matrices are not known, and where K has other numbers in the
         rows of nodes that only these elements have.
     """
-    where = f"viscoelastic: material '{material}'"
+    where = f"{ADDED}: material '{material}'"
     known = () if model.properties is None else tuple(item.name for item in model.properties.materials)
     if material not in known:
         raise InputError(f"{where}: {model.name} has no such material; it has {', '.join(known) or 'none'}")

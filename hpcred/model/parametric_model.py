@@ -20,9 +20,8 @@ from ..parallel.petsc import PETSc
 from .cut_outputs import cut_output_of
 from .parameters import Parameter, Term, check_terms, checked_values, factors_of, in_words
 from .petsc_matrices import on_one_pattern
-from .second_order_model import SYMMETRIC_TO, SecondOrderModel, is_symmetric_to, listed, require_model
+from .second_order_model import SYMMETRIC_TO, UNSYMMETRIC, SecondOrderModel, listed, require_model
 from .term_matrices import FIELD, term_matrix
-from .viscoelastic import parts_from
 
 OF_MASS = ("gravity", "centrifugal")  # loads that are M times accelerations
 
@@ -48,7 +47,7 @@ class ParametricModel:
     Notes
     -----
     Collective. A(p) is the model's matrix where no term is added to it. A model without damping matrix has D = 0 as the
-    constant part of its terms of D. A skew-symmetric term of K makes the model `circulatory`. Viscoelastic parts are
+    constant part of its terms of D. A skew-symmetric term of K declares K unsymmetric. Viscoelastic parts are
     those of the constant part: K(s, p) = K(p) + sum (g(s) - g(0)) K_v.
 
     Attributes
@@ -76,7 +75,7 @@ class ParametricModel:
         parameters = declared("parameters", parameters, tuple[Parameter, ...])
         terms = declared("terms", terms, tuple[Term, ...])
         check_terms(parameters, terms)
-        if model.derivatives is not None and any(item.of == "C" for item in terms):
+        if model.rates and any(item.of == "C" for item in terms):
             raise InputError(f"{model.name}: found terms of C, and outputs that are velocities or accelerations, "
                              "expected displacements")  # fmt: skip
         terms = tuple(replace(item, matrix=term_matrix(model, item)) for item in terms)
@@ -86,15 +85,12 @@ class ParametricModel:
             mats["D"] = model.K.duplicate(copy=False)
             mats["D"].zeroEntries()
         mats, known = on_one_pattern(mats, square), model.matrices
-        parts = parts_from(model.viscoelastic, mats)
-        mats = {key: mat for key, mat in mats.items() if key in "MDK" and mat is not known.get(key)}
-        if "K" in mats:
-            mats["viscoelastic"] = parts
+        changed: dict[str, Any] = {key: mat for key, mat in mats.items() if mat is not known.get(key)}
         if any(item.of == "K" and _is_skew(item.matrix) for item in terms):
-            mats["circulatory"] = True
+            changed |= UNSYMMETRIC
         if any(item.of == "M" for item in terms):
-            mats["loads"] = tuple(_of_constant_mass(item) for item in model.loads)
-        self._take(model.with_fields(**mats), parameters, terms)
+            changed["loads"] = tuple(_of_constant_mass(item) for item in model.loads)
+        self._take(model.with_fields(**changed), parameters, terms)
 
     def _take(self, model, parameters, terms):
         if any(item.of == "K" for item in terms) and any(map(cut_output_of, model.own_output_names)):
@@ -166,7 +162,7 @@ class ParametricModel:
     @property
     def symmetric_terms(self) -> tuple[bool, ...]:
         """Whether the terms, in their order, are symmetric but for round-off. Collective."""
-        return tuple(is_symmetric_to(defect, item.of, self.model.circulatory)
+        return tuple(self.model.counts_as_symmetric(item.of, defect)
                      for item, defect in zip(self.terms, self.symmetry_defects, strict=True))  # fmt: skip
 
     @property

@@ -312,7 +312,7 @@ def misfit_of_nodes(model, support: Support | None = None) -> str | None:
         return (
             f"{model.name}: {found}, in {100 * support.resisting:.0f} % of the rows: the body is held almost "
             "everywhere, or the nodes or directions are not those of the rows, or K is that of a preloaded or spinning "
-            "body" + ("" if model.is_symmetric("K") else ", or circulatory forces act nearly everywhere")
+            "body" + ("" if model.is_symmetric("K") else ", or unsymmetric forces act nearly everywhere")
         )
     return None
 

@@ -17,7 +17,7 @@ SAME = 1e-9  # relative difference of frequencies that are one
 def rows_alone(model) -> np.ndarray:
     """Return the rows of this rank (local, from 0) that no matrix couples with others; none where all are such."""
     alone = np.arange(model.local_rows)
-    for mat in (*model.matrices.values(), *(part.matrix for part in model.viscoelastic)):
+    for mat in model.matrices.values():
         indptr, indices, values = mat.getValuesCSR()
         alone = np.intersect1d(alone, decoupled(indptr, indices, [values], model.first_row))
     return alone[: 0 if model.comm.allreduce(len(alone)) == model.size else None]

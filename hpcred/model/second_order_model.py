@@ -21,7 +21,6 @@ from . import construction
 from .checked_arrays import check_finite
 from .construction import Labels
 from .cut_outputs import CutOutput
-from .derivatives import Derivatives, check_names
 from .digests import PARTS, digest_of
 from .dofs import SCALAR, Dofs
 from .interface_motion import with_interfaces
@@ -30,9 +29,11 @@ from .load_columns import with_loads
 from .loads import AnyLoad, LoadColumn
 from .materials import ElementProperties, Material
 from .motion_outputs import MotionOutput
+from .operator import ADDED, KEY, ORDERS, Operator, Term
+from .rates import Rates, check_names
 from .stress_outputs import StressOutput
 from .targets import interface_targets, output_columns, unit_columns
-from .viscoelastic import KEY, Viscoelastic, matrices_by_key, parts_from, transformed, with_viscoelastic
+from .viscoelastic import Viscoelastic, with_viscoelastic
 
 if TYPE_CHECKING:
     from typing import TypeAlias
@@ -47,12 +48,19 @@ if TYPE_CHECKING:
 
 SYMMETRIC_TO = 1e-10  # symmetry_defect above which a matrix counts as unsymmetric
 DECLARED = 1e-12  # the same of a K that may be so: what is more is not round-off of a few sums
+UNSYMMETRIC = {"circulatory": True}  # fields of a model whose K may be unsymmetric
+SAY_SO = "of K that has circulatory forces say circulatory = true"
 
 
 def is_symmetric_to(defect: float, of: str, circulatory: bool) -> bool:
     """Test whether the symmetry defect of a matrix `of` a model, or of a term of it, is round-off; in K, and what
     damping makes of it, less is where it is declared `circulatory`."""
     return defect <= (DECLARED if circulatory and of != "M" else SYMMETRIC_TO)
+
+
+def declared_in(fields_of_model) -> dict[str, str]:
+    """Return what the fields of a model, or the keys of its job, declare of its matrices, in words."""
+    return {key: "yes: K and its terms may be unsymmetric" for key in UNSYMMETRIC if fields_of_model.get(key)}
 
 
 def sizes_of_sets(sets: dict, comm) -> dict[str, int]:
@@ -134,19 +142,19 @@ class SecondOrderModel:
         The inputs that are loads, with the sums of their forces and moments.
     converted_from : str
         The original units of a model that was converted to SI.
-    derivatives : Derivatives or None
-        How velocities, accelerations and mixed outputs follow from the columns of Ct; None if these are the outputs.
+    rates : Rates
+        How velocities, accelerations and mixed outputs follow from the columns of Ct.
     properties : ElementProperties or None
         Numbers, types and materials of the elements, if known, for stresses and loads.
-    viscoelastic : tuple of Viscoelastic
-        Parts that add (g(s) - g(0)) K_v to K, the static stiffness; their matrices are on the pattern of K.
+    operator : Operator
+        M, D, K, and terms that are added to K, the static stiffness, all on one pattern.
+    viscoelastic : tuple of Term
+        The added terms, which viscoelastic parts are: (g(s) - g(0)) K_v.
     circulatory : bool
         Whether K may be unsymmetric.
     """
 
-    M: PETSc.Mat
-    K: PETSc.Mat
-    D: PETSc.Mat | None = None
+    operator: Operator
     B: PETSc.Mat | None = None
     Ct: PETSc.Mat | None = None
     dofs: Dofs | None = None
@@ -162,8 +170,7 @@ class SecondOrderModel:
     loads: tuple[LoadColumn, ...] = ()
     converted_from: str = ""
     properties: ElementProperties | None = None
-    derivatives: Derivatives | None = None
-    viscoelastic: tuple[Viscoelastic, ...] = ()
+    rates: Rates = Rates()
     circulatory: bool = False
 
     def __init__(
@@ -187,10 +194,11 @@ class SecondOrderModel:
             raise InputError("SecondOrderModel: K is missing; the order is M, D, K, and without damping "
                              "SecondOrderModel(M=M, K=K)")  # fmt: skip
         rates = Cv is not None or Ca is not None
-        self._take(construction.from_given(
+        given = construction.from_given(
             M, D, K, B, None if rates else C, comm, dofs=dofs, input_names=input_names,
             output_names=() if rates else output_names, name=name, circulatory=circulatory,
-        ))  # fmt: skip
+        )  # fmt: skip
+        self._take({"operator": Operator.of(*(given.pop(key, None) for key in "MDK"))} | given)
         if rates:
             local = [construction.local_columns(self, key, item, isinstance(K, PETSc.Mat))
                      for key, item in (("C", C), ("Cv", Cv), ("Ca", Ca))]  # fmt: skip
@@ -199,8 +207,13 @@ class SecondOrderModel:
     @classmethod
     def assembled(cls, M, K, D=None, **known) -> SecondOrderModel:
         """Return a model that takes over these fields, which must fit each other. Collective."""
+        return cls.of_operator(Operator.of(M, D, K), **known)
+
+    @classmethod
+    def of_operator(cls, operator: Operator, **known) -> SecondOrderModel:
+        """Return a model that takes over an operator and further fields, which must fit each other. Collective."""
         model = object.__new__(cls)
-        model._take({"M": M, "K": K, "D": D, **known})
+        model._take({"operator": operator, **known})
         return model
 
     def _take(self, given):
@@ -217,8 +230,8 @@ class SecondOrderModel:
         """Set the outputs from rows of this rank of C^T, Cv^T and Ca^T, each or None. Collective."""
         count = next(item.shape[1] for item in (C, Cv, Ca) if item is not None)
         names = tuple(names) or tuple(f"output {k + 1}" for k in range(count))
-        Ct, derivatives = construction.measured_columns(self.K, C, Cv, Ca, names, f"{self.name}: outputs")
-        vars(self).update(Ct=Ct, derivatives=derivatives, own_output_names=names)
+        Ct, rates = construction.measured_columns(self.K, C, Cv, Ca, names, f"{self.name}: outputs")
+        vars(self).update(Ct=Ct, rates=rates, own_output_names=names)
 
     def __enter__(self) -> SecondOrderModel:
         return self
@@ -230,20 +243,19 @@ class SecondOrderModel:
 
     def close(self) -> None:
         """Free the PETSc objects. Collective."""
-        for mat in (*map(vars(self).get, ("M", "D", "K", "B", "Ct", "Gt")), *(p.matrix for p in self.viscoelastic)):
+        own = vars(self).pop("operator", Operator({}))  # PETSc ends the process that uses a destroyed matrix
+        for mat in (*own.matrices.values(), self.B, self.Ct, self.Gt):
             if mat is not None:
                 mat.destroy()
-        for key in ("M", "K"):  # PETSc ends the process that uses a destroyed matrix
-            vars(self).pop(key, None)
 
     def __getattr__(self, name):
-        if name in ("M", "K"):
+        if name == "operator":
             raise InputError(f"{vars(self).get('name')}: this model was closed, and has no matrices any more")
         raise AttributeError(f"a SecondOrderModel has no attribute '{name}'")
 
     def __repr__(self):
         """Return one line. Not collective, since notebooks and debuggers call it on one rank."""
-        size = f"{self.K.getSize()[0]} dofs" if "K" in vars(self) else "closed"
+        size = f"{self.K.getSize()[0]} dofs" if "operator" in vars(self) else "closed"
         return (f"<SecondOrderModel {self.name}: {size}, {len(self.input_names)} inputs, {len(self.output_names)} "
                 "outputs>")  # fmt: skip
 
@@ -261,7 +273,7 @@ class SecondOrderModel:
 
     def __str__(self):
         """Return three lines that describe the model. Collective."""
-        matrices = ", ".join(sorted(self.matrices))
+        matrices = ", ".join(sorted(self.operator.terms))
         nodes = "without nodes" if self.dofs is None else f"{self.node_count} nodes"
         return (
             f"{self.name}: {self.size} dofs, {nodes}, on {self.comm.size} rank(s)\n"
@@ -275,17 +287,41 @@ class SecondOrderModel:
 
     def with_fields(self, **changed) -> SecondOrderModel:
         """Return the model with other fields, and its own references to the other PETSc objects. Collective."""
-        kept = {key: copy(mat) for key in ("M", "K", "D", "B", "Ct", "Gt")
+        kept = {key: copy(mat) for key in ("B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
-        if "viscoelastic" not in changed:
-            kept["viscoelastic"] = transformed(self.viscoelastic, copy)
-        other = self.assembled(**{item.name: getattr(self, item.name) for item in fields(self)} | kept | changed)
+        if "operator" not in changed:
+            mats = {key: changed[key] if key in changed else copy(mat) for key, mat in self.operator.matrices.items()}
+            kept["operator"] = self.operator.with_matrices(changed | mats)
+        fresh = {key: value for key, value in changed.items() if key not in {*ORDERS, *self.operator.terms}}
+        other = self.of_operator(**{item.name: getattr(self, item.name) for item in fields(self)} | kept | fresh)
         for name in ("_digests", "_defects", "_signs"):
             known, shared = getattr(self, name), getattr(other, name)
             other_parts = {*changed, "labels" if "dofs" in changed else "", "interfaces" if "Gt" in changed else ""}
+            other_parts |= {*ORDERS, ADDED} if "operator" in changed else set()
             shared.update({key: value for key, value in known.items()
                            if key not in other_parts and not key.startswith(KEY)})  # fmt: skip
         return other
+
+    @property
+    def M(self) -> PETSc.Mat:
+        return self.operator["M"]
+
+    @property
+    def K(self) -> PETSc.Mat:
+        return self.operator["K"]
+
+    @property
+    def D(self) -> PETSc.Mat | None:
+        return self.operator.get("D")
+
+    @property
+    def added(self) -> Operator:
+        """The terms beside M, D and K."""
+        return self.operator.added
+
+    @property
+    def viscoelastic(self) -> tuple[Term, ...]:
+        return tuple(self.added)
 
     @cached_property
     def comm(self) -> MPI.Comm:
@@ -320,9 +356,8 @@ class SecondOrderModel:
 
     @property
     def matrices(self) -> dict:
-        """M, K and, if it is not None, D, by name, and the matrices of viscoelastic parts as Kv1, Kv2, ..."""
-        found = {key: mat for key, mat in (("M", self.M), ("K", self.K), ("D", self.D)) if mat is not None}
-        return found | matrices_by_key(self.viscoelastic)
+        """M, K and, if it is not None, D, by name, and the matrices of added terms as Kv1, Kv2, ..."""
+        return self.operator.matrices
 
     @property
     def nonzeros(self) -> int:
@@ -331,7 +366,12 @@ class SecondOrderModel:
 
     @property
     def output_names(self) -> tuple[str, ...]:
-        return self.own_output_names if self.Ct is not None or self.derivatives is not None else self.input_names
+        return self.own_output_names if self.has_own_outputs else self.input_names
+
+    @property
+    def has_own_outputs(self) -> bool:
+        """Whether the outputs are others than the inputs, C = B^T."""
+        return self.Ct is not None or bool(self.rates)
 
     @property
     def symmetry_defects(self) -> dict[str, float]:
@@ -347,7 +387,20 @@ class SecondOrderModel:
 
     def is_symmetric(self, key: str) -> bool:
         """Test whether M, K or D is symmetric, or not there. Collective."""
-        return is_symmetric_to(self.symmetry_defects.get(key, 0.0), key, self.circulatory)
+        return self.counts_as_symmetric(key, self.symmetry_defects.get(key, 0.0))
+
+    def counts_as_symmetric(self, key: str, defect: float) -> bool:
+        """Test whether a symmetry defect of M, K or D, or of a term of it, is round-off."""
+        return is_symmetric_to(defect, key, self.circulatory)
+
+    def may_be_unsymmetric(self, key: str) -> bool:
+        """Test whether an unsymmetric M, K or D is no error."""
+        return key == "D" or (key == "K" and self.circulatory)
+
+    @property
+    def declared(self) -> dict[str, str]:
+        """What is declared of the matrices, in words, for reports."""
+        return declared_in(vars(self))
 
     def extreme_quotients(self, key: str) -> tuple[float, float]:
         """Return the smallest and the largest x^T A x / x^T |D| x that is found for K or M. Collective."""
@@ -580,10 +633,10 @@ class SecondOrderModel:
         if Cv is None and Ca is None:
             Ct, names = construction.columns_of(self.K, local, names, f"{self.name}: outputs")
             check_names(names, np.array([[True], [False], [False]]).repeat(len(names), axis=1), f"{self.name}: outputs")
-            return self.with_fields(Ct=Ct, own_output_names=names, derivatives=None)
+            return self.with_fields(Ct=Ct, own_output_names=names, rates=Rates())
         names = tuple(names)
-        Ct, derivatives = construction.measured_columns(self.K, local, Cv, Ca, names, f"{self.name}: outputs")
-        return self.with_fields(Ct=Ct, own_output_names=names, derivatives=derivatives)
+        Ct, rates = construction.measured_columns(self.K, local, Cv, Ca, names, f"{self.name}: outputs")
+        return self.with_fields(Ct=Ct, own_output_names=names, rates=rates)
 
     def with_damping_matrix(self, D: PETSc.Mat | None) -> SecondOrderModel:
         """Return the model with another damping matrix.
@@ -641,27 +694,30 @@ class SecondOrderModel:
         """Return the model of the transposed transfer function of the measured columns: D^T for D, K^T for K, and C^T
         for B. Collective."""
         changed = {
-            "B": None if self.Ct is None else copy(self.Ct), "Ct": None, "loads": (), "derivatives": None,
-            "input_names": self.output_names if self.derivatives is None else (),
+            "B": None if self.Ct is None else copy(self.Ct), "Ct": None, "loads": (), "rates": Rates(),
+            "input_names": () if self.rates else self.output_names,
         }  # fmt: skip
         for key in ("D", "K"):
             if not self.is_symmetric(key):
                 changed[key] = getattr(self, key).transpose(PETSc.Mat())
         return self.with_fields(**changed)
 
-    def in_coordinates(self, matrices, T, dofs) -> SecondOrderModel:
-        """Return the model in coordinates p with q = T p, from the `matrices` T^T A T by name and labels of the rows.
+    def in_coordinates(self, operator, T, dofs) -> SecondOrderModel:
+        """Return the model in coordinates p with q = T p, from the `operator` T^T A T and labels of the rows.
 
         It takes the matrices over. Collective.
         """
         B, Ct, Gt = (None if mat is None else T.transposeMatMult(mat) for mat in (self.B, self.Ct, self.Gt))
-        moved = self.assembled(
-            matrices["M"], matrices["K"], matrices.get("D"), B=B, Ct=Ct, dofs=dofs, input_names=self.input_names,
-            own_output_names=self.own_output_names, name=self.name, Gt=Gt, interfaces=self.interfaces,
-            derivatives=self.derivatives, viscoelastic=parts_from(self.viscoelastic, matrices),
-            circulatory=self.circulatory,
+        return self.with_rows(operator, B=B, Ct=Ct, dofs=dofs, Gt=Gt, interfaces=self.interfaces)
+
+    def with_rows(self, operator, **rows) -> SecondOrderModel:
+        """Return the model with other rows, of which these are the fields; names and outputs stay, and what is known of
+        the symmetry, which T^T A T has where A has it, whatever its round-off."""
+        moved = self.of_operator(
+            operator, **rows, input_names=self.input_names, own_output_names=self.own_output_names, name=self.name,
+            rates=self.rates, circulatory=self.circulatory,
         )  # fmt: skip
-        for key, defect in self.symmetry_defects.items():  # T^T A T is symmetric where A is, whatever its round-off
+        for key, defect in self.symmetry_defects.items():
             moved.take_symmetry(key, defect)
         return moved
 

@@ -6,12 +6,11 @@ import numpy as np
 
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
-from .cut_outputs import CutOutput, cut_columns
+from .cut_outputs import CutOutput, cut_columns, cuts_refused
 from .dofs import DIRECTIONS, QUANTITIES, quantity_name, row_of, rows_of_node, target_name
 from .interfaces import SIX, find_interface, node_number
 from .motion_outputs import MotionOutput
 from .stress_outputs import StressOutput, stress_columns, stress_output_of
-from .viscoelastic import cuts_refused
 
 
 def unit_columns(model, key: str, targets) -> tuple[np.ndarray, list[str]]:
@@ -29,8 +28,8 @@ def output_columns(model, targets) -> tuple[dict[str, np.ndarray | None], list[s
         if isinstance(target, StressOutput):
             found, called = [np.zeros(model.local_rows)], [target.name]  # all of them together, below
         elif isinstance(target, CutOutput):
-            if model.viscoelastic:
-                raise cuts_refused(model)
+            if model.added:
+                raise cuts_refused(model, model.added)
             found, called = list(cut_columns(model, target).T), target.names
         else:
             singles = _single_targets(model, target.target if isinstance(target, MotionOutput) else target)

@@ -11,9 +11,9 @@ from ..linalg.blocks import dense_matrix
 from ..parallel.failures import InputError
 from .cut_outputs import cut_output_of
 from .dofs import DIRECTIONS, OWN, QUANTITIES, SCALAR, Dofs, named_quantity, target_of
+from .rates import Rates
 from .second_order_model import SecondOrderModel
 from .stress_outputs import stress_output_of
-from .viscoelastic import parts_from
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "inch": 0.0254, "in": 0.0254, "ft": 0.3048}
 POUND = 0.45359237  # kg
@@ -180,12 +180,12 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
         raise InputError(f"units: {model.name} has loads already, which are in SI; convert it before they are made")
     moved = _translations(model)
     scale = np.where(moved, units.length, 1.0)
-    mats = {key: mat.copy() for key, mat in model.matrices.items()}
-    for key, mat in mats.items():
+    operator = model.operator.map(lambda mat: mat.copy())
+    for key, mat in operator.matrices.items():
         scale_to_si(model, units, key, mat)
     dense = [None if mat is None else dense_matrix(model.K, _columns(model, mat, names, moved, scale, units, parts))
-             for mat, names, parts in ((model.B, model.input_names, None),
-                                       (model.Ct, model.own_output_names, model.derivatives))]  # fmt: skip
+             for mat, names, parts in ((model.B, model.input_names, Rates()),
+                                       (model.Ct, model.own_output_names, model.rates))]  # fmt: skip
     properties = model.properties
     if properties is not None:
         stress, density = units.energy / units.length**3, units.mass / units.length**3
@@ -195,10 +195,9 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
     dofs, held = (part and Dofs(part.node, part.direction, part.position * units.length)
                   for part in (model.dofs, model.held))  # fmt: skip
     return model.with_fields(
-        M=mats["M"], K=mats["K"], D=mats.get("D"), B=dense[0], Ct=dense[1], dofs=dofs, held=held,
+        operator=operator, B=dense[0], Ct=dense[1], dofs=dofs, held=held,
         converted_from=units.name, properties=properties,
-        derivatives=model.derivatives and model.derivatives.in_time(units.time),
-        viscoelastic=parts_from(model.viscoelastic, mats),
+        rates=model.rates.in_time(units.time),
     )  # fmt: skip
 
 
@@ -216,11 +215,11 @@ def _translations(model) -> np.ndarray:
     return ~rotational(direction) & (direction != SCALAR)
 
 
-def _columns(model, mat, names, moved, scale, units, derivatives=None):
+def _columns(model, mat, names, moved, scale, units, rates):
     """Return the rows of this rank of B, or of the measured columns C^T, in SI."""
     local = mat.getDenseArray().real.copy()
     of_forces = np.array(model.comm.allgather((local[moved] != 0).any(axis=0))).any(axis=0)
-    rows = np.arange(len(of_forces)) if derivatives is None else derivatives.rows_of_columns
+    rows = rates.rows_of_columns(len(of_forces))
     translates = np.zeros(len(names), bool)
     np.logical_or.at(translates, rows, of_forces)
     factors = np.where(translates, units.length, 1.0)

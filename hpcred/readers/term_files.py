@@ -7,6 +7,7 @@ import numpy as np
 from ..files.text import warnings_of_end
 from ..linalg.blocks import dense_matrix
 from ..linalg.csr import compress
+from ..model.second_order_model import SAY_SO
 from ..model.units import scale_to_si, units_of
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
@@ -48,9 +49,8 @@ def read_term_matrix(model, of: str, path, variable=None, units=None) -> tuple[P
         )
     there = entries.values != 0
     below, above = sides(comm, entries.rows[there], entries.columns[there])
-    one_way = of == "K" and model.circulatory
-    if above != below and not one_way:
-        more = "; of a force that acts one way say circulatory = true" if of == "K" else ""
+    if above != below and not (of == "K" and model.may_be_unsymmetric(of)):
+        more = f"; {SAY_SO}, as of a force that acts one way" if of == "K" else ""
         raise InputError(
             f"{path}: found entries {'above' if above else 'below'} the diagonal only, expected both triangles; write "
             f"it whole, or as a symmetric or skew-symmetric Matrix Market file{more}"

@@ -14,16 +14,16 @@ from ..model.digits import warnings_of_digits
 from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.input_output_counts import require_room
 from ..model.load_columns import loads_of, resultants
+from ..model.operator import Operator
 from ..model.scales import in_usual_units
 from ..model.second_order_model import SecondOrderModel, massless, require_model
-from ..model.viscoelastic import transformed
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.memory import give_back
 from ..parallel.petsc import free_dropped
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
-from .checks import check_circulatory, check_model, check_series, check_viscoelastic, warnings_of
+from .checks import check_added, check_model, check_series, check_unsymmetric, warnings_of
 from .components.component import Component, PointComponent
 from .components.groups import blocks_in_groups, number_of_groups
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
@@ -151,8 +151,8 @@ class BasisReductor(Reductor):
     def _check(self, model) -> tuple[str, ...]:
         """Refuse what cannot be reduced in this way; returns warnings of the model. Collective."""
         check_model(model)
-        check_viscoelastic(model, self.damping)
-        check_circulatory(model, self.damping)
+        check_added(model, self.damping)
+        check_unsymmetric(model, self.damping)
         check_series(model, self.damping)
         self._check_room(model)
         if self.settings.coordinates == "interface":
@@ -278,31 +278,22 @@ class BasisReductor(Reductor):
         for key, value in small.items():
             if full.is_symmetric(key):
                 small[key] = (value + value.T) / 2
-        parts = transformed(full.viscoelastic, lambda mat: congruent(_symmetric(project(mat, columns)), X))
+        added = full.added.map(lambda mat: congruent(_symmetric(project(mat, columns)), X))
+        operator = Operator.of(**small, added=added)
         inputs = X.T @ project_columns(columns, full.B)
         outputs = (inputs if full.Ct is None else X.T @ project_columns(columns, full.Ct)).T.copy()
         if again:
             vectors.multiply(X)
         if self.settings.coordinates == "interface":
-            given = Projected(columns, **small, B=inputs, C=outputs, viscoelastic=parts)
-            moved = to_interface_coordinates(framed, given, run.tau)
-            small = {"M": moved.M, "D": moved.D, "K": moved.K}
+            moved = to_interface_coordinates(framed, Projected(columns, operator, inputs, outputs), run.tau)
             frequencies = np.concatenate([np.zeros(framed.rigid_size), frequencies])
-            found = reduced_model(model, framed, small, moved.B, moved.C, frequencies, moved.viscoelastic)
-            reduced = with_derivatives(model, found)
+            reduced = reduced_model(model, framed, moved.operator, moved.B, moved.C, frequencies)
             reduced.interfaces = full.interfaces
             reduced.columns = everywhere(model, framed, moved.columns)
             return reduced, defect
-        reduced = with_derivatives(model, reduced_model(model, framed, small, inputs, outputs, frequencies, parts))
+        reduced = reduced_model(model, framed, operator, inputs, outputs, frequencies)
         reduced.columns = everywhere(model, framed, columns)
         return reduced, defect
-
-
-def with_derivatives(model, reduced):
-    """Return a reduced model, whose C has the measured columns, with the C, Cv and Ca of its outputs."""
-    if model.derivatives is not None:
-        reduced.C, reduced.Cv, reduced.Ca = model.derivatives.of(reduced.C)
-    return reduced
 
 
 def extend_by_all(basis, bases, runs, groups, last=True):
@@ -330,12 +321,11 @@ def _symmetric(matrix):
     return (matrix + matrix.T) / 2
 
 
-def reduced_model(model, framed, small, inputs, outputs, frequencies, parts=()):
-    """Return the same arrays on all ranks, to the last digit; `parts`: viscoelastic ones, projected."""
-    given = small, inputs, outputs, frequencies, parts
-    small, inputs, outputs, frequencies, parts = model.comm.bcast(given)
+def reduced_model(model, framed, operator, inputs, outputs, frequencies):
+    """Return the model of the same arrays on all ranks, to the last digit; `outputs` (k, m): the measured rows."""
+    operator, inputs, outputs, frequencies = model.comm.bcast((operator, inputs, outputs, frequencies))
     loss = loss_factor_of(framed.damping)
-    return ReducedModel(
-        **small, B=inputs, C=outputs, frequencies=frequencies, loss_factor=loss,
-        input_names=model.input_names, output_names=model.output_names, viscoelastic=parts,
+    return ReducedModel.of_operator(
+        operator, B=inputs, **model.rates.of(outputs), frequencies=frequencies, loss_factor=loss,
+        input_names=model.input_names, output_names=model.output_names,
     )  # fmt: skip

@@ -9,16 +9,15 @@ import numpy as np
 from ..linalg.csr import diagonal_of
 from ..model.damping import ModalDamping, caughey_terms
 from ..model.definiteness import check_definite, warnings_of_definiteness
-from ..model.frames import Buckens, refuse_circulatory
+from ..model.frames import Buckens, refuse_unsymmetric
 from ..model.interface_motion import members
 from ..model.interfaces import warnings_of_interfaces
 from ..model.rigid_body_modes import exchange_of_matrices, misfit_of_nodes, remark_on_digits, warnings_of_nodes
 from ..model.rows_alone import warnings_of_rows_alone
-from ..model.second_order_model import SYMMETRIC_TO, require_inputs
+from ..model.second_order_model import SAY_SO, SYMMETRIC_TO, require_inputs
 from ..model.solids import Solids
 from ..model.stress_outputs import stress_output_of
 from ..model.support import support_of
-from ..model.viscoelastic import Maxwell
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 
@@ -30,18 +29,18 @@ BEYOND = 10.0  # times the highest frequency of a single node: a mesh has modes 
 def check_model(model):
     """Refuse a model that cannot be reduced: an unsymmetric M, or K unless it is declared so, one of the other sign, no
     inputs."""
-    check_symmetric(model, model.circulatory)
+    check_symmetric(model, declared=True)
     check_definite(model)
     require_inputs(model)
 
 
-def check_symmetric(model, circulatory=False):
-    """Refuse an unsymmetric M, and an unsymmetric K unless it may be `circulatory`."""
-    hint = "; of K that has circulatory forces say circulatory = true"
-    if model.circulatory:
-        hint = "; its circulatory forces make modes complex, which hpcred.damped_modes finds"
+def check_symmetric(model, declared=False):
+    """Refuse an unsymmetric M, and an unsymmetric K, unless K may be so where it is `declared`."""
+    hint = f"; {SAY_SO}"
+    if model.may_be_unsymmetric("K"):
+        hint = "; its unsymmetric forces make modes complex, which hpcred.damped_modes finds"
     for key in ("M", "K"):
-        if not model.is_symmetric(key) and not (circulatory and key == "K"):
+        if not model.is_symmetric(key) and not (declared and model.may_be_unsymmetric(key)):
             raise InputError(
                 f"{model.name}: matrix {key} is not symmetric: max |a_ij - a_ji| / |a_ij| = "
                 f"{model.symmetry_defects[key]:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
@@ -49,12 +48,12 @@ def check_symmetric(model, circulatory=False):
             )
 
 
-def check_circulatory(model, damping):
-    """Refuse what does not go with an unsymmetric K: viscoelastic parts, and damping by eigenfrequencies."""
+def check_unsymmetric(model, damping):
+    """Refuse what does not go with an unsymmetric K: added terms, and damping by eigenfrequencies."""
     if model.is_symmetric("K"):
         return
-    if model.viscoelastic:
-        raise InputError(f"{model.name}: found viscoelastic parts beside an unsymmetric K, which no reduction has; "
+    if model.added:
+        raise InputError(f"{model.name}: found {model.added.plural} beside an unsymmetric K, which no reduction has; "
                          "leave one of them out")  # fmt: skip
     require_no_frequencies(model, damping)
 
@@ -68,17 +67,17 @@ def require_no_frequencies(model, damping):
         )
 
 
-def check_viscoelastic(model, damping):
-    """Refuse what does not go with viscoelastic parts: a long Caughey series, and matrices with which a fractional law
+def check_added(model, damping):
+    """Refuse what does not go with added terms: a long Caughey series, and matrices with which a law that has no states
     may be unstable, which its poles do not show."""
-    if not model.viscoelastic:
+    if not model.added:
         return
     require_no_series(model, damping)
-    fractional = [part.name for part in model.viscoelastic if not isinstance(part.law, Maxwell)]
-    if fractional and (not model.symmetric or warnings_of_definiteness(model)):
+    without = [term for term in model.added if term.law.elements is None]
+    if without and (not model.symmetric or warnings_of_definiteness(model)):
         raise InputError(
-            f"{model.name}: the law of {fractional[0]} is fractional, and M, D and K are not all symmetric and "
-            "positive semidefinite, so that stability is not known; take a law of kind 'maxwell'"
+            f"{model.name}: the law of {without[0].name} is {without[0].law.nature}, and M, D and K are not all "
+            "symmetric and positive semidefinite, so that stability is not known; take a law of kind 'maxwell'"
         )
 
 
@@ -98,10 +97,10 @@ def check_series(model, damping):
 
 
 def require_no_series(model, damping):
-    """Refuse a Caughey series of more than two terms beside viscoelastic parts."""
-    if model.viscoelastic and caughey_terms(damping) is not None:
+    """Refuse a Caughey series of more than two terms beside added terms."""
+    if model.added and caughey_terms(damping) is not None:
         raise InputError(
-            f"damping: {model.name} has viscoelastic parts, beside which a Caughey series of more than two terms is "
+            f"damping: {model.name} has {model.added.plural}, beside which a Caughey series of more than two terms is "
             "not computed; take 'rayleigh', 'given' or 'modal'"
         )
 
@@ -117,7 +116,7 @@ def warnings_of(model, frame, constant=None) -> tuple[str, ...]:
     if of_nodes and constant is not None and (misfit := misfit_of_nodes(model)) and not misfit_of_nodes(constant):
         of_nodes = tuple(sentence for sentence in of_nodes if sentence != misfit)
     if of_nodes and isinstance(frame, Buckens):
-        refuse_circulatory(model)  # which pushes rigid-body motions
+        refuse_unsymmetric(model)  # which pushes rigid-body motions
         raise InputError(of_nodes[0])
     support = support_of(model) if isinstance(frame, Buckens) else None
     if support and (few := remark_on_digits(support)):

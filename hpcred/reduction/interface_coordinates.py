@@ -12,7 +12,6 @@ that the superelement moves as a whole without force; what is known of its error
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +21,8 @@ from ..linalg.pencil import massless_last, modes_of
 from ..model.damping import GivenDamping
 from ..model.dofs import DIRECTIONS
 from ..model.frames import Chord, NoFrame, Tangent
+from ..model.operator import Operator
 from ..model.rigid_body_modes import RigidBodyModes
-from ..model.viscoelastic import Viscoelastic, transformed
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from .components.craig_bampton import check_directions, interface_forces
@@ -34,15 +33,12 @@ UNMOVED = 1e-9  # singular value of G V, its rows scaled, below which a directio
 
 
 class Projected(NamedTuple):
-    """A basis `columns` (n, m) in the coordinates of the frame, and the matrices projected on it."""
+    """A basis `columns` (n, m) in the coordinates of the frame, and what is projected on it."""
 
     columns: object
-    M: np.ndarray
-    D: np.ndarray
-    K: np.ndarray
+    operator: Operator
     B: np.ndarray
     C: np.ndarray
-    viscoelastic: tuple[Viscoelastic, ...] = ()
 
 
 def check_interface_coordinates(model, frame):
@@ -74,22 +70,20 @@ def to_interface_coordinates(framed, given: Projected, tau=0.0) -> Projected:
     whole = given if framed.rigid is None else _with_rigid(framed, given)
     forces = interface_forces(framed.model)
     motion = inner(forces, whole.columns)
-    T = decided(framed.model.comm, transformation, motion, whole.M, whole.K, framed.model.interfaces, tau)
+    M, K = whole.operator["M"], whole.operator["K"]
+    T = decided(framed.model.comm, transformation, motion, M, K, framed.model.interfaces, tau)
     block = create_block(framed.model.K, T.shape[1])
     with local_rows(whole.columns) as old, local_rows(block) as new:
         new[...] = old @ T
     c = len(motion)
-    M, K = (_symmetric(T.T @ value @ T) for value in (whole.M, whole.K))
-    D = T.T @ whole.D @ T
-    parts = transformed(whole.viscoelastic, lambda matrix: _symmetric(T.T @ matrix @ T))
-    if framed.model.symmetric:
-        D = _symmetric(D)
+    operator = whole.operator.projected(T)
+    M, K = operator["M"], operator["K"]
     static = np.diag(M)[c:] < 0.5  # others have mass 1
     M[c:, c:] = np.diag(np.where(static, 0.0, 1.0))
     M[:c, c:][:, static] = M[c:, :c][static] = 0.0
     K[:c, c:] = K[c:, :c] = 0.0
     K[c:, c:] = np.diag(np.diag(K)[c:])
-    return Projected(block, M, D, K, T.T @ whole.B, whole.C @ T, parts)
+    return Projected(block, operator, T.T @ whole.B, whole.C @ T)
 
 
 def _with_rigid(framed, given):
@@ -109,11 +103,14 @@ def _with_rigid(framed, given):
         result[:count, :count], result[count:, count:] = corner, value
         return result
 
-    D = project(model.D, block) if isinstance(framed.damping, GivenDamping) else beside(given.D, 0.0)
+    operator = given.operator.map(lambda matrix: beside(matrix, 0.0))
+    changed = {"M": beside(given.operator["M"], np.eye(count))}
+    if isinstance(framed.damping, GivenDamping):
+        D = project(model.D, block)
+        changed["D"] = _symmetric(D) if model.is_symmetric("D") else D
     B = np.concatenate([project_columns(rigid.R, model.B), given.B])
     C = B.T if model.Ct is None else np.concatenate([project_columns(rigid.R, model.Ct).T, given.C], axis=1)
-    parts = transformed(given.viscoelastic, lambda matrix: beside(matrix, 0.0))
-    return Projected(block, beside(given.M, np.eye(count)), D, beside(given.K, 0.0), B, C, parts)
+    return Projected(block, operator.with_matrices(operator.matrices | changed), B, C)
 
 
 def transformation(motion, M, K, interfaces, tau=0.0):
@@ -158,13 +155,7 @@ def elastic_part(reduced: ReducedModel, count: int | None = None) -> ReducedMode
     if not count:
         return reduced
     X = modes_of(reduced.K, reduced.M)[1][:, count:]
-    small = {key: X.T @ getattr(reduced, key) @ X for key in ("M", "D", "K")}
-    return replace(
-        reduced, **small, B=X.T @ reduced.B, frequencies=reduced.frequencies[count:], interfaces=(), columns=None,
-        **{key: part if part is None else part @ X
-           for key, part in (("C", reduced.C), ("Cv", reduced.Cv), ("Ca", reduced.Ca))},
-        viscoelastic=transformed(reduced.viscoelastic, lambda matrix: X.T @ matrix @ X),
-    )  # fmt: skip
+    return reduced.in_coordinates(X, frequencies=reduced.frequencies[count:], interfaces=(), columns=None)
 
 
 def _symmetric(matrix):

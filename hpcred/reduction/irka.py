@@ -102,12 +102,12 @@ class IRKA(Reductor):
         if isinstance(damping, NoDamping | Structural):
             raise InputError(f"irka: found the damping '{damping.kind}', expected a viscous one, such as Rayleigh: "
                              "poles without it have no mirror image; or reduce to a tolerance")  # fmt: skip
-        if model.derivatives is not None:
+        if model.rates:
             raise InputError("irka: found outputs that are velocities or accelerations, expected displacements; reduce "
                              "to a tolerance")  # fmt: skip
-        if model.viscoelastic:
-            raise InputError(f"irka: {model.name} has viscoelastic parts, and poles that are not those of a quadratic "
-                             "form; reduce to a tolerance")  # fmt: skip
+        if model.added:
+            raise InputError(f"irka: {model.name} has {model.added.plural}, and poles that are not those of a "
+                             "quadratic form; reduce to a tolerance")  # fmt: skip
         two_sided = {"projection": "two_sided", "allow_unstable": True} if model.Ct is not None else {}
         points, inputs, outputs = self._first(model)
         reduced, moved = None, np.inf

@@ -1,6 +1,6 @@
-"""Turn viscoelastic parts of Maxwell's law into states: the displacements of the dashpots of their elements.
+"""Turn added terms of Maxwell's law into states: the displacements of the dashpots of their elements.
 
-With K_v = L L^T an element of a part is a spring factor K_v in series with a dashpot, whose displacement w follows from
+With K_v = L L^T an element of a term is a spring factor K_v in series with a dashpot, whose displacement w follows from
 time w' = L^T x - w. Together with the coordinates x these are (x, w) of a symmetric second-order model,
 
     [M 0] [x'']   [D    0   ] [x']   [K + c L L^T  -c L] [x]   [B]
@@ -13,16 +13,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.viscoelastic import Maxwell
+from ..model.operator import Operator, in_coordinates
 from ..parallel.failures import InputError
 
-WIDENED = {"M": (0, 1), "D": (0, 1), "K": (0, 1), "B": (0,), "C": (1,), "Cv": (1,), "Ca": (1,)}  # axes of coordinates
 RANK = 1e-14  # of the largest eigenvalue of K_v, below which it is round-off
 
 
 @dataclass(frozen=True, eq=False)
 class MaxwellStates:
-    """Elements of viscoelastic parts: `L` (m, w), the `factors` and `times` (s) of the w states."""
+    """Elements of added terms: `L` (m, w), the `factors` and `times` (s) of the w states."""
 
     L: np.ndarray
     factors: np.ndarray
@@ -61,48 +60,45 @@ class MaxwellStates:
 
 
 def maxwell_states(parts, where="a state space") -> MaxwellStates:
-    """Return the states of viscoelastic parts with matrices (m, m). Raises InputError, which names `where` they were to
+    """Return the states of added terms with matrices (m, m). Raises InputError, which names `where` they were to
     go, for laws that have none."""
     columns, factors, times = [], [], []
     for part in parts:
-        if not isinstance(part.law, Maxwell):
+        if part.law.elements is None:
             raise InputError(
-                f"viscoelastic: the law of {part.name} is fractional, which no finite number of states has in {where}; "
-                "take kind 'maxwell' with elements that follow it over the band"
+                f"{part.law.family}: the law of {part.name} is {part.law.nature}, which no finite number of states has "
+                f"in {where}; take kind 'maxwell' with elements that follow it over the band"
             )
         values, vectors = np.linalg.eigh((part.matrix + part.matrix.T) / 2)
         kept = values > RANK * values.max(initial=0.0)
         root = vectors[:, kept] * np.sqrt(values[kept])
-        for factor, time in zip(part.law.factors, part.law.times, strict=True):
+        for factor, time in part.law.elements:
             if factor:
                 columns.append(root)
                 factors += [factor] * root.shape[1]
                 times += [time] * root.shape[1]
-    size = len(parts[0].matrix)
+    size = max(len(part.matrix) for part in parts)
     return MaxwellStates(np.hstack([np.zeros((size, 0)), *columns]), np.array(factors), np.array(times))
 
 
 def with_maxwell_states(reduced, where="a state space", from_rest=False):
-    """Return a reduced model without viscoelastic parts, whose last coordinates are the states, and their number; also
+    """Return a reduced model without added terms, whose last coordinates are the states, and their number; also
     of a parametric one, with its constant parts and terms, on which the states do not depend.
 
     By MaxwellStates.second_order, whose mass is singular, or `from_rest`. Raises InputError for laws without states.
     """
-    states = maxwell_states(reduced.viscoelastic, where)
+    states = maxwell_states(reduced.added, where)
     form = states.from_rest if from_rest else states.second_order
-
-    def wider(of, part):
-        return np.pad(part, [(0, states.size if axis in WIDENED[of] else 0) for axis in range(2)])
-
-    def whole(parts):
-        square = dict(zip("MDK", form(*map(parts.get, "MDK")), strict=True))
-        return {of: square[of] if of in square else wider(of, part) for of, part in parts.items()}
-
-    changed = whole({of: part for of in WIDENED if (part := getattr(reduced, of)) is not None})
+    only_x = np.eye(reduced.size, reduced.size + states.size)  # x = [I, 0] (x, w)
+    changed = {}
     if hasattr(reduced, "terms"):
-        changed["constant"] = whole(reduced.constant)
-        changed["terms"] = tuple(replace(item, matrix=wider(item.of, item.matrix)) for item in reduced.terms)
-    return replace(reduced, **changed, viscoelastic=(), columns=None, left_columns=None, model=None), states.size
+        constant = {of: in_coordinates(of, part, only_x) for of, part in reduced.constant.items()}
+        changed["constant"] = constant | dict(zip("MDK", form(*map(reduced.constant.get, "MDK")), strict=True))
+        changed["terms"] = tuple(replace(item, matrix=in_coordinates(item.of, item.matrix, only_x))
+                                 for item in reduced.terms)  # fmt: skip
+    square = Operator.of(*form(reduced.M, reduced.D, reduced.K))
+    wide = reduced.in_coordinates(only_x, **changed, columns=None, left_columns=None, model=None)
+    return wide.with_operator(square), states.size
 
 
 def _beside(one, other):

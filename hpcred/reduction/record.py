@@ -13,9 +13,9 @@ from ..model.damping import Damping
 from ..model.digests import PARTS
 from ..model.frames import Frame, NoFrame
 from ..model.interfaces import Interface, InterfaceNode
+from ..model.laws.registry import NamedLaw, laws_of
 from ..model.load_columns import loads_of
 from ..model.loads import LoadColumn
-from ..model.viscoelastic import NamedLaw, laws_of
 from ..parallel import processor
 from ..parallel.declared import renamed
 from ..parallel.petsc import MPI, PETSc, SLEPc, is_complex
@@ -37,7 +37,7 @@ class Record:
     results of earlier versions. Of the reduction: frame, damping, basis and settings; what each component brought;
     every factorisation, and how many more a store saved; max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings;
     where the time went, and hints at what would take less; of an automatic one its accuracy. `viscoelastic`: the laws
-    of such parts. `job`: the job file with its overrides, file names absolute, and `contents` of the files that it
+    of added terms. `job`: the job file with its overrides, file names absolute, and `contents` of the files that it
     names, by name. `basis_of`: the result over ranges of parameters whose basis it is at the values `at` of the job, ""
     for a basis of its own. `units`: from which the numbers of the model were converted to SI, "" where nothing is
     known of that.
@@ -195,7 +195,7 @@ def make_record(model, framed, runs, progress, **known) -> Record:
         interfaces=tuple(item.definition for item in model.interfaces),
         interface_nodes=tuple(replace(item, definition=None) for item in model.interfaces),
         loads=loads_of(model),
-        viscoelastic=laws_of(model.viscoelastic),
+        viscoelastic=laws_of(model.added),
         components=tuple(notes[0].components),
         factorisations=tuple(record for item in notes for record in item.factorisations),
         factorisations_saved=sum(item.factorisations_saved for item in notes),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..linalg.pencil import time_of
-from ..model.derivatives import Derivatives, combined
 from ..model.interfaces import InterfaceNode
+from ..model.operator import ADDED, Operator, Term, in_coordinates
+from ..model.rates import Rates, combined
 from ..model.second_order_model import SecondOrderModel, listed
-from ..model.viscoelastic import Maxwell, Viscoelastic, added_stiffness, matrices_by_key, transformed
 from ..parallel.as_html import as_html
 from ..parallel.failures import InputError, settle
 from .massless import first_order, static_coordinates
 from .maxwell_states import maxwell_states, with_maxwell_states
+from .oscillating_poles import oscillating_poles
 from .record import Record
 from .tolerance.accuracy import Accuracy
 from .tolerance.pseudo_modal import LEAST_MASS
-from .viscoelastic_poles import oscillating_poles
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,8 +41,8 @@ class ReducedModel:
     M is singular where dofs have no mass: the last coordinates then are static deflections, or first-order states of
     dampers (see hpcred.reduction.massless).
     `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52); without mass the least that counts as such.
-    `loss_factor`: eta of structural damping, for frequency responses only. `viscoelastic`: parts that add
-    (g(s) - g(0)) K_v (m, m) to K, the static stiffness. `record`: what made it.
+    `loss_factor`: eta of structural damping, for frequency responses only. `viscoelastic`: terms, with
+    matrices (m, m), that are added to K, the static stiffness. `record`: what made it.
     `interfaces`: in interface coordinates, the nodes whose displacements x, y, z, rx, ry, rz are the first coordinates,
     six a node, in this order; empty in pseudo-modal ones.
     `resultants` (p, 6): force and moment about the origin of each input at 1 on the whole body, in N and N m, which
@@ -69,7 +69,33 @@ class ReducedModel:
     model: SecondOrderModel | None = None
     Cv: np.ndarray | None = None
     Ca: np.ndarray | None = None
-    viscoelastic: tuple[Viscoelastic, ...] = ()
+    viscoelastic: tuple[Term, ...] = ()
+
+    @classmethod
+    def of_operator(cls, operator: Operator, **known) -> ReducedModel:
+        """Return a model with an operator and further fields."""
+        return cls(**{key: operator[key] for key in "MDK"}, viscoelastic=tuple(operator.added), **known)
+
+    @property
+    def operator(self) -> Operator:
+        """M, D, K and the added terms."""
+        return Operator.of(self.M, self.D, self.K, self.viscoelastic)
+
+    @property
+    def added(self) -> Operator:
+        """The terms beside M, D and K."""
+        return self.operator.added
+
+    def with_operator(self, operator: Operator, **changed) -> ReducedModel:
+        """Return the model with other terms, and further fields."""
+        own = {item.name: getattr(self, item.name) for item in fields(self) if item.name not in {*"MDK", ADDED}}
+        return self.of_operator(operator, **own | changed)
+
+    def in_coordinates(self, T: np.ndarray, **changed) -> ReducedModel:
+        """Return the model in coordinates z (k,) with x = T z, and further fields."""
+        columns = {key: in_coordinates(key, part, T) for key in ("B", "C", "Cv", "Ca")
+                   if (part := getattr(self, key)) is not None}  # fmt: skip
+        return self.with_operator(self.operator.projected(T), **columns | changed)
 
     @property
     def size(self) -> int:
@@ -125,12 +151,10 @@ class ReducedModel:
         s."""
         return combined(self.output_parts, s) @ self.states(s)
 
-    def measured_response(self, s: complex | np.ndarray, derivatives: Derivatives | None) -> np.ndarray:
+    def measured_response(self, s: complex | np.ndarray, rates: Rates) -> np.ndarray:
         """Return H(s) without the factors s and s^2 of velocities and accelerations, whose relative error is that of
-        the displacement; `derivatives`: those of the full model, by which they are known."""
-        if derivatives is None:
-            return self.transfer_function(s)
-        return combined(self.output_parts, s, derivatives.orders) @ self.states(s)
+        the displacement; `rates`: those of the full model, by which they are known."""
+        return combined(self.output_parts, s, rates.orders) @ self.states(s)
 
     @property
     def output_parts(self) -> np.ndarray:
@@ -143,13 +167,8 @@ class ReducedModel:
         return ~self.output_parts[1:].any(axis=(0, 2))
 
     def states(self, s: complex | np.ndarray) -> np.ndarray:
-        """Return A(s)^-1 B (m, p), A(s) = s^2 M + s D + (1 + i eta) K + sum (g(s) - g(0)) K_v; (..., m, p) for an array
-        (...) of s."""
-        added = added_stiffness(self.viscoelastic, s) if self.viscoelastic else 0.0
-        s = np.asarray(s)[..., None, None]
-        dynamic = s * s * self.M + s * self.D + (1 + 1j * self.loss_factor) * self.K
-        if self.viscoelastic:
-            dynamic += added
+        """Return A(s)^-1 B (m, p), with 1 + i eta times K in A(s); (..., m, p) for an array (...) of s."""
+        dynamic = self.operator.at(s) + 1j * self.loss_factor * self.K
         loads = np.broadcast_to(self.B.astype(complex), (*dynamic.shape[:-2], *self.B.shape))
         return np.linalg.solve(dynamic, loads)
 
@@ -242,29 +261,28 @@ class ReducedModel:
         return hpcred.plot_response(self, pairs, band=band)
 
     def state_matrix(self) -> np.ndarray:
-        """Return A (2m, 2m) of (x, x')' = A (x, x'); with viscoelastic parts their states come last (see
+        """Return A (2m, 2m) of (x, x')' = A (x, x'); the states of added terms come last (see
         hpcred.reduction.maxwell_states), for Maxwell's law. Coordinates without mass are eliminated, or have one state
         (see hpcred.reduction.massless)."""
         if static_coordinates(self):
-            return first_order(with_maxwell_states(self)[0] if self.viscoelastic else self)["A"]
+            return first_order(with_maxwell_states(self)[0] if self.added else self)["A"]
         size, inverse = self.size, np.linalg.inv(self.M)
-        if self.viscoelastic:
-            return maxwell_states(self.viscoelastic).state_matrix(inverse, self.D, self.K)
+        if self.added:
+            return maxwell_states(self.added).state_matrix(inverse, self.D, self.K)
         return np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ self.K, -inverse @ self.D]])
 
     def poles(self) -> np.ndarray:
         """Return the 2m roots of det A(s) in rad/s, by imaginary part, without structural damping.
 
-        With viscoelastic parts of Maxwell's law also those of their states; of fractional laws those that oscillate.
+        With added terms of Maxwell's law also those of their states; of other laws those that oscillate.
         """
-        if any(not isinstance(part.law, Maxwell) for part in self.viscoelastic):
+        if any(term.law.elements is None for term in self.added):
             from scipy.linalg import eigh  # which most models do without
 
             # what has no mass, far above the frequencies that are asked for
             floor = np.where(self.M.any(axis=0), 0.0, LEAST_MASS * time_of(self.K, self.M) ** 2 * np.diag(self.K))
             eigenvalues, X = eigh(self.K, self.M + np.diag(floor))
-            parts = transformed(self.viscoelastic, lambda matrix: X.T @ matrix @ X)
-            upper = oscillating_poles(eigenvalues, X.T @ self.D @ X, parts)
+            upper = oscillating_poles(eigenvalues, X.T @ self.D @ X, self.added.projected(X))
             return np.concatenate([upper.conj()[::-1], upper])
         roots = np.linalg.eigvals(self.state_matrix())
         return roots[np.argsort(roots.imag)]
@@ -272,8 +290,7 @@ class ReducedModel:
     def unstable_poles(self) -> np.ndarray:
         """Return the poles in the right half-plane, beyond round-off; none where M, D and K are symmetric and
         semidefinite."""
-        matrices = (self.M, self.D, self.K, *matrices_by_key(self.viscoelastic).values())
-        if np.array_equal(self.K, self.K.T) and all(map(_semidefinite, matrices)):
+        if np.array_equal(self.K, self.K.T) and all(map(_semidefinite, self.operator.matrices.values())):
             return np.zeros(0, dtype=complex)
         roots = self.poles()
         size = np.abs(roots).max(initial=0.0)
@@ -317,8 +334,8 @@ def _semidefinite(matrix):
 
 def require_finite(reduced: ReducedModel):
     """Raise InputError for NaN and Inf in a reduced model, as one that was made by hand may have."""
-    arrays = {key: getattr(reduced, key) for key in ("M", "D", "K", "B", "C", "Cv", "Ca", "frequencies")}
-    for key, value in (arrays | matrices_by_key(reduced.viscoelastic)).items():
+    arrays = {key: getattr(reduced, key) for key in ("B", "C", "Cv", "Ca", "frequencies")}
+    for key, value in (reduced.operator.matrices | arrays).items():
         if value is None:
             continue
         numbers = np.asarray(value)

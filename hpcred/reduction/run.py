@@ -15,6 +15,8 @@ from ..linalg.solvers.base import DoesNotFit, FactorRecord
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import GivenDamping
 from ..model.frames import FramedModel
+from ..model.operator import ADDED
+from ..model.rates import KEY as RATES
 from ..parallel.decisions import decided
 from ..parallel.memory import MB
 from ..parallel.petsc import PETSc
@@ -233,8 +235,8 @@ def identity_of_model(model, framed, **known) -> dict:
     Digests of the framed model would not do: where nodes are turned its last digits depend on the number of ranks.
     """
     of = model.digests.get
-    found = {"M": of("M"), "K": of("K"), "inputs": of("B"), "outputs": [of("Ct"), of("derivatives")]}
-    found["D"] = [of("D") if isinstance(framed.damping, GivenDamping) else None, of("viscoelastic")]
+    found = {"M": of("M"), "K": of("K"), "inputs": of("B"), "outputs": [of("Ct"), of(RATES)]}
+    found["D"] = [of("D") if isinstance(framed.damping, GivenDamping) else None, of(ADDED)]
     found["nodes"] = [of("dofs"), framed.model.digest_of("labels"), of("interfaces")]
     found["transposed"] = False
     found["symmetric"] = bool(framed.model.symmetric)

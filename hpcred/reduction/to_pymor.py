@@ -39,7 +39,7 @@ def pymor_model(reduced):
         return model.from_matrices(*matrices, Cp)
     # no acceleration of a coordinate without mass comes so far
     Cv, by_mass = found.get("velocity_matrix", 0.0), reduced.output_parts[2] @ np.linalg.pinv(reduced.M)
-    D, K = (mat[: reduced.size] for mat in matrices[1:3])  # states of viscoelastic parts come after the coordinates
+    D, K = (mat[: reduced.size] for mat in matrices[1:3])  # states of added terms come after the coordinates
     return model.from_matrices(*matrices, Cp - by_mass @ K, Cv - by_mass @ D, found["D"])
 
 
@@ -57,7 +57,7 @@ def parametric_pymor_model(reduced):
         raise InputError(f"to_pymor: found outputs that are accelerations, which are no sum of terms in pyMOR{at}")
     if found := RESERVED.intersection(names):
         raise InputError(f"to_pymor: found the parameter '{sorted(found)[0]}', a name that pyMOR uses itself{at}")
-    if reduced.viscoelastic:
+    if reduced.added:
         reduced, _ = with_maxwell_states(reduced)
     operators = {}
     for key, constant in reduced.constant.items():

@@ -9,9 +9,10 @@ from ..linalg.blocks import inner
 from ..linalg.pencil import MASSLESS, squared_frequencies
 from ..model.damping import ModalDamping
 from ..model.digits import warnings_of_digits
+from ..model.operator import Operator
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError
-from .basis_reductor import BasisReductor, reduced_model, with_derivatives
+from .basis_reductor import BasisReductor, reduced_model
 from .massless import ROUND_OFF
 from .projection import diagonalise, diagonalise_with_massless, everywhere, project, project_columns
 from .reduced_damping import reduced_damping
@@ -33,8 +34,8 @@ class TwoSidedReductor(BasisReductor):
             )
         if self.settings.coordinates == "interface":
             raise InputError("projection: interface coordinates belong to a one-sided projection; leave it out")
-        if model.viscoelastic:
-            raise InputError(f"projection: 'two_sided' has no place for the viscoelastic parts of {model.name}; take "
+        if model.added:
+            raise InputError(f"projection: 'two_sided' has no place for the {model.added.plural} of {model.name}; take "
                              "'one_sided', or a tolerance")  # fmt: skip
         return super()._check(model)
 
@@ -68,7 +69,8 @@ class TwoSidedReductor(BasisReductor):
         if "D" not in small:
             small["D"] = reduced_damping(framed.damping, small["K"], frequencies, small["M"])
         inputs, outputs = project_columns(W, full.B), project_columns(V, full.Ct)
-        reduced = with_derivatives(model, reduced_model(model, framed, small, inputs, outputs.T.copy(), frequencies))
+        operator = Operator.of(**small)
+        reduced = reduced_model(model, framed, operator, inputs, outputs.T.copy(), frequencies)
         unstable = decided(model.comm, reduced.unstable_poles)
         if len(unstable):
             listed = ", ".join(f"{pole.real:.3g}{pole.imag:+.4g}i" for pole in unstable[:6])

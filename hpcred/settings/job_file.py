@@ -245,6 +245,9 @@ def _check_targets(key, targets):
             direction_index(target[1], key)
 
 
+TERMS_OF_MODEL = ("load", "viscoelastic", "parameter", "term", "at", "circulatory")  # keys that change the model
+
+
 def read_job(path, overrides=()) -> Job:
     """Read and check a job file; `overrides` are texts "key.path=value" that replace or add single keys.
 

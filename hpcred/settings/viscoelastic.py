@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..model.viscoelastic import Law
+from ..model.laws.registry import AnyLaw
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from .toml_file import CONFIG, check_file_names, parse, table_around
@@ -20,7 +20,7 @@ class ViscoelasticPart:
     K_v is made of; K has them with g = 1 already, and becomes K + (g(s) - 1) K_v.
     """
 
-    law: Law
+    law: AnyLaw
     file: str | None = None
     material: str | None = None
     variable: str | None = None

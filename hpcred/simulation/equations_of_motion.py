@@ -65,7 +65,7 @@ class FlexibleBody:
     """Equations of motion of a body with reduced K, D (m, m), under gravity (3,).
 
     `loads`: Load; `springs`: LineElement, BushingElement; `holds`: Hold, the constraints; `pushes`: Push; `elements`:
-    of viscoelastic parts, relaxed at the start.
+    of added terms, relaxed at the start.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class FlexibleBody:
         elements: MaxwellStates | None = None,
     ):  # fmt: skip
         self.floating_frame, self.K, self.D, self.pushes = floating_frame, np.asarray(K), np.asarray(D), pushes
-        self._circulatory = (self.K - self.K.T) / 2  # which stores no energy
+        self._skew = (self.K - self.K.T) / 2  # which stores no energy
         self.gravity, self.loads, self.springs, self.holds = np.asarray(gravity, dtype=float), loads, springs, holds
         self.size, self.mass = len(floating_frame.Ct), floating_frame.mass
         self.multipliers = sum(len(hold) for hold in holds)
@@ -173,7 +173,7 @@ class FlexibleBody:
         size = np.abs(total) + np.abs(G.T) @ np.abs(multipliers) + np.abs(M) @ np.abs(zp)
         large = np.abs(parts.L.T) @ np.abs(q) + np.abs(dashpots)
         size[6:] += np.abs(self.K) @ np.abs(q) + np.abs(parts.L) @ (parts.factors * large)
-        lost = loss + (damping + self._circulatory @ q) @ z[6:] + parts.factors @ (per_time * stretch**2)
+        lost = loss + (damping + self._skew @ q) @ z[6:] + parts.factors @ (per_time * stretch**2)
         return np.concatenate(
             [
                 rp - A @ z[:3],
@@ -292,7 +292,7 @@ class FlexibleBody:
         solution = np.linalg.solve(system, np.concatenate([force, -self._drift_rates(r, p, q, projected)]))
         zp, multipliers = solution[: 6 + self.size], solution[6 + self.size :]
         y = np.concatenate([r, p, q, projected, np.zeros(c + 3), self.elements.L.T @ q])
-        powers = [power, rates @ multipliers, (damping + self._circulatory @ q) @ u + loss]
+        powers = [power, rates @ multipliers, (damping + self._skew @ q) @ u + loss]
         state = [A @ v, quaternion_rate(p, w), u, zp, multipliers, powers, np.zeros(self.elements.size)]
         return y, np.concatenate(state), float(np.abs(projected - z).max(initial=0.0))
 

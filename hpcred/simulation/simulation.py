@@ -256,18 +256,18 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     InputError
         For dependent constraints, free rigid-body motion in a static start, structural damping, no mass in some
         direction, rigid-body motions in the basis, an unknown node, joints or moments at nodes without rotations, and
-        viscoelastic parts of fractional laws.
+        fractional laws of its materials.
     ComputationError
         If the integrator fails.
 
     Notes
     -----
     The equations of motion (12, 13) with constraints are a differential-algebraic system of index 2, integrated by
-    Radau IIA of order 5. Viscoelastic parts of Maxwell's law have states of their own, relaxed at the start.
+    Radau IIA of order 5. Added terms of Maxwell's law have states of their own, relaxed at the start.
     """
     check_moving(body, "a simulation", laws=True)
-    parts = body.reduced.viscoelastic
-    elements = maxwell_states(parts, "a simulation") if parts else None
+    added = body.reduced.added
+    elements = maxwell_states(added, "a simulation") if added else None
     if has_no_inertia(body):
         raise InputError(
             "the body has no inertia about one of its axes, as where all masses lie on a line, which a simulation "
@@ -308,8 +308,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         progress.warn(warning)
     notes = remarks(body) + _loads_without_stress(body, setup) + _spins_twice(body, setup)
     if elements is not None:
-        names = ", ".join(part.name for part in parts)
-        notes.append(f"the Maxwell elements of {names} are {elements.size} states, relaxed at the start")
+        notes.append(f"the Maxwell elements of {added.names} are {elements.size} states, relaxed at the start")
     if setup.start == "static":
         r, p, q = system.equilibrium(r, p)
     else:

@@ -17,9 +17,11 @@ from ..model.cut_outputs import cut_output_of
 from ..model.damping import Damping, NoDamping
 from ..model.dofs import target_of
 from ..model.motion_outputs import motion_output_of
+from ..model.operator import ADDED
 from ..model.parameters import Parameter
 from ..model.parametric_model import ParametricModel
-from ..model.second_order_model import SYMMETRIC_TO, SecondOrderModel
+from ..model.rates import KEY as RATES
+from ..model.second_order_model import SecondOrderModel
 from ..model.stress_outputs import stress_output_of
 from ..parallel import startup
 from ..parallel.failures import InputError
@@ -28,12 +30,11 @@ from ..reduction.parametric.accuracy import in_words
 from ..reduction.record import Record, difference_of
 from ..reduction.reduce import reduce
 from ..settings.term_table import TermTable
-from ..settings.viscoelastic import viscoelastic_from
-from .model_of_job import declared_circulatory, with_interfaces, with_targets, with_terms, with_viscoelastic
+from .model_of_job import with_interfaces, with_matrices_of_record, with_targets, with_terms
 
 WORDS = {
-    "B": "inputs differ", "Ct": "outputs differ", "derivatives": "outputs differ", "dofs": "nodes differ",
-    "interfaces": "interfaces, or their nodes, differ", "viscoelastic": "viscoelastic laws or matrices differ",
+    "B": "inputs differ", "Ct": "outputs differ", RATES: "outputs differ", "dofs": "nodes differ",
+    "interfaces": "interfaces, or their nodes, differ", ADDED: f"{ADDED} laws or matrices differ",
 }  # fmt: skip
 
 
@@ -102,10 +103,7 @@ def _model_of_record(path, record, result, at, comm):
         with model:
             raise InputError(f"{path}: has {model.size} dofs, and the model that {result} was reduced from has "
                              f"{record.size}; take that model, or reduce this one again")  # fmt: skip
-    unsymmetric = record.symmetry_defects.get("K", 0.0) > SYMMETRIC_TO
-    model = declared_circulatory(model, unsymmetric or (record.job or {}).get("circulatory"))
-    if record.viscoelastic and not model.viscoelastic:
-        model = with_viscoelastic(model, viscoelastic_from((record.job or {}).get("viscoelastic", ())))
+    model = with_matrices_of_record(model, record)
     model = with_interfaces(model, record.interfaces)
     for key, names in (("input", record.inputs), ("output", record.outputs)):
         model = _as_recorded(model, key, names, record, path)
@@ -151,7 +149,7 @@ def with_terms_of_record(model, record) -> ParametricModel | None:
 
 def _as_recorded(model, key, names, record, path):
     """Return the model with the inputs or outputs of a reduction, from their names or from the file of the job."""
-    if key == "output" and names == record.inputs and not {"Ct", "derivatives"} & record.digests.keys():
+    if key == "output" and names == record.inputs and not {"Ct", RATES} & record.digests.keys():
         with model:
             return model.with_output_columns(None, ())
     if getattr(model, f"{key}_names") == names:

@@ -174,12 +174,11 @@ def _job(path, job, figure, comm, progress):
             {"interface": item.name, "node": item.node, "kind": item.definition.kind, "nodes": item.count}
             | {axis: round(value, 12) + 0.0 for axis, value in zip("xyz", item.position, strict=True)} for item in found
         ]  # fmt: skip
-        varied = {"circulatory": "yes: K and its terms may be unsymmetric"} if model.circulatory else {}
-        varied |= {
+        varied = model.declared | ({
             "parameters": rows_of_parameters(job.parameter),
             "terms": [{"of": item.with_matrix(None).of, "factor": item.factor, "matrix": item.matrix_in_words}
                       for item in job.term],
-        } if job.term else {}  # fmt: skip
+        } if job.term else {})  # fmt: skip
         return {
             "format": "job file", "model": model.name, "dofs": model.size, "output": job.output,
             "interfaces": rows, "loads": [item.row for item in loads], **varied,

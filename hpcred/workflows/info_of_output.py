@@ -26,6 +26,7 @@ from ..files import (
 )
 from ..files.hdf5 import kind_of_file, reading, require_whole, texts
 from ..model.parameters import rows_of_parameters
+from ..model.second_order_model import declared_in
 from ..parallel.failures import InputError, agreed
 from ..parallel.plugins import OWN, blamed
 from ..parallel.progress import Progress
@@ -47,8 +48,7 @@ def result(path, comm) -> dict:
         "outputs": list(reduced.output_names),
         "interface_nodes": [shape.node for shape in found.nodes],
     }
-    if reduced.viscoelastic:
-        report["viscoelastic"] = [part.in_words for part in reduced.viscoelastic]
+    report |= reduced.operator.families
     if found.geometric_stiffness is not None:
         report["geometric_stiffness"] = list(found.geometric_stiffness.states)
     if varied := getattr(reduced, "parameters", ()):
@@ -60,8 +60,7 @@ def result(path, comm) -> dict:
     if record is None:
         return report | {"warnings": []}
     report |= {"model": record.model, "dofs": record.size, "frame": record.frame.kind, "damping": record.damping.kind}
-    if (record.job or {}).get("circulatory"):
-        report["circulatory"] = "yes: K and its terms may be unsymmetric"
+    report |= declared_in(record.job or {})
     if record.basis_of:
         report["basis_of"] = record.basis_of
     if record.accuracy is not None:

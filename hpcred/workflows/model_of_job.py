@@ -10,11 +10,14 @@ from ..files.model_file import read_model
 from ..model import interface_motion
 from ..model.material_stiffness import material_stiffness
 from ..model.parametric_model import ParametricModel
+from ..model.rates import Rates
 from ..model.rotation import rotation_matrix, unit_axis
+from ..model.second_order_model import SYMMETRIC_TO, UNSYMMETRIC
 from ..model.viscoelastic import Viscoelastic
 from ..parallel.failures import InputError, agreed
 from ..readers.nodes.table import read_node_numbers
 from ..settings.job_file import Job
+from ..settings.viscoelastic import viscoelastic_from
 
 
 def model_of_job(job: Job, comm):
@@ -83,9 +86,8 @@ def _loaded_at_interfaces(model, job):
     place of those of its file; `model` is closed. Collective."""
     given, fields = [("inputs", model.B is not None, model.input_names)], {}
     if job.outputs is None:
-        has_own = model.Ct is not None or model.derivatives is not None
-        given.append(("outputs", has_own, model.own_output_names))
-        fields = {"Ct": None, "derivatives": None, "own_output_names": ()}
+        given.append(("outputs", model.has_own_outputs, model.own_output_names))
+        fields = {"Ct": None, "rates": Rates(), "own_output_names": ()}
     lost = [f"{key} ({', '.join(names[:4])}{', ...' if len(names) > 4 else ''})"
             for key, there, names in given if there]  # fmt: skip
     if lost:
@@ -102,7 +104,7 @@ def declared_circulatory(model, circulatory):
     if not circulatory:
         return model
     with model:
-        return model.with_fields(circulatory=True)
+        return model.with_fields(**UNSYMMETRIC)
 
 
 def with_viscoelastic(model, parts):
@@ -124,6 +126,16 @@ def with_viscoelastic(model, parts):
             found.append(Viscoelastic(matrix, item.law, item.name or Path(item.file).name))
         with model.with_fields(remarks=tuple(remarks)) as elastic:
             return elastic.with_viscoelastic(found)
+
+
+def with_matrices_of_record(model, record):
+    """Return the model with what the job of a record adds to its matrices; `model` is closed. Collective. Raises
+    InputError."""
+    job, unsymmetric = record.job or {}, record.symmetry_defects.get("K", 0.0) > SYMMETRIC_TO
+    model = declared_circulatory(model, unsymmetric or job.get("circulatory"))
+    if not record.viscoelastic or model.added:
+        return model
+    return with_viscoelastic(model, viscoelastic_from(job.get("viscoelastic", ())))
 
 
 def with_interfaces(model, interfaces):

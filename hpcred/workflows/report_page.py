@@ -196,7 +196,7 @@ def _facts(sheet):
         "frame": kind_in_words(record.frame),
         "damping": kind_in_words(record.damping),
         **({"at": values_in_words(sheet.result.values)} if sheet.result.values else {}),
-        **({"viscoelastic": "; ".join(part.in_words for part in reduced.viscoelastic)} if reduced.viscoelastic else {}),
+        **{family: "; ".join(words) for family, words in reduced.operator.families.items()},
         "rigid-body modes": str(record.rigid_body_modes),
         "inputs": in_words(list(record.inputs)),
         "outputs": in_words(list(record.outputs)),

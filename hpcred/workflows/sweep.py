@@ -26,7 +26,7 @@ from ..parallel.declared import spelled
 from ..parallel.failures import InputError
 from ..parallel.progress import MINUTE, Progress, in_time
 from ..parallel.stopping import Stopped
-from ..settings.job_file import plain
+from ..settings.job_file import TERMS_OF_MODEL, plain
 from ..settings.sweep_file import Sweep, SweepRun, read_sweep
 from .children import HPCRED, Child, check_log, run_all
 from .shared_basis import job_of_ranges
@@ -340,7 +340,7 @@ def response_of(sweep, run, content) -> Path:
     job, asked = plain(run.job), sweep.evaluate
     full = os.path.abspath(asked.full or run.job.model)
     settings = [job[key] for key in ("inputs", "outputs", "interface", "frame", "damping")]
-    settings += [job[key] for key in ("load", "viscoelastic", "parameter", "term", "at", "circulatory") if job[key]]
+    settings += [job[key] for key in TERMS_OF_MODEL if job[key]]
     grid = asked.frequencies or [asked.band or run.job.band, asked.points]
     what = [content(full), [content(name) for name in run.job.files[1:]], *settings, grid]
     digest = hashlib.blake2b(json.dumps(what).encode(), digest_size=6).hexdigest()

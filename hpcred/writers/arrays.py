@@ -2,9 +2,9 @@
 
 M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, loss_factor (eta of structural damping: K stands for
 (1 + i eta) K in frequency responses), input_names, output_names; resultants (p, 6), force and moment of each input
-about the origin of the body frame, which move it; of viscoelastic parts K_v, viscoelastic (v, m, m), which add
-(g(s) - g(0)) K_v to K, viscoelastic_names (v) and viscoelastic_laws (v) in JSON; the quantities of FloatingFrame by
-their names there;
+about the origin of the body frame, which move it; the matrices viscoelastic (v, m, m) of terms c(s) K_v that are
+added to K, such as (g(s) - g(0)) K_v, viscoelastic_names (v) and viscoelastic_laws (v) in JSON; the quantities of
+FloatingFrame by their names there;
 nodes (k), positions (k, 3) in the body frame, phi and psi (k, 3, m); where the result has stress modes, stress
 (m, s, 6) of xx, yy, zz, xy, yz, zx by coordinate, and stress_nodes (s); where it has geometric stiffness,
 geometric_stiffness (g, m, m) by unit states of load, and geometric_states (g), their names. SI units. Nothing that
@@ -29,6 +29,7 @@ from numpy.lib import format as npy
 
 from ..body.body import Body, maker, remarks, resultants_of
 from ..files.outputs import MATLAB, ZIP
+from ..model.operator import ADDED
 from ..reduction.parametric.reduced import ParametricReducedModel
 from ..reduction.reduced_model import require_finite
 from .base import Writer
@@ -40,10 +41,10 @@ def arrays_of(body: Body) -> dict:
     reduced, count = body.reduced, body.reduced.size
     names = ("M", "D", "K", "B", "C", "Cv", "Ca", "frequencies", "loss_factor", "input_names", "output_names")
     arrays = {name: np.array(value) for name in names if (value := getattr(reduced, name)) is not None}
-    if reduced.viscoelastic:
-        arrays["viscoelastic"] = np.array([part.matrix for part in reduced.viscoelastic])
-        arrays["viscoelastic_names"] = np.array([part.name for part in reduced.viscoelastic])
-        arrays["viscoelastic_laws"] = np.array([json.dumps(asdict(part.law)) for part in reduced.viscoelastic])
+    if reduced.added:
+        arrays[ADDED] = np.array([term.matrix for term in reduced.added])
+        arrays[f"{ADDED}_names"] = np.array([term.name for term in reduced.added])
+        arrays[f"{ADDED}_laws"] = np.array([json.dumps(asdict(term.law)) for term in reduced.added])
     if reduced.resultants is not None:
         arrays["resultants"] = resultants_of(body)
     arrays |= body.floating_frame.arrays()

@@ -76,7 +76,7 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None, parametric=N
     `name`: of the body, in any letters, by default that of the model which was reduced. `parametric`: the
     ParametricReducedModel whose parameters the FMU has, and of which `reduced` is the model at the reference values,
     perhaps with further outputs; by default none.
-    Raises InputError for structural damping, fractional laws of viscoelastic parts, a model without inputs or outputs,
+    Raises InputError for structural damping, fractional laws, a model without inputs or outputs,
     or a machine without C compiler, and ComputationError when the compiler fails.
     """
     require_finite(reduced)
@@ -84,7 +84,7 @@ def write_fmu(path, reduced: ReducedModel, name: str | None = None, parametric=N
     if not reduced.input_names or not reduced.output_names:
         raise InputError("an FMU needs inputs and outputs; reduce with `inputs` in the job, or convert with --inputs")
     remarks = instability(reduced)
-    if reduced.viscoelastic:
+    if reduced.added:
         reduced, count = with_maxwell_states(reduced, "an FMU", from_rest=True)
         remarks.append(f"the last {count} coordinates are the dashpots of Maxwell elements; the body has to start at "
                        "rest")  # fmt: skip

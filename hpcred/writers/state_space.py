@@ -20,8 +20,6 @@ writers.arrays for parameters make up mass, damping, stiffness, input_matrix, ou
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..body.body import check_viscous, instability, maker
@@ -38,7 +36,7 @@ def state_space(reduced: ReducedModel) -> dict:
     require_finite(reduced)
     if static_coordinates(reduced):
         return _with_massless(reduced)
-    if reduced.viscoelastic:
+    if reduced.added:
         return _with_maxwell_states(reduced)
     check_viscous(reduced, "a state space")
     M, D, K, B, C, size = reduced.M, reduced.D, reduced.K, reduced.B, reduced.C, reduced.size
@@ -74,7 +72,7 @@ def state_space(reduced: ReducedModel) -> dict:
 def _with_massless(reduced) -> dict:
     """The matrices of a model with coordinates without mass, whose second-order form keeps them."""
     check_viscous(reduced, "a state space")
-    whole = with_maxwell_states(reduced)[0] if reduced.viscoelastic else reduced
+    whole = with_maxwell_states(reduced)[0] if reduced.added else reduced
     found = first_order(whole)
     elastic = reduced.M.any(axis=0)
     # rates of what follows forces at once are none of the states
@@ -100,9 +98,10 @@ def words_on_massless(reduced) -> list[str]:
 
 
 def _with_maxwell_states(reduced) -> dict:
-    """The matrices of a model with viscoelastic parts."""
-    states = maxwell_states(reduced.viscoelastic)
-    elastic = state_space(replace(reduced, viscoelastic=(), columns=None, left_columns=None, model=None))
+    """The matrices of a model with added terms."""
+    states = maxwell_states(reduced.added)
+    free = {"columns": None, "left_columns": None, "model": None}
+    elastic = state_space(reduced.with_operator(reduced.operator.quadratic, **free))
     A = states.state_matrix(np.linalg.inv(reduced.M), reduced.D, reduced.K)
     E = np.eye(len(A))
     E[: 2 * reduced.size, : 2 * reduced.size] = elastic["E"]
@@ -121,17 +120,17 @@ def _with_maxwell_states(reduced) -> dict:
 
 
 def words_on_states(reduced) -> list[str]:
-    """Return a remark on the states of viscoelastic parts, if there are any."""
-    if not reduced.viscoelastic:
+    """Return a remark on the states of added terms, if there are any."""
+    if not reduced.added:
         return []
-    count, names = maxwell_states(reduced.viscoelastic).size, ", ".join(part.name for part in reduced.viscoelastic)
-    return [f"the last {count} states are those of Maxwell elements ({names})"]
+    count = maxwell_states(reduced.added).size
+    return [f"the last {count} states are those of Maxwell elements ({reduced.added.names})"]
 
 
 def _arrays(source) -> dict:
     """Return the arrays of a file."""
     found, parametric = state_space(source.reduced), source.parametric
-    if parametric is not None and parametric.viscoelastic:
+    if parametric is not None and parametric.added:
         parametric, _ = with_maxwell_states(parametric)
     return found | arrays_of_parameters(parametric)
 

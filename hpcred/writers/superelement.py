@@ -130,7 +130,7 @@ def _symmetric(key, matrix, floor):
     if np.abs(matrix - matrix.T).max() > max(SYMMETRIC_ELEMENT * np.abs(matrix).max(), floor):
         raise InputError(
             f"found a matrix {key} that is not symmetric, expected a symmetric one; no superelement holds gyroscopic "
-            "or circulatory terms: reduce without them, or take the arrays by format 'npz'"
+            "terms, or forces that turn with a shaft: reduce without them, or take the arrays by format 'npz'"
         )
     return (matrix + matrix.T) / 2
 

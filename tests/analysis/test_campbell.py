@@ -252,7 +252,7 @@ def test_structural_damping_is_refused():
 
 def test_fractional_laws_are_refused():
     part = hpcred.Viscoelastic(np.eye(2), hpcred.Fractional(low=1.0, high=2.0, time=0.1, exponent=0.5), "core")
-    model = SimpleNamespace(at=lambda omega: SimpleNamespace(loss_factor=0.0, viscoelastic=(part,)))
+    model = SimpleNamespace(at=lambda omega: SimpleNamespace(loss_factor=0.0, added=(part,)))
     with pytest.raises(hpcred.InputError, match="core is fractional, .* of states has in a Campbell diagram; take"):
         hpcred.campbell(model, values=[0, 1])
 
@@ -262,11 +262,11 @@ class Viscoelastic(Family):
 
     def __init__(self, function, parts):
         super().__init__(function)
-        self.viscoelastic = parts
+        self.added = parts
 
     def at(self, **values):
         found = super().at(**values)
-        found.viscoelastic = self.viscoelastic
+        found.added = self.added
         return found
 
 

@@ -7,6 +7,7 @@ from adaptive_models import chain, tied_chains, unit, up_to
 from random_models import random_case
 
 import hpcred
+from hpcred.model.operator import Operator
 from hpcred.reduction.measure import Directions
 from hpcred.reduction.parametric.static_zeros import _opposite
 from hpcred.reduction.tolerance.error_estimate import Comparison, grid, largest, measure_over
@@ -85,7 +86,7 @@ def test_nothing_is_hidden_between_0_hz_and_the_first_points(exponent):
     law = hpcred.FractionalKelvinVoigt(low=0.0, rise=1.0, time=1e-3, exponent=exponent)
     part = hpcred.Viscoelastic(1e6 * K.max() * X @ X.T, law)
     io = InputsOutputs(np.eye(2)[:, :1], np.eye(2)[:, 1:])
-    outer = diagonalised(K, unit(8, 1, 6), None, Proportional(beta=1e-6), io, (part,))
+    outer = diagonalised(K, unit(8, 1, 6), None, Proportional(beta=1e-6), io, Operator.of(added=[part]))
     band = (0.0, float(outer.frequencies[4]))
     measure = measure_over(Directions(), band, outer)
     pair = Comparison(outer, outer, np.eye(8), measure).within(np.linalg.qr(rng.normal(size=(8, 5)))[0])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hpcred.model.operator import Operator
 from hpcred.reduction.measure import PAPER
 from hpcred.reduction.tolerance.pseudo_modal import (
     UNDAMPED,
@@ -156,7 +157,7 @@ def test_a_free_motion_beside_a_given_damping_is_infinite_at_0_hz_and_right_else
     rng = np.random.default_rng(0)
     eigenvalues, D = np.array([0.0, 1.0, 4.0]), rng.standard_normal((3, 3))
     same = InputsOutputs(*[np.eye(2)] * 2)
-    model = PseudoModal(eigenvalues, rng.standard_normal((3, 2)), np.eye(3), same, D=D)
+    model = PseudoModal(eigenvalues, rng.standard_normal((3, 2)), np.eye(3), same, operator=Operator.of(D=D))
     frequencies = np.array([0.0, 0.3])
     for poles in (None, poles_of(model)):
         states = replace(model, poles=poles).solve(frequencies, model.L)

@@ -7,7 +7,8 @@ import pytest
 from adaptive_models import Case, chain, dashpots, estimated_and_true, fresh, unit, up_to
 
 import hpcred
-from hpcred.model.derivatives import Derivatives
+from hpcred.model.operator import Operator
+from hpcred.model.rates import Rates
 from hpcred.reduction.measure import MEASURES
 from hpcred.reduction.tolerance import refinement
 from hpcred.reduction.tolerance.compression import compressed
@@ -30,7 +31,7 @@ def damped(kind="D", n=16):
         parts = np.zeros((3, 3, 2))
         parts[2, 0, 1] = parts[1, 1, 0] = parts[0, 2, 0] = 1.0
         parts[1, 2, 1] = 0.05
-        io = InputsOutputs(io.inputs, io.outputs, Derivatives(parts))
+        io = InputsOutputs(io.inputs, io.outputs, Rates(parts))
     model = diagonalised(K, unit(n, 3, 12, 15), D, UNDAMPED, io)
     return Comparison(model, model, np.eye(n), measure_over(MEASURES["directions"], BAND, model))
 
@@ -91,7 +92,7 @@ def test_a_singular_model_is_left_as_it_is():
     pair = damped()
     eigenvalues, D = pair.outer.eigenvalues.copy(), pair.outer.D.copy()
     eigenvalues[0] = D[0] = D[:, 0] = 0.0
-    free = replace(pair.outer, eigenvalues=eigenvalues, D=D, poles=None)
+    free = replace(pair.outer, eigenvalues=eigenvalues, operator=Operator.of(D=D), poles=None)
     beside = replace(pair, inner=free, outer=free)
     with np.errstate(invalid="ignore"):
         assert not refinement.Errors(beside, S, np.eye(16)).are_finite

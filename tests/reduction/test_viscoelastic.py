@@ -8,10 +8,11 @@ from viscoelastic_models import MAXWELL, SPRINGPOT, ZENER, sandwich
 
 import hpcred
 from hpcred import InputError, Krylov, Maxwell, Modes, SecondOrderKrylov, Viscoelastic
+from hpcred.model.operator import Operator
 from hpcred.reduction.maxwell_states import maxwell_states
+from hpcred.reduction.oscillating_poles import oscillating_poles
 from hpcred.reduction.tolerance.error_estimate import upper_poles
 from hpcred.reduction.tolerance.pseudo_modal import diagonalised, difference
-from hpcred.reduction.viscoelastic_poles import oscillating_poles
 
 BAND = (0.0, 600.0)
 FRESH = np.sort(np.random.default_rng(8).uniform(*BAND, 60))
@@ -117,7 +118,8 @@ def modal(case):
     """Eigenvalues of the static stiffness, D and parts in modal coordinates."""
     values, X = scipy.linalg.eigh(case.stiffness(0.0), case.M)
     D = np.zeros_like(X) if case.D is None else X.T @ case.D @ X
-    return values, X, D, [Viscoelastic(X.T @ Kv @ X, law, "rubber") for Kv, law in case.parts]
+    added = [Viscoelastic(X.T @ Kv @ X, law, "rubber") for Kv, law in case.parts]
+    return values, X, D, Operator.of(added=added)
 
 
 @pytest.mark.parametrize("damped", [False, True])
@@ -159,12 +161,13 @@ def test_poles_outside_of_the_static_frequencies(static, matrix, factor, time):
     exact = np.concatenate([np.roots([time, 1.0, time * (value + factor * k), value])
                             for value, k in zip(values, Kv, strict=True)])  # fmt: skip
     exact = exact[exact.imag > 1e-3 * np.abs(exact)]
-    found = oscillating_poles(values, np.zeros((2, 2)), [Viscoelastic(np.diag(Kv), law)])
+    found = oscillating_poles(values, np.zeros((2, 2)), Operator.of(added=[Viscoelastic(np.diag(Kv), law)]))
     assert found == pytest.approx(exact[np.argsort(exact.imag)], rel=1e-7)
 
 
 def test_a_springpot_alone_has_poles():
-    found = oscillating_poles(np.zeros(2), np.zeros((2, 2)), [Viscoelastic(np.diag([1e8, 0.0]), ZENER)])
+    added = Operator.of(added=[Viscoelastic(np.diag([1e8, 0.0]), ZENER)])
+    found = oscillating_poles(np.zeros(2), np.zeros((2, 2)), added)
     assert len(found) == 1 and abs(found[0] ** 2 + 1e8 * ZENER.excess(found[0])) < 1e-9 * abs(found[0]) ** 2
 
 
@@ -178,13 +181,14 @@ def test_poles_beside_a_loss_factor_are_roots_of_cubics(eta):
     for value, damping, stiffness in zip((1 + 1j * eta) * values, d, k, strict=True):
         roots = np.roots([t, 1 + damping * t, damping + (value + stiffness * g) * t, value])
         exact.append(roots[roots.imag.argmax()])
-    found = oscillating_poles(values, np.diag(d), [Viscoelastic(np.diag(k), Maxwell([g], [t]), "rubber")], eta)
+    added = Operator.of(added=[Viscoelastic(np.diag(k), Maxwell([g], [t]), "rubber")])
+    found = oscillating_poles(values, np.diag(d), added, eta)
     assert found == pytest.approx(np.array(exact), rel=1e-10)
 
 
 def test_no_poles_without_stiffness():
-    part = Viscoelastic(np.zeros((2, 2)), ZENER)
-    assert not len(oscillating_poles(np.zeros(2), np.zeros((2, 2)), [part]))
+    added = Operator.of(added=[Viscoelastic(np.zeros((2, 2)), ZENER)])
+    assert not len(oscillating_poles(np.zeros(2), np.zeros((2, 2)), added))
 
 
 @pytest.mark.parametrize("outputs", [0, 2])
@@ -193,7 +197,7 @@ def test_differences_of_nested_models_are_exact(outputs):
     case = sandwich((ZENER, MAXWELL), n=20, outputs=outputs)
     values, X, _, parts = modal(case)
     L = X.T @ (case.B if not outputs else np.hstack([case.B, case.Ct]))
-    outer = diagonalised(np.diag(values), L, viscoelastic=tuple(parts))
+    outer = diagonalised(np.diag(values), L, added=parts)
     inner, embedding = outer.restricted(np.eye(20)[:, :8])
     f = np.array([10.0, 200.0, 900.0])
     plain = outer.response(f) - inner.response(f)

@@ -96,7 +96,7 @@ def test_a_force_that_acts_one_way(body, comm):
     N[2, 17], N[4, 9] = 4e7, -3e7
     written(comm, lambda: scipy.io.mmwrite(folder / "N.mtx", scipy.sparse.coo_array(N)))
     text = JOB + TERM.format("N.mtx").replace('"D"', '"K"')
-    with pytest.raises(InputError, match="above the diagonal only.*; of a force that acts one way say circulatory = "):
+    with pytest.raises(InputError, match="above the diagonal only.*; of K that .* say circulatory = true"):
         model_of(folder, comm, text)
     with model_of(folder, comm, "circulatory = true\n" + text) as parametric, parametric.at(omega=300.0) as model:
         K, M = to_dense(model.K), to_dense(model.M)

@@ -25,19 +25,20 @@ class ComplexSolver(DirectSolver):
 
     def factor_at(self, s: complex, stiffness: complex = 1.0):
         """Have solves be with A(s), see factor()."""
-        self.factor(s * s, s, stiffness, [complex(part.law.excess(s)) for part in self.model.viscoelastic])
+        self.factor(s * s, s, stiffness, self.model.added.coefficients(s).tolist())
 
     def release(self):
         self._accelerated = None
         super().release()
 
-    def factor(self, mass: complex, damping: complex = 0.0, stiffness: complex = 1.0, viscoelastic=()):
-        """See Solver, for mass M + damping D + stiffness K + sum viscoelastic K_v, without factors of these none of
-        them: A(s) = s^2 M + s D + (1 + i loss_factor) K + sum (g(s) - g(0)) K_v."""
-        if self.factored == (mass, damping, stiffness, *viscoelastic):
+    def factor(self, mass: complex, damping: complex = 0.0, stiffness: complex = 1.0, added=()):
+        """See Solver, for mass M + damping D + stiffness K + sum added K_v, without factors of the added terms none of
+        them: A(s) = s^2 M + s D + (1 + i loss_factor) K + sum c(s) K_v."""
+        if self.factored == (mass, damping, stiffness, *added):
             return
         self.factored = None
-        self._form.fill(mass, damping, stiffness, viscoelastic)
+        own = dict(zip(self.model.added.terms, added, strict=False))
+        self._form.fill({"M": mass, "D": damping, "K": stiffness} | own)
         self.factors.factor(mass=str(mass), damping=str(damping), inertia_relief=False)
         if self.rigid is not None:
             # A^-1 M R, which is R / s^2 when D R = 0
@@ -46,7 +47,7 @@ class ComplexSolver(DirectSolver):
             self._accelerated = create_block(self.model.K, loads.getSizes()[1])
             self._solve(loads, self._accelerated)
             self._held = self._momentum(self._accelerated)
-        self.factored = mass, damping, stiffness, *viscoelastic
+        self.factored = mass, damping, stiffness, *added
 
     def solve(self, right, solution, steps=0):
         load = copy_of(right, self.model.K)

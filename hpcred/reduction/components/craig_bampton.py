@@ -163,7 +163,7 @@ class InterfaceSolver:
             return self._run.solvers.factored(0.0, "0 Hz")
         except SingularMatrix as error:
             model, frame = self._run.model, "take frame kind 'buckens', with which coordinates = 'interface' keep the "
-            advice = frame + "rigid-body motion" if model.is_symmetric("K") else "hold it"  # circulatory forces push it
+            advice = frame + "rigid-body motion" if model.is_symmetric("K") else "hold it"  # which K pushes
             raise InputError(
                 f"basis: K of {model.name} is singular, so the body can move freely; {advice}"
             ) from error

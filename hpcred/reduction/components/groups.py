@@ -12,8 +12,6 @@ from ...linalg.blocks import View, create_block, dense_matrix, local_rows
 from ...model.dofs import Dofs
 from ...model.frames import FramedModel
 from ...model.rigid_body_modes import RigidBodyModes
-from ...model.second_order_model import SecondOrderModel
-from ...model.viscoelastic import parts_from
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, Owned, agreed, forget
 from ...parallel.petsc import PETSc, free_dropped
@@ -49,10 +47,11 @@ class Group:
 
 
 def _copy(model, group, number, groups):
-    comm, symmetry = model.comm, model.symmetry_defects
-    mats = {key: mat.getRedundantMatrix(groups, subcomm=PETSc.Comm(group)) for key, mat in model.matrices.items()}
+    comm, _ = model.comm, model.symmetry_defects  # of all ranks, which the copy takes over
+    operator = model.operator.map(lambda mat: mat.getRedundantMatrix(groups, subcomm=PETSc.Comm(group)))
+    K = operator["K"]
     # rows of B, C^T and the labels go to the rank that has the row, in every group
-    starts = np.array(mats["K"].getOwnershipRanges()[:-1], dtype=np.int64)
+    starts = np.array(K.getOwnershipRanges()[:-1], dtype=np.int64)
     layouts = comm.allgather((number, group.rank, starts))
     columns = [np.arange(model.first_row, model.first_row + model.local_rows)]
     dense = [mat for mat in (model.B, model.Ct) if mat is not None]
@@ -72,20 +71,13 @@ def _copy(model, group, number, groups):
     blocks = []
     for mat in dense:
         count = mat.getSize()[1]
-        blocks.append(dense_matrix(mats["K"], np.array(received[:count]).T.reshape(-1, count)))
+        blocks.append(dense_matrix(K, np.array(received[:count]).T.reshape(-1, count)))
         received = received[count:]
     dofs = None
     if model.dofs is not None:
         dofs = Dofs(received[0], received[1], np.array(received[2:]).T.reshape(-1, 3))
-    copied = SecondOrderModel.assembled(
-        mats["M"], mats["K"], mats.get("D"), B=blocks[0] if model.B is not None else None,
-        Ct=blocks[-1] if model.Ct is not None else None, dofs=dofs, input_names=model.input_names,
-        own_output_names=model.own_output_names, name=model.name, derivatives=model.derivatives,
-        viscoelastic=parts_from(model.viscoelastic, mats), circulatory=model.circulatory,
-    )  # fmt: skip
-    for key, defect in symmetry.items():
-        copied.take_symmetry(key, defect)
-    return copied
+    B, Ct = (None if mat is None else blocks[place] for mat, place in ((model.B, 0), (model.Ct, -1)))
+    return model.with_rows(operator, B=B, Ct=Ct, dofs=dofs)
 
 
 def number_of_groups(wanted, run, points: int) -> int:

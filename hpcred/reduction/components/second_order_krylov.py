@@ -15,7 +15,6 @@ from ...linalg.basis import ComplexBasis
 from ...linalg.blocks import add_product, as_pairs, create_block, inner, times, unfold
 from ...linalg.solvers.base import MOVES_FREELY, SingularMatrix
 from ...model.damping import caughey_terms
-from ...model.viscoelastic import Maxwell
 from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
@@ -33,7 +32,7 @@ SMALL = 1e-13  # singular value below which a direction of the coefficients is d
 class SecondOrderKrylov(PointComponent):
     """`order` + 1 blocks of the second-order Krylov subspace at s = decay + i 2 pi frequency, or at `s` (re, im).
 
-    For any damping matrix; with viscoelastic parts g(s) is linear from the point on, so that blocks 0 and 1 match. The
+    For any damping matrix; with added terms c(s) is linear from the point on, so that blocks 0 and 1 match. The
     real and the imaginary part of each block both enter the real basis (50), so that a complex point gives twice the
     columns and its conjugate is matched as well.
     """
@@ -73,7 +72,7 @@ class SecondOrderKrylov(PointComponent):
                 "second_order_krylov: a Caughey series with more than two terms has no sparse damping matrix; "
                 "it is proportional, so that kind 'krylov' fits"
             )
-        if model.D is None and not model.viscoelastic:
+        if model.D is None and not model.added:
             # without damping these R_l are combinations of (A^-1 M)^k A^-1 B, k <= l: the same span
             return Krylov(s.imag / 2 / np.pi, self.order, s.real or None).blocks(run)
         sequence = SecondOrderSequence(run, s, wanted=self.order + 1)
@@ -105,7 +104,7 @@ class SecondOrderSequence(KrylovSequence):
 
     def _is_real(self):
         real = self._s.imag == 0 and (self._s == 0 or self.run.rigid is None)
-        return real and (self._s == 0 or not self.run.model.viscoelastic)
+        return real and (self._s == 0 or not self.run.model.added)
 
     def _load_columns(self):
         return self.run.loads.getActiveColumns()[1]
@@ -130,9 +129,9 @@ class SecondOrderSequence(KrylovSequence):
         terms = [(model.M, scale * (2 * s * upper + scale * lower))]
         if model.D is not None:
             terms.append((model.D, scale * upper))
-        for part in model.viscoelastic:
-            if s or isinstance(part.law, Maxwell):  # a fractional law has no derivative at 0
-                terms.append((part.matrix, scale * part.law.slope(s) * upper))
+        for term in model.added:
+            if s or term.law.elements is not None:  # others have no derivative at 0
+                terms.append((term.matrix, scale * term.law.slope(s) * upper))
         for mat, coefficients in terms:
             combined = create_block(model.K, 2 * columns)
             add_product(combined, self.vectors.columns, unfold(coefficients), beta=0.0)

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, inner, times, view_of
-from ...linalg.eigensolver import congruent
-from ...model.viscoelastic import Viscoelastic, matrices_by_key, parts_from, transformed
+from ...model.operator import NOTHING, Operator
 from ..projection import project_stiffness
 from ..tolerance.independent_loads import independent_columns
 from ..tolerance.projections import extended
@@ -16,35 +15,32 @@ from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, d
 from .singular import factor_of_mass
 
 
-class Part(NamedTuple):
-    """A matrix of the affine form: its place among the factors (1, theta_1, theta_2, ...), and whether it is symmetric.
-    """
-
-    place: int
-    mat: object
-    symmetric: bool = True
-
-
 class AffineForm:
     """The matrices of a parametric model, with the loads of all its inputs and outputs in the coordinates of a frame.
 
-    `parts`: of M (none where it is the inner product of bases at all values), K and D (none unless `damped`), and K_v
-    of viscoelastic parts as Kv1, Kv2, ..., which are constant; `run`: that of the reference; `loads` L: independent
-    columns of all parts of B and C^T, of which `inputs` and `outputs` (None for C = B^T) are lists of (place, factor);
-    `restore`: see FramedModel. Collective.
+    `operators`: the constant one, with M unless it is the inner product of bases at all values, and with D only where
+    `damped`, and that of each term, by their place among the factors 1, theta_1, theta_2, ...; `matrices` of them:
+    (key, place, matrix, whether it is symmetric); `run`: that of the reference; `loads` L: independent columns of all
+    parts of B and C^T, of which `inputs` and `outputs` (None for C = B^T) are lists of (place, factor); `restore`: see
+    FramedModel. Collective.
     """
 
     def __init__(self, parametric, run, damped: bool):
         model, framed, tau, self.restore = parametric.model, run.framed, run.tau, run.framed.restore
         self.parametric, self.run, self.framed, self.tau = parametric, run, framed, tau
         terms = [(1 + k, item) for k, item in enumerate(parametric.terms)]
-        symmetric = (True, *parametric.symmetric_terms)
-        self.parts: dict[str, list[Part]] = {"M": [], "K": [], "D": []}
-        for of, mat in (("M", model.M), ("K", model.K), ("D", model.D)):
-            own = [Part(k, item.matrix, symmetric[k]) for k, item in terms if item.of == of]
-            if of == "K" or (of == "M" and (own or tau)) or (of == "D" and damped):
-                self.parts[of] = [Part(0, mat, model.is_symmetric(of)), *own]
-        self.parts |= {key: [Part(0, mat)] for key, mat in matrices_by_key(model.viscoelastic).items()}
+        left_out = {} if tau or any(item.of == "M" for item in parametric.terms) else {"M": None}
+        left_out |= {} if damped else {"D": None}
+        constant = model.operator.with_matrices(model.operator.matrices | left_out)
+        self.operators = [constant, *(
+            Operator.of(**{item.of: item.matrix}) if item.of in constant.terms else NOTHING for item in parametric.terms
+        )]  # fmt: skip
+        symmetric = [dict.fromkeys(constant.added.terms, True) | {of: model.is_symmetric(of) for of in "MDK"}]
+        symmetric += [{item.of: is_so} for item, is_so in
+                      zip(parametric.terms, parametric.symmetric_terms, strict=True)]  # fmt: skip
+        self.matrices = [(key, place, mat, symmetric[place][key]) for key in constant.terms
+                         for place, operator in enumerate(self.operators)
+                         if (mat := operator.get(key)) is not None]  # fmt: skip
         blocks, places = [], {"B": [], "C": []}
         for of, mat in (("B", model.B), ("C", model.Ct)):
             if mat is not None:
@@ -68,7 +64,12 @@ class AffineForm:
         """Return inputs and outputs in terms of the loads; local."""
         inputs = sum(theta[k] * factor for k, factor in self.inputs)
         outputs = inputs if self.outputs is None else sum(theta[k] * factor for k, factor in self.outputs)
-        return InputsOutputs(inputs, outputs, self.parametric.model.derivatives)
+        return InputsOutputs(inputs, outputs, self.parametric.model.rates)
+
+    @property
+    def has_mass(self) -> bool:
+        """Whether M is projected, which is not the inner product of bases at all values."""
+        return "M" in self.operators[0].terms
 
     def has_responses(self, point) -> bool:
         """Test whether factors of loads or outputs leave any response at a point; local."""
@@ -90,33 +91,35 @@ class AffineForm:
 
 class PointModels(NamedTuple):
     """Projections at values of the parameters on a basis that was made orthonormal there, by the upper triangular
-    `turn` (m, m), so that its first columns still span what those of the basis span; `M` and `tau`: where they are
+    `turn` (m, m), so that its first columns still span what those of the basis span; `tau`: where they are
     orthonormal in M + tau^2 K; `size_of_k`: the sum of the norms of what adds up to K. Local."""
 
-    K: np.ndarray
+    operator: Operator
     L: np.ndarray
-    D: np.ndarray | None
     turn: np.ndarray
     damping: Proportional
     io: InputsOutputs
     symmetric: bool
-    viscoelastic: tuple[Viscoelastic, ...]
     size_of_k: float
-    M: np.ndarray | None = None
     tau: float = 0.0
+
+    @property
+    def K(self) -> np.ndarray:
+        """The stiffness (m, m)."""
+        return self.operator["K"]
 
     def model(self, count: int | None = None) -> PseudoModal:
         """Return the model of the first `count` columns, by default of all."""
         k = slice(count)
-        D, M = (None if matrix is None else matrix[k, k] for matrix in (self.D, self.M))
-        parts = transformed(self.viscoelastic, lambda matrix: matrix[k, k])
-        return diagonalised(self.K[k, k], self.L[k], D, self.damping, self.io, parts, self.symmetric, M, self.tau)
+        part = self.operator.map(lambda matrix: matrix[k, k])
+        given = part.get("D"), self.damping, self.io, part.added, self.symmetric
+        return diagonalised(part["K"], self.L[k], *given, part.get("M") if self.tau else None, self.tau)
 
 
 class AffineProjections:
     """Small projections of the parts of an affine form on a basis that grows, the same on all ranks.
 
-    `small`: as the parts of the form; `L` (m, l) = V^T L; `damping`: the proportional damping of the models.
+    `small`: as the operators of the form; `L` (m, l) = V^T L; `damping`: the proportional damping of the models.
     """
 
     def __init__(self, form: AffineForm, basis, damping: Proportional):
@@ -125,7 +128,7 @@ class AffineProjections:
 
     def restart(self):
         """Project on the whole basis. Collective."""
-        self.small = {of: [np.zeros((0, 0)) for _ in parts] for of, parts in self.form.parts.items()}
+        self.small = [operator.map(lambda _: np.zeros((0, 0))) for operator in self.form.operators]
         self.L = np.zeros((0, self.form.loads.getActiveColumns()[1]))
         self.extend()
 
@@ -137,13 +140,13 @@ class AffineProjections:
         new = copy_of(self.basis.columns_between(start, stop), form.framed.model.K)
         self.L = np.vstack([self.L, inner(new, form.loads)])
         new, columns = form.in_all_dofs(new), form.in_all_dofs(self.basis.columns)
-        for of, parts in form.parts.items():
-            small = self.small[of]
-            for i, part in enumerate(parts):
-                if of == "K" and part.symmetric and not start:
-                    small[i] = project_stiffness(part.mat, new, self.form.run.cancels)
-                    continue
-                small[i] = extended(small[i], part.mat, new, columns, part.symmetric)
+        made: list[dict] = [{} for _ in self.small]
+        for key, place, mat, symmetric in form.matrices:
+            if key == "K" and symmetric and not start:
+                made[place][key] = project_stiffness(mat, new, form.run.cancels)
+                continue
+            made[place][key] = extended(self.small[place][key], mat, new, columns, symmetric)
+        self.small = [small.with_matrices(mats) for small, mats in zip(self.small, made, strict=True)]
 
     def rotate(self, turn: np.ndarray):
         """Replace the basis by its combinations `turn` (m, m), and project on these. Collective."""
@@ -153,28 +156,22 @@ class AffineProjections:
     def turn(self, factor: np.ndarray):
         """Follow a basis V that has become V factor; local."""
         self.L = factor.T @ self.L
-        self.small = {of: [congruent(part, factor) for part in parts] for of, parts in self.small.items()}
+        self.small = [small.projected(factor) for small in self.small]
 
     def at(self, point) -> PointModels:
         """Return the projections at a point; local. Raises InputError where M is not positive definite."""
-        theta, tau = self.form.theta(point), self.form.tau
-        summed = {of: found for of in self.form.parts if (found := self._sum(of, theta)) is not None}
+        theta, tau, constant = self.form.theta(point), self.form.tau, self.small[0]
         L, turn = self.L, np.eye(len(self.L))
-        if "M" in summed:
-            inner = summed["M"] + tau**2 * (summed["K"] + summed["K"].T) / 2 if tau else summed["M"]
+        summed = constant.with_matrices({key: self._sum(key, theta) for key in constant.terms})
+        if self.form.has_mass:
+            M, K = summed["M"], summed["K"]
+            inner = M + tau**2 * (K + K.T) / 2 if tau else M
             turn = np.linalg.inv(factor_of_mass(inner, self.form.values(point))).T
-            summed, L = {of: congruent(part, turn) for of, part in summed.items()}, turn.T @ L
-        symmetric = all(part.symmetric for part in self.form.parts["K"])
-        parts = parts_from(self.form.parametric.model.viscoelastic, summed)
-        size = sum(abs(theta[part.place]) * np.linalg.norm(small)
-                   for part, small in zip(self.form.parts["K"], self.small["K"], strict=True))  # fmt: skip
-        return PointModels(
-            summed["K"], L, summed.get("D"), turn, self.damping, self.form.io(theta), symmetric, parts, float(size),
-            summed["M"] if tau else None, tau,
-        )
+            summed, L = summed.projected(turn), turn.T @ L
+        symmetric = all(symmetric for key, *_, symmetric in self.form.matrices if key == "K")
+        size = sum(abs(factor) * np.linalg.norm(small["K"])
+                   for factor, small in zip(theta, self.small, strict=True) if "K" in small.terms)  # fmt: skip
+        return PointModels(summed, L, turn, self.damping, self.form.io(theta), symmetric, float(size), tau)
 
-    def _sum(self, of, theta):
-        parts = self.form.parts[of]
-        if not parts:
-            return None
-        return sum(theta[part.place] * small for part, small in zip(parts, self.small[of], strict=True))
+    def _sum(self, key, theta):
+        return sum(factor * small[key] for factor, small in zip(theta, self.small, strict=True) if key in small.terms)

@@ -55,8 +55,8 @@ def residual_block(projections: AffineProjections, framed, points, settings, wid
     `framed`: a model whose factor is to be solved with.
     """
     form = projections.form
-    matrices = [(part.mat, part.symmetric) for parts in form.parts.values() for part in parts]
-    if not form.parts["M"]:
+    matrices = [(mat, symmetric) for _, _, mat, symmetric in form.matrices]
+    if not form.has_mass:
         matrices.insert(0, (form.parametric.model.M, True))
     space = ResidualSpace(
         framed.model, framed.rigid, form.loads, projections.basis.columns, matrices, row_scale(framed.model),
@@ -96,7 +96,7 @@ class _Samples:
         """Return the sum over points of their coefficients times a factor of each."""
         form, basis = self._projections.form, self._projections.basis
         shapes = [form.loads.getActiveColumns()[1]]
-        shapes += [basis.size] * (sum(map(len, form.parts.values())) + (not form.parts["M"]))
+        shapes += [basis.size] * (len(form.matrices) + (not form.has_mass))
         found = [np.zeros((rows, width)) for rows in shapes]
         for own, factor in zip(self._factors, factors, strict=True):
             for target, part in zip(found, own, strict=True):
@@ -118,9 +118,7 @@ class _Samples:
         model = models.model()
         S = grid([model], settings.band, RESIDUALS, None)
         loads, *by_matrix = residual_coefficients(model, settings, S)
-        there = [of for of, parts in form.parts.items() if parts or of == "M"]
+        there = dict.fromkeys(["M", *form.operators[0].terms])
         by_matrix = dict(zip(there, [models.turn @ part for part in by_matrix], strict=True))
-        found = [loads] if form.parts["M"] else [loads, by_matrix["M"]]
-        for of, parts in form.parts.items():
-            found += [theta[part.place] * by_matrix[of] for part in parts]
-        return found
+        found = [loads] if form.has_mass else [loads, by_matrix["M"]]
+        return found + [theta[place] * by_matrix[key] for key, place, _, _ in form.matrices]

@@ -88,7 +88,7 @@ class Greedy:
         self.first.run_to_end()
         with self.run.progress.stage("parameters"):
             self.first.projections.rotate(decided(self.comm, self._trimmed_first))
-        damping, damped = self.first.projections.damping, self.first.projections.D is not None
+        damping, damped = self.first.projections.damping, self.first.projections.damped
         self.form = AffineForm(self.parametric, self.run, damped)
         self.projections = AffineProjections(self.form, self.basis, damping)
         check_static(self.projections, self.points, self.goal.band)
@@ -108,7 +108,7 @@ class Greedy:
     def _visit(self, point):
         """Check the model at a point, and extend its basis there."""
         with self._open_run(point, self.visited) as run:
-            if self.form.parts["M"]:
+            if self.form.has_mass:
                 basis = run.new_basis(self.basis.size)
                 for start, stop in ((0, self._count), (self._count, self.basis.size)):
                     basis.extend(copy_of(self.basis.columns_between(start, stop), run.model.K))
@@ -290,7 +290,7 @@ class Greedy:
         return dict(zip(self.parametric.reference, point, strict=True))
 
     def _look_at_damping(self):
-        """Measure with the loss factor of undamped models where a given D or viscoelastic parts leave modes of the band
+        """Measure with the loss factor of undamped models where a given D or added terms leave modes of the band
         without damping at any of the values."""
         if not self.first.projections.is_damped or self.projections.damping.eta:
             return

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from ...linalg.pencil import massless_last
 from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, caughey_terms
 from ...model.expressions import Expression
+from ...model.operator import Operator
 from ...model.parameters import Parameter, checked_values
-from ...model.viscoelastic import transformed
 from ..projection import project, project_columns
 from ..reduced_damping import reduced_damping
 from ..reduced_model import ReducedModel
@@ -39,7 +39,7 @@ class ParametricReducedModel(ReducedModel):
 
     `constant`: M, D, K (m, m), B (m, p) and C (r, m) without the terms, by name, and Cv, Ca where outputs are
     velocities or accelerations; `terms`: what joins them, so that A(p) = A + sum theta_k(p) A_k as in the full model,
-    in the coordinates of the model at the reference. Viscoelastic parts do not depend on parameters.
+    in the coordinates of the model at the reference. Added terms do not depend on parameters.
     """
 
     parameters: tuple[Parameter, ...] = ()
@@ -106,22 +106,21 @@ class ParametricReducedModel(ReducedModel):
         InputError
             For other names, and values outside of the ranges.
         """
-        found = self.matrices(values)
-        modes = _modes(found, checked_values(self.parameters, values), self.base)
+        found: dict[str, Any] = self.matrices(values)
+        modes, base = _modes(found, checked_values(self.parameters, values), self.base), self.base
         X = modes.X
         if not self.interfaces:
             outputs = {key: found[key] @ X for key in ("C", "Cv", "Ca") if key in found}
             skew = (found["K"] - found["K"].T) / 2  # none of symmetric parts, which are so exactly
-            found = {"M": np.diag(modes.masses), "K": np.diag(modes.stiffnesses) + X.T @ skew @ X,
-                     "D": X.T @ found["D"] @ X,
-                     "B": X.T @ found["B"], **outputs,
-                     "viscoelastic": transformed(self.viscoelastic, lambda matrix: X.T @ matrix @ X)}  # fmt: skip
+            operator = Operator.of(np.diag(modes.masses), X.T @ found["D"] @ X,
+                                   np.diag(modes.stiffnesses) + X.T @ skew @ X, self.added.projected(X))  # fmt: skip
+            base, found = base.with_operator(operator), {"B": X.T @ found["B"], **outputs}
         if any(item.of == "B" for item in self.terms) and checked_values(self.parameters, values) != self.reference:
             found["resultants"] = None  # those of the columns at the reference
-        record = self.base.record
+        record = base.record
         if record is not None and checked_values(self.parameters, values) != self.reference:
             record = record.away_from_reference()
-        return replace(self.base, **found, frequencies=modes.frequencies, columns=None, left_columns=None, model=None,
+        return replace(base, **found, frequencies=modes.frequencies, columns=None, left_columns=None, model=None,
                        record=record)  # fmt: skip
 
     def to_pymor(self) -> Any:
@@ -152,8 +151,7 @@ def projected_parts(parametric, reduced: ReducedModel, damping) -> dict:
         small[key] = _projected(mat, columns, model.is_symmetric(key))
     small["B"] = project_columns(columns, model.B)
     small["C"] = (small["B"] if model.Ct is None else project_columns(columns, model.Ct)).T.copy()
-    if model.derivatives is not None:
-        small |= dict(zip(("C", "Cv", "Ca"), model.derivatives.of(small["C"]), strict=True))
+    small |= model.rates.of(small["C"])
     terms = []
     for item, symmetric in zip(parametric.terms, parametric.symmetric_terms, strict=True):
         if item.of in "MDK":

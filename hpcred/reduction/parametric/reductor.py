@@ -16,7 +16,7 @@ from ...model.frames import Buckens, apply_frame
 from ...model.load_columns import resultants
 from ...model.parametric_model import ParametricModel
 from ...model.rigid_body_modes import acts_on_free_motions
-from ...model.second_order_model import SYMMETRIC_TO
+from ...model.second_order_model import SAY_SO, SYMMETRIC_TO
 from ...model.term_matrices import FIELD
 from ...parallel.decisions import decided
 from ...parallel.declared import declared
@@ -24,7 +24,7 @@ from ...parallel.failures import InputError, Owned
 from ...parallel.petsc import PETSc, free_dropped
 from ...parallel.progress import counted
 from ..basis_reductor import BasisReductor, extend_by_all
-from ..checks import check_viscoelastic, require_no_frequencies
+from ..checks import check_added, require_no_frequencies
 from ..notes import Notes
 from ..record import TERMS
 from ..run import Run, identity_of_model
@@ -196,7 +196,7 @@ def run_at(reductor, first, point, asked=()):
         model = owned.owns(parametric.at(**values))
         if any(item.of == "M" for item in parametric.terms):
             check_definite(model)
-        check_viscoelastic(model, reductor.damping)
+        check_added(model, reductor.damping)
         framed = apply_frame(model, reductor.frame, reductor.damping)
         if framed.rigid_size != first.framed.rigid_size:
             raise InputError(
@@ -233,8 +233,8 @@ def check_parametric(model, frame, damping, coordinates):
     known = zip(model.terms, model.symmetry_defects, model.symmetric_terms, strict=True)
     for item, defect, symmetric in known:
         unsymmetric = item.of in ("M", "K") and not symmetric
-        if unsymmetric and not (item.of == "K" and model.model.circulatory):
-            more = " or a skew-symmetric matrix; of K that has circulatory forces say circulatory = true"
+        if unsymmetric and not model.model.may_be_unsymmetric(item.of):
+            more = f" or a skew-symmetric matrix; {SAY_SO}"
             raise InputError(
                 f"{model.name}: the term of {item.of} with the factor '{item.factor}' is not symmetric: "
                 f"max |a_ij - a_ji| / |a_ij| = {defect:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
@@ -242,16 +242,16 @@ def check_parametric(model, frame, damping, coordinates):
             )
         if unsymmetric:
             require_no_frequencies(model, damping)
-        if unsymmetric and model.model.viscoelastic:
+        if unsymmetric and model.model.added:
             raise InputError(
-                f"{model.name}: found viscoelastic parts beside an unsymmetric term of K with the factor "
+                f"{model.name}: found {model.model.added.plural} beside an unsymmetric term of K with the factor "
                 f"'{item.factor}', which no reduction has; leave one of them out"
             )
         if unsymmetric and (isinstance(frame, Buckens) or coordinates == "interface"):
             found = "the Buckens frame" if isinstance(frame, Buckens) else "interface coordinates"
             raise InputError(
                 f"{model.name}: found {found} and an unsymmetric term of K with the factor '{item.factor}', whose "
-                "circulatory forces they have no place for; hold the body, in pseudo-modal coordinates"
+                "forces they have no place for; hold the body, in pseudo-modal coordinates"
             )
         if item.of == "K" and isinstance(frame, Buckens) and acts_on_free_motions(model.model, item.matrix):
             raise InputError(

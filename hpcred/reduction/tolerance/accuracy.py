@@ -285,11 +285,11 @@ def in_percent(error: float, tolerance: float) -> str:
     return f"{text if 100 * value >= PERCENT or not value else f'{100 * value:.1e}'} %"
 
 
-def measured_damping(damping, zeta0: float, band, viscoelastic=False) -> tuple[Proportional, bool, str]:
+def measured_damping(damping, zeta0: float, band, added="") -> tuple[Proportional, bool, str]:
     """Return the damping with which responses are measured: its proportional part, whether a given D is added, and a
-    sentence; `viscoelastic`: whether the model has such parts, which always act."""
-    if viscoelastic:
-        return _beside_viscoelastic(damping, zeta0, band)
+    sentence; `added`: what the added terms of the model are called, which always act."""
+    if added:
+        return _beside_added(damping, zeta0, band, added)
     if isinstance(damping, GivenDamping):
         loss = damping.loss_factor
         words = "measured with the damping matrix of the model"
@@ -305,9 +305,9 @@ def measured_damping(damping, zeta0: float, band, viscoelastic=False) -> tuple[P
     return Proportional(eta=2 * ratio), False, f"measured with the loss factor {2 * ratio:g} ({why})"
 
 
-def _beside_viscoelastic(damping, zeta0, band):
-    """Return the same of a model with viscoelastic parts, which damp it."""
-    words = "measured with the viscoelastic parts of the model"
+def _beside_added(damping, zeta0, band, added):
+    """Return the same of a model with added terms, which damp it."""
+    words = f"measured with the {added} of the model"
     if isinstance(damping, Rayleigh | Caughey):
         return proportional(damping.coefficients), False, f"{words} and its damping"
     if isinstance(damping, NoDamping) or (isinstance(damping, Structural) and not damping.loss_factor):

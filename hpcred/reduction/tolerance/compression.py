@@ -7,12 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...model.operator import times
 from ...parallel.failures import InputError
 from ..measure import Measure
 from . import refinement
 from .error_estimate import FINE, UNIFORM, Comparison, grid, largest, resolved
 from .judging import Judge
-from .pseudo_modal import PseudoModal, columns, times
+from .pseudo_modal import PseudoModal, columns
 
 TRIALS = 8  # compressions, each with the frequencies where the one before was too bad, until nothing is compressed
 LARGE = 1e6  # error that counts as any other above it
@@ -29,11 +30,9 @@ def snapshots(model: PseudoModal, frequencies, measure: Measure) -> np.ndarray:
     right = model.solve(frequencies, model.B)
     h, g = measure.scales(*model.responses(frequencies))
     right *= _inverse(g)[:, None, :]
-    if model.is_reciprocal and model.io.derivatives is None:
+    if model.is_reciprocal and not model.io.rates:
         return right
-    left = model.solve(frequencies, model.Ct, transposed=True)
-    if model.io.derivatives is not None:
-        left = left @ model.io.derivatives.measured_at(2j * np.pi * frequencies).transpose(0, 2, 1)
+    left = model.io.rates.transposed(2j * np.pi * frequencies, model.solve(frequencies, model.Ct, transposed=True))
     left *= _inverse(h)[:, None, :]
     # only the product of the two scales has a meaning: equal parts, unless there is nothing of one
     sizes = np.linalg.norm(left), np.linalg.norm(right)

@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...linalg.known import ModeCount
-from ...model.viscoelastic import excesses
 from ..measure import Measure, Paper, drive_points
-from ..viscoelastic_poles import oscillating_poles
+from ..oscillating_poles import oscillating_poles
 from .pseudo_modal import LEAST_MASS, Proportional, PseudoModal, difference, kept
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
@@ -26,7 +25,7 @@ STEP, FINE = 1.0, 0.4  # between frequencies of a grid, in distances from the ne
 SAME_POLE = 0.3  # of its distance from the axis, within which a pole needs no frequencies of its own
 SHARPEST = 1e-9  # of its frequency: the least distance of a pole from the axis that a grid resolves
 SILENT = 1e-12  # see quietness: below it a response counts as round-off where that was not computed
-SMALL = 0.1  # of the static stiffness: what viscoelastic parts add to it where the response is linear in that
+SMALL = 0.1  # of the static stiffness: what added terms add to it where the response is linear in that
 LOWEST = 200  # decades below the band, in which that is sought
 WIDE = 4.0  # ratio of the ends of an interval that is parted on a logarithmic scale
 PLACES = 1000  # of a curve that are refined at once; one of round-off has maxima everywhere, and grids must end
@@ -99,10 +98,7 @@ def measure_over(measure: Measure, band, model: PseudoModal, uniform=UNIFORM) ->
     if isinstance(measure, Paper):
         return measure
     frequencies = np.linspace(*band, uniform)
-    columns = model.io.outputs
-    if (derivatives := model.io.derivatives) is not None:
-        columns = columns @ derivatives.static().T
-    of = drive_points(model.io.inputs, columns)
+    of = drive_points(model.io.inputs, model.io.rates.static(model.io.outputs))
     silent = _silent(model, band) if (of[0] < 0).any() else ()
     return measure.over(frequencies, *model.responses(frequencies), of, silent)
 
@@ -113,7 +109,7 @@ def _silent(model, band) -> list[int]:
     columns = model.io.silent
     if columns is None:
         columns = np.flatnonzero(quietness(model, grid([model], band, UNIFORM // 4, None)).max(axis=(0, 2)) < SILENT)
-    return list(columns) if model.io.derivatives is None else model.io.derivatives.outputs_of_only(columns)
+    return model.io.rates.outputs_of_only(columns)
 
 
 def quietness(model: PseudoModal, frequencies) -> np.ndarray:
@@ -136,9 +132,9 @@ def upper_poles(model: PseudoModal) -> np.ndarray:
     """Return the poles (k,) of a model that are not below the real axis, in rad/s."""
     if model.masses is not None:
         model = model.with_unit_masses(1 / np.sqrt(np.maximum(model.masses, LEAST_MASS)))
-    if model.viscoelastic:
+    if model.added:
         D = np.diag(model.damping.at(model.eigenvalues)) + (0.0 if model.D is None else model.D)
-        return oscillating_poles(model.eigenvalues, D, model.viscoelastic, model.damping.eta)
+        return oscillating_poles(model.eigenvalues, D, model.added, model.damping.eta)
     if model.poles is not None:
         poles = model.poles.values
     else:
@@ -165,11 +161,11 @@ def at_poles(poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def grid(models, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray:
     """Return S: `uniform` points over the band (Hz), and around every pole of the models as many as let the distance of
     two frequencies be `step` times that to the nearest pole; without a step the places of the poles alone. With
-    viscoelastic parts also points towards 0 Hz (see towards_zero)."""
+    added terms also points towards 0 Hz (see towards_zero)."""
     low, high = band
     points = [np.linspace(low, high, uniform)]
     for model in models:
-        if model.viscoelastic:
+        if model.added:
             points.append(towards_zero(model, high, step or STEP))
         poles = upper_poles(model) / (2 * np.pi)
         poles = poles[np.argsort(poles.imag)]
@@ -195,25 +191,28 @@ def grid(models, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray
 
 
 def towards_zero(model: PseudoModal, high: float, step: float) -> np.ndarray:
-    """Return frequencies (k,) from close to 0 up to `high` Hz on a logarithmic scale, for a model with viscoelastic
-    parts.
+    """Return frequencies (k,) from close to 0 up to `high` Hz on a logarithmic scale, for a model with added
+    terms.
 
     Of these the real poles, which oscillating_poles leaves out, and the branch point at 0 Hz of fractional laws are at
     and below 0 on the axis of (i omega)^exponent, where the response is analytic otherwise. The lowest frequency is
     that below which what is added to the static stiffness is SMALL, so that the response is linear in it.
     """
-    # every part over the static stiffness, mode by mode
+    added = model.added.where(lambda law: law.power > 0)
+    if not added:
+        return np.zeros(0)
+    # every term over the static stiffness, mode by mode
     least = model.eigenvalues[model.eigenvalues > 0].min(initial=np.inf)
     scale = 1 / np.sqrt(np.maximum(model.eigenvalues, least))
-    sizes = np.array([np.linalg.norm(scale[:, None] * part.matrix * scale) for part in model.viscoelastic])
+    sizes = np.array([np.linalg.norm(scale[:, None] * term.matrix * scale) for term in added])
     D = np.diag(model.damping.at(model.eigenvalues)) + (0.0 if model.D is None else model.D)
     # the highest decade in which their sum is small
     decades = high * 10.0 ** -np.arange(LOWEST)
     omega = 2 * np.pi * decades
-    added = sizes @ np.abs(excesses(model.viscoelastic, 1j * omega))
-    added += omega * np.linalg.norm(scale[:, None] * D * scale)
-    lowest = decades[min(int((added > SMALL).sum()), LOWEST - 1)]
-    exponent = max(getattr(part.law, "exponent", 1.0) for part in model.viscoelastic)
+    total = sizes @ np.abs(added.coefficients(1j * omega))
+    total += omega * np.linalg.norm(scale[:, None] * D * scale)
+    lowest = decades[min(int((total > SMALL).sum()), LOWEST - 1)]
+    exponent = max(term.law.power for term in added)
     return np.geomspace(lowest, high, 1 + int(np.ceil(exponent * np.log(high / lowest) / step)))
 
 

@@ -37,7 +37,7 @@ class Expansion:
     def __init__(self, basis: Basis, run: Run, settings: Adaptive):
         self.run, self.settings = run, settings
         damping, damped, self._measured = measured_damping(
-            run.framed.damping, settings.zeta0, settings.band, bool(run.model.viscoelastic)
+            run.framed.damping, settings.zeta0, settings.band, run.model.added.plural
         )
         check_support(run, settings.band)
         self._asked_damping = damping
@@ -60,7 +60,7 @@ class Expansion:
             found += f"; modes cannot be counted here{rough}, a second proof stands for that"
         if eta == self._asked_damping.eta:
             return found
-        leave = "viscoelastic parts leave" if self.projections.viscoelastic else "damping matrix leaves"
+        leave = f"{self.run.model.added.plural} leave" if self.run.model.added else "damping matrix leaves"
         return f"{found} and the loss factor {eta:g}, since the {leave} modes of the band without damping"
 
     @property

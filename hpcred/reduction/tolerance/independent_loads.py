@@ -23,7 +23,7 @@ def independent_loads(run):
     for columns_of, what in ((Lb, "input loads"), ((Lc or [Lb])[0], "output measures")):
         if not columns_of.any():
             raise InputError(f"{model.name}: no {what} the elastic dofs of the model; the response is zero")
-    return L, InputsOutputs(Lb, Lc[0] if Lc else Lb, model.derivatives)
+    return L, InputsOutputs(Lb, Lc[0] if Lc else Lb, model.rates)
 
 
 def independent_columns(model, rigid, both):

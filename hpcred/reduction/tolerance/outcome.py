@@ -119,7 +119,7 @@ def accuracy_of(search: Search, reason, pair, frequencies, curve, *, largest, no
         uncompressed_size=search.projections.basis.size, missing_modes=missing,
         counted=counted_modes, points=tuple(expansion.points), proofs=tuple(search.proofs),
         frequencies=tuple(frequencies.tolist()), eps=tuple(curve.tolist()),
-        loss_factor=pair.outer.damping.eta, beside_damping=search.projections.D is not None, multigrid=multigrid,
+        loss_factor=pair.outer.damping.eta, beside_damping=search.projections.damped, multigrid=multigrid,
         unproven="; ".join(unproven), measure=pair.measure,
         silent=tuple(search.run.model.output_names[j] for j in pair.measure.silent),
         directions=directions_of(pair, frequencies, settings.band, search.run.model) if np.isfinite(largest) else (),

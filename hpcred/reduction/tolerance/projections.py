@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ...linalg.basis import Basis
 from ...linalg.blocks import inner
-from ...model.viscoelastic import transformed
+from ...model.operator import Operator
 from ..projection import project, project_stiffness
 from ..run import Run
 from .pseudo_modal import Proportional, PseudoModal, diagonalised
@@ -30,24 +28,21 @@ def extended(small, mat, new, columns, symmetric=True) -> np.ndarray:
 class Projections:
     """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
 
-    `K` (m, m) = V^T K V, which may be `symmetric`, `L` (m, l) = V^T L for the block `loads` L of the run, `D` (m, m) =
-    V^T D V, or None unless `damped`, `M` (m, m) = V^T M V, or None where it counts as the identity unless `measured`,
-    and `viscoelastic` parts V^T K_v V: small arrays, the same on all ranks. Models of columns of the basis are parts of
-    them. `io`: inputs and outputs in terms of L; `damping`: the proportional damping of the models. Raises InputError
-    (see io).
+    `operator`: V^T A V (m, m) of the terms of the model: K, which may be `symmetric`, D where `damped`, M where V^T M V
+    does not count as the identity or is `measured`, and added terms; `L` (m, l) = V^T L for the block `loads` L of the
+    run: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `io`: inputs and outputs
+    in terms of L; `damping`: the proportional damping of the models. Raises InputError (see io).
     """
 
     def __init__(self, run: Run, basis: Basis, damping: Proportional, damped: bool, measured=False):
-        self.run, self.basis, self.damping = run, basis, damping
+        self.run, self.basis, self.damping, self.damped = run, basis, damping, damped
         self.loads, self.io = run.independent_loads
-        self._starts: list[int] = []  # first columns of the blocks
-        self.K = np.zeros((0, 0))
-        self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
-        self.D = np.zeros((0, 0)) if damped else None
-        self.M = np.zeros((0, 0)) if run.tau or measured else None
-        self.viscoelastic = self._no_parts()
         self.symmetric = run.model.is_symmetric("K")
-        self._project(0)
+        self.full = run.model.operator.with_matrices(run.model.operator.matrices | {
+            "M": run.mass if run.tau or measured else None, "D": run.model.D if damped else None})  # fmt: skip
+        self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
+        self._project_all()
+        self._starts: list[int] = []  # first columns of the blocks
 
     def extend(self, block, mass_images=None) -> int:
         """Add the span of a block to the basis; returns how many columns are new. `mass_images`: M block if known."""
@@ -80,19 +75,19 @@ class Projections:
         self._project_all()
 
     def _project_all(self):
-        self._starts, self.K, self.L = [0], np.zeros((0, 0)), self.L[:0]
-        self.D = None if self.D is None else np.zeros((0, 0))
-        self.M = None if self.M is None else np.zeros((0, 0))
-        self.viscoelastic = self._no_parts()
+        self._starts, self.L = [0], self.L[:0]
+        self.operator = self.full.map(lambda _: np.zeros((0, 0)))
         self._project(0)
 
-    def _no_parts(self):
-        return transformed(self.run.model.viscoelastic, lambda _: np.zeros((0, 0)))
+    @property
+    def beside(self) -> Operator:
+        """The terms of the model that are not proportional to M and K: a given D, and added ones; local."""
+        return Operator({key: term for key, term in self.full.terms.items() if key not in "MK"})
 
     @property
     def is_damped(self) -> bool:
-        """Whether A(s) has parts that are not proportional to M and K; local."""
-        return self.D is not None or bool(self.viscoelastic)
+        """Whether A(s) has such terms; local."""
+        return bool(self.beside)
 
     @property
     def blocks(self) -> list[tuple[int, int]]:
@@ -106,34 +101,35 @@ class Projections:
 
     def _project(self, start):
         """Take in the columns of the basis from `start` on."""
-        model, stop = self.run.model, self.basis.size
+        stop = self.basis.size
         if stop == start:
             return
         with self.run.progress.stage("project"):
             new = self.basis.columns_between(start, stop)
             self.L = np.vstack([self.L, inner(new, self.loads)])
-            if start or not self.symmetric:
-                self.K = extended(self.K, model.K, new, self.basis.columns, self.symmetric)
-            else:
-                self.K = project_stiffness(model.K, new, self.run.cancels)
-                self.K = (self.K + self.K.T) / 2
-            self.viscoelastic = tuple(
-                replace(part, matrix=extended(part.matrix, full.matrix, new, self.basis.columns))
-                for part, full in zip(self.viscoelastic, model.viscoelastic, strict=True)
-            )
-            if self.M is not None:
-                self.M = extended(self.M, self.run.mass, new, self.basis.columns)
-            if self.D is not None:
-                self.D = extended(self.D, model.D, new, self.basis.columns, model.is_symmetric("D"))
+            mats = {key: self._extended(key, mat, new) for key, mat in self.full.matrices.items()}
+            self.operator = self.operator.with_matrices(mats)
+
+    def _extended(self, key, mat, new):
+        """Return V^T A V of a term from that of the columns before the block `new`."""
+        small, symmetric = self.operator[key], key not in "KD" or self.run.model.is_symmetric(key)
+        if key == "K" and symmetric and not len(small):
+            K = project_stiffness(mat, new, self.run.cancels)
+            return (K + K.T) / 2
+        return extended(small, mat, new, self.basis.columns, symmetric)
 
     def dynamic_stiffness(self, mass: float) -> np.ndarray:
         """Return V^T (K + mass M) V (m, m); local."""
-        return self.K + mass * (np.eye(len(self.K)) if self.M is None else self.M)
+        K, M = self.operator["K"], self.operator.get("M")
+        return K + mass * (np.eye(len(K)) if M is None else M)
 
     def model(self, columns=None) -> PseudoModal:
         """Return the model of `columns` (places) of the basis, by default of all; local."""
         k = np.arange(self.basis.size) if columns is None else columns
-        D, M = (None if matrix is None else matrix[np.ix_(k, k)] for matrix in (self.D, self.M))
-        parts = transformed(self.viscoelastic, lambda matrix: matrix[np.ix_(k, k)])
-        given = self.K[np.ix_(k, k)], self.L[k], D, self.damping, self.io, parts, self.symmetric
+        return self.model_of(self.operator.map(lambda matrix: matrix[np.ix_(k, k)]), self.L[k])
+
+    def model_of(self, operator: Operator, L: np.ndarray) -> PseudoModal:
+        """Return the model of a small operator and its loads L, with the damping and the outputs of these; local."""
+        M = operator.get("M")
+        given = operator["K"], L, operator.get("D"), self.damping, self.io, operator.added, self.symmetric
         return diagonalised(*given, M, self.run.tau) if self.run.tau else diagonalised(*given, gram=M)

@@ -5,7 +5,7 @@ Everything is dense NumPy, deterministic and local. For V^T M V = I and the colu
     A(s) = a K + b M + s D,   a = 1 + i eta + s beta,   b = s^2 + s alpha,   s = 2 pi i f          (41, 40)
     H(s) = C A(s)^-1 B = Lc^T (L^T A(s)^-1 L) Lb,       B = L Lb,   C^T = L Lc
     of a Caughey series s D = s M sum_k a_k (M^-1 K)^k, diagonal too                (39)
-    of viscoelastic parts also + sum (g(s) - g(0)) K_v
+    also + sum c(s) K_v of added terms
     H - H_V = R^T A^-1 R,   R = L - A V y_V,   y_V = A_V^-1 V^T L          (exact for symmetric A, W = V)
 
 Where dofs have no mass the basis is orthonormal in G = M + tau^2 K. Then pseudo-modal coordinates are those with
@@ -25,8 +25,8 @@ import numpy as np
 
 from ...linalg.eigensolver import congruent, graded_eigenpairs, settled
 from ...linalg.pencil import squared_frequencies, with_masses
-from ...model.derivatives import Derivatives
-from ...model.viscoelastic import Viscoelastic, added_stiffness, excesses, transformed
+from ...model.operator import NOTHING, Operator, times
+from ...model.rates import Rates
 
 LEAST_MASS = 1e-7  # of the coordinates of a model with masses, for its poles; the refinement of solves has the rest
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
@@ -61,29 +61,29 @@ UNDAMPED = Proportional()
 
 class InputsOutputs(NamedTuple):
     """Inputs and outputs in terms of independent loads L: B = L `inputs` (l, p), C^T = L `outputs` (l, r), which are
-    one array where C = B^T; `derivatives`: what the outputs are of them, the same if None; `silent`: the columns of C^T
-    whose responses are round-off, None where that was not computed; `quiet`: whether others hardly feel the inputs."""
+    one array where C = B^T; `rates`: what the outputs are of them; `silent`: the columns of C^T whose responses are
+    round-off, None where that was not computed; `quiet`: whether others hardly feel the inputs."""
 
     inputs: np.ndarray
     outputs: np.ndarray
-    derivatives: Derivatives | None = None
+    rates: Rates = Rates()
     silent: tuple[int, ...] | None = None
     quiet: bool = False
 
     @property
     def output_count(self) -> int:
-        return self.outputs.shape[1] if self.derivatives is None else self.derivatives.parts.shape[1]
+        return self.rates.count(self.outputs.shape[1])
 
     def column_scales(self, s, scales: np.ndarray) -> np.ndarray:
         """Return scales (S, k) of the columns C^T, from those of the outputs (S, r): the least that an output has."""
-        if self.derivatives is None:
+        if not self.rates:
             return scales
-        weights = np.abs(self.derivatives.measured_at(s)) * _reciprocal(scales)[:, :, None]
+        weights = np.abs(self.rates.measured_at(s)) * _reciprocal(scales)[:, :, None]
         return _reciprocal(weights.max(axis=1, initial=0.0))
 
     def measured(self, s, rows: np.ndarray) -> np.ndarray:
         """Return what errors are measured of (S, r, p), from what is known of the columns C^T (S, k, p) at s (S,)."""
-        return rows if self.derivatives is None else self.derivatives.measured_at(s) @ rows
+        return self.rates.measured(s, rows)
 
     @property
     def are_same(self) -> bool:
@@ -104,10 +104,10 @@ class PseudoModal:
     """A projected model in its pseudo-modal coordinates, V^T M V = I, V^T K V = diag(eigenvalues).
 
     `eigenvalues` (m,): omega^2, ascending; `L` (m, l): the projected loads, of which `io` makes inputs and outputs;
-    `damping`: proportional; `D` (m, m): a given damping matrix, projected, or None; `N` (m, m): the skew-symmetric part
-    of V^T K V, or None; `vectors` (m, m): from these coordinates to those of the basis; `poles`: of the first-order
-    form, with D or N; `viscoelastic`: parts (m, m), projected, with which A(s)^-1 is by elimination; `masses` (m,): of
-    the coordinates, which then have V^T (M + tau^2 K) V = I, None where they are all 1.
+    `damping`: proportional; `operator`: what A(s) has beside, a given damping matrix D and added terms (m, m),
+    projected; `N` (m, m): the skew-symmetric part of V^T K V, or None; `vectors` (m, m): from these coordinates to
+    those of the basis; `poles`: of the first-order form, with D or N; `masses` (m,): of the coordinates, which then
+    have V^T (M + tau^2 K) V = I, None where they are all 1.
     """
 
     eigenvalues: np.ndarray
@@ -115,9 +115,8 @@ class PseudoModal:
     vectors: np.ndarray
     io: InputsOutputs
     damping: Proportional = UNDAMPED
-    D: np.ndarray | None = None
+    operator: Operator = NOTHING
     poles: Poles | None = None
-    viscoelastic: tuple[Viscoelastic, ...] = ()
     N: np.ndarray | None = None
     masses: np.ndarray | None = None
     tau: float = 0.0
@@ -129,6 +128,16 @@ class PseudoModal:
     def frequencies(self) -> np.ndarray:
         """Pseudo-frequencies (m,) in Hz (52); without mass the least that counts as such."""
         return np.sqrt(np.maximum(squared_frequencies(self.eigenvalues, self.masses, self.tau), 0.0)) / (2 * np.pi)
+
+    @property
+    def D(self) -> np.ndarray | None:
+        """The given damping matrix (m, m), projected, or None."""
+        return self.operator.get("D")
+
+    @property
+    def added(self) -> Operator:
+        """The terms beside M, D and K, projected, with which A(s)^-1 is by elimination."""
+        return self.operator.added
 
     @property
     def B(self) -> np.ndarray:
@@ -148,7 +157,7 @@ class PseudoModal:
     @property
     def is_diagonal(self) -> bool:
         """Whether A(s) is diagonal."""
-        return self.D is None and self.N is None and not self.viscoelastic
+        return self.N is None and not self.operator
 
     def coordinates_of(self, columns: np.ndarray) -> np.ndarray:
         """Return combinations (m, k) of the columns of the basis in these coordinates."""
@@ -157,15 +166,14 @@ class PseudoModal:
     def with_unit_masses(self, scale: np.ndarray) -> PseudoModal:
         """Return the model in coordinates that are multiplied by `scale` (m,), with masses of 1 whatever they are."""
         both = np.outer(scale, scale)
-        D, N = (None if part is None else part * both for part in (self.D, self.N))
         return replace(
-            self, eigenvalues=self.eigenvalues * scale**2, L=self.L * scale[:, None], vectors=self.vectors * scale, D=D,
-            N=N, viscoelastic=transformed(self.viscoelastic, both.__mul__), masses=None, tau=0.0,
+            self, eigenvalues=self.eigenvalues * scale**2, L=self.L * scale[:, None], vectors=self.vectors * scale,
+            N=None if self.N is None else self.N * both, operator=self.operator.map(both.__mul__), masses=None, tau=0.0,
         )  # fmt: skip
 
     def without_D(self) -> PseudoModal:
         """Return the same without any damping."""
-        return replace(self, D=None, poles=None, damping=UNDAMPED, viscoelastic=())
+        return replace(self, operator=NOTHING, poles=None, damping=UNDAMPED)
 
     def restricted(self, U: np.ndarray) -> tuple[PseudoModal, np.ndarray]:
         """Return the model on the orthonormal columns U (m, k) of its coordinates, and its embedding (m, k), U rotated.
@@ -178,9 +186,9 @@ class PseudoModal:
             U = U @ turn
             K = U.T @ (self.eigenvalues[:, None] * U)
         K = K if self.N is None else (K + K.T) / 2 + U.T @ self.N @ U
-        D = None if self.D is None else U.T @ self.D @ U
-        parts = transformed(self.viscoelastic, lambda matrix: U.T @ matrix @ U)
-        inner = diagonalised(K, U.T @ self.L, D, self.damping, self.io, parts, self.N is None, M, self.tau, U.T @ U)
+        rest = self.operator.projected(U)
+        given = rest.get("D"), self.damping, self.io, rest.added, self.N is None
+        inner = diagonalised(K, U.T @ self.L, *given, M, self.tau, U.T @ U)
         embedding = U @ inner.vectors
         return inner if turn is None else replace(inner, vectors=turn @ inner.vectors), embedding
 
@@ -188,7 +196,7 @@ class PseudoModal:
         """A(s)^-1 right (S, m, l), or A(s)^-T right; `right` (m, l) or (S, m, l).
 
         With a given D by its poles and at most two steps of refinement until the residual is below `accuracy`; where it
-        stays above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination. With viscoelastic parts
+        stays above 1e3 `accuracy` (poles that coincide have no eigenvectors), by elimination. With added terms
         by inverses, which are kept as there is room, and by elimination beyond that.
         """
         if self.is_diagonal:
@@ -208,26 +216,23 @@ class PseudoModal:
         parts = 1 + len(wrong) * len(self) ** 2 // NUMBERS_AT_A_TIME
         for part in np.array_split(wrong, parts) if len(wrong) else ():
             matrices = self.matrices(frequencies[part], transposed)
-            states[part] = _scaled(matrices, right[part]) if self.viscoelastic else _eliminated(matrices, right[part])
+            states[part] = _scaled(matrices, right[part]) if self.added else _eliminated(matrices, right[part])
         return states
 
     def matrices(self, frequencies, transposed=False):
         """Return A(s) (S, m, m), or A(s)^T."""
         (a, _, s), m = self.damping.coefficients(frequencies), len(self)
-        if self.D is not None:
-            matrices = s[:, None, None] * (self.D.T if transposed else self.D)
-        else:
-            matrices = np.zeros((len(s), m, m), dtype=complex)
+        matrices = self.operator.at(s) if self.operator else np.zeros((len(s), m, m), dtype=complex)
+        if transposed:
+            matrices = matrices.transpose(0, 2, 1)
         if self.N is not None:
             matrices += a[:, None, None] * (self.N.T if transposed else self.N)
-        if self.viscoelastic:
-            matrices += added_stiffness(self.viscoelastic, s)
         matrices[:, np.arange(m), np.arange(m)] += self._diagonal(frequencies)
         return matrices
 
     def _nearly_inverse(self, frequencies, transposed):
         """Return a function that takes columns (S, m, l) to A(s)^-1 times these, but for round-off; or None."""
-        if self.viscoelastic:
+        if self.added:
             inverses = self._kept_inverses(frequencies)
             if inverses is None:
                 return None
@@ -266,11 +271,8 @@ class PseudoModal:
         a, _, s = self.damping.coefficients(frequencies)
         if self.N is not None:
             result += a[:, None, None] * times(self.N.T if transposed else self.N, states)
-        if self.D is not None:
-            result += s[:, None, None] * times(self.D.T if transposed else self.D, states)
-        if self.viscoelastic:
-            for part, factor in zip(self.viscoelastic, excesses(self.viscoelastic, s), strict=True):
-                result += factor[:, None, None] * times(part.matrix, states)
+        if self.operator:
+            result += self.operator.apply(s, states, transposed)
         return result
 
     def _diagonal(self, frequencies):
@@ -293,7 +295,7 @@ class PseudoModal:
         return self.responses(frequencies)[0]
 
     def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return H (S, r, p), without the factor s^k of derivatives, and the drive-point responses b_i^T A^-1 b_i
+        """Return H (S, r, p), without the factor s^k of rates, and the drive-point responses b_i^T A^-1 b_i
         (S, p) of the inputs; they are kept as there is room."""
         return kept(self, "_responses", frequencies, self._responses_at, (self.io.output_count + 1) * self.B.shape[1])
 
@@ -329,10 +331,10 @@ def kept(owner, name: str, frequencies, compute, size: int) -> tuple[np.ndarray,
 
 def diagonalised(
     K: np.ndarray, L: np.ndarray, D: np.ndarray | None = None, damping: Proportional = UNDAMPED,
-    io: InputsOutputs | None = None, viscoelastic: tuple[Viscoelastic, ...] = (), symmetric=True,
+    io: InputsOutputs | None = None, added: Operator = NOTHING, symmetric=True,
     M: np.ndarray | None = None, tau=0.0, gram: np.ndarray | None = None,
 ) -> PseudoModal:  # fmt: skip
-    """Return the model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) and viscoelastic parts (m, m) in pseudo-modal
+    """Return the model with V^T K V (m, m), V^T L (m, l), V^T D V (m, m) and added terms (m, m) in pseudo-modal
     coordinates (53, 54); by default the columns L are its inputs and outputs. `symmetric`: whether K is, but for
     round-off. `M` (m, m) = V^T M V and `tau`: where V is orthonormal in M + tau^2 K; `gram` (m, m): V^T M V where it is
     I but for round-off, of which the couplings of parts that hardly couple are made."""
@@ -350,14 +352,10 @@ def diagonalised(
         return _settled(own.T, still, size).T
 
     N = None if symmetric else turned((K - K.T) / 2)
-    D = None if D is None else turned(D)
-    given = {"masses": masses, "tau": tau}
-    if viscoelastic:
-        parts = transformed(viscoelastic, turned)
-        return PseudoModal(eigenvalues, L, vectors, io, damping, D, viscoelastic=parts, N=N, **given)
-    if D is None and N is None:
-        return PseudoModal(eigenvalues, L, vectors, io, damping, **given)
-    model = PseudoModal(eigenvalues, L, vectors, io, damping, D, N=N, **given)
+    rest = Operator.of(D=D, added=added).map(turned)
+    model = PseudoModal(eigenvalues, L, vectors, io, damping, rest, N=N, masses=masses, tau=tau)
+    if added or model.is_diagonal:
+        return model
     try:
         return replace(model, poles=poles_of(model))
     except np.linalg.LinAlgError:
@@ -420,17 +418,6 @@ def _residual(inner, outer, embedding, frequencies, load_of_inner, load, transpo
     """r = L_Q - A_Q U y_V (S, m, p)."""
     states = times(embedding, inner.solve(frequencies, load_of_inner, transposed, ROUGH))
     return load - outer.multiply(frequencies, states, transposed)
-
-
-def times(matrix, states):
-    """matrix (m, k) states (S, k, l), as one product."""
-    count, size, width = states.shape
-    flat = np.ascontiguousarray(states.transpose(1, 0, 2)).reshape(size, count * width)
-    if np.isrealobj(matrix) and np.iscomplexobj(flat):
-        flat = (np.ascontiguousarray(matrix) @ flat.view(float)).view(complex)
-    else:
-        flat = matrix @ flat
-    return flat.reshape(len(matrix), count, width).transpose(1, 0, 2)
 
 
 def columns(states: np.ndarray) -> np.ndarray:

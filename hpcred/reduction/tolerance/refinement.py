@@ -76,13 +76,12 @@ class Errors:
     def __init__(self, pair, frequencies, wide, fixed=0):
         outer, s = pair.outer, 2j * np.pi * frequencies
         self.fixed, self._measure = fixed, pair.measure
-        self._same = outer.is_reciprocal and outer.io.derivatives is None
+        self._same = outer.is_reciprocal and not outer.io.rates
         parts = [wide.T @ outer.matrices(part) @ wide for part in outer.parts_of(frequencies)]
         self._A = np.concatenate(parts)
         self._B = np.broadcast_to(wide.T @ outer.B, (len(s), wide.shape[1], outer.B.shape[1]))
-        self._Ct = np.broadcast_to(wide.T @ outer.Ct, (len(s), wide.shape[1], outer.Ct.shape[1]))
-        if outer.io.derivatives is not None:
-            self._Ct = self._Ct @ outer.io.derivatives.measured_at(s).transpose(0, 2, 1)
+        columns = np.broadcast_to(wide.T @ outer.Ct, (len(s), wide.shape[1], outer.Ct.shape[1]))
+        self._Ct = outer.io.rates.transposed(s, columns)
         h, g = pair.measure.scales(*outer.responses(frequencies))
         scale = h[:, :, None] * g[:, None, :]
         self._scale = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)

@@ -22,7 +22,6 @@ from ...linalg.blocks import (
     times,
 )
 from ...linalg.csr import diagonal_of
-from ...model.viscoelastic import excesses
 from ...parallel.decisions import decided
 from ...parallel.petsc import PETSc
 from .error_estimate import measure_over
@@ -171,9 +170,8 @@ def transposed_times(factors, products):
 def _space(projections, damped=True) -> ResidualSpace:
     run, model = projections.run, projections.run.model
     matrices = [(model.M, True), (model.K, projections.symmetric)]
-    if projections.D is not None and damped:
-        matrices.append((model.D, model.is_symmetric("D")))
-    matrices += [(part.matrix, True) for part in model.viscoelastic if damped]
+    if damped:
+        matrices += [(mat, key != "D" or model.is_symmetric(key)) for key, mat in projections.beside.matrices.items()]
     return ResidualSpace(model, run.rigid, projections.loads, projections.basis.columns, matrices, row_scale(model))
 
 
@@ -197,7 +195,7 @@ def residual_coefficients(model, settings, S):
     states = model.solve(S, model.L @ P) * weights
     a, b, s = model.damping.coefficients(S)
     loads = columns(np.broadcast_to(P.astype(complex), (len(S), *P.shape)) * weights)
-    factors = (b, a, *([s] if model.D is not None else []), *excesses(model.viscoelastic, s))
+    factors = (b, a, *model.operator.coefficients(s))
     return [loads, *(model.vectors @ columns(factor[:, None, None] * states) for factor in factors)]
 
 

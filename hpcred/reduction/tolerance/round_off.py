@@ -11,12 +11,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...model.viscoelastic import transformed
 from ...parallel.petsc import MPI
 from ..reduced_model import ReducedModel, as_measured
 from .accuracy import Accuracy
 from .projections import Projections
-from .pseudo_modal import PseudoModal, diagonalised
+from .pseudo_modal import PseudoModal
 
 SAMPLES = 3
 FACTORS = (0.7, 1.4)
@@ -26,18 +25,16 @@ CHUNK = 2**20  # numbers of matrices that are solved with at a time
 def projected_again(projections: Projections) -> Iterator[PseudoModal]:
     """Yield models of the columns that the basis has now, which changes their lengths, from SAMPLES projections.
     Collective."""
-    basis, damping, damped = projections.basis, projections.damping, projections.D is not None
+    basis, damping, damped = projections.basis, projections.damping, projections.damped
     lengths, random = np.ones(basis.size), np.random.default_rng(0)
     for _ in range(SAMPLES):
         factors = random.uniform(*FACTORS, basis.size)
         basis.multiply(np.diag(factors / lengths))
         lengths = factors
         again, scale = Projections(projections.run, basis, damping, damped, measured=True), np.outer(lengths, lengths)
-        D, M, tau = None if again.D is None else again.D / scale, again.M / scale, again.run.tau
-        parts = transformed(again.viscoelastic, lambda matrix: matrix / scale)  # noqa: B023  (used here)
-        L = again.L / lengths[:, None]
-        given = again.K / scale, L, D, damping, projections.io, parts, again.symmetric
-        yield diagonalised(*given, M, tau) if tau else diagonalised(*given, gram=M)
+        again.io = projections.io
+        operator = again.operator.map(lambda matrix: matrix / scale)  # noqa: B023  (used here)
+        yield again.model_of(operator, again.L / lengths[:, None])
 
 
 def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Projections) -> Accuracy:
@@ -48,7 +45,7 @@ def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Proje
     comm, noise = projections.run.model.comm, accuracy.noise
     mine = np.array(accuracy.frequencies)[comm.rank :: comm.size]
     parts = np.array_split(mine, 1 + len(mine) * measured.size**2 // CHUNK) if len(mine) else []
-    H = [measured.measured_response(2j * np.pi * part, projections.io.derivatives) for part in parts]
+    H = [measured.measured_response(2j * np.pi * part, projections.io.rates) for part in parts]
     for again in projected_again(projections):
         for part, values in zip(parts, H, strict=True):
             found, drive = again.responses(part)

@@ -55,7 +55,7 @@ def check_response(projections, model, frequencies, found):
 
 def _infinite(model):
     nodes = "" if model.dofs is not None else ", which needs nodes"
-    frame = f"take frame 'buckens'{nodes}, " if model.is_symmetric("K") else ""  # which has no circulatory forces
+    frame = f"take frame 'buckens'{nodes}, " if model.is_symmetric("K") else ""  # else it has none
     by_nodes = f" (or held by springs that meet less than {ROUND_OFF:g} of K)" if model.dofs is not None else ""
     return InputError(
         f"{model.name}: the response at 0 Hz is infinite, for the body is free{by_nodes}; {frame}hold "

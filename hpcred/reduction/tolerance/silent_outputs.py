@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ...linalg.blocks import add_product, apply, create_block, local_rows
-from ...model.viscoelastic import excesses
 from ...parallel.decisions import decided
 from ...parallel.petsc import PETSc
 from ...parallel.sums import summed
@@ -77,12 +76,9 @@ def _round_off(projections, quiet) -> np.ndarray:
     """Return u |y|^T |A| |x| of quiet columns. Collective."""
     model = projections.run.model
     frequencies = np.array([item.frequency for item in quiet])
-    a, b, s = (np.abs(part) for part in projections.damping.coefficients(frequencies))
-    terms = [(model.K, a), (model.M, b)]
-    if projections.D is not None:
-        terms.append((model.D, s))
-    added = np.abs(excesses(model.viscoelastic, 2j * np.pi * frequencies))
-    terms += [(part.matrix, factor) for part, factor in zip(model.viscoelastic, added, strict=True)]
+    a, b, s = projections.damping.coefficients(frequencies)
+    factors = zip(projections.beside, projections.beside.coefficients(s), strict=True)
+    terms = [(model.K, a), (model.M, b), *((term.matrix, factor) for term, factor in factors)]
     x, y = (_magnitudes(projections, np.array([getattr(item, of) for item in quiet]).T) for of in ("x", "y"))
     product, found = create_block(model.K, len(quiet)), np.zeros(len(quiet))
     for mat, factor in terms:
@@ -90,7 +86,7 @@ def _round_off(projections, quiet) -> np.ndarray:
         apply(magnitude, x, product)
         magnitude.destroy()
         with local_rows(product) as Ax, local_rows(y) as rows:
-            found += factor * (rows * Ax).real.sum(axis=0)
+            found += np.abs(factor) * (rows * Ax).real.sum(axis=0)
     return UNIT * summed(model.comm, found)
 
 

@@ -1,4 +1,4 @@
-"""Compute outputs from measured columns and their derivatives: y = sum_k P_k (d/dt)^k (c^T q), k = 0, 1, 2.
+"""Compute outputs from measured columns and their rates: y = sum_k P_k (d/dt)^k (c^T q), k = 0, 1, 2.
 
 The columns c (n, k) are what moments are matched of. A pure output is a multiple of one column, differentiated 0, 1 or
 2 times; a mixed one, such as c^T q + d^T q', has a column for each of its parts. Everything is small, NumPy and local.
@@ -13,58 +13,80 @@ import numpy as np
 from ..parallel.failures import InputError
 from .dofs import QUANTITIES, named_quantity, quantity_name, target_of
 
+KEY = "derivatives"  # of the digest of rates in records
 MIXED = -1  # order of an output that has parts of several orders
 
 
 @dataclass(frozen=True, eq=False)
-class Derivatives:
+class Rates:
     """Outputs (r) of measured columns (k): `parts` (3, r, k), the factors P_0, P_1, P_2 of the columns, their first
-    and their second derivatives."""
+    and their second derivatives; None where the outputs are the columns, which is false."""
 
-    parts: np.ndarray
+    parts: np.ndarray | None = None
+
+    def __bool__(self) -> bool:
+        return self.parts is not None
 
     @property
-    def orders(self) -> np.ndarray:
-        """The order (r,) of each output, or MIXED; 0 of an output that is zero."""
-        return orders_of(self.parts)
+    def orders(self) -> np.ndarray | None:
+        """The order (r,) of each output, or MIXED; 0 of an output that is zero. None where the outputs are the columns.
+        """
+        return orders_of(self.parts) if self else None
 
-    def at(self, s: np.ndarray) -> np.ndarray:
-        """Return P_0 + s P_1 + s^2 P_2 (S, r, k) at s (S,): H is this times the responses of the columns."""
-        return combined(self.parts, s)
+    def count(self, columns: int) -> int:
+        """Return the number of outputs of so many columns."""
+        return self.parts.shape[1] if self else columns
+
+    def at(self, s: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Return (P_0 + s P_1 + s^2 P_2) rows (S, r, p) at s (S,): H of the responses (S, k, p) of the columns."""
+        return combined(self.parts, s) @ rows if self else rows
+
+    def measured(self, s: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Return the same without the factor s^k of pure outputs, whose relative error it does not change: it is that
+        of the displacement, also at 0 Hz."""
+        return self.measured_at(s) @ rows if self else rows
 
     def measured_at(self, s: np.ndarray) -> np.ndarray:
-        """Return the same (S, r, k) without the factor s^k of pure outputs, whose relative error it does not change:
-        it is that of the displacement, also at 0 Hz."""
+        """Return the factors (S, r, k) of `measured`."""
         return combined(self.parts, s, self.orders)
 
-    def static(self) -> np.ndarray:
-        """Return the columns (r, k) that pure outputs differentiate; zero rows for mixed ones."""
-        return np.where((self.orders == MIXED)[:, None], 0.0, self.parts.sum(axis=0))
+    def with_factors(self, s: np.ndarray, H: np.ndarray) -> np.ndarray:
+        """Return responses (S, r, p) with the factors s^k of pure outputs, which `measured` leaves out."""
+        return np.asarray(s)[:, None, None] ** np.maximum(self.orders, 0)[:, None] * H if self else H
 
-    @property
-    def rows_of_columns(self) -> np.ndarray:
-        """The output (k,) that has each column, as `packed_parts` makes them."""
-        return self.parts.any(axis=0).argmax(axis=0)
+    def transposed(self, s: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Return what belongs to outputs (S, m, r), as `measured` has them, of what belongs to columns (S, m, k)."""
+        return columns @ self.measured_at(s).transpose(0, 2, 1) if self else columns
 
-    def in_time(self, unit: float) -> Derivatives:
+    def static(self, columns: np.ndarray) -> np.ndarray:
+        """Return the columns (n, r) that pure outputs differentiate, of columns (n, k); zero for mixed outputs."""
+        if not self:
+            return columns
+        return columns @ np.where((self.orders == MIXED)[:, None], 0.0, self.parts.sum(axis=0)).T
+
+    def rows_of_columns(self, count: int) -> np.ndarray:
+        """Return the output (k,) that has each of `count` columns, as `packed_parts` makes them."""
+        return self.parts.any(axis=0).argmax(axis=0) if self else np.arange(count)
+
+    def in_time(self, unit: float) -> Rates:
         """Return the outputs in seconds, from another unit of time. An output of several orders has the unit of its
         lowest: of y = c^T q + d^T q' a displacement, d is a time."""
+        if not self:
+            return self
         lowest = self.parts.any(axis=2).argmax(axis=0)
         powers = np.maximum(np.arange(len(self.parts))[:, None] - lowest, 0)
-        return Derivatives(self.parts * (float(unit) ** powers)[:, :, None])
-
-    def factors_at(self, s: np.ndarray) -> np.ndarray:
-        """Return the factors s^k (S, r, 1) of pure outputs, which `measured_at` leaves out; 1 for mixed ones."""
-        return np.asarray(s)[:, None, None] ** np.maximum(self.orders, 0)[:, None]
+        return Rates(self.parts * (float(unit) ** powers)[:, :, None])
 
     def outputs_of_only(self, columns) -> list[int]:
         """Return the outputs that have no part of other columns than these."""
+        if not self:
+            return list(columns)
         others = np.setdiff1d(np.arange(self.parts.shape[2]), columns)
         return np.flatnonzero(~self.parts[:, :, others].any(axis=(0, 2))).tolist()
 
-    def of(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return C, C_v and C_a (r, m) of measured rows (k, m)."""
-        return tuple(part @ columns for part in self.parts)
+    def of(self, columns: np.ndarray) -> dict[str, np.ndarray]:
+        """Return C, and where there are rates Cv and Ca (r, m), of measured rows (k, m) by name."""
+        return dict(zip(("C", "Cv", "Ca"), self.parts @ columns, strict=True)) if self else {"C": columns}
 
 
 def orders_of(parts: np.ndarray) -> np.ndarray:
@@ -82,7 +104,7 @@ def combined(parts: np.ndarray, s: np.ndarray, orders: np.ndarray | None = None)
     return np.einsum("...rd,drm->...rm", powers, parts)
 
 
-def packed_parts(parts: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, Derivatives]:
+def packed_parts(parts: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, Rates]:
     """Return measured columns (rows, k), and the outputs of them, from the rows (3, r, rows) of C, Cv and Ca on this
     rank; `there` (3, r): which of them are not zero on all ranks.
 
@@ -96,7 +118,7 @@ def packed_parts(parts: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, Deri
     factors[first, np.arange(r), np.arange(r)] = 1.0
     for place, (order, row) in enumerate(more, r):
         factors[order, row, place] = 1.0
-    return np.array(columns).T.reshape(parts.shape[2], len(columns)), Derivatives(factors)
+    return np.array(columns).T.reshape(parts.shape[2], len(columns)), Rates(factors)
 
 
 def check_names(names, there: np.ndarray, what: str):

@@ -1,4 +1,4 @@
-"""Find the poles of small models with viscoelastic parts, s^2 + s D + K(s) in modal coordinates, that oscillate.
+"""Find the poles of small models with added terms, s^2 + s D + K(s) in modal coordinates, that oscillate.
 
 No linear eigenproblem has them where a law is fractional. The eigenvalues of K(i omega), sorted, cross omega^2 at
 most once each, since the parts stiffen with frequency, but less than omega^2; there Newton's method begins (Guettel and
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model.viscoelastic import added_stiffness
+from ..model.operator import Operator
 
 NODES, A_DECADE = 16, 6  # frequencies at which eigenvalues are computed, at least
 MOST = 64  # poles, from the lowest, that Newton's method is run for
@@ -19,16 +19,16 @@ ZERO = 1e-14  # of the largest eigenvalue: motions without stiffness
 BEYOND = 4.0  # steps by which the range of the poles is looked for
 
 
-def oscillating_poles(eigenvalues: np.ndarray, D: np.ndarray, parts, eta: float = 0.0) -> np.ndarray:
+def oscillating_poles(eigenvalues: np.ndarray, D: np.ndarray, added: Operator, eta: float = 0.0) -> np.ndarray:
     """Return the poles (k,) above the real axis in rad/s, by imaginary part.
 
-    `eigenvalues` (m,) of the static stiffness in (rad/s)^2, V^T M V = I; `D` (m, m); `parts`: Viscoelastic with
+    `eigenvalues` (m,) of the static stiffness in (rad/s)^2, V^T M V = I; `D` (m, m); `added`: terms with
     matrices (m, m); `eta`: loss factor of the static stiffness.
     """
-    low, high = _range_of(eigenvalues, parts)
+    low, high = _range_of(eigenvalues, added)
     omega = np.geomspace(low, high, max(NODES, int(A_DECADE * np.log10(high / low))))
-    added = added_stiffness(parts, 1j * omega)
-    values, vectors = np.linalg.eigh(np.diag(eigenvalues) + added.real)
+    stiffness = added.at(1j * omega)
+    values, vectors = np.linalg.eigh(np.diag(eigenvalues) + stiffness.real)
     height = np.log(np.maximum(values, low**2 / 2)) - 2 * np.log(omega)[:, None]  # (nodes, m), descends
     falls = (height[:-1] > 0) & (height[1:] <= 0) | (height[:-1] == 0)
     mode = np.flatnonzero(falls.any(axis=0))
@@ -36,17 +36,17 @@ def oscillating_poles(eigenvalues: np.ndarray, D: np.ndarray, parts, eta: float 
     part = height[node, mode] / (height[node, mode] - height[node + 1, mode])
     at = omega[node] * (omega[node + 1] / omega[node]) ** part
     x = vectors[node, :, mode]  # (k, m)
-    loss = added.imag[node] + at[:, None, None] * D + eta * np.diag(eigenvalues)
+    loss = stiffness.imag[node] + at[:, None, None] * D + eta * np.diag(eigenvalues)
     first = 1j * at * np.sqrt(1 + 1j * np.einsum("ki,kij,kj->k", x, loss, x) / at**2)
     left = np.argsort(at)[:MOST]
     for guess in (first.copy(), 1j * at):  # the damping of a single mode may say too much
-        found = _by_newton(eigenvalues, D, parts, eta, guess[left], x[left])
+        found = _by_newton(eigenvalues, D, added, eta, guess[left], x[left])
         near = found != guess[left]
         first[left[near]], left = found[near], left[~near]
     return first[np.argsort(first.imag)]
 
 
-def _range_of(eigenvalues, parts) -> tuple[float, float]:
+def _range_of(eigenvalues, added) -> tuple[float, float]:
     """Return frequencies below and above all at which an eigenvalue of K(i omega) is omega^2.
 
     They begin at those of the static stiffness. Parts that stiffen raise the highest ones, and what has no static
@@ -54,7 +54,7 @@ def _range_of(eigenvalues, parts) -> tuple[float, float]:
     """
 
     def values_at(omega):
-        return np.linalg.eigvalsh(np.diag(eigenvalues) + added_stiffness(parts, 1j * omega).real)
+        return np.linalg.eigvalsh(np.diag(eigenvalues) + added.at(1j * omega).real)
 
     above = eigenvalues[eigenvalues > ZERO * eigenvalues.max(initial=0.0)]
     low, high = (0.99 * above.min() ** 0.5, 1.01 * above.max() ** 0.5) if len(above) else (1.0, 1.0)
@@ -66,15 +66,14 @@ def _range_of(eigenvalues, parts) -> tuple[float, float]:
     return low, max(high, BEYOND * low)
 
 
-def _by_newton(eigenvalues, D, parts, eta, first, x):
+def _by_newton(eigenvalues, D, added, eta, first, x):
     """Return poles (k,) near first guesses, with their vectors x (k, m); a guess stays where nothing is near it."""
     s, vectors = first.copy(), x.astype(complex)
-    index, matrices = np.arange(len(eigenvalues)), np.array([part.matrix for part in parts])
+    index = np.arange(len(eigenvalues))
     for _ in range(STEPS):
-        A = added_stiffness(parts, s) + s[:, None, None] * D
+        A = added.at(s) + s[:, None, None] * D
         A[:, index, index] += s[:, None] ** 2 + (1 + 1j * eta) * eigenvalues
-        slopes = np.array([part.law.slope(s) for part in parts])
-        slope = np.tensordot(slopes.T, matrices, axes=1) + D
+        slope = added.summed(added.slopes(s)) + D
         slope[:, index, index] += 2 * s[:, None]
         try:
             ahead = np.linalg.solve(A, slope @ vectors[:, :, None])[:, :, 0]

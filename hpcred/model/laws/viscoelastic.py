@@ -1,0 +1,216 @@
+"""Define the laws g(s) of viscoelastic materials, of which g(s) - g(0) is added to the static stiffness."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from ...parallel.declared import as_declared
+from ...parallel.failures import InputError
+from ...parallel.ranges import within
+from ..operator import Law
+
+FACTOR, TIME, EXPONENT = (0.0, 1e30, ""), (1e-30, 1e30, "s"), (1e-3, 1.0, "")
+
+
+class ViscoelasticLaw(Law):
+    """A law g(s) of a material, whose coefficient is g(s) - g(0)."""
+
+    family = "viscoelastic"
+    nature = "fractional"
+
+    @property
+    @abstractmethod
+    def static(self) -> float:
+        """The value g(0)."""
+
+    @abstractmethod
+    def excess(self, s: np.ndarray) -> np.ndarray:
+        """Return g(s) - g(0) of s (...) in 1/s."""
+
+    def coefficient(self, s: np.ndarray) -> np.ndarray:
+        """Return g(s) - g(0) of s (...) in 1/s."""
+        return self.excess(s)
+
+
+@dataclass(frozen=True)
+class Maxwell(ViscoelasticLaw):
+    """Generalised Maxwell model, g(s) = constant + sum_k factors_k s times_k / (1 + s times_k).
+
+    Parameters
+    ----------
+    factors : sequence of float
+        Stiffness of each Maxwell element over that of K_v, not negative.
+    times : sequence of float
+        Relaxation time of each in s.
+    constant : float, default 0.0
+        Static value g(0), of the spring beside the elements.
+
+    Raises
+    ------
+    InputError
+        For negative numbers, and numbers of factors and times that differ.
+    """
+
+    kind: Literal["maxwell"] = field(default="maxwell", kw_only=True, repr=False)
+    factors: tuple[float, ...]
+    times: tuple[float, ...]
+    constant: float = 0.0
+
+    def __post_init__(self):
+        as_declared(self, "law.")
+        if len(self.factors) != len(self.times) or not self.factors:
+            raise InputError(
+                f"law: found {len(self.factors)} factors and {len(self.times)} times, expected one of each for every "
+                "Maxwell element"
+            )
+        within("law.factors", self.factors, FACTOR)
+        within("law.times", self.times, TIME)
+        within("law.constant", self.constant, FACTOR)
+
+    @property
+    def static(self) -> float:
+        """The value g(0)."""
+        return self.constant
+
+    @property
+    def elements(self) -> tuple[tuple[float, float], ...]:
+        """Factor and time of each Maxwell element."""
+        return tuple(zip(self.factors, self.times, strict=True))
+
+    def excess(self, s: np.ndarray) -> np.ndarray:
+        """Return g(s) - g(0) of s (...) in 1/s."""
+        x = np.asarray(s)[..., None] * np.array(self.times)
+        return (np.array(self.factors) * x / (1 + x)).sum(axis=-1)
+
+    def in_units(self, time: float) -> Maxwell:
+        """Return the law with times in another unit of so many seconds."""
+        return replace(self, times=tuple(value / time for value in self.times))
+
+    def slope(self, s: np.ndarray) -> np.ndarray:
+        """Return the derivative of g at s (...)."""
+        times = np.array(self.times)
+        return (np.array(self.factors) * times / (1 + np.asarray(s)[..., None] * times) ** 2).sum(axis=-1)
+
+
+@dataclass(frozen=True)
+class Fractional(ViscoelasticLaw):
+    """Fractional Zener model, g(s) = (low + high (s time)^exponent) / (1 + (s time)^exponent).
+
+    Parameters
+    ----------
+    low, high : float
+        Static value g(0), and the limit at high frequencies, not below it.
+    time : float
+        Relaxation time in s.
+    exponent : float
+        Of the derivative, above 0 and at most 1.
+
+    Raises
+    ------
+    InputError
+        For numbers that are out of range.
+    """
+
+    kind: Literal["fractional"] = field(default="fractional", kw_only=True, repr=False)
+    low: float
+    high: float
+    time: float
+    exponent: float
+
+    def __post_init__(self):
+        as_declared(self, "law.")
+        within("law.low", self.low, FACTOR)
+        within("law.high", self.high, FACTOR)
+        within("law.time", self.time, TIME)
+        within("law.exponent", self.exponent, EXPONENT)
+        if self.high < self.low:
+            raise InputError(f"law: found low = {self.low:g} above high = {self.high:g}; damped materials stiffen")
+
+    @property
+    def static(self) -> float:
+        """The value g(0)."""
+        return self.low
+
+    @property
+    def power(self) -> float:
+        """The exponent of s near 0."""
+        return self.exponent
+
+    def excess(self, s: np.ndarray) -> np.ndarray:
+        """Return g(s) - g(0) of s (...) in 1/s."""
+        z = _power(s, self.time, self.exponent)
+        return (self.high - self.low) * z / (1 + z)
+
+    def in_units(self, time: float) -> Fractional:
+        """Return the law with its time in another unit of so many seconds."""
+        return replace(self, time=self.time / time)
+
+    def slope(self, s: np.ndarray) -> np.ndarray:
+        """Return the derivative of g at s (...) other than 0."""
+        z = _power(s, self.time, self.exponent)
+        return (self.high - self.low) * self.exponent * z / (s * (1 + z) ** 2)
+
+
+@dataclass(frozen=True)
+class FractionalKelvinVoigt(ViscoelasticLaw):
+    """Fractional Kelvin-Voigt model, g(s) = low + rise (s time)^exponent.
+
+    Parameters
+    ----------
+    low : float
+        Static value g(0).
+    rise : float
+        Factor of the fractional derivative.
+    time : float
+        In s.
+    exponent : float
+        Of the derivative, above 0 and at most 1, which is viscous damping.
+
+    Raises
+    ------
+    InputError
+        For numbers that are out of range.
+    """
+
+    kind: Literal["fractional_kelvin_voigt"] = field(default="fractional_kelvin_voigt", kw_only=True, repr=False)
+    low: float
+    rise: float
+    time: float
+    exponent: float
+
+    def __post_init__(self):
+        as_declared(self, "law.")
+        within("law.low", self.low, FACTOR)
+        within("law.rise", self.rise, FACTOR)
+        within("law.time", self.time, TIME)
+        within("law.exponent", self.exponent, EXPONENT)
+
+    @property
+    def static(self) -> float:
+        """The value g(0)."""
+        return self.low
+
+    @property
+    def power(self) -> float:
+        """The exponent of s near 0."""
+        return self.exponent
+
+    def excess(self, s: np.ndarray) -> np.ndarray:
+        """Return g(s) - g(0) of s (...) in 1/s."""
+        return self.rise * _power(s, self.time, self.exponent)
+
+    def in_units(self, time: float) -> FractionalKelvinVoigt:
+        """Return the law with its time in another unit of so many seconds."""
+        return replace(self, time=self.time / time)
+
+    def slope(self, s: np.ndarray) -> np.ndarray:
+        """Return the derivative of g at s (...) other than 0."""
+        return self.exponent * self.excess(s) / s
+
+
+def _power(s, time, exponent):
+    return (np.asarray(s, dtype=complex) * time) ** exponent
