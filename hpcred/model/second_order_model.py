@@ -261,9 +261,10 @@ class SecondOrderModel:
 
     def _repr_html_(self):
         """Return a table for notebooks. Not collective."""
-        facts = {
-            "dofs": self.K.getSize()[0] if "K" in vars(self) else "closed",
-            "damping matrix": "none" if self.D is None else "yes",
+        facts: dict[str, object] = {"dofs": "closed"}
+        if "operator" in vars(self):
+            facts = {"dofs": self.K.getSize()[0], "damping matrix": "none" if self.D is None else "yes"}
+        facts |= {
             "nodes": "none" if self.dofs is None else "with positions",
             "inputs": listed(self.input_names),
             "outputs": listed(self.output_names),

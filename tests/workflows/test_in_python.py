@@ -112,6 +112,8 @@ def test_what_notebooks_show(comm):
     for text in (f"{rom.size} coordinates", escape(accuracy.sentence), accuracy.directions[0].output):
         assert text in rom._repr_html_()
     assert accuracy._repr_html_().count("<tr>") == 1 + min(5, len(accuracy.directions))
+    fom.close()
+    assert "closed" in fom._repr_html_()
 
 
 def test_a_campbell_diagram_draws_and_shows_itself():
