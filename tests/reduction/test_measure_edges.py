@@ -7,10 +7,15 @@ from adaptive_models import chain, tied_chains, unit, up_to
 from random_models import random_case
 
 import hpcred
+from hpcred.model.frames import apply_frame
 from hpcred.model.operator import Operator
+from hpcred.parallel.failures import Owned
+from hpcred.parallel.progress import Progress
 from hpcred.reduction.measure import Directions
 from hpcred.reduction.parametric.static_zeros import _opposite
+from hpcred.reduction.run import Run
 from hpcred.reduction.tolerance.error_estimate import Comparison, grid, largest, measure_over
+from hpcred.reduction.tolerance.projections import Projections
 from hpcred.reduction.tolerance.pseudo_modal import InputsOutputs, Proportional, diagonalised
 
 
@@ -67,6 +72,30 @@ def test_an_isolated_output_is_no_round_off(comm, tie):
     error = accuracy.measure.eps(C @ states - small, C @ states, states[:, 2]).max()
     assert accuracy.reached and accuracy.noise < 1e-9
     assert error <= 1.02 * accuracy.largest
+
+
+def test_projections_on_pseudo_modes_keep_the_digits_of_an_isolated_output(comm):
+    """Two chains with a tie of 1e-13 on an orthonormal basis without any order: round-off of its columns, and of their
+    product with the pseudo-modes, couples the chains more than the tie does."""
+    n, K = 12, np.zeros((24, 24))
+    K[:n, :n], K[n:, n:] = chain(n)[0], 1.3 * chain(n)[0]
+    e = unit(24, 7)[:, 0] - unit(24, n + 4)[:, 0]
+    K += 1e-13 * np.abs(K).max() * np.outer(e, e)
+    S, Ct = np.linspace(0.01, 0.3, 20), unit(24, n + 9)
+    with Owned(comm) as owned:
+        model = owned.owns(hpcred.SecondOrderModel.from_scipy(K, np.eye(24), inputs=unit(24, 2), outputs=Ct, comm=comm))
+        framed = apply_frame(model)
+        run = owned.owns(Run(framed, Progress(comm, show=False), 1e-9))
+        basis, first = run.new_basis(24), model.first_row
+        mixed = np.linalg.qr(np.random.default_rng(3).normal(size=(24, 24)))[0]
+        basis.extend(mixed[first : first + model.local_rows])
+        projections = Projections(run, basis, Proportional(eta=0.02), damped=False)
+        projections.note_silent((), quiet=True)
+        projections.rotate(projections.model().vectors)
+        found = projections.model().response(S)
+    exact = [Ct.T @ np.linalg.solve((1 + 0.02j) * K - (2 * np.pi * f) ** 2 * np.eye(24), unit(24, 2))
+             for f in S]  # fmt: skip
+    assert np.abs(found - exact).max() < 1e-11 * np.abs(exact).max()
 
 
 def test_between_the_tie_and_nothing_all_outputs_count(comm):

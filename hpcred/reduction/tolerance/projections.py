@@ -65,7 +65,8 @@ class Projections:
     def rotate(self, turn):
         """Replace the basis by its combinations `turn` (m, m), orthonormal like itself, and project on these."""
         self.basis.multiply(turn)
-        self.M = np.zeros((0, 0))  # the round-off of the product is measured
+        # the round-off of the product is measured
+        self.full = self.full.with_matrices(self.full.matrices | {"M": self.run.mass})
         self._project_all()
 
     def replace(self, block):
