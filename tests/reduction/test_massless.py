@@ -10,6 +10,7 @@ from fifty_digits import at_peaks, exact_response, with_other_last_digits
 
 import hpcred
 from hpcred import InputError
+from hpcred.examples.solid import solid
 from hpcred.linalg.pencil import massless_last, modes_of
 from hpcred.reduction.irka import mirrored
 from hpcred.reduction.massless import static_coordinates, with_mass
@@ -135,6 +136,13 @@ def test_components_at_values_of_parameters():
         H = B.T @ np.linalg.solve(s * s * M + K + 80 * p * spring, B)
         assert np.allclose(rom.transfer_function(s, p=p), H, rtol=1e-9)
     assert not rom.record.warnings
+
+
+def test_stiff_motions_of_a_mesh_have_their_mass():
+    """However far above the band they are: nothing of a block of steel is without mass."""
+    with solid((4, 2, 2)) as model, hpcred.reduce(model, tolerance=1e-3, band=(0.0, 0.01)) as rom:
+        assert np.array_equal(np.round(rom.M, 9), np.eye(rom.size)) and not rom.record.warnings
+        assert rom.frequencies[-1] > 1e5
 
 
 def test_dashpots_on_dofs_without_mass_that_no_load_acts_on():

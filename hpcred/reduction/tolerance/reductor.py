@@ -6,12 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...linalg.blocks import add_product, create_block, local_rows
+from ...linalg.csr import diagonal_of
 from ...linalg.pencil import MASSLESS
 from ...linalg.solvers.base import DoesNotFit
 from ...model.digits import warnings_of_peaks
 from ...model.input_output_counts import require_room
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError
+from ...parallel.sums import summed
 from ..basis_reductor import BasisReductor, extend_by_all
 from ..checks import warnings_of_band
 from ..components.craig_bampton import ConstraintModes
@@ -22,6 +25,7 @@ from .outcome import compressed_basis
 from .round_off import with_round_off
 from .search import Search, deflation_of_search
 
+CANCELS = 1e4  # x^T diag(M) x of a motion with x^T M x = 1, above which its mass is round-off; of meshes a few hundred
 ROOM = 96  # columns that a search is expected to need,
 ROOM_WITHOUT_FACTORS = 192  # and by multigrid, which has more blocks of a few columns
 
@@ -106,10 +110,23 @@ class ToleranceReductor(BasisReductor):
         its span."""
         search = Search(vectors, run, self.goal, groups)
         search.run_to_end()
-        if not run.tau:  # a motion so far beyond the band moves no mass, whatever round-off gives it
-            highest = decided(run.model.comm, lambda: search.projections.model().eigenvalues.max(initial=0.0))
-            run.notes.massless |= bool(highest * MASSLESS > (2 * np.pi * self.goal.band[1]) ** 2)
+        if not run.tau:
+            run.notes.massless |= self._has_mass_of_round_off(search)
         return search, *compressed_basis(search, self.settings.drop_above, kept, self._rigid_beside(run))
+
+    def _has_mass_of_round_off(self, search) -> bool:
+        """Test whether the stiffest motion of a basis is static in the band, being far beyond it, and moves parts whose
+        masses cancel: what round-off leaves of them is no mass. Collective."""
+        run = search.run
+        model = decided(run.model.comm, search.projections.model)
+        if model.eigenvalues.max(initial=0.0) * MASSLESS <= (2 * np.pi * self.goal.band[1]) ** 2:
+            return False
+        mode = create_block(run.model.K, 1)
+        add_product(mode, search.projections.basis.columns, model.vectors[:, -1:], beta=0.0)
+        with local_rows(mode) as x:  # x^T M x = 1
+            parts = summed(run.model.comm, diagonal_of(run.model.M) @ np.abs(x) ** 2)
+        mode.destroy()
+        return bool(parts[0] > CANCELS)
 
     def _accuracy(self, search, reduced, framed):
         accuracy, projections = search
