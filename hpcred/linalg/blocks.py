@@ -158,11 +158,15 @@ def from_dense(mat: PETSc.Mat | np.ndarray, like: PETSc.Mat | None = None) -> SL
     Raises
     ------
     InputError
-        For an array with another number of rows than this rank has, or with numbers that are not finite or not real.
+        For an array with another number of rows than this rank has, or of columns than another has, or with numbers
+        that are not finite or not real.
     """
     if not isinstance(mat, PETSc.Mat):
-        with agreed(MPI.COMM_WORLD if like is None else like.comm.tompi4py()):
+        comm = MPI.COMM_WORLD if like is None else like.comm.tompi4py()
+        with agreed(comm):
             local = _own_rows(mat, like)
+        if len(counts := sorted(set(comm.allgather(local.shape[1])))) > 1:
+            raise InputError(f"columns: found {counts[0]} on one rank and {counts[-1]} on another, expected as many")
         if like is None:
             like = PETSc.Mat().createDense(((len(local), None), (None, local.shape[1])), comm=PETSc.COMM_WORLD)
         mat = dense_matrix(like, local)

@@ -155,6 +155,9 @@ class Given(hpcred.Component):
             basis.extend(mine[:-1])
         with pytest.raises(InputError, match="not real or not finite"):
             basis.extend(1j * mine)
+        if run.model.comm.size > 1:
+            with pytest.raises(InputError, match="found 1 on one rank and 2 on another"):
+                basis.extend(mine[:, : 1 + (run.model.comm.rank > 0)])
 
 
 @pytest.mark.mpi(ranks=(1, 3))
