@@ -52,12 +52,6 @@ UNSYMMETRIC = {"circulatory": True}  # fields of a model whose K may be unsymmet
 SAY_SO = "of K that has circulatory forces say circulatory = true"
 
 
-def is_symmetric_to(defect: float, of: str, circulatory: bool) -> bool:
-    """Test whether the symmetry defect of a matrix `of` a model, or of a term of it, is round-off; in K, and what
-    damping makes of it, less is where it is declared `circulatory`."""
-    return defect <= (DECLARED if circulatory and of != "M" else SYMMETRIC_TO)
-
-
 def declared_in(fields_of_model) -> dict[str, str]:
     """Return what the fields of a model, or the keys of its job, declare of its matrices, in words."""
     return {key: "yes: K and its terms may be unsymmetric" for key in UNSYMMETRIC if fields_of_model.get(key)}
@@ -391,8 +385,9 @@ class SecondOrderModel:
         return self.counts_as_symmetric(key, self.symmetry_defects.get(key, 0.0))
 
     def counts_as_symmetric(self, key: str, defect: float) -> bool:
-        """Test whether a symmetry defect of M, K or D, or of a term of it, is round-off."""
-        return is_symmetric_to(defect, key, self.circulatory)
+        """Test whether a symmetry defect of M, K or D, or of a term of it, is round-off: less is, of K and of what
+        damping makes of it, where K may be unsymmetric."""
+        return defect <= (DECLARED if self.circulatory and key != "M" else SYMMETRIC_TO)
 
     def may_be_unsymmetric(self, key: str) -> bool:
         """Test whether an unsymmetric M, K or D is no error."""

@@ -269,8 +269,8 @@ class BasisReductor(Reductor):
             mass[moving:] = mass[:, moving:] = 0.0
             small["K"][moving:, moving:] = np.eye(static) / run.tau**2
         if not full.is_symmetric("K"):
-            stiffness = project(full.K, columns)
-            small["K"] += (stiffness - stiffness.T) / 2
+            K = stiffness(columns)
+            small["K"] += (K - K.T) / 2
         if "D" in full.matrices:
             small["D"] = without_round_off(congruent(project(full.matrices["D"], columns), X), static, run.tau)
         else:
