@@ -45,7 +45,7 @@ def inspect(
         How many of the lowest frequencies to find.
     verify : bool, default False
         Factor M to tell whether it is positive definite, and K of a model without nodes to count its modes at zero.
-        Without it, and without `frequencies` or `band_top`, nothing is factored.
+        Without it, and without `frequencies`, `band_top` or `modes`, nothing is factored.
     factoring : Factoring, optional
         How to factor, and in how much memory.
     progress : Progress, optional

@@ -132,15 +132,16 @@ def _paired(K, M, D, tau):
     u, masses, vt = np.linalg.svd(left.T @ M @ right)
     moving = int((masses > MASSLESS).sum())
     scale = 1 / np.sqrt(masses[:moving])
-    parts = [(left @ u[:, :moving] * scale, right @ vt[:moving].T * scale)]
+    W, V = left @ u[:, :moving] * scale, right @ vt[:moving].T * scale
     still = left @ u[:, moving:], right @ vt[moving:].T
-    # stiffness of those without, and nothing between both
+    # stiffness of those without, what D does not act on last
     factors = _scaled_pairs(tau**2 * still[0].T @ K @ still[1])
     still = [block @ factor for block, factor in zip(still, factors, strict=True)]
     if D is not None:
         turns = _undamped_last(still[0].T @ D @ still[1], tau)
         still = [block @ turn for block, turn in zip(still, turns, strict=True)]
-    (W, V), (W0, V0) = parts[0], still
+    # nothing between both
+    W0, V0 = still
     coupled = W.T @ K @ V0, W0.T @ K @ V
     W, V = W - tau**2 * W0 @ coupled[0].T, V - tau**2 * V0 @ coupled[1]
     return np.hstack([W, W0]), np.hstack([V, V0]), W0.shape[1]

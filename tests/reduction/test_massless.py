@@ -69,7 +69,7 @@ def test_random_models(kind, seed):
 
 
 def test_round_off_of_m_is_no_mass():
-    """Columns with x^T M x of round-off alone, which no norm shows, count as massless by their frequency."""
+    """Columns with x^T M x of round-off alone, which no norm shows, count as massless, since masses cancel in them."""
     require_right(random_models.random_case("skew-without-mass", 1043))
 
 
