@@ -316,7 +316,7 @@ def kept(owner, name: str, frequencies, compute, size: int) -> tuple[np.ndarray,
     object has computed before and keeps, as there is room, and new ones."""
     known, *arrays = vars(owner).get(name, (np.zeros(0),))
     new = np.setdiff1d(frequencies, known)
-    if (len(known) + len(new)) * size > NUMBERS_AT_A_TIME:
+    if not len(frequencies) or (len(known) + len(new)) * size > NUMBERS_AT_A_TIME:
         return compute(frequencies)
     if len(new):
         made = compute(new)
