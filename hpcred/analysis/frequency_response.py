@@ -23,7 +23,7 @@ from ..parallel.failures import InputError, Owned, agreed
 from ..parallel.petsc import MPI, PETSc
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
-from ..reduction.checks import require_no_series
+from ..reduction.checks import check_series, require_no_series
 from ..reduction.components.groups import Group
 from ..reduction.reduced_model import ReducedModel, require_finite
 from ..reduction.tolerance.error_estimate import at_poles
@@ -73,7 +73,8 @@ def frequency_response(
     Raises
     ------
     InputError
-        At an undamped pole, and for modal damping of a full model, which only a reduced model has.
+        At an undamped pole, for modal damping of a full model, which only a reduced model has, and for a Caughey series
+        of more than two terms beside added terms, or beside forces and outputs on dofs without mass.
 
     Notes
     -----
@@ -97,6 +98,7 @@ def frequency_response(
         raise InputError(f"groups: found {groups}, expected 1 to {model.comm.size}, the number of ranks")
     check_definite(model)
     require_inputs(model)
+    check_series(model, damping)
     require_room(model, len(frequencies))
     with in_usual_units(model) as (usual, inputs, outputs):
         framed = apply_frame(usual, frame, damping)
