@@ -92,8 +92,7 @@ class Modes(Component):
                 values, block, served = kept_modes(run, {"band": self.band}, None, claim, lambda: self._in_band(run))
             else:
                 count, rule = self._highest(rigid), {"band": None}
-                find = lambda: (*_lowest(run, count), KRYLOV)  # noqa: E731
-                values, block, served = kept_modes(run, rule, count, KRYLOV, find)
+                values, block, served = kept_modes(run, rule, count, KRYLOV, lambda: (*_lowest(run, count), KRYLOV))
                 if self.index is not None:
                     chosen = np.array(sorted(set(self.index))) - rigid - 1
                     values, block = values[chosen], choose(run, block, chosen)
