@@ -25,7 +25,6 @@ PERCENT = 1e-6  # tolerance below which errors are not in percent, and percentag
 UNDAMPED = 1e-8  # damping ratio up to which a mode counts as undamped
 WORST = 5  # directions that are shown where nobody asks for all
 NAMED = 3  # outputs that a warning names
-SHOWN = 5  # directions that a notebook shows, the worst
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,7 +241,7 @@ class Accuracy:
 
     def _repr_html_(self):
         """Return the verdict and the least accurate directions for notebooks."""
-        rows = rows_of_directions(self.directions[:SHOWN], self.band)
+        rows = rows_of_directions(self.directions[:WORST], self.band)
         return as_html(self.sentence, {}, rows, notes=(self.measured,))
 
     @property
