@@ -25,6 +25,7 @@ from .springs import ZERO, AnySpring, element_of
 from .warnings import Limits, first_frequency, note_on_steps, warnings_of_inputs, warnings_of_places
 
 MOST_STEPS = 1e8  # that a simulation may need; they take weeks
+FIRST_STEP = 1e-4  # of the longest; one that the integrator guesses may be so short that round-off ends it
 STEPS_OF_A_TURN = 8
 FEW_EVALUATIONS, MOST_EVALUATIONS = 5000, 3e9  # of the equations of motion, 30 a step
 FEW_STEPS = 5000  # by which the pace of the integrator is known
