@@ -429,6 +429,7 @@ def _integrate(system, setup, y0, yp0, limits, progress):
             raise _too_many(f"end = {setup.end:g} s takes {steps:.1e} steps of {what}", "leave out what is so fast")
     found = solve_dae(
         residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
+        first_step=FIRST_STEP * longest,
         rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
         events=[_twists(system), pace.stepped, limits],
     )  # fmt: skip
