@@ -193,6 +193,8 @@ def test_reduce_begins_with_the_verdict_and_ends_with_what_to_do_next(linkage_fo
     assert details.startswith(text.splitlines()[0]) and "Expansion points" in details and "max |V^T M V - I|" in details
     assert run(["info", "result.h5", "--details"]) == 0
     assert "Expansion points" in capsys.readouterr().out
+    assert run(["reduce", "job.toml", "--set", "output=my rod.h5"]) == 0
+    assert "  hpcred report 'my rod.h5'  " in capsys.readouterr().out  # as a shell takes it
 
 
 def test_programs_are_names_of_formats(linkage_folder, capsys):
