@@ -73,7 +73,8 @@ def _show_next(found, output):
     rows = [
         (f"evaluate {output} --full {model} --check 5", "more full solves"),
         (f"report {output}", "responses, error and shapes"),
-        (f"export {output} --format sid", "for a multibody program"),
+        (f"export {output} --format sid", "for a multibody program") if found.has_body
+        else (f"export {output} --format statespace-mat", "matrices of first order"),
         (f"info {output} --details", "basis, points, time, memory"),
     ]  # fmt: skip
     if found.record.accuracy is None:
