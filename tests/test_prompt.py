@@ -14,6 +14,7 @@ from conftest import DATA
 from helpers import SIMULATION, refused
 from launch import mpi_environment
 
+import hpcred
 from hpcred.cli.main import run
 from hpcred.report.tables import as_json, show_table, told_apart
 from hpcred.workflows import modes as workflow
@@ -193,6 +194,19 @@ def test_reduce_begins_with_the_verdict_and_ends_with_what_to_do_next(linkage_fo
     assert details.startswith(text.splitlines()[0]) and "Expansion points" in details and "max |V^T M V - I|" in details
     assert run(["info", "result.h5", "--details"]) == 0
     assert "Expansion points" in capsys.readouterr().out
+    assert run(["reduce", "job.toml", "--set", "output=my rod.h5"]) == 0
+    assert "  hpcred report 'my rod.h5'  " in capsys.readouterr().out  # as a shell takes it
+
+
+def test_what_to_do_next_is_possible_without_nodes(tmp_path, monkeypatch, capsys):
+    """A floating frame needs nodes."""
+    monkeypatch.chdir(tmp_path)
+    K = 1e6 * (2 * np.eye(9) - np.eye(9, k=1) - np.eye(9, k=-1))
+    hpcred.write_model("model.h5", hpcred.SecondOrderModel(M=np.eye(9), K=K, B=np.eye(9, 1)))
+    Path("job.toml").write_text('model = "model.h5"\noutput = "result.h5"\nbasis = [{kind = "modes", count = 3}]\n')
+    assert run(["reduce", "job.toml"]) == 0
+    export = next(line for line in capsys.readouterr().out.splitlines() if " export " in line)
+    assert run(export.partition("#")[0].split()[1:]) == 0
 
 
 def test_programs_are_names_of_formats(linkage_folder, capsys):

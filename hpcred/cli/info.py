@@ -50,10 +50,11 @@ def info(
     below_it = ("sets", "interfaces", "parameters", "terms", "loads", "warnings")
     rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
     show_table(None, rows)
-    show_table(INTERFACES, report.get("interfaces", []))
+    if not details:  # which have them
+        show_table(INTERFACES, report.get("interfaces", []))
+        session.show_loads(report.get("loads", []))
     show_table("Parameters", report.get("parameters", []))
     show_table("Terms that the matrices have for them", report.get("terms", []))
-    session.show_loads(report.get("loads", []))
     sets = [{"node set": name, "nodes": count} for name, count in report.get("sets", {}).items()]
     show_table(None, sets[:MOST_SETS])
     if len(sets) > MOST_SETS:

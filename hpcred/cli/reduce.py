@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from dataclasses import asdict
 from typing import Annotated
 
@@ -67,11 +68,13 @@ def reduce(
 def _show_next(found, output):
     """Print what is usually done with a result."""
     named = (found.record.job or {}).get("model")
-    model = os.path.relpath(named) if isinstance(named, str) else "MODEL.h5"
+    model = shlex.quote(os.path.relpath(named)) if isinstance(named, str) else "MODEL.h5"
+    output = shlex.quote(output)
     rows = [
         (f"evaluate {output} --full {model} --check 5", "more full solves"),
         (f"report {output}", "responses, error and shapes"),
-        (f"export {output} --format sid", "for a multibody program"),
+        (f"export {output} --format sid", "for a multibody program") if found.has_body
+        else (f"export {output} --format statespace-mat", "matrices of first order"),
         (f"info {output} --details", "basis, points, time, memory"),
     ]  # fmt: skip
     if found.record.accuracy is None:

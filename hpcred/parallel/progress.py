@@ -19,7 +19,11 @@ SHORT = 2.0  # seconds of a run that needs no progress
 LARGE = 30_000  # dofs of a model whose first factorisation may take longer than anybody waits for a line
 MINUTE = 60.0  # seconds between lines of steps that are not worth one each, and of a long stage
 SILENT = 10.0  # seconds without a line after which a stage says that it goes on
+THREAD = "hpcred stages"
 Result = TypeVar("Result")
+
+_watched: weakref.WeakSet = weakref.WeakSet()  # runs whose stages the thread looks after
+_lock = threading.Lock()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +72,6 @@ class Progress:
         self._said = -math.inf
         self._open: list[Stage] = []
         self._start = self._mark = time.perf_counter()
-        self._watched = False
 
     def _charge(self):
         now = time.perf_counter()
@@ -97,10 +100,12 @@ class Progress:
             self._open.pop()
 
     def _watch(self):
-        """Start the thread that looks after silent stages, unless it runs or nothing is shown."""
-        if not self._watched and self.comm.rank == 0 and self._after < float("inf"):
-            self._watched = True
-            threading.Thread(target=_look_after, args=(weakref.ref(self),), daemon=True).start()
+        """Have the thread look after the stages of this run, unless nothing is shown."""
+        if self.comm.rank == 0 and self._after < math.inf:
+            with _lock:
+                _watched.add(self)
+                if not any(thread.name == THREAD for thread in threading.enumerate()):  # none in a process that forked
+                    threading.Thread(target=_look_after_all, name=THREAD, daemon=True).start()
 
     def look(self) -> None:
         """Say what has become known of the present stage, and that it goes on: after SILENT seconds without a line,
@@ -196,11 +201,14 @@ class Progress:
         return self.comm.bcast(Timing(seconds=seconds, elapsed=elapsed, memory_mb_per_rank=tuple(memory)))
 
 
-def _look_after(progress):
-    """Look after the stages of a Progress (a weak reference), as long as somebody holds it."""
-    while (held := progress()) is not None:
-        held.look()
-        del held
+def _look_after_all():
+    """Look after the stages of each Progress that somebody holds: one thread for all, since a program may make
+    thousands of short runs."""
+    while True:
+        with _lock:
+            held = list(_watched)
+        while held:
+            held.pop().look()
         time.sleep(1.0)
 
 

@@ -9,6 +9,7 @@ import importlib.util
 import os
 import re
 import sys
+import time
 
 import numpy as np
 from mpi4py import MPI
@@ -17,7 +18,8 @@ from ..parallel import INSTALL
 from . import failures
 from .failures import InputError
 
-# in the environment of a rank: how many there are, and its number; those of srun, which others inherit, last
+# in the environment of a rank: how many there are, and its number; the first that is there counts, since the ranks of
+# others inherit those of srun
 SIZES = {
     "OMPI_COMM_WORLD_SIZE": ("OMPI_COMM_WORLD_RANK", "the mpiexec of Open MPI"),
     "PMI_SIZE": ("PMI_RANK", "the mpiexec of MPICH or Intel MPI"),
@@ -202,17 +204,19 @@ def _refuse_singletons():
     """Raise InputError where a launcher started several ranks that do not find each other: each of them would do the
     whole job, into the same files."""
     library = MPI.Get_library_version().partition(",")[0].split(" v")[0].strip("\x00\n ") or "this MPI"
-    for name, (number, launcher) in SIZES.items():
-        ranks = os.environ.get(name, "")
-        if MPI.COMM_WORLD.size == 1 and ranks.isdigit() and int(ranks) > 1:
-            if os.environ.get(number, "0") != "0":
-                os._exit(InputError.exit_status)  # the first one says it
-            how = f"`srun --mpi=pmix` (`srun --mpi=list` shows what there is) or `mpiexec -n {ranks}`"
-            raise InputError(
-                f"{launcher} started {ranks} ranks, and {library}, which mpi4py uses, finds one: take "
-                f"{how if launcher == 'srun' else f'the mpiexec of {library}'}; for {ranks} jobs of one rank take "
-                f"{name} out of the environment"
-            )
+    name = next((name for name in SIZES if os.environ.get(name, "").isdigit()), None)
+    if MPI.COMM_WORLD.size > 1 or name is None or int(os.environ[name]) < 2:
+        return
+    ranks, (number, launcher) = os.environ[name], SIZES[name]
+    if os.environ.get(number, "0") != "0":
+        time.sleep(failures.GRACE)  # a launcher ends the others as soon as one fails, and the first one says why
+        os._exit(InputError.exit_status)
+    how = f"`srun --mpi=pmix` (`srun --mpi=list` shows what there is) or `mpiexec -n {ranks}`"
+    raise InputError(
+        f"{launcher} started {ranks} ranks, and {library}, which mpi4py uses, finds one: take "
+        f"{how if launcher == 'srun' else f'the mpiexec of {library}'}; for {ranks} jobs of one rank take "
+        f"{name} out of the environment"
+    )
 
 
 def start_mpi():

@@ -113,10 +113,11 @@ def _rows(dofs, nonzeros, factor, in_core, on_disk, ranks, nodes, memory_gb, gfl
     hours = FACTORS * factor["flops"] / (ranks * gflops * 1e9) / 3600
     multigrid = SECONDS_OF_MULTIGRID * nonzeros / ranks / 0.7 / 3600
     card = CARD * factor["entries"]
+    disks = f"and {_two(8 * factor['entries'] / GB):g} GB of local disks"
     ways = (
         ("direct", in_core + rest, hours, ""),
         ("low_rank = 1e-8", in_core + rest, hours, "at most; less from about 10^6 dofs on"),
-        ("out_of_core", on_disk + rest, DISK_SLOWER * hours, f"and {8 * factor['entries'] / GB:.3g} GB of local disks"),
+        ("out_of_core", on_disk + rest, DISK_SLOWER * hours, disks),
         ("kind = multigrid", PROGRAM * ranks + MULTIGRID * nonzeros, multigrid, "a tolerance, real points"),
     )  # fmt: skip
     rows = []

@@ -34,7 +34,7 @@ SIZE = 40  # coordinates that a reduction to a tolerance is expected to have
 @dataclass(frozen=True)
 class Reduced:
     """What a job gave: the file, its record, the number of coordinates, also in words, the pseudo-frequencies in Hz,
-    and the report, None without one."""
+    the report, None without one, and whether the file has a body in a floating frame, as multibody programs need."""
 
     output: str
     record: Record
@@ -42,6 +42,7 @@ class Reduced:
     size_in_words: str
     frequencies: tuple[float, ...]
     report: str | None = None
+    has_body: bool = False
 
 
 @workflow
@@ -122,8 +123,9 @@ def _reduced(job, basis, reads, comm, progress) -> Reduced:
             record = replace(reduced.record, timing=progress.timing())
             report = str(_report_of(output)) if job.report else None
             found = Reduced(
-                output, record, reduced.size, reduced.size_in_words, tuple(reduced.frequencies.tolist()), report
-            )
+                output, record, reduced.size, reduced.size_in_words, tuple(reduced.frequencies.tolist()), report,
+                has_body=reference.dofs is not None and reduced.left_columns is None,
+            )  # fmt: skip
     if job.report:
         from .report import report_file  # which most jobs do without
 

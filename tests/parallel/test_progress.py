@@ -58,6 +58,15 @@ def test_short_runs_say_nothing_and_large_models_at_once(comm, capsys, clock):
     assert [line.partition("] ")[2] for line in capsys.readouterr().err.splitlines()] == ["large"]
 
 
+def test_one_thread_looks_after_all_runs(comm):
+    """One for each would meet the limit of a container where a program makes thousands of them."""
+    before, runs = threading.active_count(), [Progress(comm) for _ in range(20)]
+    for run in runs:
+        with run.stage("read"):
+            pass
+    assert threading.active_count() <= before + 1
+
+
 @pytest.mark.parametrize("seconds, words", [(0.4, "0 s"), (99, "99 s"), (720, "12 min"), (12000, "3 h 20 min")])
 def test_times_in_words(seconds, words):
     assert in_time(seconds) == words

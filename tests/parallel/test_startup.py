@@ -8,7 +8,7 @@ import sys
 import pytest
 from launch import TWO_BUILDS, mpi_environment
 
-from hpcred.parallel import startup
+from hpcred.parallel import failures, startup
 
 two_builds = pytest.mark.skipif(not TWO_BUILDS, reason="needs Debian's two builds, and none chosen")
 
@@ -96,7 +96,30 @@ def test_what_a_single_process_starts_may_look_for_networks(given, left):
 ])  # fmt: skip
 def test_ranks_that_do_not_find_each_other_are_refused_by_one_of_them(hpcred, name, number, says):
     """Each would do the whole job. A launcher of another MPI shows by its variables alone."""
-    for rank, said in (("0", 1), ("2", 0)):
-        run = hpcred("info", **{name: "4", number: rank})
-        assert run.returncode == 2 and len(run.stderr.splitlines()) == said
-        assert not said or re.search(says, run.stderr)
+    run = hpcred("info", **{name: "4", number: "0"})
+    assert run.returncode == 2 and len(run.stderr.splitlines()) == 1 and re.search(says, run.stderr)
+
+
+def test_the_others_of_them_end_silently_and_after_the_first_one(monkeypatch):
+    """A launcher that ends a job at the first failure would end the rank that says why."""
+    calls = []
+
+    def ended(status):
+        calls.append(status)
+        raise SystemExit(status)
+
+    for name in startup.SIZES:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("PMI_SIZE", "4")
+    monkeypatch.setenv("PMI_RANK", "2")
+    monkeypatch.setattr(startup.time, "sleep", calls.append)
+    monkeypatch.setattr(startup.os, "_exit", ended)
+    with pytest.raises(SystemExit):
+        startup._refuse_singletons()
+    assert calls == [failures.GRACE, 2]
+
+
+def test_one_rank_of_mpiexec_inside_a_step_of_srun_is_one(hpcred):
+    """The step has other ranks, those of mpiexec or of its helpers."""
+    run = hpcred("info", PMI_SIZE="1", PMI_RANK="0", SLURM_STEP_NUM_TASKS="4", SLURM_PROCID="0")
+    assert run.returncode == 0, run.stderr

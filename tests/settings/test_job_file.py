@@ -70,6 +70,7 @@ def replaced(old, new):
         ("[frame]", '[damping]\nkind = "modal"\nratio = -0.1\n[frame]', "damping.ratio: found -0.1, expected 0"),
         ("[frame]", '[damping]\nkind = "modal"\n[frame]', "exactly one of ratio, ratios and table"),
         ("[frame]", '[damping]\nkind = "caughey"\ncoefficients = []\n[frame]', "at least one number"),
+        ("[frame]", '[solver]\nkind = "auto"\n[frame]', "it is now kind 'direct' with unfit = 'multigrid'"),
         ("[frame]", 'projection = "oblique"\n[frame]', "found 'oblique', expected 'one_sided' or 'two_sided'"),
         ('kind = "krylov"\nfrequency = 100.0', 'kind = "second_order_krylov"', "expected a point: frequency"),
         (

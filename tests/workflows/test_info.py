@@ -133,3 +133,15 @@ def test_files_in_toml_are_told_apart(linkage_folder, capsys):
         (["job.toml", "--figure", "f.png"], "job.toml has no [[interface]] to draw"),
     ):
         assert says in refused(capsys, "info", *words)
+
+
+def test_details_of_a_result_have_each_table_once(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    package.write_model("model.h5", package.crank(600))
+    Path("job.toml").write_text(
+        'model = "model.h5"\noutput = "result.h5"\nframe = {kind = "buckens"}\nbasis = [{kind = "modes", count = 8}]\n'
+        'interface = [{name = "crank", nodes = {set = "BIG_EYE"}}]\n'
+    )
+    assert run(["reduce", "job.toml"]) == 0
+    for more in ((), ("--details",)):
+        assert said(capsys, "info", "result.h5", *more).count("Interfaces, and where their reference nodes are") == 1

@@ -6,7 +6,9 @@ import os
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator
 
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
@@ -22,6 +24,13 @@ PACKAGES: dict[str, str | type] = {
     "superlu_dist": "hpcred.linalg.solvers.petsc:SuperluDist",
     "petsc": "hpcred.linalg.solvers.petsc:PetscOwn",
 }
+
+
+def _of_today(kind):
+    """Return a kind; raises InputError for one of earlier versions, whose default it was."""
+    if kind == "auto":
+        raise InputError("solver.kind: found 'auto'; it is now kind 'direct' with unfit = 'multigrid'")
+    return kind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +49,7 @@ class LinearSolver:
     diagonal below which entries do not count in coarsening; `sweeps` of the smoother.
     """
 
-    kind: Literal["direct", "multigrid"] = "direct"
+    kind: Annotated[Literal["direct", "multigrid"], BeforeValidator(_of_today)] = "direct"
     unfit: Literal["refuse", "multigrid"] = "refuse"
     package: str = "auto"
     precision: Literal["double", "single"] = "double"
@@ -50,8 +59,7 @@ class LinearSolver:
     sweeps: int = 2
 
     def __post_init__(self):
-        if self.kind == "auto":  # of earlier versions
-            raise InputError("solver.kind: found 'auto'; it is now kind 'direct' with unfit = 'multigrid'")
+        _of_today(self.kind)
         as_declared(self, "solver.")
         for key, values in (("kind", ("direct", "multigrid")), ("unfit", ("refuse", "multigrid"))):
             if (found := getattr(self, key)) not in values:

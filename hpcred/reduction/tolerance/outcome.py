@@ -15,7 +15,7 @@ from .directions import Direction, directions_table
 from .error_estimate import SHARPEST, grid, measure_over, resonances
 from .search import Search
 
-UNPROVEN = "exact values above 0 Hz need a factor, or a basis with all modes below, and there was neither"
+UNPROVEN = "measured errors above 0 Hz need a factor, or a basis with all modes below, and there was neither"
 ENDED = "the search ended before a second point"
 LITTLE = 1e-3  # of the goal: round-off that is no matter
 MIXING = 1e-12  # round-off of K on the columns of a basis at sharp resonances, relative to the highest eigenvalue
