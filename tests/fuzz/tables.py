@@ -78,7 +78,8 @@ JOBS = [
     *(JOB + CHORD + MODES + f'[[viscoelastic]]\nfile = "Kv.mtx"\nlaw = {{kind = "{law}}}\n' for law in (
         'maxwell", factors = [0.5], times = [1e-3], constant = 1.0',
         'fractional", low = 1.0, high = 2.0, time = 1e-3, exponent = 0.5',
-        'fractional_kelvin_voigt", low = 1.0, rise = 1.0, time = 1e-3, exponent = 0.5')),
+        'fractional_kelvin_voigt", low = 1.0, rise = 1.0, time = 1e-3, exponent = 0.5',
+        'hysteretic", frequencies = [0.0, 1.0], loss_factors = [0.1, 0.2]')),
     'model = {K = "K.mtx", M = "M.mtx"}\ninputs = [1]\nband = [0.0, 0.3]\ntolerance = 1e-2\n'
     '[[parameter]]\nname = "e"\nrange = [0.0, 1.0]\n[[term]]\nof = "K"\nfile = "K.mtx"\nfactor = "e"\n'
     '[parameter_search]\npoints = 3\n',

@@ -224,7 +224,7 @@ def test_in_a_job_and_in_commands(hpcred, tmp_path, monkeypatch, capsys):
     (tmp_path / "job.toml").write_text(
         'model = "model.h5"\n[solver]\npackage = "petsc"\n[[basis]]\nkind = "krylov"\nfrequency = 100.0\n'
     )
-    assert run(["reduce", "job.toml"]) == 0
+    assert run(["reduce", "job.toml", "--details"]) == 0
     told = capsys.readouterr().out
     assert "\nPETSc " in told and "MUMPS" not in told
     evaluate = ["evaluate", "result.h5", "--full", "model.h5", "--frequencies", "10,50"]

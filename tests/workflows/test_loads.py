@@ -45,7 +45,7 @@ def test_a_job_with_loads(block, capsys):
     assert run(["info", "job.toml"]) == 0 and "Loads, and their sums" in capsys.readouterr().out
     loads = hpcred.describe_file("job.toml")["loads"]
     assert [item["load"] for item in loads] == ["oil", "weight"] and loads[0]["Fx (N)"] == pytest.approx(-40.0)
-    assert run(["reduce", "job.toml", "--json", "run.json"]) == 0
+    assert run(["reduce", "job.toml", "--details", "--json", "run.json"]) == 0
     told = capsys.readouterr().out
     assert "Loads, and their sums; moments about the origin" in told and "oil" in told
     record = json.loads(Path("run.json").read_text())
