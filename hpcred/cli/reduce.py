@@ -51,6 +51,8 @@ def reduce(
     verdict = size if accuracy is None else accuracy.sentence
     session.verdict(verdict, accuracy is None or accuracy.reached)
     print(f"{'' if accuracy is None else f'{size}, '}{record.effort}, {in_time(record.timing.elapsed)}")
+    if accuracy is not None:
+        print(accuracy.measured)
     if accuracy is not None and accuracy.directions:
         show_table(f"Least accurate of {counted(len(accuracy.directions), 'direction')} (|H| in SI units)",
                    rows_of_directions(accuracy.directions[:WORST], accuracy.band))  # fmt: skip
@@ -77,8 +79,11 @@ def _show_next(found, output):
         else (f"export {output} --format statespace-mat", "matrices of first order"),
         (f"info {output} --details", "basis, points, time, memory"),
     ]  # fmt: skip
-    if found.record.accuracy is None:
+    accuracy = found.record.accuracy
+    if accuracy is None:
         rows[0] = (f"evaluate {output} --full {model}", "the error, by full solves")
+    elif not accuracy.reached:  # a model to look at, not to go on with
+        del rows[2]
     if found.report:
         del rows[1]
     width = max(len(command) for command, _ in rows)

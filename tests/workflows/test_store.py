@@ -66,7 +66,7 @@ def test_the_job_names_the_store(linkage_folder, capsys):
         os.chdir(folder)
     assert len(list(Path("points").iterdir())) == 3
     capsys.readouterr()
-    made, saved, found = reduce()
+    made, saved, found = reduce("--details")
     assert (made, saved) == (0, 3) and found["job"]["store"] == str(Path("points").absolute())
     assert all(item["from_store"] for item in found["components"])
     output = capsys.readouterr().out
