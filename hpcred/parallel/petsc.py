@@ -82,10 +82,16 @@ def petsc_errors():
 def without_gil(name: str, *objects):
     """Call a function of PETSc or SLEPc that takes long on objects, such as KSPSetUp, and let other threads of Python
     run, which petsc4py does not. Raises PETSc.Error. Not for what calls Python back."""
-    module = SLEPc if name.startswith("EPS") else PETSc
-    code = getattr(ctypes.CDLL(module.__file__), name)(*(ctypes.c_void_p(item.handle) for item in objects))
+    code = _function(name)(*(ctypes.c_void_p(item.handle) for item in objects))
     if code:
         raise PETSc.Error(code)
+
+
+@cache
+def _function(name):
+    """Return a function of the library that petsc4py or slepc4py has loaded."""
+    module = SLEPc if name.startswith("EPS") else PETSc
+    return getattr(ctypes.CDLL(module.__file__), name)
 
 
 __all__ = ["MPI", "PETSc", "SAME", "SLEPc", "free_dropped", "is_complex", "make_room", "petsc_errors",

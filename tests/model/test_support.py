@@ -148,8 +148,10 @@ def test_supports_on_the_diagonal_are_warned_of(comm, folder, way):
             hpcred.write_model(folder / "m.h5", made)
             model = hpcred.read_model(folder / "m.h5", comm)
         said = f"found {held} rows with nothing beside the diagonal, the first is dof 1"
-        for found in (hpcred.check(model)["warnings"], hpcred.inspect(model)["warnings"],
-                      hpcred.natural_modes(model, 3).warnings, hpcred.damped_modes(model, 3).warnings):  # fmt: skip
+        told = [hpcred.check(model)["warnings"], hpcred.inspect(model)["warnings"]]
+        if way == "scipy":  # the same model in all ways
+            told += [hpcred.natural_modes(model, 3).warnings, hpcred.damped_modes(model, 3).warnings]
+        for found in told:
             assert any(said in text and "4 false modes at 0.159155 Hz" in text for text in found)
     K[range(held), range(held)] = 0.0
     with hpcred.SecondOrderModel.from_scipy(given(K), given(np.eye(n)), comm=comm) as loose:
