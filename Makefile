@@ -88,7 +88,7 @@ test-kernel-%:
 	    tests/linalg tests/reduction tests/analysis tests/model
 
 # the quickest that tells whether hpcred works with the PETSc of a system
-test-linalg: install
+test-linalg: test-packages
 	$(PYTHON) -m pytest -q --beside -m $(QUICK) tests/linalg tests/parallel
 
 # the wheel with what pip alone brings, where Python is 3.12 or later; tests/systems/pip.sh says why it leaves out a system
