@@ -58,7 +58,7 @@ class Progress:
     `seconds` holds the time per stage of this rank. Rank 0 gives its lines to the logger "hpcred"; where that has no
     handler, `show` says whether they are on stderr, by default once a run has lasted SHORT seconds. `bars`: on a
     terminal steps are bars below the lines; call close() then.
-    A thread of rank 0 looks after stages that say nothing by themselves; see parallel.petsc.without_gil.
+    A thread of rank 0 looks after stages that say nothing by themselves.
     """
 
     def __init__(self, comm, show: bool | None = None, bars: bool = False):

@@ -39,7 +39,7 @@ class ReducedModel:
 
     M, D, K (m, m), B (m, p), C, Cv, Ca (r, m), the last two None where they are zero.
     M is singular where dofs have no mass: the last coordinates then are static deflections, or first-order states of
-    dampers (see hpcred.reduction.massless).
+    dampers.
     `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52); without mass the least that counts as such.
     `loss_factor`: eta of structural damping, for frequency responses only. `viscoelastic`: terms, with
     matrices (m, m), that are added to K, the static stiffness. `record`: what made it.
@@ -262,8 +262,7 @@ class ReducedModel:
 
     def state_matrix(self) -> np.ndarray:
         """Return A (2m, 2m) of (x, x')' = A (x, x'); the states of added terms come last (see
-        hpcred.reduction.maxwell_states), for Maxwell's law. Coordinates without mass are eliminated, or have one state
-        (see hpcred.reduction.massless)."""
+        hpcred.reduction.maxwell_states), for Maxwell's law. Coordinates without mass are eliminated, or have one state."""
         if static_coordinates(self):
             return first_order(with_maxwell_states(self)[0] if self.added else self)["A"]
         size, inverse = self.size, np.linalg.inv(self.M)
