@@ -261,8 +261,8 @@ class ReducedModel:
         return hpcred.plot_response(self, pairs, band=band)
 
     def state_matrix(self) -> np.ndarray:
-        """Return A (2m, 2m) of (x, x')' = A (x, x'); the states of added terms come last (see
-        hpcred.reduction.maxwell_states), for Maxwell's law. Coordinates without mass are eliminated, or have one state."""
+        """Return A (2m, 2m) of (x, x')' = A (x, x'); the states of added terms come last, for Maxwell's law.
+        Coordinates without mass are eliminated, or have one state."""
         if static_coordinates(self):
             return first_order(with_maxwell_states(self)[0] if self.added else self)["A"]
         size, inverse = self.size, np.linalg.inv(self.M)
