@@ -28,7 +28,7 @@ from ..checks import check_added, require_no_frequencies
 from ..notes import Notes
 from ..record import TERMS
 from ..run import Run, identity_of_model
-from ..tolerance.outcome import LITTLE, PASSES, accuracy_of, changed, lack_digits
+from ..tolerance.outcome import LITTLE, PASSES, accuracy_of, ask_for_digits, changed
 from ..tolerance.reductor import ToleranceReductor
 from .accuracy import ParameterAccuracy, in_words
 from .compression import at_ends_of_band, compress, turned
@@ -149,7 +149,7 @@ def _project_again(greedy, kept) -> tuple[np.ndarray, float]:
     comm, judge, projections = greedy.parametric.comm, greedy.first.judge, greedy.projections
     noise = max(search.judge.noise for search in greedy.searches)
     pair, outward, inward = decided(comm, turned, projections, greedy.reference, greedy.goal)
-    for _ in range(PASSES if lack_digits(greedy.run, judge, pair.outer) else 0):
+    for _ in range(PASSES if ask_for_digits(greedy.run, judge, pair.outer) else 0):
         projections.rotate(outward)
         kept, before = inward @ kept, pair.outer
         pair, outward, inward = decided(comm, turned, projections, greedy.reference, greedy.goal)

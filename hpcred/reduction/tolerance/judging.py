@@ -100,10 +100,6 @@ class Judge:
         """Keep the error by what the basis has lost to round-off."""
         self.lost = max(self.lost, error)
 
-    def note_noise(self, noise: float):
-        """Keep round-off that estimates do not show."""
-        self.noise = max(self.noise, noise)
-
     def demand_more(self):
         """Ask for a smaller estimate at 0 Hz, since a basis lacked modes."""
         self.enough /= 100

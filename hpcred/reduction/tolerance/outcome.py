@@ -49,12 +49,12 @@ def _compressed(search, drop_above, kept, beside):
 
 
 def _project_again(search, kept) -> np.ndarray:
-    """Project on the pseudo-modes of the basis where its models lack digits (see lack_digits), until that changes
+    """Project on the pseudo-modes of the basis where its models lack digits (see ask_for_digits), until that changes
     nothing: what it changes last is the noise of the models that follow, in place of that of the search. Returns the
     columns `kept` in terms of the new basis. Collective."""
     projections, judge, comm = search.projections, search.judge, search.run.model.comm
     before = decided(comm, projections.model)
-    if not (lack_digits(search.run, judge, before) or projections.io.quiet):
+    if not (ask_for_digits(search.run, judge, before) or projections.io.quiet):
         return kept
     for _ in range(PASSES):
         projections.rotate(before.vectors)
@@ -79,9 +79,9 @@ def _changed(judge, before) -> float:
     return changed(before, pair, judge.settings.band)
 
 
-def lack_digits(run, judge, model) -> bool:
-    """Test whether round-off of K on the stiffest columns of a model may have mixed the soft ones, or resonances are so
-    sharp that less of it counts, also in the projections of the run that follow. Collective."""
+def ask_for_digits(run, judge, model) -> bool:
+    """Have the projections that follow keep more digits of K where resonances are sharp; return whether they are, or
+    whether round-off of K on the stiffest columns of a model may have mixed the soft ones. Collective."""
     sharper = decided(run.model.comm, _sharper, model, judge.settings.band)
     run.cancels *= sharper
     return sharper > 1 or not MIXING * model.eigenvalues[-1] <= judge.goal * model.eigenvalues[0]
