@@ -142,7 +142,7 @@ def test_large_surfaces_open(linkage_page, monkeypatch):
     class Plate:
         points, cells = block(158, 157, 1, (1.0, 1.0, 0.02))
         nodes, mark_names, mark_points = np.arange(len(points)), ["corner"], np.zeros((1, 3))
-        names, frequencies = [f"shape {k + 1}" for k in range(10)], np.arange(1.0, 11.0)
+        names, frequencies, has_stress = [f"shape {k + 1}" for k in range(10)], np.arange(1.0, 11.0), False
 
         def displacement(self, k):
             x, y, _ = self.points.T
