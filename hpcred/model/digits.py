@@ -71,11 +71,10 @@ def warnings_of_digits(model, K, eigenvalues: np.ndarray, block) -> list[str]:
     if errors[worst] <= INACCURATE:
         return []
     frequency = np.sqrt(max(eigenvalues[worst], 0.0)) / (2 * np.pi)
-    uncertain = f"by up to about {errors[worst]:.0e} of itself" if errors[worst] < 1 else "altogether"
     return [
         f"{model.name}: K has {digits} digits, and little is left of them where stiff parts cancel: the frequency "
-        f"{frequency:.4g} Hz is uncertain {uncertain}, whatever its residual; take a form of the export with more "
-        "digits, or larger elements"
+        f"{frequency:.4g} Hz is uncertain {_by(errors[worst])}, whatever its residual; take a form of the export "
+        "with more digits, or larger elements"
     ]
 
 
@@ -93,12 +92,15 @@ def warnings_of_peaks(model, K, eigenvalues: np.ndarray, ratios: np.ndarray, blo
     if peaks[worst] <= tolerance:
         return []
     frequency = np.sqrt(max(eigenvalues[worst], 0.0)) / (2 * np.pi)
-    uncertain = f"by up to about {peaks[worst]:.0e} of itself" if peaks[worst] < 1 else "altogether"
     return [
         f"{model.name}: the resonance at {frequency:.4g} Hz has a damping ratio of {ratios[worst]:.1e}, and the last "
         f"digits of K, where stiff parts cancel, move its frequency by {errors[worst]:.0e} of itself: its peak is that "
-        f"of K as stored, but uncertain {uncertain}, in full solves too; give more damping, or larger elements"
+        f"of K as stored, but uncertain {_by(peaks[worst])}, in full solves too; give more damping, or larger elements"
     ]
+
+
+def _by(error):
+    return f"by up to about {error:.0e} of itself" if error < 1 else "altogether"
 
 
 def _errors_of_frequencies(K, eigenvalues, block, digits) -> np.ndarray:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from ..operator import Law, Term
+from . import __path__
 
 
 def _kinds(base) -> list[type]:
@@ -20,7 +21,7 @@ def _kinds(base) -> list[type]:
     return [kind for each in base.__subclasses__() for kind in ([each] if hasattr(each, "kind") else _kinds(each))]
 
 
-for _module in iter_modules([__file__.rpartition("registry")[0]]):
+for _module in iter_modules(__path__):
     if _module.name != "registry":
         import_module(f"{__package__}.{_module.name}")
 

@@ -96,8 +96,33 @@ class Maxwell(ViscoelasticLaw):
         return (np.array(self.factors) * times / (1 + np.asarray(s)[..., None] * times) ** 2).sum(axis=-1)
 
 
+class FractionalLaw(ViscoelasticLaw):
+    """A law with the static value `low`, and (s time)^exponent."""
+
+    low: float
+    time: float
+    exponent: float
+
+    @property
+    def static(self) -> float:
+        """The value g(0)."""
+        return self.low
+
+    @property
+    def power(self) -> float:
+        """The exponent of s near 0."""
+        return self.exponent
+
+    def in_units(self, time: float) -> FractionalLaw:
+        """Return the law with its time in another unit of so many seconds."""
+        return replace(self, time=self.time / time)  # type: ignore[type-var]
+
+    def _powers(self, s):
+        return (np.asarray(s, dtype=complex) * self.time) ** self.exponent
+
+
 @dataclass(frozen=True)
-class Fractional(ViscoelasticLaw):
+class Fractional(FractionalLaw):
     """Fractional Zener model, g(s) = (low + high (s time)^exponent) / (1 + (s time)^exponent).
 
     Parameters
@@ -130,33 +155,19 @@ class Fractional(ViscoelasticLaw):
         if self.high < self.low:
             raise InputError(f"law: found low = {self.low:g} above high = {self.high:g}; damped materials stiffen")
 
-    @property
-    def static(self) -> float:
-        """The value g(0)."""
-        return self.low
-
-    @property
-    def power(self) -> float:
-        """The exponent of s near 0."""
-        return self.exponent
-
     def excess(self, s: np.ndarray) -> np.ndarray:
         """Return g(s) - g(0) of s (...) in 1/s."""
-        z = _power(s, self.time, self.exponent)
+        z = self._powers(s)
         return (self.high - self.low) * z / (1 + z)
-
-    def in_units(self, time: float) -> Fractional:
-        """Return the law with its time in another unit of so many seconds."""
-        return replace(self, time=self.time / time)
 
     def slope(self, s: np.ndarray) -> np.ndarray:
         """Return the derivative of g at s (...) other than 0."""
-        z = _power(s, self.time, self.exponent)
+        z = self._powers(s)
         return (self.high - self.low) * self.exponent * z / (s * (1 + z) ** 2)
 
 
 @dataclass(frozen=True)
-class FractionalKelvinVoigt(ViscoelasticLaw):
+class FractionalKelvinVoigt(FractionalLaw):
     """Fractional Kelvin-Voigt model, g(s) = low + rise (s time)^exponent.
 
     Parameters
@@ -189,28 +200,10 @@ class FractionalKelvinVoigt(ViscoelasticLaw):
         within("law.time", self.time, TIME)
         within("law.exponent", self.exponent, EXPONENT)
 
-    @property
-    def static(self) -> float:
-        """The value g(0)."""
-        return self.low
-
-    @property
-    def power(self) -> float:
-        """The exponent of s near 0."""
-        return self.exponent
-
     def excess(self, s: np.ndarray) -> np.ndarray:
         """Return g(s) - g(0) of s (...) in 1/s."""
-        return self.rise * _power(s, self.time, self.exponent)
-
-    def in_units(self, time: float) -> FractionalKelvinVoigt:
-        """Return the law with its time in another unit of so many seconds."""
-        return replace(self, time=self.time / time)
+        return self.rise * self._powers(s)
 
     def slope(self, s: np.ndarray) -> np.ndarray:
         """Return the derivative of g at s (...) other than 0."""
         return self.exponent * self.excess(s) / s
-
-
-def _power(s, time, exponent):
-    return (np.asarray(s, dtype=complex) * time) ** exponent
