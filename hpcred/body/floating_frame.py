@@ -22,9 +22,9 @@ from functools import cached_property
 
 import numpy as np
 
+from ..fe.dofs import OWN, SCALAR, require_dofs
 from ..linalg.blocks import create_block, inner, local_rows, times
-from ..model.dofs import OWN, SCALAR, require_dofs
-from ..model.rigid_body_modes import SAME_MASS, rigid_body_of, rigid_motions
+from ..model.rigid_body.modes import SAME_MASS, rigid_body_of, rigid_motions
 from ..model.rotation import skew
 from ..parallel.exchange import exchange
 from ..parallel.petsc import MPI, PETSc

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..linalg.pencil import time_of
-from ..model.interfaces import InterfaceNode
+from ..model.interfaces.nodes import InterfaceNode
 from ..model.operator import ADDED, Operator, Term, in_coordinates
-from ..model.rates import Rates, combined
+from ..model.outputs.rates import Rates, combined
 from ..model.second_order_model import SecondOrderModel, listed
 from ..parallel.as_html import as_html
 from ..parallel.failures import InputError, settle

@@ -25,7 +25,7 @@ from ..files import (
     sweep_table,
 )
 from ..files.hdf5 import kind_of_file, reading, require_whole, texts
-from ..model.parameters import rows_of_parameters
+from ..model.parameters.definitions import rows_of_parameters
 from ..model.second_order_model import declared_in
 from ..parallel.failures import InputError, agreed
 from ..parallel.plugins import OWN, blamed

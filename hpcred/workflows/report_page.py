@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model.dofs import named_quantity, target_of
+from ..fe.dofs import named_quantity, target_of
 from ..model.units import unit_of_response
 from ..reduction.parametric.accuracy import in_words as values_in_words
 from ..reduction.record import version_of

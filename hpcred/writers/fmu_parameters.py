@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.expressions import in_c
-from ..model.parameters import Parameter
+from ..model.parameters.definitions import Parameter
+from ..model.parameters.expressions import in_c
 from ..reduction.massless import static_coordinates
 from ..reduction.parametric.accuracy import in_words
 from ..reduction.parametric.reduced import ParametricReducedModel

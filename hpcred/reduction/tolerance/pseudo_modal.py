@@ -26,7 +26,7 @@ import numpy as np
 from ...linalg.eigensolver import congruent, graded_eigenpairs, settled
 from ...linalg.pencil import squared_frequencies, with_masses
 from ...model.operator import NOTHING, Operator, times
-from ...model.rates import Rates
+from ...model.outputs.rates import Rates
 
 LEAST_MASS = 1e-7  # of the coordinates of a model with masses, for its poles; the refinement of solves has the rest
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
