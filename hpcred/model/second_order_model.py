@@ -598,7 +598,9 @@ class SecondOrderModel:
         --------
         >>> loaded = model.with_loads([hpcred.Pressure(name="oil", on="BORE", value=2e6)])
         """
-        return with_loads(self, loads, given)
+        import hpcred  # the public functions, which stand above
+
+        return with_loads(self, loads, given, hpcred.read_load)
 
     def with_output_columns(
         self, local: ArrayLike | None, names: Iterable[str], *, Cv: ArrayLike | None = None,

@@ -236,9 +236,11 @@ class ReducedModel:
             If pyMOR is not installed or would take ranks away, or for structural damping; of parametric models also
             for accelerations and damping that follows the eigenfrequencies.
         """
+        import hpcred
+
         from .to_pymor import pymor_model
 
-        return pymor_model(self)
+        return pymor_model(self, hpcred.state_space)
 
     def plot(self, pairs: str | Sequence[str] | None = None, *, band: Sequence[float] | None = None) -> Figure:
         """Draw the frequency response, and its estimated error where that is known: see plot_response.

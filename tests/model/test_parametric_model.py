@@ -11,7 +11,8 @@ import hpcred
 from hpcred import InputError, Parameter, ParametricModel, SecondOrderModel, Term
 from hpcred.linalg.matrix_estimates import symmetry_defect
 from hpcred.model import second_order_model
-from hpcred.model.parameters.definitions import check_terms, parametric_model
+from hpcred.model.parameters import parametric_model
+from hpcred.model.parameters.definitions import check_terms
 from hpcred.parallel.petsc import PETSc
 
 OMEGA = Parameter("omega", (0.0, 8.0), unit="rad/s")

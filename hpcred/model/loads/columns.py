@@ -33,8 +33,10 @@ OF_TEMPERATURE = (
 )
 
 
-def with_loads(model, loads, given=None):
-    """Return the model with loads as further inputs, see SecondOrderModel.with_loads. Collective."""
+def with_loads(model, loads, given, read):
+    """Return the model with loads as further inputs, see SecondOrderModel.with_loads. Collective.
+
+    `read(model, load)` returns what _column does for a load vector of a file."""
     loads, given = declared("loads", loads, tuple[AnyLoad, ...]), dict(given or {})
     names = [*model.input_names, *(name for item in loads for name in input_names(item)), *given]
     twice = min((name for name, count in Counter(names).items() if count > 1), default=None)
@@ -44,7 +46,7 @@ def with_loads(model, loads, given=None):
         return model.shared()
     made = []
     for item in loads:
-        made += _moving(model, item) if item.kind == "moving" else [_column(model, item)]
+        made += _moving(model, item) if item.kind == "moving" else [_column(model, item, read)]
     for name, column in given.items():
         local, _ = named_columns(model.comm, model.local_rows, np.reshape(column, (-1, 1)), [name], f"load '{name}'")
         made.append((local[:, 0], sums_of_column(model, local[:, 0], name, "given")))
@@ -60,13 +62,11 @@ def with_loads(model, loads, given=None):
         return loaded.with_fields(loads=(*model.loads, *(sums for _, sums in made)))
 
 
-def _column(model, load):
+def _column(model, load, read):
     """Return the rows (rows,) of this rank of the column of a load, and its LoadColumn. Collective."""
     where = f"load '{load.name}'"
     if load.kind in ("given", "deck") or (load.kind == "temperature" and load.file):
-        import hpcred  # the public functions, which stand above
-
-        return hpcred.read_load(model, load)
+        return read(model, load)
     require_dofs(model, where)
     if load.kind == "gravity":
         return inertia_force(model, load.name, lambda points: np.broadcast_to(load.value, points.shape), load.kind)
