@@ -166,8 +166,6 @@ from .workflows.info import describe_file as describe_file
 from .workflows.info import inspect_file as inspect_file
 from .workflows.info import installation as installation
 from .workflows.info_of_output import verify_file as verify_file
-from .workflows.kernels import bench_kernels as bench_kernels
-from .workflows.kernels import forget_kernels as forget_kernels
 from .workflows.modes import mass_in_words as mass_in_words
 from .workflows.modes import modes_of_file as modes_of_file
 from .workflows.modes import tables_of_modes as tables_of_modes

@@ -143,7 +143,6 @@ def versions() -> dict[str, str]:
         "slepc": ".".join(map(str, SLEPc.Sys.getVersion())),
         "mpi": MPI.Get_library_version().strip("\x00\n ").split(",")[0],
         "blas": processor.blas() or "unknown",
-        "blas_kernels_chosen_by": processor.chosen_by(),
     }
     return found | {package: version_of(package) for package in ("hpcred", "numpy", "h5py", "mpi4py")}
 

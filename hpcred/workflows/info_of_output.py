@@ -66,8 +66,8 @@ def result(path, comm) -> dict:
     if record.accuracy is not None:
         report["accuracy"] = record.accuracy.sentence
         report["modes_of_the_band"] = record.accuracy.modes_in_words
-    if chosen_by := record.versions.get("blas_kernels_chosen_by"):
-        report["blas"] = f"{record.versions['blas']} (kernels chosen by {chosen_by})"
+    if blas := record.versions.get("blas"):
+        report["blas"] = blas
     if record.interface_rows:
         report["interfaces"] = record.interface_rows
     if record.loads:
