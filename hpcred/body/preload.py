@@ -18,10 +18,10 @@ from ..model.frames import Frame
 from ..model.loads.columns import mass_times
 from ..model.rotation import spin_softening
 from ..model.second_order_model import SecondOrderModel
-from ..parallel.declared import as_declared, declared
+from ..parallel.declared import Settings, declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
-from ..parallel.ranges import ANYTHING, within
+from ..parallel.ranges import ANYTHING, Vector, within
 from ..parallel.sums import summed
 from ..reduction.reduced_model import ReducedModel
 from .body import Body
@@ -38,13 +38,12 @@ from .rotations import skew
 from .stress_stiffness import assembled, node_stiffness
 from .unit_states import displacements_of_states, require_stresses, stresses
 
-Vector = tuple[float, float, float]
 ZERO = (0.0, 0.0, 0.0)
 FAR = 5e-3  # by which a frequency with half of the coordinates may be higher than with all; without load it is not
 
 
 @dataclass(frozen=True, kw_only=True)
-class Preload:
+class Preload(Settings):
     """A constant load on a body, in its axes.
 
     Parameters
@@ -64,15 +63,15 @@ class Preload:
         For numbers that are not finite, and names that are not node and direction.
     """
 
+    where = "preload."
+
     omega: Vector = ZERO
     acceleration: Vector = ZERO
     angular_acceleration: Vector = ZERO
     forces: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
-        as_declared(self, "preload.")
-        for key in ("omega", "acceleration", "angular_acceleration"):
-            within(f"preload.{key}", getattr(self, key), ANYTHING)
+        super().__post_init__()
         for state, value in self.forces.items():
             check_state(state)
             if state in OF_BODY:

@@ -65,8 +65,7 @@ def check_as_annotated(key: str, value, kind):
     kind = plain_type(kind)
     parts = get_args(kind)
     if get_origin(kind) in (Union, UnionType):
-        for part in parts:
-            check_as_annotated(key, value, part)
+        check_as_annotated(key, value, next(part for part in parts if _fits(value, part)))
     elif get_origin(kind) is tuple and isinstance(value, tuple):
         for item, part in zip(value, repeat(parts[0]) if ... in parts else parts, strict=False):
             check_as_annotated(key, item, part)
@@ -225,6 +224,14 @@ def _fitted(value, kind):
     elif isinstance(value, origin or kind) and (kind is bool or not isinstance(value, bool)):
         return value
     raise _Misfit
+
+
+def _fits(value, kind) -> bool:
+    try:
+        _fitted(value, kind)
+    except _Misfit:
+        return False
+    return True
 
 
 def _plain(value):
