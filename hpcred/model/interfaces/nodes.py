@@ -151,9 +151,9 @@ class Interface:
             raise InputError(f"{where}: directions belong to kind 'rigid'; an averaging set takes its translations")
         if self.kind == "rigid" and self.weights != "equal":
             raise InputError(f"{where}: weights belong to kind 'averaging'; the nodes of a rigid set all follow")
-        if isinstance(self.weights, tuple):
-            if not isinstance(self.nodes, tuple) or len(self.weights) != len(self.nodes):
-                raise InputError(f"{where}: weights: a list of numbers needs `nodes` as a list of as many numbers")
+        listed = len(self.nodes) if isinstance(self.nodes, tuple) else None
+        if isinstance(self.weights, tuple) and len(self.weights) != listed:
+            raise InputError(f"{where}: weights: a list of numbers needs `nodes` as a list of as many numbers")
 
 
 @dataclass(frozen=True)
