@@ -24,10 +24,10 @@ from ..parallel.failures import InputError
 from ..parallel.messages import message
 from ..parallel.ranges import require_band
 from .components.component import Component
-from .massless import first_order
 from .reduce import reduce
-from .reduced_model import ReducedModel
 from .reductor import Reductor
+from .result.massless import first_order
+from .result.reduced_model import ReducedModel
 
 DAMPED = 1e-9  # least damping ratio of a pole whose mirror image can be a point
 

@@ -18,15 +18,15 @@ from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 from .basis_reductor import BasisReductor
 from .components.component import Component
-from .measure import Measure
-from .parametric.reductor import ParametricBasisReductor, ParametricReductor
 from .parametric.settings import ParameterSearch
-from .reduced_model import ReducedModel
+from .parametric_reductor import ParametricBasisReductor, ParametricReductor
 from .reductor import Reductor
+from .result.accuracy import Adaptive
+from .result.measure import Measure
+from .result.reduced_model import ReducedModel
+from .run.store import Store
 from .settings import Reduction
-from .store import Store
-from .tolerance.accuracy import Adaptive
-from .tolerance.reductor import ToleranceReductor
+from .tolerance_reductor import ToleranceReductor
 from .two_sided import TwoSidedReductor
 
 

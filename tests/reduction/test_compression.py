@@ -7,11 +7,11 @@ import pytest
 from adaptive_models import chain, unit
 
 import hpcred
-from hpcred.reduction.measure import MEASURES
-from hpcred.reduction.tolerance import compression
-from hpcred.reduction.tolerance.compression import TRIALS, compressed, snapshots
-from hpcred.reduction.tolerance.error_estimate import Comparison, grid, measure_over
-from hpcred.reduction.tolerance.pseudo_modal import UNDAMPED, InputsOutputs, Proportional, columns, diagonalised
+from hpcred.reduction.result.measure import MEASURES
+from hpcred.reduction.small import compression
+from hpcred.reduction.small.compression import TRIALS, compressed, snapshots
+from hpcred.reduction.small.error_estimate import Comparison, grid, measure_over
+from hpcred.reduction.small.pseudo_modal import UNDAMPED, InputsOutputs, Proportional, columns, diagonalised
 
 BAND = (0.0, 10.0)
 

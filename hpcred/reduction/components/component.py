@@ -11,8 +11,8 @@ from pydantic import PlainSerializer, PlainValidator
 
 from ...linalg.basis import Basis
 from ...parallel.failures import InputError
-from ..kinds import UnknownKind, from_table, table_of
-from ..run import Run
+from ..result.kinds import UnknownKind, from_table, table_of
+from ..run.run import Run
 from .point_blocks import PointBlocks
 
 

@@ -17,10 +17,10 @@ from ...model.damping import is_proportional
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, within
-from ..points import laplace, point_name
 from .component import PointComponent
 from .krylov_sequence import KrylovSequence
 from .point_blocks import PointBlocks
+from .points import laplace, point_name
 
 
 class PencilSequence(KrylovSequence):

@@ -17,8 +17,8 @@ from ...parallel.declared import as_declared
 from ...parallel.failures import ComputationError, InputError
 from ...parallel.petsc import is_complex
 from ...parallel.ranges import COUNT, require_band, within
-from ..projection import diagonalise, project, project_columns
-from ..store import Entry
+from ..run.projection import diagonalise, project, project_columns
+from ..run.store import Entry
 from .component import Component
 
 INDEPENDENT = 1e-6  # weight of a direction of modes found that is not round-off
