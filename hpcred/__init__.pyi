@@ -117,13 +117,13 @@ from .reduction.parametric.settings import ParameterSearch as ParameterSearch
 from .reduction.reduce import reduce as reduce
 from .reduction.reductor import Reductor as Reductor
 from .reduction.result.accuracy import Accuracy as Accuracy
-from .reduction.result.accuracy import Adaptive as Adaptive
-from .reduction.result.accuracy import Limits as Limits
 from .reduction.result.measure import Measure as Measure
 from .reduction.result.parameter_accuracy import ParameterAccuracy as ParameterAccuracy
 from .reduction.result.parameter_accuracy import ParameterPoint as ParameterPoint
 from .reduction.result.record import Record as Record
 from .reduction.result.reduced_model import ReducedModel as ReducedModel
+from .reduction.search.goal import Adaptive as Adaptive
+from .reduction.search.goal import Limits as Limits
 from .reduction.settings import Reduction as Reduction
 from .settings.job_file import Job as Job
 from .settings.job_file import read_job as read_job

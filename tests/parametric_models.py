@@ -22,8 +22,8 @@ from hpcred import (
     Term,
     Viscoelastic,
 )
-from hpcred.reduction.result.accuracy import measured_damping
 from hpcred.reduction.result.measure import MEASURES
+from hpcred.reduction.small.damping import measured_damping
 from hpcred.reduction.small.error_estimate import measure_over
 from hpcred.reduction.small.pseudo_modal import InputsOutputs, diagonalised
 

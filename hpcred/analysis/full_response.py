@@ -28,8 +28,9 @@ from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
 from ..reduction.checks import check_model, check_unsymmetric, warnings_of
-from ..reduction.result.accuracy import Accuracy, Adaptive
+from ..reduction.result.accuracy import Accuracy
 from ..reduction.run.run import Run
+from ..reduction.search.goal import Adaptive
 from ..reduction.search.outcome import accuracy_of
 from ..reduction.search.round_off import projected_again
 from ..reduction.search.search import Search, deflation_of_search

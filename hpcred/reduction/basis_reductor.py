@@ -29,7 +29,7 @@ from .components.groups import blocks_in_groups, number_of_groups
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
 from .reductor import Reductor
 from .result.accuracy import Accuracy
-from .result.massless import separate_dampers, without_round_off
+from .result.massless import without_round_off
 from .result.record import make_record
 from .result.reduced_model import ReducedModel
 from .run.notes import Notes
@@ -40,11 +40,12 @@ from .run.projection import (
     project,
     project_columns,
     project_stiffness,
+    separate_dampers,
 )
 from .run.run import Run, identity_of_model
 from .run.store import Store
 from .settings import Reduction
-from .small.reduced_damping import reduced_damping
+from .small.damping import reduced_damping
 
 ORTHONORMAL_TO = 1e-12
 

@@ -34,7 +34,8 @@ from .result.parameter_accuracy import ParameterAccuracy, in_words
 from .result.record import TERMS
 from .run.notes import Notes
 from .run.run import Run, identity_of_model
-from .search.outcome import LITTLE, PASSES, accuracy_of, ask_for_digits, changed
+from .search.outcome import PASSES, accuracy_of, ask_for_digits, changed
+from .small.compression import LITTLE
 from .tolerance_reductor import ToleranceReductor
 
 

@@ -20,7 +20,7 @@ from .checks import warnings_of_band
 from .components.craig_bampton import ConstraintModes
 from .components.krylov import StaticCorrection
 from .interface_coordinates import elastic_part
-from .result.accuracy import Adaptive
+from .search.goal import Adaptive
 from .search.outcome import compressed_basis
 from .search.round_off import with_round_off
 from .search.search import Search, deflation_of_search

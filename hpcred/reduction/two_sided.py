@@ -15,7 +15,7 @@ from ..parallel.failures import ComputationError, InputError
 from .basis_reductor import BasisReductor, reduced_model
 from .result.massless import ROUND_OFF
 from .run.projection import diagonalise, diagonalise_with_massless, everywhere, project, project_columns
-from .small.reduced_damping import reduced_damping
+from .small.damping import reduced_damping
 
 LOST = 1e-10  # singular value of W^T M V below which a pair of directions cannot be made bi-orthogonal
 

@@ -17,8 +17,8 @@ from ..parallel.declared import declared
 from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 from ..parallel.ranges import SAMPLES, within
-from ..reduction.components.component import table_of
 from ..reduction.interface_coordinates import elastic_part
+from ..reduction.result.kinds import table_of
 from ..reduction.result.record import difference_between
 from ..reduction.result.reduced_model import ReducedModel, as_measured
 from ..report.tables import in_words

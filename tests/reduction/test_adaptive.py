@@ -38,7 +38,8 @@ from hpcred.examples.linkage import FRAME, LOAD
 from hpcred.model.dofs import Dofs
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.petsc import is_complex
-from hpcred.reduction.result.accuracy import Adaptive, measured_damping
+from hpcred.reduction.search.goal import Adaptive
+from hpcred.reduction.small.damping import measured_damping
 from hpcred.reduction.small.pseudo_modal import Proportional
 
 BAND = (0.0, 30000.0)  # of the clamped block with 144 dofs: three modes

@@ -13,7 +13,8 @@ import numpy as np
 from ...parallel.decisions import decided, shared_out
 from ...parallel.failures import agreed
 from ...parallel.petsc import MPI
-from ..small.compression import BALANCES, LITTLE, SHOWN, Snapshots, fewest, joined
+from ..search.outcome import SHOWN
+from ..small.compression import BALANCES, LITTLE, Snapshots, fewest, joined
 from ..small.error_estimate import FINE, UNIFORM, Comparison, grid, largest, measure_over, resolved, upper_poles
 from .affine import AffineProjections
 from .estimate import COARSE, coarsely

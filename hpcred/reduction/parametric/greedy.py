@@ -19,13 +19,14 @@ from ...linalg.basis import Basis
 from ...linalg.blocks import copy_of
 from ...parallel.decisions import decided, shared_out
 from ...parallel.stopping import stop_if_asked
-from ..result.accuracy import UNDAMPED, Adaptive
 from ..result.parameter_accuracy import ParameterPoint, in_words
 from ..run.run import Run
+from ..search.goal import Adaptive
 from ..search.judging import Candidate
 from ..search.search import Search, State
 from ..search.search_checks import is_singular
 from ..small.compression import compressed, fewest
+from ..small.damping import UNDAMPED
 from ..small.error_estimate import grid, resonances
 from .affine import AffineForm, AffineProjections
 from .compression import RangeSnapshots

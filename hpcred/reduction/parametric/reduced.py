@@ -16,7 +16,7 @@ from ...model.operator import Operator
 from ...model.parameters import Parameter, checked_values
 from ..result.reduced_model import ReducedModel
 from ..run.projection import project, project_columns
-from ..small.reduced_damping import reduced_damping
+from ..small.damping import reduced_damping
 from .singular import factor_of_mass
 
 

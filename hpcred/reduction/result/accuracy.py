@@ -3,86 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 
 from ...linalg.known import ModeCount, Source
-from ...model.damping import Caughey, GivenDamping, ModalDamping, NoDamping, Rayleigh, Structural
 from ...model.second_order_model import listed
 from ...parallel.as_html import as_html
-from ...parallel.declared import as_declared, renamed
-from ...parallel.failures import InputError
-from ...parallel.ranges import COUNT, FREQUENCY, require_band, within
-from ..small.error_estimate import UNIFORM
-from ..small.pseudo_modal import Proportional
+from ...parallel.declared import renamed
 from .directions import Direction, rows_of_directions
-from .measure import PAPER, AnyMeasure, Measure, Paper, measure_called
+from .measure import PAPER, AnyMeasure, Paper
 from .parameter_accuracy import ParameterAccuracy, in_words
 
 ROUND_OFF = "limited by round-off"  # why a search ended
 PERCENT = 1e-6  # tolerance below which errors are not in percent, and percentage below which these have an exponent
-UNDAMPED = 1e-8  # damping ratio up to which a mode counts as undamped
 WORST = 5  # directions that are shown where nobody asks for all
 NAMED = 3  # outputs that a warning names
-
-
-@dataclass(frozen=True, kw_only=True)
-class Limits:
-    """What an automatic reduction may take.
-
-    At most `factorisations`, `columns` of the uncompressed model, `size` coordinates of the result and `seconds`; where
-    one of them ends the search the tolerance is not reached. `points` (Hz) are taken first, before the search chooses.
-    The response of an undamped model is measured with the loss factor 2 `zeta0`.
-    """
-
-    factorisations: int = 14
-    columns: int = 600
-    size: int | None = None
-    seconds: float | None = None
-    zeta0: float = 1e-3
-    points: tuple[float, ...] = ()
-
-    def __post_init__(self):
-        as_declared(self, "adaptive.")
-        for key in ("factorisations", "columns", "size", "seconds", "zeta0"):
-            if getattr(self, key) is not None and not 0 < getattr(self, key) < np.inf:
-                raise InputError(f"adaptive.{key}: found {getattr(self, key)}, expected more than 0")
-        if self.factorisations < 2:
-            raise InputError(f"adaptive.factorisations: found {self.factorisations}, expected at least 2")
-        if not 1e-12 <= self.zeta0 < 1:
-            raise InputError(f"adaptive.zeta0: found {self.zeta0:g}, expected a damping ratio below 1")
-        for key in ("factorisations", "columns", "size"):
-            within(f"adaptive.{key}", getattr(self, key), COUNT)
-        within("adaptive.seconds", self.seconds, (1e-6, 1e9, "s"))
-        within("adaptive.points", self.points, FREQUENCY)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Adaptive(Limits):
-    """Reduction to an accuracy: eps(f) <= `tolerance` over `band` (Hz), within Limits.
-
-    `measure`: what eps is, "directions" (each response over the drive points of its input and output) or "paper", the
-    Frobenius norm (55). `static`: with "exact" the deflection at 0 Hz under every input is that
-    of the full model to round-off, which takes a factor of K and as many coordinates as there are inputs.
-    """
-
-    tolerance: float
-    band: tuple[float, float]
-    measure: Literal["directions", "paper"] | Measure = "directions"
-    static: Literal["tolerance", "exact"] = "tolerance"
-
-    @property
-    def error_measure(self) -> Measure:
-        """What `measure` stands for."""
-        return measure_called(self.measure)
-
-    def __post_init__(self):
-        as_declared(self, keys=("tolerance", "band", "measure", "static"))
-        super().__post_init__()
-        require_band("band", self.band)
-        if not 1e-15 <= self.tolerance < 1:
-            raise InputError(f"tolerance: found {self.tolerance:g}, expected a relative error such as 1e-4")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,46 +218,3 @@ def in_percent(error: float, tolerance: float) -> str:
         return f"{value:g}"
     text = np.format_float_positional(100 * value, precision=digits, fractional=False, trim="-")
     return f"{text if 100 * value >= PERCENT or not value else f'{100 * value:.1e}'} %"
-
-
-def measured_damping(damping, zeta0: float, band, added="") -> tuple[Proportional, bool, str]:
-    """Return the damping with which responses are measured: its proportional part, whether a given D is added, and a
-    sentence; `added`: what the added terms of the model are called, which always act."""
-    if added:
-        return _beside_added(damping, zeta0, band, added)
-    if isinstance(damping, GivenDamping):
-        loss = damping.loss_factor
-        words = "measured with the damping matrix of the model"
-        return Proportional(eta=loss), True, f"{words} and the loss factor {loss:g}" if loss else words
-    if isinstance(damping, Structural) and damping.loss_factor:
-        return Proportional(eta=damping.loss_factor), False, f"measured with the loss factor {damping.loss_factor:g}"
-    if isinstance(damping, Rayleigh | Caughey) and smallest_ratio(damping.coefficients, band) > UNDAMPED:
-        return proportional(damping.coefficients), False, "measured with the damping of the model"
-    ratio, why = zeta0, "undamped"
-    if isinstance(damping, ModalDamping):
-        ratio = max(float(damping.at(np.linspace(*band, UNIFORM)).min()), 1e-6)
-        why = "the smallest modal ratio"
-    return Proportional(eta=2 * ratio), False, f"measured with the loss factor {2 * ratio:g} ({why})"
-
-
-def _beside_added(damping, zeta0, band, added):
-    """Return the same of a model with added terms, which damp it."""
-    words = f"measured with the {added} of the model"
-    if isinstance(damping, Rayleigh | Caughey):
-        return proportional(damping.coefficients), False, f"{words} and its damping"
-    if isinstance(damping, NoDamping) or (isinstance(damping, Structural) and not damping.loss_factor):
-        return Proportional(), False, words
-    found, given, of_damping = measured_damping(damping, zeta0, band)
-    return found, given, words + of_damping.replace("measured with", " and", 1)
-
-
-def proportional(coefficients) -> Proportional:
-    """Return the damping of a Caughey series (39), of which Rayleigh damping is the first two terms."""
-    alpha, beta, *higher = (*coefficients, 0.0)[: max(len(coefficients), 2)]
-    return Proportional(alpha, beta, 0.0, tuple(higher) if any(higher) else ())
-
-
-def smallest_ratio(coefficients, band) -> float:
-    """Return the smallest damping ratio of a series over a band (Hz), without its sign."""
-    omega = 2 * np.pi * np.linspace(max(band[0], 1e-3 * band[1]), band[1], UNIFORM)
-    return float(np.abs(sum(a * omega ** (2 * k - 1) for k, a in enumerate(coefficients)) / 2).min())

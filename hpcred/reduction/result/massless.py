@@ -18,9 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...linalg.pencil import MASSLESS, time_of
-from ...parallel.decisions import decided
 from ...parallel.failures import InputError
-from ..run.projection import project
 
 NO_MASS = 1e-12  # of M with a unit diagonal of M + tau^2 K: eigenvalues up to it are round-off
 ROUND_OFF = 1e-9  # of damping beside stiffness, and of what has no place in states
@@ -33,17 +31,6 @@ class WithMass(NamedTuple):
     reduced: object
     feedthrough: np.ndarray
     integrals: int
-
-
-def separate_dampers(basis, damping, static: int):
-    """Turn the last columns of a basis, `static` ones without mass of equal stiffness, so that V^T D V is diagonal
-    among them, the strongest damping first. Collective."""
-    columns = basis.columns_between(basis.size - static, basis.size)
-    small = project(damping, columns)
-    turn = decided(basis.comm, lambda: np.linalg.eigh(-(small + small.T) / 2)[1])
-    whole = np.eye(basis.size)
-    whole[-static:, -static:] = turn
-    basis.multiply(whole)
 
 
 def without_round_off(D: np.ndarray, static: int, tau: float) -> np.ndarray:

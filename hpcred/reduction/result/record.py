@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import platform
+from abc import ABC
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any
+
+from pydantic import PlainSerializer, PlainValidator
 
 from ...linalg.solvers.base import FactorRecord
 from ...model.damping import Damping
@@ -20,12 +24,45 @@ from ...parallel import processor
 from ...parallel.declared import renamed
 from ...parallel.petsc import MPI, PETSc, SLEPc, is_complex
 from ...parallel.progress import Timing, counted
-from ..components.component import AnyKind
-from ..run.notes import ComponentRecord
 from .accuracy import Accuracy
+from .kinds import UnknownKind, from_table, table_of
 
 TERMS = "terms"  # key of the digest of the terms of parameters
 DIGITS_OF_DIGEST = 32  # hexadecimal
+
+
+class BasisPart(ABC):
+    """Base class of what a basis is made of, as records hold it: components derive from it."""
+
+    kind: str
+
+
+@dataclass(frozen=True)
+class UnknownPart(UnknownKind, BasisPart):
+    """A part of a basis whose class is not known here, as of a result that another program made."""
+
+
+AnyPart = Annotated[BasisPart, PlainValidator(partial(from_table, BasisPart, UnknownPart)), PlainSerializer(table_of)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComponentRecord:
+    """What a part of the basis brought: columns offered and kept, and how clear the decision was.
+
+    `smallest_kept` and `largest_dropped`: weights (see linalg.basis.Extension) of the directions on both sides of the
+    deflation tolerance, None where there are none. For modes their frequencies in Hz, the largest residual, and what
+    dominant ones contribute. `from_store`: it was not computed in this run.
+    """
+
+    where: str
+    columns: int
+    kept: int
+    smallest_kept: float | None = None
+    largest_dropped: float | None = None
+    frequencies_hz: tuple[float, ...] | None = None
+    residual: float | None = None
+    dominance: tuple[float, ...] | None = None
+    from_store: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +95,7 @@ class Record:
     outputs: tuple[str, ...]
     frame: Frame
     damping: Damping
-    basis: tuple[AnyKind, ...]
+    basis: tuple[AnyPart, ...]
     projection: str
     deflation_tolerance: float
     drop_above: float | None

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...linalg.pencil import time_of
+from ...linalg.pencil import LEAST_MASS, time_of
 from ...model.interfaces import InterfaceNode
 from ...model.operator import ADDED, Operator, Term, in_coordinates
 from ...model.rates import Rates, combined
 from ...model.second_order_model import SecondOrderModel, listed
 from ...parallel.as_html import as_html
 from ...parallel.failures import InputError, settle
-from ..small.pseudo_modal import LEAST_MASS
 from .accuracy import Accuracy
 from .massless import first_order, static_coordinates
 from .maxwell_states import maxwell_states, with_maxwell_states

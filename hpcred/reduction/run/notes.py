@@ -6,31 +6,12 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from ...linalg.solvers.base import FactorRecord
+from ..result.record import ComponentRecord
 
 WITHOUT_MASS = (
     "M is singular: directions that move no mass were left out of the basis, and with them the static deflection by "
     "loads on what has no mass; give it a little mass, or take it out by static condensation"
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class ComponentRecord:
-    """What a part of the basis brought: columns offered and kept, and how clear the decision was.
-
-    `smallest_kept` and `largest_dropped`: weights (see linalg.basis.Extension) of the directions on both sides of the
-    deflation tolerance, None where there are none. For modes their frequencies in Hz, the largest residual, and what
-    dominant ones contribute. `from_store`: it was not computed in this run.
-    """
-
-    where: str
-    columns: int
-    kept: int
-    smallest_kept: float | None = None
-    largest_dropped: float | None = None
-    frequencies_hz: tuple[float, ...] | None = None
-    residual: float | None = None
-    dominance: tuple[float, ...] | None = None
-    from_store: bool = False
 
 
 @dataclass(kw_only=True)

@@ -71,6 +71,17 @@ def diagonalise_with_massless(basis, mass, stiffness, tau: float) -> tuple[np.nd
     return squares, static
 
 
+def separate_dampers(basis, damping, static: int):
+    """Turn the last columns of a basis, `static` ones without mass of equal stiffness, so that V^T D V is diagonal
+    among them, the strongest damping first. Collective."""
+    columns = basis.columns_between(basis.size - static, basis.size)
+    small = project(damping, columns)
+    turn = decided(basis.comm, lambda: np.linalg.eigh(-(small + small.T) / 2)[1])
+    whole = np.eye(basis.size)
+    whole[-static:, -static:] = turn
+    basis.multiply(whole)
+
+
 def everywhere(model, framed, columns):
     """Return a basis of the framed model in all dofs of `model`, as a new block. Collective."""
     return copy_of(columns, model.K) if framed.restore is None else times(framed.restore, columns)

@@ -21,8 +21,9 @@ from ...parallel.decisions import decided
 from ...parallel.memory import MB
 from ...parallel.petsc import PETSc
 from ...parallel.progress import Progress
+from ..result.record import ComponentRecord
 from .independent_loads import independent_loads
-from .notes import ComponentRecord, Notes
+from .notes import Notes
 from .projection import CANCELS
 from .run_solvers import RunSolvers
 from .store import Store

@@ -11,9 +11,11 @@ from ...linalg.known import ModeCount
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError
 from ..components.point_blocks import Part, PointBlocks
-from ..result.accuracy import UNDAMPED, Adaptive, Point, measured_damping
+from ..result.accuracy import Point
 from ..run.run import Run
+from ..small.damping import UNDAMPED, measured_damping
 from ..small.error_estimate import missing, resonances
+from .goal import Adaptive
 from .judging import COLUMNS, Blocks, Judge, Judgement
 from .point_solver import PointSolver
 from .projections import Projections

@@ -11,10 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..result.accuracy import Adaptive, Proof
+from ..result.accuracy import Proof
 from ..result.measure import Measure
 from ..small.error_estimate import UNIFORM, Comparison, grid, largest, measure_over, next_point, rounded
 from ..small.pseudo_modal import nested
+from .goal import Adaptive
 from .projections import HELD_BACK, Projections
 from .search_checks import check_response
 

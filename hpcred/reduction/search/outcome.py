@@ -3,24 +3,38 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ...parallel.decisions import decided
+from ...parallel.failures import InputError
 from ...parallel.progress import counted
 from ..result.accuracy import Accuracy
 from ..result.directions import Direction, directions_table
 from ..result.measure import MEASURES
-from ..small.compression import compress
-from ..small.error_estimate import SHARPEST, grid, measure_over, resonances
+from ..small.compression import LITTLE, compressed
+from ..small.error_estimate import (
+    FINE,
+    SHARPEST,
+    UNIFORM,
+    Comparison,
+    grid,
+    largest,
+    measure_over,
+    resolved,
+    resonances,
+)
+from .judging import Judge
 from .search import Search
 
 UNPROVEN = "measured errors above 0 Hz need a factor, or a basis with all modes below, and there was neither"
 ENDED = "the search ended before a second point"
-LITTLE = 1e-3  # of the goal: round-off that is no matter
 MIXING = 1e-12  # round-off of K on the columns of a basis at sharp resonances, relative to the highest eigenvalue
 SHARP = 5e-4  # damping ratio of these
 PASSES = 4  # of projections
+TRIALS = 8  # compressions, each with the frequencies where the one before was too bad, until nothing is compressed
+SHOWN = 1e-6  # of the tolerance: what a curve that is kept shows
 TOGETHER = 2**22  # errors of single responses that are held at a time
 
 
@@ -46,6 +60,71 @@ def _compressed(search, drop_above, kept, beside):
         search, found.reason, found.pair, found.frequencies, found.curve, largest=float(found.curve.max()) + rest,
         noise=found.noise,
     )  # fmt: skip
+
+
+class Compressed(NamedTuple):
+    """What a search ends with: the `factor` (m, k) from the basis to the columns of the reduced model; that model
+    in the uncompressed one (`pair`), and its error (`curve`, (S,)) at frequencies (S,) in Hz; the noise; and why
+    the tolerance is not reached, or ""."""
+
+    factor: np.ndarray
+    pair: Comparison
+    frequencies: np.ndarray
+    curve: np.ndarray
+    noise: float
+    reason: str
+
+
+def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarray, beside: int) -> Compressed:
+    """Return the few combinations of a basis that the tolerance asks for, after a search; local.
+
+    `reason`: why the search ended before the tolerance was reached, or "". The columns `kept` (m, c), in terms of
+    those of the basis, stay in the span. Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the
+    error counts. `beside`: coordinates that join the model later, and count for the size. Raises InputError.
+    """
+    eps, est, noise = judge.settings.tolerance, judge.estimate, max(judge.noise, judge.lost)
+    outer = judge.projections.model()
+    whole = judge.compare(outer, outer, np.eye(len(outer)))
+    goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
+    fixed = np.linalg.qr(outer.coordinates_of(kept))[0] if kept.shape[1] else kept
+    found, frequencies, curve, limited = _reach(judge, whole, goal, fixed, beside)
+    reason = reason or limited
+    if drop_above is not None and found.inner.frequencies[-1] > drop_above:
+        found, frequencies, curve = _without_modes_above(drop_above, found, frequencies, goal)
+        if not reason and curve.max() + est + noise > eps:
+            reason = f"without the pseudo-frequencies above {drop_above:g} Hz (drop_above)"
+    noise = max(noise, float(found.noise(frequencies).max()))
+    return Compressed(outer.vectors @ found.embedding, found, frequencies, curve, noise, reason)
+
+
+def _reach(judge, whole: Comparison, goal, fixed, beside):
+    """Return the smallest model whose error stays below the goal between the frequencies as well, in the uncompressed
+    one; a grid and its error on it; and why the size that was asked for does not let it, or ""; `fixed`: see
+    compressed(), `beside`: see compress()."""
+    settings, outer = judge.settings, whole.outer
+    S, limited, most = grid([outer], settings.band), "", settings.size
+    if most is not None:
+        most -= beside
+    for trial in range(TRIALS + 1):
+        U = compressed(whole, S, goal, fixed) if trial < TRIALS else np.eye(len(outer))
+        if most is not None and U.shape[1] > most:
+            limited = f"with {settings.size} coordinates"
+            U = compressed(whole, S, 0.0, fixed, most=most)
+        found = whole.within(U)
+        fine, curve = largest(found, grid([outer, found.inner], settings.band, 2 * UNIFORM, FINE), LITTLE * goal)
+        if curve.max() <= 1.02 * goal or (most is not None and U.shape[1] >= most):
+            break
+        S = np.unique(np.concatenate([S, fine[curve > 0.8 * goal]]))
+    return found, *resolved(found, fine, curve, max(3 * judge.noise, SHOWN * settings.tolerance)), limited
+
+
+def _without_modes_above(limit, found: Comparison, frequencies, goal):
+    kept = found.inner.frequencies <= limit
+    if not kept.any():
+        raise InputError(f"drop_above: no pseudo-frequency lies below {limit:g} Hz")
+    inner, turn = found.inner.restricted(np.eye(len(kept))[:, kept])
+    fewer = replace(found, inner=inner, embedding=found.embedding @ turn)
+    return fewer, *largest(fewer, frequencies, LITTLE * goal)
 
 
 def _project_again(search, kept) -> np.ndarray:

@@ -18,9 +18,10 @@ from ...linalg.solvers.base import MOVES_FREELY, SingularMatrix
 from ...parallel.decisions import decided
 from ...parallel.failures import ComputationError, InputError
 from ..components.krylov import PencilSequence
-from ..result.accuracy import Adaptive, Point
+from ..result.accuracy import Point
 from ..run.store import Entry
 from ..small.error_estimate import off_poles, rounded
+from .goal import Adaptive
 from .projections import Projections
 from .residual_blocks import residual_block
 

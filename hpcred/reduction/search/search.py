@@ -28,10 +28,11 @@ from ...parallel.decisions import decided
 from ...parallel.failures import InputError
 from ...parallel.progress import counted
 from ...parallel.stopping import stop_if_asked
-from ..result.accuracy import Adaptive, Proof
+from ..result.accuracy import Proof
 from ..run.run import Run
 from ..small.error_estimate import apart, rounded
 from .expansion import Expansion
+from .goal import Adaptive
 from .hidden_modes import find_hidden
 from .judging import Candidate, Judgement
 from .point_solver import NoRegularPoint

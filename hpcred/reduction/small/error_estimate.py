@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...linalg.known import ModeCount
+from ...linalg.pencil import LEAST_MASS
 from ..result.measure import Measure, Paper, drive_points
 from ..result.oscillating_poles import oscillating_poles
-from .pseudo_modal import LEAST_MASS, Proportional, PseudoModal, difference, kept
+from .pseudo_modal import Proportional, PseudoModal, difference, kept
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
 APART = 0.02  # of the band between points

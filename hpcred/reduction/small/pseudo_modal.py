@@ -24,11 +24,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...linalg.eigensolver import congruent, graded_eigenpairs, settled
-from ...linalg.pencil import squared_frequencies, with_masses
+from ...linalg.pencil import LEAST_MASS, squared_frequencies, with_masses
 from ...model.operator import NOTHING, Operator, times
 from ...model.rates import Rates
 
-LEAST_MASS = 1e-7  # of the coordinates of a model with masses, for its poles; the refinement of solves has the rest
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
 NEARLY_ZERO = 1e-12  # eigenvalue, relative to the largest, that round-off may have made of zero
 PUSHED = 1e-11  # of the norm of a load, or of a damping matrix: less on a motion is round-off
