@@ -57,7 +57,7 @@ class TangentialPoints(Component):
         return True
 
     def extend(self, basis, run) -> None:
-        solver, found = run.solvers.complex, 0
+        solver, found = run.solvers.complex(), 0
         with run.progress.stage("solve"):
             loads = from_dense(run.model.B)
             load, solution = (create_block(run.model.K, 2) for _ in range(2))

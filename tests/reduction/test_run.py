@@ -15,7 +15,7 @@ def test_one_factor_at_a_time(comm):
         context = Run(framed, Progress(comm, show=False), 1e-12)
         solver = context.solvers.factored(-1e4, "a point")
         assert solver.factored is not None
-        other = context.solvers.complex
+        other = context.solvers.complex()
         other.factor(-1e4, 100j)
         assert solver.factored is None and other.factored is not None
         assert context.solvers.factored(-1e4, "a point") is solver and other.factored is None

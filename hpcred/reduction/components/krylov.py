@@ -60,7 +60,7 @@ class ComplexPencilSequence(PencilSequence):
     kind = ComplexBasis
 
     def _factor(self):
-        solver = self.run.solvers.complex
+        solver = self.run.solvers.complex()
         with self.run.progress.stage("factor", self._name, solver.known):
             solver.factor(self._square)
             return solver

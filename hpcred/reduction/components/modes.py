@@ -144,7 +144,7 @@ def _slices(run):
     """Test whether the factors that SLEPc makes of its own fit; refused where nothing else would do."""
     if not run.solvers.multigrid:
         try:
-            run.solvers.real.estimate()
+            run.solvers.real().estimate()
         except DoesNotFit as error:
             if not run.solvers.give_up_factors(error):
                 raise

@@ -113,7 +113,7 @@ class SecondOrderSequence(KrylovSequence):
         s, run = self._s, self.run
         if self._is_real():
             return run.solvers.factored(s.real**2, point_name(s), s.real)
-        solver = run.solvers.complex
+        solver = run.solvers.complex()
         with run.progress.stage("factor", point_name(s), solver.known):
             solver.factor_at(s)
             return solver

@@ -29,9 +29,8 @@ class RunSolvers:
         self._records_before: list[FactorRecord] = []  # of factors that were given up
         self._analyses_before = 0
 
-    @property
     def real(self) -> Solver:
-        """The one for real matrices."""
+        """Return the solver of real points, and free the factor of a complex one."""
         if self._real is None and self._factoring.solver.kind == "multigrid":
             self._take_multigrid()
         if self._real is None:
@@ -40,9 +39,8 @@ class RunSolvers:
             self._complex.release()
         return self._real
 
-    @property
     def complex(self) -> ComplexSolver:
-        """The one for complex A(s)."""
+        """Return the solver of complex A(s), and free the factor of a real point. Raises InputError with multigrid."""
         if self._factoring.solver.kind == "multigrid":
             raise InputError(not_definite("a complex point"))
         if self._complex is None:
@@ -61,10 +59,10 @@ class RunSolvers:
         definite, the run goes on by multigrid, if it `may_give_up` factors and few iterations are expected; else
         DoesNotFit or TooSlow is raised.
         """
-        if self.real.factored != (mass, damping):
+        if self.real().factored != (mass, damping):
             with self._progress.stage("factor", name, lambda: self._real.known()):
                 try:
-                    self.real.factor(mass, damping)
+                    self.real().factor(mass, damping)
                 except SingularMatrix as error:
                     error.point = name
                     raise
@@ -72,10 +70,10 @@ class RunSolvers:
                     if mass < 0 or not may_give_up or not self.give_up_factors(error):
                         raise
                     try:
-                        self.real.factor(mass, damping)
+                        self.real().factor(mass, damping)
                     except TooSlow as slow:
                         raise TooSlow(f"{str(error).partition(';')[0]}; in its place, {slow}") from error
-        return self.real
+        return self.real()
 
     def give_up_factors(self, error: DoesNotFit) -> bool:
         """Continue with multigrid if the settings allow it; return whether they do. Collective.
