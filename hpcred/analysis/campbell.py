@@ -14,7 +14,7 @@ from ..parallel.declared import declared, refuse_file, spelled
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 from ..parallel.ranges import ANYTHING, within
-from ..reduction.maxwell_states import maxwell_states
+from ..reduction.result.maxwell_states import maxwell_states
 from .campbell_diagram import SPEEDS, Campbell, CriticalSpeed
 from .pole_tracking import ZERO, PoleTracker, damping_ratios, growth_of
 from .whirl import are_seen, in_words, motions_of, orbits

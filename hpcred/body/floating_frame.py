@@ -28,7 +28,7 @@ from ..model.rigid_body_modes import SAME_MASS, rigid_body_of, rigid_motions
 from ..model.rotation import skew
 from ..parallel.exchange import exchange
 from ..parallel.petsc import MPI, PETSc
-from ..reduction.projection import WIDTH, project
+from ..reduction.run.projection import WIDTH, project
 
 SAME_PRODUCTS = 1e-8  # of the sizes of two columns; more is no round-off
 

@@ -19,7 +19,7 @@ from ..parallel.declared import as_declared, declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import ANYTHING, within
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.result.reduced_model import ReducedModel
 from .body import Body
 from .geometric_stiffness import (
     ACCELERATIONS,

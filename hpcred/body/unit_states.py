@@ -28,7 +28,7 @@ from ..model.strain_matrices import strain_matrices
 from ..model.targets import unit_columns
 from ..parallel.failures import InputError, Owned
 from ..parallel.sums import summed
-from ..reduction.projection import everywhere
+from ..reduction.run.projection import everywhere
 from .geometric_stiffness import OF_BODY, SIX, GeometricStiffness
 from .node_shapes import interface_nodes
 from .stress_stiffness import node_stiffness, projected

@@ -15,7 +15,7 @@ from ..parallel.failures import ComputationError, InputError
 from ..parallel.petsc import MPI
 from ..parallel.progress import Progress, in_time
 from ..parallel.ranges import LABEL, within
-from ..reduction.maxwell_states import maxwell_states
+from ..reduction.result.maxwell_states import maxwell_states
 from .checks import require_finite
 from .drives import AnyDrive
 from .equations_of_motion import FlexibleBody, node_motion

@@ -24,8 +24,8 @@ from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, SAMPLES, within
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.record import versions
-from ..reduction.tolerance.directions import rows_of_directions
+from ..reduction.result.directions import rows_of_directions
+from ..reduction.result.record import versions
 from .full_model import full_of_record
 from .pair_figures import check_figure, figures_of_pairs, pairs_by_name, pairs_to_show
 from .workflow import workflow

@@ -19,7 +19,7 @@ from ..model.parameters import checked_values
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress, counted
-from ..reduction.record import versions
+from ..reduction.result.record import versions
 from ..report.figures import MOST, kind_of_figure, response_figure
 from ..settings.job_file import read_job
 from .evaluate import frequencies_over

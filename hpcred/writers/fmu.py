@@ -31,9 +31,9 @@ from ..model.dofs import DIRECTIONS, QUANTITIES, SCALAR, named_quantity, target_
 from ..parallel.failures import ComputationError, InputError
 from ..parallel.messages import printable
 from ..parallel.petsc import MPI
-from ..reduction.massless import with_mass
-from ..reduction.maxwell_states import with_maxwell_states
-from ..reduction.reduced_model import ReducedModel, require_finite
+from ..reduction.result.massless import with_mass
+from ..reduction.result.maxwell_states import with_maxwell_states
+from ..reduction.result.reduced_model import ReducedModel, require_finite
 from .base import Writer
 from .fmu_parameters import Family
 from .state_space import state_space

@@ -8,10 +8,10 @@ import numpy as np
 
 from ..model.expressions import in_c
 from ..model.parameters import Parameter
-from ..reduction.massless import static_coordinates
-from ..reduction.parametric.accuracy import in_words
 from ..reduction.parametric.reduced import ParametricReducedModel
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.result.massless import static_coordinates
+from ..reduction.result.parameter_accuracy import in_words
+from ..reduction.result.reduced_model import ReducedModel
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 import hpcred
 from hpcred.analysis.pole_tracking import PoleTracker
 from hpcred.analysis.whirl import orbits
-from hpcred.reduction.maxwell_states import maxwell_states
+from hpcred.reduction.result.maxwell_states import maxwell_states
 
 TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 PLANE = [SimpleNamespace(phi=np.eye(3)[:, :2])]  # a node that moves by the first two coordinates

@@ -13,7 +13,7 @@ from hpcred import InputError
 from hpcred.examples.solid import solid
 from hpcred.linalg.pencil import massless_last, modes_of
 from hpcred.reduction.irka import mirrored
-from hpcred.reduction.massless import static_coordinates, with_mass
+from hpcred.reduction.result.massless import static_coordinates, with_mass
 
 KINDS = ("chain-without-mass", "skew-without-mass", "beam-without-inertia", "rotor-without-inertia")
 AT_FEW_VALUES = 4, 7  # seeds of random models with parameters that take little time
