@@ -85,7 +85,7 @@ test-kernels: install
 
 test-kernel-%:
 	OPENBLAS_CORETYPE=$* $(PYTHON) -m pytest -q -m $(QUICK) -k "not 2-ranks and not 3-ranks and not complex" \
-	    tests/linalg tests/reduction tests/analysis tests/model
+	    tests/linalg tests/reduction tests/analysis tests/fe tests/model
 
 # the quickest that tells whether hpcred works with the PETSc of a system
 test-linalg: test-packages
@@ -113,7 +113,7 @@ fuzz: install
 
 # The numerical rooms with one place changed at a time: a change that no test notices wants a test (tests/mutants).
 # ROOM=reduction/components/krylov.py takes one module. MUTANTS: how many, evenly from the modules. SEED: of the choice.
-ROOM    := linalg,model,reduction,body,simulation
+ROOM    := linalg,fe,model,reduction,body,simulation
 MUTANTS := 200
 
 mutants: install

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model.load_columns import mass_times
-from ..model.shape_functions import integration_points, shape_functions
-from ..model.strain_matrices import strain_matrices
+from ..fe.shape_functions import integration_points, shape_functions
+from ..fe.strain_matrices import strain_matrices
+from ..model.loads.columns import mass_times
 from ..parallel.sums import summed
 
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from ..fe.dofs import Dofs
 from ..linalg.csr import compress
 from ..model.damping import Rayleigh
-from ..model.dofs import Dofs
 from ..model.frames import Chord
 from ..model.second_order_model import SecondOrderModel
 from ..parallel.exchange import exchange

@@ -25,10 +25,10 @@ from urllib.parse import quote, unquote
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from ..model.dofs import Dofs, dofs_per_node
+from ..fe.dofs import Dofs, dofs_per_node
+from ..fe.materials import ElementProperties, Material
 from ..model.laws.registry import NamedLaw, laws_of
-from ..model.loads import LoadColumn
-from ..model.materials import ElementProperties, Material
+from ..model.loads.kinds import LoadColumn
 from ..model.operator import ADDED, KEY, Operator, Term
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.failures import InputError, agreed

@@ -38,14 +38,14 @@ from ..body.node_shapes import NodeShape, shapes_of_rows
 from ..body.preload import Preload, forces_of, reduced_at, softening_of
 from ..body.stress import StressModes
 from ..body.turned import turned_frame, turned_node, turned_stiffness
+from ..fe.dofs import SCALAR
+from ..fe.elements import surface_triangles
 from ..linalg.blocks import create_block, local_rows
 from ..linalg.pencil import modes_of
-from ..model.dofs import SCALAR
-from ..model.elements import surface_triangles
-from ..model.interfaces import InterfaceNode
+from ..model.interfaces.nodes import InterfaceNode
 from ..model.laws.registry import laws_of
 from ..model.operator import ADDED, Term
-from ..model.parameters import checked_values
+from ..model.parameters.definitions import checked_values
 from ..model.second_order_model import listed, require_model
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed

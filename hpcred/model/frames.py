@@ -12,17 +12,17 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from ..fe.dofs import DIRECTIONS, INTERFACE_THERE, direction_index, position_of_node, row_of, rows_of_node
 from ..linalg.blocks import column_norms, from_dense, local_rows, times
 from ..linalg.csr import compress, sparse_rows
 from ..parallel.declared import as_declared, declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import LABEL, within
-from .coupling import couple
 from .damping import with_damping
-from .dofs import DIRECTIONS, INTERFACE_THERE, direction_index, position_of_node, row_of, rows_of_node
-from .interfaces import node_number
-from .rigid_body_modes import RigidBodyModes
+from .interfaces.coupling import couple
+from .interfaces.nodes import node_number
+from .rigid_body.modes import RigidBodyModes
 from .second_order_model import SecondOrderModel, listed
 
 ONLY_RIGID = 1e-11  # of a load that is left after it is equilibrated: round-off

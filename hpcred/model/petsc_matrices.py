@@ -10,11 +10,11 @@ from hashlib import blake2b
 
 import numpy as np
 
+from ..fe.dofs import Dofs, check_labels
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed, watched
 from ..parallel.lookup import repeated_key
 from ..parallel.petsc import MPI, PETSc, free_dropped
-from .dofs import Dofs, check_labels
 
 ROWS_OF_A_NODE = (1, 2, 3, 6)
 

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..fe.dofs import SCALAR, Dofs
+from ..fe.materials import ElementProperties, Material
 from ..linalg.csr import diagonal_of
 from ..linalg.matrix_estimates import extreme_quotients, symmetry_defect
 from ..parallel.as_html import as_html
@@ -20,19 +22,17 @@ from ..parallel.petsc import MPI, PETSc
 from . import construction
 from .checked_arrays import check_finite
 from .construction import Labels
-from .cut_outputs import CutOutput
 from .digests import PARTS, digest_of
-from .dofs import SCALAR, Dofs
-from .interface_motion import with_interfaces
-from .interfaces import Interface, InterfaceNode
-from .load_columns import with_loads
-from .loads import AnyLoad, LoadColumn
-from .materials import ElementProperties, Material
-from .motion_outputs import MotionOutput
+from .interfaces.motion import with_interfaces
+from .interfaces.nodes import Interface, InterfaceNode
+from .loads.columns import with_loads
+from .loads.kinds import AnyLoad, LoadColumn
 from .operator import ADDED, KEY, ORDERS, Operator, Term
-from .rates import Rates, check_names
-from .stress_outputs import StressOutput
-from .targets import interface_targets, output_columns, unit_columns
+from .outputs.cuts import CutOutput
+from .outputs.motions import MotionOutput
+from .outputs.rates import Rates, check_names
+from .outputs.stresses import StressOutput
+from .outputs.targets import interface_targets, output_columns, unit_columns
 from .viscoelastic import Viscoelastic, with_viscoelastic
 
 if TYPE_CHECKING:
@@ -598,7 +598,9 @@ class SecondOrderModel:
         --------
         >>> loaded = model.with_loads([hpcred.Pressure(name="oil", on="BORE", value=2e6)])
         """
-        return with_loads(self, loads, given)
+        import hpcred  # the public functions, which stand above
+
+        return with_loads(self, loads, given, hpcred.read_load)
 
     def with_output_columns(
         self, local: ArrayLike | None, names: Iterable[str], *, Cv: ArrayLike | None = None,

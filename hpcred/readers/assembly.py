@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..fe.dofs import Dofs
 from ..linalg.csr import compress
-from ..model.dofs import Dofs
 from ..model.second_order_model import SecondOrderModel
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..model.dofs import SCALAR
-from ..model.elements import NODES
+from ..fe.dofs import SCALAR
+from ..fe.elements import NODES
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, number_over_ranks
 from .entries import STRIDE

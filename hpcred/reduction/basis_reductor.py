@@ -13,7 +13,7 @@ from ..model.definiteness import growing, warnings_of_definiteness
 from ..model.digits import warnings_of_digits
 from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.input_output_counts import require_room
-from ..model.load_columns import loads_of, resultants
+from ..model.loads.columns import loads_of, resultants
 from ..model.operator import Operator
 from ..model.scales import in_usual_units
 from ..model.second_order_model import SecondOrderModel, massless, require_model

@@ -19,7 +19,7 @@ from ..files.response_file import check_response_name
 from ..files.result_file import Result, read_result
 from ..files.together import rescued, together
 from ..linalg.solvers.settings import Factoring
-from ..model.parameters import Parameter
+from ..model.parameters.definitions import Parameter
 from ..model.rotation import unit_axis
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed

@@ -10,19 +10,19 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from ..analysis.frequency_response import response_and_drive
+from ..fe.dofs import target_of
 from ..files.checksums import content_of
 from ..files.model_file import read_model
 from ..linalg.solvers.settings import PACKAGES, Factoring, LinearSolver
-from ..model.cut_outputs import cut_output_of
 from ..model.damping import Damping, NoDamping
-from ..model.dofs import target_of
-from ..model.motion_outputs import motion_output_of
 from ..model.operator import ADDED
-from ..model.parameters import Parameter
-from ..model.parametric_model import ParametricModel
-from ..model.rates import KEY as RATES
+from ..model.outputs.cuts import cut_output_of
+from ..model.outputs.motions import motion_output_of
+from ..model.outputs.rates import KEY as RATES
+from ..model.outputs.stresses import stress_output_of
+from ..model.parameters.definitions import Parameter
+from ..model.parameters.parametric_model import ParametricModel
 from ..model.second_order_model import SecondOrderModel
-from ..model.stress_outputs import stress_output_of
 from ..parallel import startup
 from ..parallel.failures import InputError
 from ..reduction.components.modes import Modes

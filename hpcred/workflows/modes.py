@@ -15,7 +15,7 @@ from ..files.model_file import read_model, write_nodes
 from ..files.result_file import Shapes
 from ..linalg.blocks import local_rows
 from ..linalg.solvers.settings import Factoring
-from ..model.rigid_body_modes import exchange_of_matrices
+from ..model.rigid_body.modes import exchange_of_matrices
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress

@@ -15,7 +15,7 @@ from ..files.response_file import Responses, check_response_name, kind_of_respon
 from ..files.together import rescued, together
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import NoDamping
-from ..model.parameters import checked_values
+from ..model.parameters.definitions import checked_values
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress, counted

@@ -24,10 +24,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..body.body import check_viscous, instability, maker
+from ..fe.dofs import DIRECTIONS, QUANTITIES, SCALAR, named_quantity, target_of
 from ..files.outputs import ZIP
 from ..files.temporary import folder_of_all
-from ..model.cut_outputs import cut_output_of
-from ..model.dofs import DIRECTIONS, QUANTITIES, SCALAR, named_quantity, target_of
+from ..model.outputs.cuts import cut_output_of
 from ..parallel.failures import ComputationError, InputError
 from ..parallel.messages import printable
 from ..parallel.petsc import MPI

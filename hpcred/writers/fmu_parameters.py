@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.expressions import in_c
-from ..model.parameters import Parameter
+from ..model.parameters.definitions import Parameter
+from ..model.parameters.expressions import in_c
 from ..reduction.parametric.reduced import ParametricReducedModel
 from ..reduction.result.massless import static_coordinates
 from ..reduction.result.parameter_accuracy import in_words

@@ -20,7 +20,7 @@ from launch import mpi_environment
 from .changes import changes
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = "linalg,model,reduction,body,simulation"
+ROOMS = "linalg,fe,model,reduction,body,simulation"
 TESTS = [ROOT / "tests" / room for room in (*ROOMS.split(","), "analysis")]
 SAME = Path(__file__).with_name("same.txt")
 QUICK = "not slow and not ccx and not dolfinx and not chromium and not slurm and not docs and not wheel"

@@ -5,8 +5,8 @@ import pytest
 from foreign import gathered, write
 
 from hpcred import InputError
+from hpcred.fe.dofs import OWN
 from hpcred.files import text as text_module
-from hpcred.model.dofs import OWN
 from hpcred.parallel.shares import row_range
 from hpcred.readers.entries import Entries
 from hpcred.readers.nastran import bulk as nastran_bulk

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...fe.elements import SHELLS, abaqus_kind
+from ...fe.shape_functions import corner_kind
 from ...files.text import LARGEST_LABEL, pieces, warnings_of_end, without_comments
-from ...model.elements import SHELLS, abaqus_kind
-from ...model.shape_functions import corner_kind
 from ...parallel.declared import nearest
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import sort_over_ranks

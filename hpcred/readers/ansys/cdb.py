@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...fe.materials import ElementProperties
 from ...files.system_errors import open_input
 from ...files.text import LARGEST_LABEL, Piece, line_number, pieces, require_file, shown
 from ...files.text_numbers import labels, numbers, ragged, whole
-from ...model.materials import ElementProperties
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ..fixed_width import Field, fields_of_format, separated
@@ -282,7 +282,7 @@ def followed(after: np.ndarray, first: int) -> np.ndarray:
 
 
 def kinds_of(type_: int | None, nodes: np.ndarray):
-    """Yield kinds (see model.elements), which elements of one type are of that kind, and the places of its nodes;
+    """Yield kinds (see fe.elements), which elements of one type are of that kind, and the places of its nodes;
     repeated nodes make wedges."""
     count, every = nodes.shape[1], np.ones(len(nodes), bool)
     if type_ in BEAMS and count >= 2:

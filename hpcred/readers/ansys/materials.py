@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ...fe.materials import Material, material_of
 from ...files.text_numbers import parse_fortran
-from ...model.materials import Material, material_of
 
 CONSTANTS = {"EX": "young", "NUXY": "poisson", "PRXY": "poisson", "DENS": "density", "ALPX": "expansion"}
 ORTHOTROPIC = {"EY", "EZ", "NUYZ", "NUXZ", "PRYZ", "PRXZ", "GXY", "GYZ", "GXZ"}

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ...fe.elements import NODES
+from ...fe.materials import ElementProperties
 from ...files.included import Included
 from ...files.system_errors import open_input
 from ...files.text import Piece, first_bytes, first_line, line_number, records, refuse_packed, require_file
-from ...model.elements import NODES
-from ...model.materials import ElementProperties
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import require_once, sort_over_ranks
 from ..nodes.table import LARGEST_COORDINATE, elements_of

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ...fe.dofs import OWN, SCALAR
 from ...files.text import first_bytes
-from ...model.dofs import OWN, SCALAR
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, number_over_ranks

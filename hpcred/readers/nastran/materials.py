@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...model.materials import MATERIAL, TYPE, ElementProperties, Material, material_of
+from ...fe.materials import MATERIAL, TYPE, ElementProperties, Material, material_of
 
 SAME = 1e-2  # relative difference of G and E / (2 (1 + NU)) that rounding explains
 

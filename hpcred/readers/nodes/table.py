@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...fe.elements import NODES
 from ...files.text import pieces, read_lines
 from ...files.text_numbers import labels, numbers, ragged, whole
-from ...model.elements import NODES
 from ...parallel.failures import InputError
 from ...parallel.lookup import require_once, sort_over_ranks
 from ...parallel.petsc import MPI

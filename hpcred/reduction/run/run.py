@@ -16,7 +16,7 @@ from ...linalg.solvers.settings import Factoring
 from ...model.damping import GivenDamping
 from ...model.frames import FramedModel
 from ...model.operator import ADDED
-from ...model.rates import KEY as RATES
+from ...model.outputs.rates import KEY as RATES
 from ...parallel.decisions import decided
 from ...parallel.memory import MB
 from ...parallel.petsc import PETSc
