@@ -22,6 +22,8 @@ export PRTE_MCA_rmaps_default_mapping_policy := :oversubscribe
 export OMPI_MCA_pml ?= ob1
 export OMPI_MCA_btl ?= ^tcp
 export OPENBLAS_NUM_THREADS := 1
+# else each process of the tests, and each rank, compiles all modules again
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: install demo test fuzz mutants coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm test-peers test-cuda docs test-docs \
         test-packages test-kernels test-linalg test-pip test-debian12 test-debian13 bench bench-peers lint
