@@ -12,8 +12,7 @@ import scipy.sparse
 
 from hpcred.body.geometric_stiffness import OF_BODY, GeometricStiffness
 from hpcred.cli.main import run
-from hpcred.examples.beam import Rod, beam_element
-from hpcred.examples.linkage import linkage
+from hpcred.examples.linkage import Rod, beam_element, linkage
 from hpcred.examples.solid import solid
 from hpcred.fe.dofs import DIRECTIONS, Dofs
 from hpcred.files.model_file import write_model

@@ -26,6 +26,8 @@ from launch import mpi_environment
 
 import hpcred as package
 from hpcred.files.checked import CHECKSUM
+from hpcred.files.locks import Taken
+from hpcred.files.room import NoRoom
 from hpcred.writers.registry import WRITERS
 
 SOURCE = Path(__file__).with_name("system_faults.c")
@@ -177,7 +179,7 @@ class Room:
             status, _, told = self.run(folder, fault.command, fault.ranks)  # what it left, as after any other kill
             found += [f"exit status {status} of the next run: {told[-1500:]}"] if status else []
             left = contents(folder)
-        elif status not in (0, 1, 2):
+        elif status not in (0, 1, 2, Taken.exit_status, NoRoom.exit_status):
             found.append(f"exit status {status}: {told[-1500:]}")
         elif status and (len(said) != 1 or "internal error" in told or "Traceback" in told):
             found.append(told[-1500:])

@@ -8,7 +8,7 @@ import scipy.linalg
 from helpers import close, columns_of, dense_model, gather
 
 import hpcred
-from hpcred.examples.beam import Rod, beam_element
+from hpcred.examples.linkage import Rod, beam_element
 from hpcred.fe.dofs import Dofs
 from hpcred.linalg.blocks import create_block, local_rows
 from hpcred.model.frames import apply_frame

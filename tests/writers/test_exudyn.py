@@ -12,7 +12,7 @@ from hpcred import Buckens, Joint, Krylov, ModalDamping, Modes, Rayleigh, Simula
 from hpcred.body.body import body_of
 from hpcred.body.node_shapes import interface_nodes
 from hpcred.body.rotations import rotation
-from hpcred.examples.beam import Rod
+from hpcred.examples.linkage import Rod
 from hpcred.fe.elements import surface_triangles
 from hpcred.model.damping import Structural
 from hpcred.model.interfaces.nodes import Interface, Nodes
