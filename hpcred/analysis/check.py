@@ -12,6 +12,7 @@ from ..model.digits import digits_of
 from ..model.dofs import DIRECTIONS, SCALAR
 from ..model.elements import solid_volume
 from ..model.load_columns import loads_of
+from ..model.order_of_matrices import questions_on_order
 from ..model.rigid_body_modes import (
     exchange_of_matrices,
     remark_on_digits,
@@ -74,7 +75,7 @@ def check(model) -> dict:
             warnings.append(
                 f"{model.name}: {key} is not symmetric, and cannot be reduced{more}; a damaged file looks so too"
             )
-    warnings += [*_on_signs(model), *warnings_of_rows_alone(model)]
+    warnings += [*_on_signs(model), *questions_on_order(model), *warnings_of_rows_alone(model)]
     if model.dofs is not None:
         support = support_of(model)
         body = rigid_body_quantities(model)
