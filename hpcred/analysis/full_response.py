@@ -168,7 +168,7 @@ def full_response(
                 estimated, measured = decided(model.comm, models.against, fresh, solved)
             checked = Check(
                 seed=seed, bound=bound_of(accuracy), frequencies=tuple(fresh.tolist()), estimated=estimated,
-                measured=measured,
+                measured=measured, beside_resonances=len(fresh) - check,
             )
             found = replace(found, check=checked, timing=progress.timing())
     if usual is model:
