@@ -39,7 +39,7 @@ def reference(name):
 
     import hpcred
     from hpcred.model.frames import apply_frame
-    from hpcred.reduction.tolerance.accuracy import measured_damping
+    from hpcred.reduction.small.damping import measured_damping
 
     hpcred.start("complex")
     row, frame = MODELS[name], frame_of(MODELS[name])

@@ -20,7 +20,7 @@ from hpcred.linalg.blocks import create_block, local_rows
 from hpcred.model.interfaces.nodes import Interface, InterfaceNode, Nodes
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.shares import row_range
-from hpcred.reduction.reduced_model import ReducedModel
+from hpcred.reduction.result.reduced_model import ReducedModel
 from hpcred.writers.base import ExportSource
 
 LINKAGE_JOB = """

@@ -16,7 +16,8 @@ import hpcred
 HOUSE = Path(hpcred.__file__).parent
 FLOORS = ["cli", "workflows", "report", "writers", "readers", "settings", "files"]
 FLOORS += ["examples", "simulation", "body", "analysis", "reduction", "model", "fe", "linalg", "parallel"]
-ENTWINED = [["readers"], ["reduction"]]  # rooms with folders that need each other: CalculiX reads the files of Abaqus
+ROOMS = {"reduction": ["", "parametric", "search", "components", "run", "small", "result"]}  # "": modules in no room
+ENTWINED = [["readers"]]  # rooms with folders that need each other: CalculiX reads the files of Abaqus
 PEERS = {"control", "exudyn", "fmpy", "meshio", "pymor", "pyNastran", "pyuff", "pyyeti"}
 DOORS = ("", "__main__")  # hpcred/__init__.py, which names everything, and `python -m hpcred`
 FACADE = {  # methods that stand for public functions of rooms above
@@ -86,6 +87,19 @@ def test_no_import_goes_up():
     arrows = [(name, target) for name in MODULES if name not in DOORS for target in imports(name, MODULES[name])]
     assert not [arrow for arrow in arrows if arrow[1].split(".")[0] not in FLOORS], "names of the street door"
     assert not [arrow for arrow in arrows if floor(arrow[1]) < floor(arrow[0])]
+
+
+@pytest.mark.parametrize("house", ROOMS)
+def test_no_import_goes_up_among_rooms(house):
+    def room(name):
+        first = name.split(".")[1]
+        return ROOMS[house].index(first if MODULES[f"{house}.{first}"].name == "__init__.py" else "")
+
+    modules = [name for name in MODULES if name.startswith(f"{house}.")]
+    arrows = [(name, target) for name in modules for target in imports(name, MODULES[name])]
+    arrows = [arrow for arrow in arrows if arrow[1].startswith(f"{house}.")]
+    assert not [arrow for arrow in arrows if room(arrow[1]) < room(arrow[0])]
+    assert {name.split(".")[1] for name in modules if name.count(".") > 1} == {*ROOMS[house]} - {""}
 
 
 def test_public_names_are_for_facade_methods():

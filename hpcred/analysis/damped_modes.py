@@ -20,7 +20,7 @@ from ..parallel.failures import InputError, Owned
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
-from ..reduction.projection import everywhere
+from ..reduction.run.projection import everywhere
 from .pole_tracking import damping_ratios
 
 SHIFT = 1e-6  # of trace(K) / trace(M), where K is singular

@@ -22,8 +22,8 @@ from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
 from ..reduction.checks import check_symmetric
 from ..reduction.components.modes import lowest, residuals
-from ..reduction.projection import everywhere
-from ..reduction.run import Run
+from ..reduction.run.projection import everywhere
+from ..reduction.run.run import Run
 
 SHIFT = 1e-6  # of trace(K) / trace(M), where K is singular
 

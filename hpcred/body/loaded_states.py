@@ -25,7 +25,7 @@ from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import ANYTHING, within
 from ..parallel.sums import summed
-from ..reduction.projection import project
+from ..reduction.run.projection import project
 from .geometric_stiffness import ACCELERATIONS, SIX, check_state
 from .stress_equilibrium import sign_of_stress_stiffness
 from .stress_stiffness import node_stiffness, projected

@@ -7,7 +7,7 @@ import numpy as np
 from ..fe.dofs import DIRECTIONS, SCALAR, node_of, require_dofs
 from ..linalg.blocks import local_rows
 from ..parallel.failures import InputError
-from ..reduction.projection import project_columns
+from ..reduction.run.projection import project_columns
 
 
 @dataclass

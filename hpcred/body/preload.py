@@ -23,7 +23,7 @@ from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import ANYTHING, Vector, within
 from ..parallel.sums import summed
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.result.reduced_model import ReducedModel
 from .body import Body
 from .geometric_stiffness import (
     ACCELERATIONS,

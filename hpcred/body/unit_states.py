@@ -28,7 +28,7 @@ from ..model.rigid_body.modes import RigidBodyModes, rigid_motions
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.failures import InputError, Owned
 from ..parallel.sums import summed
-from ..reduction.projection import everywhere
+from ..reduction.run.projection import everywhere
 from .geometric_stiffness import OF_BODY, SIX, GeometricStiffness
 from .node_shapes import interface_nodes
 from .stress_stiffness import node_stiffness, projected

@@ -190,7 +190,7 @@ def response(
     )  # fmt: skip
     told = [*([] if report["reached"] else ["NOT REACHED everywhere:"]), *report["sentences"]]
     session.verdict("\n".join(told), report["reached"])
-    show_table("Proofs: the model before a point, at the point", report["proofs"])
+    show_table("Each new point checks the model before it", report["proofs"])
     if check:
         show_table("Fresh frequencies", report["check"]["rows"])
     made = counted(report["factorisations"], "factorisation")

@@ -19,7 +19,7 @@ parameters/name, unit (w), range (w, 2), reference (w): of a model that depends 
     reduced/ is; parameters/constant/M, D, K, B, C, Cv, Ca: as in reduced/, without terms; parameters/terms/of,
     factor (o): the matrices that terms add to, and their factors; parameters/terms/M, D, K, B, C (k, ., .): the
     matrices of the terms of each, in their order
-record: JSON of reduction.record.Record
+record: JSON of reduction.result.record.Record
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ from ..model.second_order_model import listed, require_model
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
-from ..reduction.parametric.accuracy import in_words
 from ..reduction.parametric.reduced import ParametricReducedModel
-from ..reduction.record import Record, difference_of
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.result.parameter_accuracy import in_words
+from ..reduction.result.record import Record, difference_of
+from ..reduction.result.reduced_model import ReducedModel
 from .checked import Array, damaged
 from .hdf5 import ALSO, reading, texts, writing
 from .model_file import LAWS, NODES, read_laws, sets_of, write_nodes

@@ -27,24 +27,25 @@ from .checks import check_added, check_model, check_series, check_unsymmetric, w
 from .components.component import Component, PointComponent
 from .components.groups import blocks_in_groups, number_of_groups
 from .interface_coordinates import Projected, check_interface_coordinates, to_interface_coordinates
-from .massless import separate_dampers, without_round_off
-from .notes import Notes
-from .projection import (
+from .reductor import Reductor
+from .result.accuracy import Accuracy
+from .result.massless import without_round_off
+from .result.record import make_record
+from .result.reduced_model import ReducedModel
+from .run.notes import Notes
+from .run.projection import (
     diagonalise,
     diagonalise_with_massless,
     everywhere,
     project,
     project_columns,
     project_stiffness,
+    separate_dampers,
 )
-from .record import make_record
-from .reduced_damping import reduced_damping
-from .reduced_model import ReducedModel
-from .reductor import Reductor
-from .run import Run, identity_of_model
+from .run.run import Run, identity_of_model
+from .run.store import Store
 from .settings import Reduction
-from .store import Store
-from .tolerance.accuracy import Accuracy
+from .small.damping import reduced_damping
 
 ORTHONORMAL_TO = 1e-12
 

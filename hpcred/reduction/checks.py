@@ -13,6 +13,7 @@ from ..model.definiteness import check_definite, warnings_of_definiteness
 from ..model.frames import Buckens, refuse_unsymmetric
 from ..model.interfaces.motion import members
 from ..model.interfaces.nodes import warnings_of_interfaces
+from ..model.order_of_matrices import questions_on_order
 from ..model.outputs.stresses import stress_output_of
 from ..model.rigid_body.modes import exchange_of_matrices, misfit_of_nodes, remark_on_digits, warnings_of_nodes
 from ..model.rigid_body.rows_alone import warnings_of_rows_alone
@@ -108,7 +109,7 @@ def require_no_series(model, damping):
 def warnings_of(model, frame, constant=None) -> tuple[str, ...]:
     """Return warnings of the model; those that the frame depends on are refusals. `constant`: the constant part of a
     model with parameters, whose nodes fit if they fit K without terms that resist or push rigid-body motions."""
-    signs = (*warnings_of_definiteness(model), *warnings_of_rows_alone(model))
+    signs = (*warnings_of_definiteness(model), *questions_on_order(model), *warnings_of_rows_alone(model))
     if model.dofs is None:
         return signs
     exchanged = exchange_of_matrices(model)

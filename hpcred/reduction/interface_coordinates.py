@@ -26,8 +26,8 @@ from ..model.rigid_body.modes import RigidBodyModes
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from .components.craig_bampton import check_directions, interface_forces
-from .projection import project, project_columns
-from .reduced_model import ReducedModel
+from .result.reduced_model import ReducedModel
+from .run.projection import project, project_columns
 
 UNMOVED = 1e-9  # singular value of G V, its rows scaled, below which a direction of the interfaces cannot move
 

@@ -18,15 +18,16 @@ from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 from .basis_reductor import BasisReductor
 from .components.component import Component
-from .measure import Measure
-from .parametric.reductor import ParametricBasisReductor, ParametricReductor
 from .parametric.settings import ParameterSearch
-from .reduced_model import ReducedModel
+from .parametric_reductor import ParametricBasisReductor, ParametricReductor
 from .reductor import Reductor
+from .result.measure import Measure
+from .result.record import UnknownPart
+from .result.reduced_model import ReducedModel
+from .run.store import Store
+from .search.goal import Adaptive
 from .settings import Reduction
-from .store import Store
-from .tolerance.accuracy import Adaptive
-from .tolerance.reductor import ToleranceReductor
+from .tolerance_reductor import ToleranceReductor
 from .two_sided import TwoSidedReductor
 
 
@@ -132,6 +133,9 @@ def reduce(
         raise InputError(f"store: found {store!r}, expected a Store, such as PointStore(folder)")
     if isinstance(basis, Reductor):
         raise InputError(f"basis: found {type(basis).__name__}, a Reductor; call its method reduce(model)")
+    for part in basis if isinstance(basis, tuple) else ():  # that of a record
+        if isinstance(part, UnknownPart):
+            raise InputError(f"basis: found the kind '{part.kind}', whose class is not known here; import it first")
     basis = declared("basis", (basis,) if isinstance(basis, Component) else basis or (), tuple[Component, ...])
     adaptive = _asked_accuracy(
         declared("adaptive", adaptive, Adaptive | None), tolerance, band, measure=measure, static=static

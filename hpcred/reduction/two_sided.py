@@ -13,9 +13,9 @@ from ..model.operator import Operator
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError
 from .basis_reductor import BasisReductor, reduced_model
-from .massless import ROUND_OFF
-from .projection import diagonalise, diagonalise_with_massless, everywhere, project, project_columns
-from .reduced_damping import reduced_damping
+from .result.massless import ROUND_OFF
+from .run.projection import diagonalise, diagonalise_with_massless, everywhere, project, project_columns
+from .small.damping import reduced_damping
 
 LOST = 1e-10  # singular value of W^T M V below which a pair of directions cannot be made bi-orthogonal
 

@@ -33,8 +33,8 @@ from ..reduction.components.krylov import Krylov, StaticCorrection
 from ..reduction.components.modes import Modes
 from ..reduction.components.second_order_krylov import SecondOrderKrylov
 from ..reduction.parametric.settings import ParameterSearch
+from ..reduction.search.goal import Adaptive, Limits
 from ..reduction.settings import Reduction
-from ..reduction.tolerance.accuracy import Adaptive, Limits
 from .source import Source
 from .term_table import TermTable
 from .toml_file import CONFIG, check_file_names, parse, read_table, require_kind
@@ -85,8 +85,8 @@ class Job:
     times its factor (docs/parameters.md); `parameter_search`: at how many values the error is looked at;
     `at`: values of the parameters by name, at which the model is reduced as one without parameters.
     `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over the band, within the limits
-    `adaptive` (see reduction.tolerance.accuracy.Limits); `measure`, `static`: see
-    reduction.tolerance.accuracy.Adaptive; `unreached`: where it is not reached the model is written under a name that
+    `adaptive` (see reduction.search.goal.Limits); `measure`, `static`: see
+    reduction.search.goal.Adaptive; `unreached`: where it is not reached the model is written under a name that
     says so ("mark"), as `output` ("write"), or not ("refuse").
     `write_basis`: whether V goes into the result; `stress`: whether the stresses of its columns do, at all nodes of
     solid elements, or at a list of nodes and names of node sets; `report`: whether an HTML report is written beside

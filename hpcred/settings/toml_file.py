@@ -181,7 +181,7 @@ def _place(kind, found, steps):
             if table is None or (step not in found and step not in types_of(table)):
                 continue
             names = list(types_of(table))
-            names = names[:-1] if names[-1] == "kind" else names
+            names.sort(key=lambda name: name != "kind")  # which says what the others are
             where = f"{where}.{step}" if where else step
             kind, found = types_of(table).get(step), found.get(step, _MISSING)
         elif isinstance(found, list) and isinstance(step, int) and (item := _of_items(kind)) is not None:

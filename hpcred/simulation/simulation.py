@@ -16,7 +16,7 @@ from ..parallel.failures import ComputationError, InputError
 from ..parallel.petsc import MPI
 from ..parallel.progress import Progress, in_time
 from ..parallel.ranges import Node, Number, Range, Vector
-from ..reduction.maxwell_states import maxwell_states
+from ..reduction.result.maxwell_states import maxwell_states
 from .drives import AnyDrive
 from .equations_of_motion import FlexibleBody, node_motion
 from .joints import AXES, Joint, holds_of

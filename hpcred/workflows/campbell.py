@@ -23,7 +23,7 @@ from ..parallel.declared import declared, flattened
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..parallel.ranges import SAMPLES, within
-from ..reduction.record import Record, versions
+from ..reduction.result.record import Record, versions
 from ..report.campbell_figure import campbell_figure
 from ..report.figures import kind_of_figure
 from .full_model import factoring_of, full_of_record

@@ -18,7 +18,7 @@ from ..parallel.declared import flattened
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.record import difference_between
+from ..reduction.result.record import difference_between
 from ..report.figures import error_figure
 from .evaluate import band_of, short_names
 from .full_model import full_of_record

@@ -21,8 +21,8 @@ from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.record import versions
-from ..reduction.tolerance.directions import rows_of_directions
+from ..reduction.result.directions import rows_of_directions
+from ..reduction.result.record import versions
 from .full_model import full_of_record
 from .keywords import Files, Grid, Solving
 from .pair_figures import figures_of_pairs, pairs_by_name, pairs_to_show

@@ -26,9 +26,9 @@ from ..model.second_order_model import SecondOrderModel
 from ..parallel import startup
 from ..parallel.failures import InputError
 from ..reduction.components.modes import Modes
-from ..reduction.parametric.accuracy import in_words
-from ..reduction.record import Record, difference_of
 from ..reduction.reduce import reduce
+from ..reduction.result.parameter_accuracy import in_words
+from ..reduction.result.record import Record, difference_of
 from ..settings.term_table import TermTable
 from .model_of_job import with_interfaces, with_matrices_of_record, with_targets, with_terms
 

@@ -36,7 +36,7 @@ from ..readers.model_source import read_export
 from ..readers.nodes import table as node_table
 from ..readers.registry import reader_of
 from ..readers.unread import refuse_unread
-from ..reduction.record import versions
+from ..reduction.result.record import versions
 from ..settings.job_file import read_job
 from ..writers.registry import WRITERS
 from .info_of_output import OUTPUTS, by_writers, damaged, described, read_whole

@@ -20,8 +20,8 @@ from ..parallel import startup
 from ..parallel.failures import ComputationError, agreed
 from ..parallel.progress import Progress
 from ..parallel.stopping import listening
-from ..reduction.record import Record
 from ..reduction.reduce import reduce
+from ..reduction.result.record import Record
 from ..settings.job_file import Job, plain, read_job
 from .geometric_stiffness import check_geometric_stiffness, geometric_stiffness_of_job
 from .model_of_job import at_reference, model_of_job

@@ -17,7 +17,7 @@ from ..model.parameters.definitions import checked_values
 from ..parallel.declared import flattened
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress, counted
-from ..reduction.record import versions
+from ..reduction.result.record import versions
 from ..report.figures import MOST, kind_of_figure, response_figure
 from ..settings.job_file import read_job
 from .keywords import Files, FineGrid, Solving

@@ -16,9 +16,9 @@ from ..model.loads.columns import loads_of, resultants
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
-from ..reduction.projection import project
-from ..reduction.record import versions
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.result.record import versions
+from ..reduction.result.reduced_model import ReducedModel
+from ..reduction.run.projection import project
 from ..settings.job_file import Job
 from ..settings.sweep_file import SweepRun
 

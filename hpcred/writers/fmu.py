@@ -33,11 +33,11 @@ from ..model.parameters.expressions import in_c
 from ..parallel.failures import ComputationError, InputError
 from ..parallel.messages import printable
 from ..parallel.petsc import MPI
-from ..reduction.massless import static_coordinates, with_mass
-from ..reduction.maxwell_states import with_maxwell_states
-from ..reduction.parametric.accuracy import in_words
 from ..reduction.parametric.reduced import ParametricReducedModel
-from ..reduction.reduced_model import ReducedModel, require_finite
+from ..reduction.result.massless import static_coordinates, with_mass
+from ..reduction.result.maxwell_states import with_maxwell_states
+from ..reduction.result.parameter_accuracy import in_words
+from ..reduction.result.reduced_model import ReducedModel, require_finite
 from .base import Writer
 from .state_space import state_space
 

@@ -16,7 +16,7 @@ from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.failures import ComputationError, InputError, Owned
 from hpcred.parallel.progress import Progress
 from hpcred.reduction.components.modes import _without_rigid
-from hpcred.reduction.run import Run
+from hpcred.reduction.run.run import Run
 
 BAND = (0.0, 300.0)
 WAYS = {

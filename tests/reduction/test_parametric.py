@@ -40,7 +40,7 @@ from hpcred.reduction.parametric.training import (
     points_around,
     training_points,
 )
-from hpcred.reduction.tolerance.pseudo_modal import InputsOutputs, diagonalised
+from hpcred.reduction.small.pseudo_modal import InputsOutputs, diagonalised
 
 
 def bushings(n=60, **more):

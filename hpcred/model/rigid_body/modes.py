@@ -241,14 +241,17 @@ def warnings_of_nodes(model) -> list[str]:
 
 
 def exchange_of_matrices(model) -> str | None:
-    """Return a sentence where M is a stiffness and K a mass matrix, or None. Collective. Raises InputError without
-    nodes.
+    """Return a sentence where M is a stiffness and K a mass matrix, or None. Collective.
 
     A translation loads a stiffness at supports only, and a mass matrix in all rows of its direction: where it loads K
-    in nearly all and M in few they have been exchanged.
+    in nearly all and M in few they have been exchanged. Without nodes that is asked of equal displacements of all dofs,
+    which are a translation where dofs are displacements.
     """
-    motions = rigid_motions(model, middle(model))
+    known = model.dofs is not None
+    motions = rigid_motions(model, middle(model)) if known else create_block(model.K, 1)
     with local_rows(motions) as rows:
+        if not known:
+            rows[...] = 1.0
         moved = rows.real[:, :3] > 0
     if _weighs(model, motions, moved):
         return None
@@ -262,8 +265,9 @@ def exchange_of_matrices(model) -> str | None:
     if of_k > FEW * total or of_m <= (1 - MOST_ROWS) * total:
         return None
     return (
-        f"{model.name}: K AND M ARE EXCHANGED: a translation meets nothing in {100 * of_m / total:.0f} % of the rows "
-        f"of M, as in a stiffness matrix, and in {100 * of_k / total:.0f} % of those of K; give each for the other"
+        f"{model.name}: K AND M ARE EXCHANGED: {'a translation' if known else 'an equal displacement of all dofs'} "
+        f"meets nothing in {100 * of_m / total:.0f} % of the rows of M, as in a stiffness matrix, and in "
+        f"{100 * of_k / total:.0f} % of those of K; give each for the other"
     )
 
 

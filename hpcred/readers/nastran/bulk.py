@@ -201,30 +201,34 @@ def read_deck(path, comm) -> Deck:
 
 def segments_of(path, comm):
     """Return bytes of bulk data (file, start, stop), in order, and what the case control says. Collective."""
-    included, result = Included(path), []
+    included, bulk, of_case = Included(path), [], []
 
-    def follow(file, including=(), above=()):
-        """Put the bytes of a file into the result, and those of what it includes where that stands."""
+    def follow(file, including=(), above=(), to=bulk):
+        """Append the bytes of a file, and where it includes others theirs, to `to`; those before its BEGIN to the case
+        control."""
         with agreed(comm):
             name = included.add(file, above, lambda text: InputError(f"{including[-1]}: {text}"))
         if name not in included.own:
             included.own[name] = _spans_of(file, comm, main=not including)
-        for start, stop, target in included.own[name][0]:
+        spans, begin = included.own[name]
+        for start, stop, target in spans:
+            here = of_case if start < begin else bulk if begin >= 0 else to
             if start < stop:
-                result.append((str(file), start, stop))
+                here.append((str(file), start, stop))
             if target is not None:
                 with agreed(comm):
                     target = _included(file, target, including)
-                follow(target, (*including, file), (*above, name))
-        return included.own[name][1]
+                follow(target, (*including, file), (*above, name), here)
+        return begin
 
-    case = follow(path)
-    return result, case
+    begin = follow(path)
+    with agreed(comm):
+        return bulk, _case(of_case) if begin >= 0 else None
 
 
 def _spans_of(path, comm, main):
-    """Return bytes of bulk data (start, stop) of one file, each with the name of what is included behind it or None,
-    and what the case control of the main file says. Collective."""
+    """Return bytes of case control and bulk data (start, stop) of one file, each with the name of what is included
+    behind it or None, and where the bulk data begin, -1 where no BEGIN says so. Collective."""
     with agreed(comm):
         require_file(path)
         refuse_packed(path)
@@ -243,15 +247,19 @@ def _spans_of(path, comm, main):
             raise InputError(f"{path}: found CEND but no BEGIN BULK, expected bulk data")
         if begin and b"BULK" in begin[0][2]["begin"].upper() and not any(mark[2]["end"] for mark in marks):
             raise InputError(f"{path}: found BEGIN BULK but no ENDDATA; the file is cut off, or lacks that last line")
-        case = _case(path, begin[0][0]) if begin and main else None
-        at = begin[0][1] if begin else 0
+        first = begin[0][0] if begin else -1
+        at = max((high for _, high, groups in marks if groups["cend"] and high < first), default=0)
         spans = []
         for low, high, groups in marks:
-            if low < at or groups["begin"] or groups["cend"]:
+            if low < at or groups["cend"] or (groups["end"] and low < first):
                 continue
             if groups["end"]:
                 size = low
                 break
+            if groups["begin"]:
+                spans.append((at, low, None))
+                at = high
+                continue
             name = groups["bare"]
             if groups["quote"]:
                 name, high = _name_in_quotes(path, high, groups["quote"])
@@ -259,7 +267,7 @@ def _spans_of(path, comm, main):
             with open_input(path) as text:
                 text.seek(high)
                 at = high + len(text.readline())
-    return [*spans, (at, size, None)], case
+    return [*spans, (at, size, None)], first
 
 
 def _name_in_quotes(path, start, quote):
@@ -284,11 +292,13 @@ def _included(path, name, including):
     raise InputError(f"{path}: found INCLUDE '{name}', which is no file in {path.parent}; put it there")
 
 
-def _case(path, stop):
+def _case(segments):
     """Return numbers of SPC and MPC of the case control, more than one where subcases differ, and its sets."""
-    with open_input(path) as file:
-        text = file.read(stop)
-    text = text[text.upper().rfind(b"CEND") + 4 if b"CEND" in text.upper() else 0 :]
+    text = b""
+    for path, start, stop in segments:
+        with open_input(path) as file:
+            file.seek(start)
+            text += file.read(stop - start)
     found = [(match["word"].decode().upper(), int(match["number"])) for match in CASE.finditer(text) if match["word"]]
     return {**{key: {number for word, number in found if word == key} for key in ("SPC", "MPC")},
             "SET": sets_of_case(text)}  # fmt: skip

@@ -91,7 +91,7 @@ def number_of_groups(wanted, run, points: int) -> int:
     if most < 2 or run.solvers.multigrid:
         return 1
     with run.progress.stage("estimate"):
-        estimate = run.solvers.real.estimate()
+        estimate = run.solvers.real().estimate()
         run.solvers.release()
     if estimate is None:
         run.progress.say("1 group of ranks: what a factor needs is not known")

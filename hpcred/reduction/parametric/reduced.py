@@ -14,9 +14,9 @@ from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, caug
 from ...model.operator import Operator
 from ...model.parameters.definitions import Parameter, checked_values
 from ...model.parameters.expressions import Expression
-from ..projection import project, project_columns
-from ..reduced_damping import reduced_damping
-from ..reduced_model import ReducedModel
+from ..result.reduced_model import ReducedModel
+from ..run.projection import project, project_columns
+from ..small.damping import reduced_damping
 from .singular import factor_of_mass
 
 
@@ -125,7 +125,7 @@ class ParametricReducedModel(ReducedModel):
 
     def to_pymor(self) -> Any:
         """Return the model for all values of the parameters: see ReducedModel.to_pymor."""
-        from ..to_pymor import parametric_pymor_model
+        from ..result.to_pymor import parametric_pymor_model
 
         return parametric_pymor_model(self)
 
