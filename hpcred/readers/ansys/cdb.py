@@ -103,8 +103,9 @@ def read(path, comm, turned=False) -> Archive:
     tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *tables.get(kind, [])]) for kind in elements}
     properties, remarks = _properties(comm, path, found, types, tables)
     commands = [(position, line) for position, kind, line in found if kind == "set"]
-    sets = read_components(path, comm, commands, elements, {kind: table[:, 0] for kind, table in tables.items()})
-    return Archive(*map(np.concatenate, zip(*nodes, strict=True)), elements, properties, remarks, sets)
+    label, position, angles = map(np.concatenate, zip(*nodes, strict=True))
+    sets = read_components(path, comm, commands, label, elements, {kind: table[:, 0] for kind, table in tables.items()})
+    return Archive(label, position, angles, elements, properties, remarks, sets)
 
 
 def _properties(comm, path, found, types, tables):
