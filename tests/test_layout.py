@@ -17,7 +17,6 @@ HOUSE = Path(hpcred.__file__).parent
 FLOORS = ["cli", "workflows", "report", "writers", "readers", "settings", "files"]
 FLOORS += ["examples", "simulation", "body", "analysis", "reduction", "model", "fe", "linalg", "parallel"]
 ROOMS = {"reduction": ["", "parametric", "search", "components", "run", "small", "result"]}  # "": modules in no room
-ENTWINED = [["readers"]]  # rooms with folders that need each other: CalculiX reads the files of Abaqus
 PEERS = {"control", "exudyn", "fmpy", "meshio", "pymor", "pyNastran", "pyuff", "pyyeti"}
 DOORS = ("", "__main__")  # hpcred/__init__.py, which names everything, and `python -m hpcred`
 FACADE = {  # methods that stand for public functions of rooms above
@@ -117,9 +116,7 @@ def test_no_imports_go_in_a_circle():
                for name, targets in arrows.items()}  # fmt: skip
     TopologicalSorter(modules).prepare()  # raises CycleError
     for path in HOUSE.rglob("__init__.py"):
-        room = list(path.parent.relative_to(HOUSE).parts)
-        if room not in ENTWINED:
-            TopologicalSorter(contracted(modules, room)).prepare()
+        TopologicalSorter(contracted(modules, list(path.parent.relative_to(HOUSE).parts))).prepare()
 
 
 def test_imports_are_seen(tmp_path):

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from functools import cache, wraps
-from inspect import signature
+from inspect import Parameter, Signature, signature
 from itertools import repeat
 from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -65,8 +65,7 @@ def check_as_annotated(key: str, value, kind):
     kind = plain_type(kind)
     parts = get_args(kind)
     if get_origin(kind) in (Union, UnionType):
-        for part in parts:
-            check_as_annotated(key, value, part)
+        check_as_annotated(key, value, next(part for part in parts if _fits(value, part)))
     elif get_origin(kind) is tuple and isinstance(value, tuple):
         for item, part in zip(value, repeat(parts[0]) if ... in parts else parts, strict=False):
             check_as_annotated(key, item, part)
@@ -148,6 +147,35 @@ def spelled_with(table: type) -> Callable[[Function], Function]:
     return decorated
 
 
+class Keywords:
+    """Base of frozen dataclasses whose fields a function takes as keywords: see flattened."""
+
+
+def flattened(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Have a function take the fields of its parameters that are Keywords as keywords of its own."""
+    kinds = get_type_hints(function, include_extras=True)
+    tables = {name: kind for name, kind in kinds.items() if isinstance(kind, type) and issubclass(kind, Keywords)}
+    parameters, annotations = [], {name: kind for name, kind in kinds.items() if name not in tables}
+    for item in signature(function).parameters.values():
+        if item.name not in tables:
+            parameters.append(item.replace(annotation=kinds.get(item.name, item.annotation)))
+            continue
+        annotations |= types_of(tables[item.name])
+        parameters += [Parameter(key.name, item.KEYWORD_ONLY, default=key.default, annotation=annotations[key.name])
+                       for key in fields(tables[item.name])]  # fmt: skip
+
+    @wraps(function)
+    def called(*arguments, **keywords):
+        for name, table in tables.items():
+            keywords[name] = table(**{key: keywords.pop(key) for key in types_of(table) if key in keywords})
+        return function(*arguments, **keywords)
+
+    parameters.sort(key=lambda item: item.kind)
+    called.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    called.__annotations__ = annotations
+    return called
+
+
 def with_spelled_fields(item):
     """Have a dataclass refuse keywords that it does not have, as spelled functions do; others are as they were."""
     if isinstance(item, type) and is_dataclass(item) and not hasattr(item.__init__, "__wrapped__"):
@@ -225,6 +253,14 @@ def _fitted(value, kind):
     elif isinstance(value, origin or kind) and (kind is bool or not isinstance(value, bool)):
         return value
     raise _Misfit
+
+
+def _fits(value, kind) -> bool:
+    try:
+        _fitted(value, kind)
+    except _Misfit:
+        return False
+    return True
 
 
 def _plain(value):

@@ -28,9 +28,12 @@ COORDINATE = Range(-1e9, 1e9, "m")
 RATE = Range(-1e13, 1e13, "1/s")
 ANYTHING = Range(-1e30, 1e30)
 
+Frequency = Annotated[float, FREQUENCY]
+Coordinate = Annotated[float, COORDINATE]
 Number = Annotated[float, ANYTHING]  # finite, and not beyond all units
 Vector = tuple[Number, Number, Number]
-Node = Annotated[int, LABEL] | str  # by number, or by the name of an interface
+Label = Annotated[int, LABEL]
+Node = Label | str  # by number, or by the name of an interface
 
 
 def positive(key: str, value):

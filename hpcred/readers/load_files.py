@@ -24,6 +24,7 @@ from .abaqus import loads as abaqus_loads
 from .ansys import full_loads
 from .ansys import records as ansys_records
 from .assembly import read_columns
+from .calculix import matrix_storage
 from .deck_loads import DeckLoads
 from .entries import label_name, label_of, node_and_direction
 from .nastran import bulk
@@ -113,7 +114,8 @@ def _deck(load, comm) -> DeckLoads:
         return full_loads.read_loads(load.file, comm)
     if wanted == "sid":
         return replace(nastran_loads.read_loads(load.file, load.sid, comm), nodes=same_mesh.read_nodes(load.file, comm))
-    return abaqus_loads.read_loads(load.file, load.step, comm)
+    of_calculix = "K" in matrix_storage.files_of(load.file)
+    return abaqus_loads.read_loads(load.file, load.step, comm, calculix=of_calculix)
 
 
 def _placed(model, load, found: DeckLoads, units: Units):

@@ -60,7 +60,7 @@ class Drive(Settings):
             raise InputError(f"drive.through: found {list(self.through)} without `about`, of whose axis it is a point")
         self.direction  # noqa: B018  refused here if it has none
 
-    def __call__(self, t):
+    def __call__(self, t: float) -> tuple[float, float]:
         return self.at(t), self.slope(t)
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -35,7 +35,7 @@ class Force(Settings):
     key: ClassVar[str] = "force"
     where: ClassVar[str] = "force."
 
-    def __call__(self, t):
+    def __call__(self, t: float) -> Any:
         return self.at(t)
 
 
@@ -97,7 +97,7 @@ class InputLoad(Settings):
     name: str
     where: ClassVar[str] = "load."
 
-    def __call__(self, t):
+    def __call__(self, t: float) -> Any:
         return self.at(t)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -31,10 +31,10 @@ class Constant(Settings):
     value: Number
     kind: Literal["constant"] = _kind("constant")
 
-    def at(self, t):
+    def at(self, t: float) -> Any:
         return np.asarray(self.value)[()]
 
-    def slope(self, t):
+    def slope(self, t: float) -> Any:
         return 0.0
 
     def longest_step(self, end: float = np.inf) -> float:
@@ -64,13 +64,13 @@ class Ramp(Settings):
     duration: Annotated[Number, not_negative] = 0.0
     kind: Literal["ramp"] = _kind("ramp")
 
-    def at(self, t):
+    def at(self, t: float) -> Any:
         if t >= self.duration:
             return self.rate * (t - self.duration / 2)
         a, turn = max(t, 0.0) / self.duration, 2 * np.pi
         return self.rate * self.duration * (a * a / 2 + (np.cos(turn * a) - 1) / turn**2)
 
-    def slope(self, t):
+    def slope(self, t: float) -> Any:
         if t >= self.duration:
             return self.rate
         a, turn = max(t, 0.0) / self.duration, 2 * np.pi
@@ -102,10 +102,10 @@ class Sine(Settings):
     phase: Annotated[float, Range(-1e6, 1e6, "rad")] = 0.0
     kind: Literal["sine"] = _kind("sine")
 
-    def at(self, t):
+    def at(self, t: float) -> Any:
         return np.asarray(self.amplitude) * np.sin(2 * np.pi * self.frequency * t + self.phase)
 
-    def slope(self, t):
+    def slope(self, t: float) -> Any:
         omega = 2 * np.pi * self.frequency
         return np.asarray(self.amplitude) * omega * np.cos(omega * t + self.phase)
 
@@ -149,7 +149,7 @@ class Table(Settings):
     def _columns(self):
         return np.array(self.times), np.reshape(self.values, (len(self.times), -1)).T
 
-    def at(self, t):
+    def at(self, t: float) -> Any:
         times, columns = self._columns
         return np.reshape([np.interp(t, times, column) for column in columns], np.shape(self.values[0]))[()]
 
@@ -184,10 +184,10 @@ class Spline(Table):
 
         return CubicSpline(self.times, self.values, bc_type="clamped")
 
-    def at(self, t):
+    def at(self, t: float) -> Any:
         return float(self._spline(np.clip(t, self.times[0], self.times[-1])))
 
-    def slope(self, t):
+    def slope(self, t: float) -> Any:
         return float(self._spline(t, 1)) if self.times[0] < t < self.times[-1] else 0.0
 
     def travel(self, end: float) -> float:

@@ -9,18 +9,18 @@ from typing import Annotated, Literal
 import numpy as np
 
 from ...fe.dofs import DIRECTIONS
-from ...parallel.declared import as_declared, renamed
+from ...parallel.declared import Settings, as_declared, renamed
 from ...parallel.failures import InputError
-from ...parallel.ranges import COORDINATE, LABEL, within
+from ...parallel.ranges import Coordinate, Label, Range
 
-Vector = tuple[float, float, float]
+Point = tuple[Coordinate, Coordinate, Coordinate]
 SIX = DIRECTIONS[:6]
 WAYS = ("set", "box", "sphere", "cylinder", "bore", "pin")
 NAME = re.compile(r"[A-Za-z_][\w.\-]{0,62}")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Nodes:
+class Nodes(Settings):
     """A choice of nodes, by exactly one of the parameters. Lengths in m.
 
     Parameters
@@ -45,22 +45,22 @@ class Nodes:
     """
 
     set: str | None = None
-    box: tuple[Vector, Vector] | None = None
-    sphere: tuple[Vector, float] | None = None
-    cylinder: tuple[Vector, Vector, float] | None = None
-    bore: tuple[Vector, Vector, float] | None = None
-    pin: tuple[Vector, Vector, float] | None = None
+    box: tuple[Point, Point] | None = None
+    sphere: tuple[Point, Coordinate] | None = None
+    cylinder: tuple[Point, Point, Coordinate] | None = None
+    bore: tuple[Point, Point, Coordinate] | None = None
+    pin: tuple[Point, Point, Coordinate] | None = None
+
+    where = "nodes."
 
     def __post_init__(self):
-        as_declared(self, "nodes.")
+        super().__post_init__()
         given = [key for key in WAYS if getattr(self, key) is not None]
         if len(given) != 1:
             raise InputError(
                 f"nodes: found {', '.join(given) or 'none'}, expected exactly one of {', '.join(WAYS)}, "
                 "or node numbers"
             )
-        for key in WAYS[1:]:
-            within(f"nodes.{key}", getattr(self, key), COORDINATE)
         axial = self.cylinder or self.surface
         radius = (self.sphere or axial or (1.0,))[-1]
         if radius <= 0:
@@ -69,7 +69,7 @@ class Nodes:
             raise InputError(f"nodes.{given[0]}: its two points are the same, expected the ends of its axis")
 
     @property
-    def surface(self) -> tuple[Vector, Vector, float] | None:
+    def surface(self) -> tuple[Point, Point, float] | None:
         """The cylinder of a bore or pin."""
         return self.bore or self.pin
 
@@ -126,12 +126,12 @@ class Interface:
     """
 
     name: str
-    nodes: tuple[int, ...] | Nodes | str
-    at: Vector | None = None
+    nodes: tuple[Label, ...] | Nodes | str
+    at: Point | None = None
     kind: Literal["averaging", "rigid"] = "averaging"
-    weights: Literal["equal", "area"] | tuple[float, ...] = "equal"
+    weights: Literal["equal", "area"] | tuple[Annotated[float, Range(1e-12, 1e12)], ...] = "equal"
     directions: tuple[str, ...] = SIX
-    node: int | None = None
+    node: Label | None = None
 
     def __post_init__(self):
         as_declared(self, f"interface '{self.name}': ")
@@ -151,14 +151,9 @@ class Interface:
             raise InputError(f"{where}: directions belong to kind 'rigid'; an averaging set takes its translations")
         if self.kind == "rigid" and self.weights != "equal":
             raise InputError(f"{where}: weights belong to kind 'averaging'; the nodes of a rigid set all follow")
-        if isinstance(self.weights, tuple):
-            if not isinstance(self.nodes, tuple) or len(self.weights) != len(self.nodes):
-                raise InputError(f"{where}: weights: a list of numbers needs `nodes` as a list of as many numbers")
-            within(f"{where}: weights", self.weights, (1e-12, 1e12, ""))
-        if isinstance(self.nodes, tuple):
-            within(f"{where}: nodes", self.nodes, LABEL)
-        within(f"{where}: node", self.node, LABEL)
-        within(f"{where}: at", self.at, COORDINATE)
+        listed = len(self.nodes) if isinstance(self.nodes, tuple) else None
+        if isinstance(self.weights, tuple) and len(self.weights) != listed:
+            raise InputError(f"{where}: weights: a list of numbers needs `nodes` as a list of as many numbers")
 
 
 @dataclass(frozen=True)
@@ -185,7 +180,7 @@ class InterfaceNode:
 
     name: str
     node: int
-    position: Vector
+    position: Point
     directions: tuple[str, ...] = SIX
     definition: Interface | None = field(default=None, compare=False)
     count: int = field(default=0, compare=False)

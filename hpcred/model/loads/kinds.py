@@ -14,37 +14,59 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from ...parallel.declared import as_declared
+from ...parallel.declared import Settings
 from ...parallel.failures import InputError
-from ...parallel.ranges import ANYTHING, LABEL, within
+from ...parallel.ranges import Label, Number, Range, Vector
 from ..interfaces.nodes import NAME, Nodes
 
-Vector = tuple[float, float, float]
-Place = tuple[int, ...] | Nodes | str
+
+def _something(key, value):
+    if not np.any(value):
+        raise InputError(f"{key}: found {value}, which is no load; leave it out")
 
 
-def _checked(load, *values):
-    """Check the name of a load, its nodes, and that `values` of it are finite and not all zero."""
-    where = f"load '{load.name}': "
-    as_declared(load, where)
-    if not NAME.fullmatch(load.name):
-        raise InputError(
-            f"load.name: found '{load.name[:80]}', expected a word that begins with a letter, of letters, digits, "
-            "'_', '-' and '.', of at most 63 signs"
-        )
-    on = getattr(load, "on", None)
-    if isinstance(on, tuple):
-        within(f"{where}on", on, LABEL)
-        if not on or len(set(on)) < len(on):
-            raise InputError(f"{where}on: expected at least one number of a node, and each once")
-    for key in values:
-        within(f"{where}{key}", getattr(load, key), ANYTHING)
-        if not np.any(getattr(load, key)):
-            raise InputError(f"{where}{key}: found {getattr(load, key)}, which is no load; leave it out")
+def _direction(key, value):
+    if value is not None and not any(value):
+        raise InputError(f"{key}: found {value}, which has no direction")
+
+
+def _each_once(key, value):
+    if not value or len(set(value)) < len(value):
+        raise InputError(f"{key}: expected at least one number of a node, and each once")
+
+
+Place = Annotated[tuple[Label, ...], _each_once] | Nodes | str
+Size = Annotated[Number, _something]
+Direction = Annotated[Vector, _direction]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pressure:
+class NamedLoad(Settings):
+    """Base of the loads: inputs with names.
+
+    Parameters
+    ----------
+    name : str
+        Name of the input.
+    """
+
+    name: str
+
+    @property
+    def where(self) -> str:
+        return f"load '{self.name}': "
+
+    def __post_init__(self):
+        super().__post_init__()
+        if not NAME.fullmatch(self.name):
+            raise InputError(
+                f"load.name: found '{self.name[:80]}', expected a word that begins with a letter, of letters, digits, "
+                "'_', '-' and '.', of at most 63 signs"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pressure(NamedLoad):
     """A pressure on faces of the surface.
 
     Parameters
@@ -64,17 +86,13 @@ class Pressure:
         For a value of zero, and names that are no words.
     """
 
-    name: str
     on: Place
-    value: float = 1.0
+    value: Size = 1.0
     kind: Literal["pressure"] = field(default="pressure", repr=False)
-
-    def __post_init__(self):
-        _checked(self, "value")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Traction:
+class Traction(NamedLoad):
     """A force per area on faces of the surface, of one direction.
 
     Parameters
@@ -92,17 +110,13 @@ class Traction:
         As Pressure.
     """
 
-    name: str
     on: Place
-    value: Vector
+    value: Annotated[Vector, _something]
     kind: Literal["traction"] = field(default="traction", repr=False)
-
-    def __post_init__(self):
-        _checked(self, "value")
 
 
 @dataclass(frozen=True, kw_only=True)
-class LineLoad:
+class LineLoad(NamedLoad):
     """A force per length along edges of elements.
 
     Parameters
@@ -120,17 +134,13 @@ class LineLoad:
         As Pressure.
     """
 
-    name: str
     on: Place
-    value: Vector
+    value: Annotated[Vector, _something]
     kind: Literal["line"] = field(default="line", repr=False)
-
-    def __post_init__(self):
-        _checked(self, "value")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gravity:
+class Gravity(NamedLoad):
     """The weight of the body: M times a rigid-body translation, exact for all elements.
 
     Parameters
@@ -146,16 +156,12 @@ class Gravity:
         As Pressure.
     """
 
-    name: str
-    value: Vector
+    value: Annotated[Vector, _something]
     kind: Literal["gravity"] = field(default="gravity", repr=False)
-
-    def __post_init__(self):
-        _checked(self, "value")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Centrifugal:
+class Centrifugal(NamedLoad):
     """The centrifugal forces of a body of solids that spins about an axis: omega^2 M r, exact for its mass matrix.
 
     Parameters
@@ -175,22 +181,14 @@ class Centrifugal:
         As Pressure, and for an axis without direction.
     """
 
-    name: str
-    axis: Vector
+    axis: Direction
     point: Vector = (0.0, 0.0, 0.0)
-    value: float = 1.0
+    value: Size = 1.0
     kind: Literal["centrifugal"] = field(default="centrifugal", repr=False)
-
-    def __post_init__(self):
-        _checked(self, "value")
-        for key in ("axis", "point"):
-            within(f"load '{self.name}': {key}", getattr(self, key), ANYTHING)
-        if not any(self.axis):
-            raise InputError(f"load '{self.name}': axis: found {self.axis}, which has no direction")
 
 
 @dataclass(frozen=True, kw_only=True)
-class GivenLoad:
+class GivenLoad(NamedLoad):
     """A column of a matrix file, as those of inputs.
 
     Parameters
@@ -209,18 +207,13 @@ class GivenLoad:
         For names that are no words, and numbers below 1.
     """
 
-    name: str
     file: str
-    column: int = 1
+    column: Label = 1
     kind: Literal["given"] = field(default="given", repr=False)
-
-    def __post_init__(self):
-        _checked(self)
-        within(f"load '{self.name}': column", self.column, LABEL)
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeckLoad:
+class DeckLoad(NamedLoad):
     """The loads that a finite-element program reads from its input file.
 
     Parameters
@@ -241,24 +234,21 @@ class DeckLoad:
         For names that are no words, and if both step and sid are given.
     """
 
-    name: str
     file: str
-    step: int | None = None
-    sid: int | None = None
+    step: Label | None = None
+    sid: Label | None = None
     kind: Literal["deck"] = field(default="deck", repr=False)
 
     def __post_init__(self):
-        _checked(self)
+        super().__post_init__()
         if self.step is not None and self.sid is not None:
             raise InputError(
                 f"load '{self.name}': expected `step` (of an input file of Abaqus or CalculiX) or `sid` (of Nastran)"
             )
-        within(f"load '{self.name}': step", self.step, LABEL)
-        within(f"load '{self.name}': sid", self.sid, LABEL)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Temperature:
+class Temperature(NamedLoad):
     """The load of a rise in temperature on solids of isotropic materials: what would hold their expansion back.
 
     Parameters
@@ -277,17 +267,13 @@ class Temperature:
         For a value of zero, and names that are no words.
     """
 
-    name: str
-    value: float = 1.0
+    value: Size = 1.0
     file: str | None = None
     kind: Literal["temperature"] = field(default="temperature", repr=False)
 
-    def __post_init__(self):
-        _checked(self, "value")
-
 
 @dataclass(frozen=True, kw_only=True)
-class MovingLoad:
+class MovingLoad(NamedLoad):
     """A force that moves along a path of nodes: several inputs, which are forces at points of the path.
 
     Parameters
@@ -309,23 +295,18 @@ class MovingLoad:
         For a force of zero, fewer than two points, nodes without an order, and names that are no words.
     """
 
-    name: str
     on: Place
-    value: Vector
-    points: int = 5
-    along: Vector | None = None
+    value: Annotated[Vector, _something]
+    points: Annotated[int, Range(2, 1000)] = 5
+    along: Direction | None = None
     kind: Literal["moving"] = field(default="moving", repr=False)
 
     def __post_init__(self):
-        _checked(self, "value")
-        where = f"load '{self.name}'"
-        within(f"{where}: points", self.points, (2, 1000, ""))
+        super().__post_init__()
         if self.along is None and not isinstance(self.on, tuple):
-            raise InputError(f"{where}: along: missing; expected the direction in which its nodes follow each other")
-        if self.along is not None:
-            within(f"{where}: along", self.along, ANYTHING)
-            if not any(self.along):
-                raise InputError(f"{where}: along: found {self.along}, which has no direction")
+            raise InputError(
+                f"{self.where}along: missing; expected the direction in which its nodes follow each other"
+            )
 
     @property
     def input_names(self) -> tuple[str, ...]:

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ...fe.dofs import direction_index, named_quantity, quantity_name, target_name, target_of
-from ...parallel.declared import as_declared
+from ...parallel.declared import Settings
 from ...parallel.failures import InputError
-from ...parallel.ranges import LABEL, within
+from ...parallel.ranges import Label, Node
 
 
 @dataclass(frozen=True, kw_only=True)
-class MotionOutput:
+class MotionOutput(Settings):
     """An output that is the displacement, the velocity or the acceleration of a dof.
 
     Parameters
@@ -32,22 +32,21 @@ class MotionOutput:
         For other quantities and directions, and unless either a node with its direction or a dof is given.
     """
 
-    node: int | str | None = None
+    node: Node | None = None
     direction: str | None = None
-    dof: int | None = None
+    dof: Label | None = None
     quantity: Literal["displacement", "velocity", "acceleration"] = "displacement"
 
+    where = "outputs."
+
     def __post_init__(self):
-        as_declared(self, "outputs.")
+        super().__post_init__()
         by_node = self.node is not None and self.direction is not None and self.dof is None
         if not by_node and (self.dof is None or self.node is not None or self.direction is not None):
             found = ", ".join(key for key in ("node", "direction", "dof") if getattr(self, key) is not None)
             raise InputError(f"outputs: found {found or 'no place'}, expected a node and its direction, or a dof")
         if by_node and self.direction != "all":
             direction_index(self.direction, "outputs.direction")
-        place = self.node if by_node else self.dof
-        if not isinstance(place, str):
-            within("outputs.node" if by_node else "outputs.dof", place, LABEL)
 
     @property
     def target(self) -> int | tuple:

@@ -10,15 +10,15 @@ import numpy as np
 
 from ...fe.solids import Solids
 from ...fe.strain_matrices import COMPONENTS, nodal_stress_matrices
-from ...parallel.declared import as_declared
+from ...parallel.declared import Settings
 from ...parallel.failures import InputError
-from ...parallel.ranges import LABEL, within
+from ...parallel.ranges import Label
 
 NAME = re.compile(rf"stress (\d+):({'|'.join(COMPONENTS)})")
 
 
 @dataclass(frozen=True, kw_only=True)
-class StressOutput:
+class StressOutput(Settings):
     """An output that is a component of the stress at a node, in Pa, the mean of all solid elements there.
 
     Parameters
@@ -34,12 +34,10 @@ class StressOutput:
         For other components, and numbers that no node has.
     """
 
-    node: int
+    node: Label
     stress: Literal["xx", "yy", "zz", "xy", "yz", "zx"]
 
-    def __post_init__(self):
-        as_declared(self, "outputs.")
-        within("outputs.node", self.node, LABEL)
+    where = "outputs."
 
     @property
     def name(self) -> str:

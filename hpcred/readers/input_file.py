@@ -1,11 +1,11 @@
 """Read input files of Abaqus and CalculiX with the matrix files beside them, which determine the program."""
 
-from ...parallel.failures import InputError, agreed
-from ...settings.source import Source
-from ..base import Reader
-from ..calculix import matrix_storage
-from ..source_parts import read_source
-from . import input_file, matrices
+from ..parallel.failures import InputError, agreed
+from ..settings.source import Source
+from .abaqus import input_file, matrices
+from .base import Reader
+from .calculix import matrix_storage
+from .source_parts import read_source
 
 
 def abaqus_source(path) -> Source:
