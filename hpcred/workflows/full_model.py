@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from ..analysis.frequency_response import response_and_drive
 from ..files.checksums import content_of
@@ -24,6 +23,7 @@ from ..model.rates import KEY as RATES
 from ..model.second_order_model import SecondOrderModel
 from ..model.stress_outputs import stress_output_of
 from ..parallel import startup
+from ..parallel.declared import adapter_of
 from ..parallel.failures import InputError
 from ..reduction.components.modes import Modes
 from ..reduction.parametric.accuracy import in_words
@@ -135,7 +135,7 @@ def with_terms_of_record(model, record) -> ParametricModel | None:
     if not job.get("term"):
         return None
     parameters, tables = (
-        TypeAdapter(tuple[kind, ...]).validate_python(job[key])
+        adapter_of(tuple[kind, ...]).validate_python(job[key])
         for kind, key in ((Parameter, "parameter"), (TermTable, "term"))
     )
     for name in [item.file for item in tables if item.file is not None]:
