@@ -67,6 +67,7 @@ class Progress:
         self.seconds: dict[str, float] = {}
         self.warned: list[str] = []
         self._found: list[str] = []
+        self._later: list[str] = []
         self._after = SHORT if show is None else 0.0 if show else math.inf
         self._brief = show is None
         self._bars = Bars() if bars and comm.rank == 0 and sys.stderr.isatty() else None
@@ -96,6 +97,7 @@ class Progress:
         try:
             yield
             self._tell_known(stage)
+            self._tell_later()
         finally:
             log.pop()
             self._charge()
@@ -156,7 +158,8 @@ class Progress:
     def step(self, what: str, done: int, total: int | None = None, always: bool = False):
         """So many of the steps `what` are done, of `total` where that is known: a bar, or a line with the time left.
 
-        A line at most once a MINUTE; `always`: at every step, or once in SILENT seconds by default. The time left is that of as many steps of the same length.
+        A line at most once a MINUTE; `always`: at every step, or once in SILENT seconds by default. The time left is
+        that of as many steps of the same length.
         """
         now = self.elapsed()
         if done == 0 or what not in self._begun:
@@ -178,6 +181,14 @@ class Progress:
         """One line of rank 0, however short the run is, unless progress is off."""
         self._give(logging.INFO, text, text)
 
+    def tell_later(self, text: str):
+        """The same once a stage has ended without an error, such as that which reads the input."""
+        self._later.append(text)
+
+    def _tell_later(self):
+        while self._later:
+            self.tell(self._later.pop(0))
+
     def warn(self, text: str):
         """Tell a warning while a run goes on; what is `warned` of needs no repetition at its end."""
         self._give(logging.WARNING, text, f"warning: {text}")
@@ -185,6 +196,7 @@ class Progress:
 
     def found(self, result: Result) -> Result:
         """Log the warnings of a result that are not logged yet, and return it; who shows it shows them."""
+        self._tell_later()
         record = getattr(result, "record", result)
         warnings = record.get("warnings", ()) if isinstance(record, dict) else getattr(record, "warnings", ())
         for text in warnings:

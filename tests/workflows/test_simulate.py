@@ -74,6 +74,7 @@ def test_files_of_a_simulation(made):
     report = simulate_file(path, overrides=["velocity=[0.0, 0.0, 1.0]"])
     assert report["output"] == [str(path.with_name(f"simulation.{suffix}")) for suffix in ("h5", "csv", "png")]
     assert any("the initial velocities did not fit the constraints" in line for line in report["notes"])
+    assert any("the result has the motions of" in line and "observe" in line for line in report["notes"])
     assert report["constraint_drift_m"] < 1e-8 and report["energy_defect"] < 1e-4
     table = np.genfromtxt(path.with_name("simulation.csv"), delimiter=",", names=True)
     with h5py.File(path.with_name("simulation.h5")) as file:
