@@ -89,8 +89,8 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
 
 def _on_nodes(motion) -> str:
     """Return a sentence on what the result of a simulation has that observes no node."""
-    there = f"and those of nodes {', '.join(motion.node_names)}" if motion.node_names else "and those of no node"
-    return f"the result has the motions of the body frame and of the shapes {there}; observe = [...] adds nodes"
+    nodes = f"nodes {', '.join(motion.node_names)}" if motion.node_names else "no node"
+    return f"the result has the motion of the body frame, of the shapes and of {nodes}; observe = [...] adds nodes"
 
 
 def _write_paraview(target, body, motion, comm):
