@@ -129,10 +129,12 @@ class Result:
         file has no floating-frame quantities or no such node.
         """
         if self.floating_frame is None:
-            raise InputError(
-                f"{self.path}: no floating-frame quantities; the model had no node coordinates, or the projection "
-                "was two-sided"
-            )
+            two_sided = getattr(self.reduced.record, "projection", None) == "two_sided"
+            why = "the projection was two-sided; reduce with projection = 'one_sided'" if two_sided else (
+                "the model had no node coordinates, or was not written; give them (convert --nodes FILE, or in Python "
+                "dofs = hpcred.Dofs(node, direction, position)), and reduce again"
+            )  # fmt: skip
+            raise InputError(f"{self.path}: no floating-frame quantities: {why}")
         if self.values and self._mass_differs():
             raise InputError(
                 f"{self.path}: the mass depends on parameters, and the floating-frame quantities are those at the "
