@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import socket
+import threading
 import time
 from contextlib import contextmanager
 from functools import cache
@@ -31,6 +32,7 @@ WIDTH = 24  # columns of a solve at most
 HELP = "`pip install 'hpcred[cuda13]'` (cuda12 for older drivers) brings nvmath-python and cuDSS; or take 'mumps'"
 NO_MEMORY = ("alloc_failed", "out of memory", "out_of_memory", "memory_allocation")  # in errors of the library
 PERTURBED = Source(kind="approximate factor", accuracy=1e-8)  # with pivots that were too small
+_LOOKS = threading.Lock()  # held while a GPU is started
 SPARE_MB = 512  # of the GPU, beside what the analysis says that the factor takes
 
 
@@ -58,6 +60,11 @@ class Cudss(Factorisation):
     def source_of(cls, factoring, prefix):
         accuracy = float(np.finfo(np.float32).eps)
         return Source(kind="approximate factor", accuracy=accuracy) if factoring.single else EXACT
+
+    @classmethod
+    def prepare(cls, factoring, size, comm):
+        if comm.rank == 0:
+            threading.Thread(target=unusable, daemon=True).start()
 
     def approximate(self):
         return super().approximate() or "solver.package: {} by cuDSS; take 'mumps', whose pivots are more stable"
@@ -194,15 +201,17 @@ class Cudss(Factorisation):
         if self._columns is None or self._columns.columns < b.shape[1]:
             self._forget_columns()
             self._columns = Parts(self._comm, len(b), b.shape[1], self._scalar)
+        self._columns.gather(b)
+        decided(self._comm, self._solve_on_gpu, b.shape[1])  # ranks that slept would come late for so short a time
+        self._columns.scatter(x)
+
+    def _solve_on_gpu(self, columns):
+        """Replace so many right-hand sides by solutions; on the first rank."""
         parts = self._columns
-        parts.gather(b)
-        with agreed(self._comm):
-            if self._leads:
-                with _failures():
-                    self._held.lock(parts.whole)
-                    blocks = [parts.place(rank, b.shape[1]) for rank in range(self._comm.size)]
-                    self._held.solve(list(zip(parts.starts[:-1].tolist(), blocks, strict=True)))
-        parts.scatter(x)
+        blocks = [(int(first), parts.place(rank, columns)) for rank, first in enumerate(parts.starts[:-1])]
+        with _failures():
+            self._held.lock(parts.whole)
+            self._held.solve(blocks)
 
     @property
     def _leads(self):
@@ -248,9 +257,14 @@ def _failures():
         raise ComputationError(f"cuDSS failed: {type(error).__name__}: {text}") from error
 
 
-@cache
 def unusable() -> str | None:
-    """Why this process cannot factor by cuDSS, found by a system of two equations; None where it can."""
+    """Why this process cannot factor by cuDSS, found once by a system of two equations; None where it can."""
+    with _LOOKS:
+        return _unusable()
+
+
+@cache
+def _unusable():
     if find_spec("nvmath") is None:
         return "needs nvmath-python, which is not installed"
     try:

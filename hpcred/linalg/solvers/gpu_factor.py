@@ -5,6 +5,7 @@ Nothing here is collective: one process owns the factor. Errors are those of the
 
 from __future__ import annotations
 
+import ctypes
 import os
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
@@ -26,7 +27,7 @@ class GpuFactor:
     """
 
     def __init__(self, gpu: int, indptr, indices, values, symmetric: bool, processors, hybrid=False):
-        self._gpu, self._processors, self._dtype = gpu, processors, values.dtype
+        self._gpu, self._processors, self._dtype, self._index = gpu, processors, values.dtype, indices.dtype
         self.size, self._library = len(indptr) - 1, library()
         self._memory, self._locked, self._columns, self._dense = {}, {}, 0, []
         self._handle = self._config = self._data = self._matrix = 0
@@ -67,11 +68,9 @@ class GpuFactor:
 
     def factorise(self):
         self._execute("FACTORIZATION")
-        get = self._library.get_data_param_dtype
-        found = {name: self._get(name, np.zeros(count, get(self._library.DataParam[name])))
-                 for name, count in (("LU_NNZ", 1), ("NPIVOTS", 1), ("INERTIA", 2))}  # fmt: skip
-        self.entries, self.perturbed = int(found["LU_NNZ"][0]), int(found["NPIVOTS"][0])
-        self.inertia = tuple(map(int, found["INERTIA"]))
+        self.entries = int(self._get("LU_NNZ", np.zeros(1, np.int64))[0])
+        self.perturbed = int(self._get("NPIVOTS", np.zeros(1, self._index))[0])
+        self.inertia = tuple(map(int, self._get("INERTIA", np.zeros(2, self._index))))
 
     def solve(self, blocks: list[tuple[int, np.ndarray]]):
         """Replace right-hand sides by solutions: blocks (rows, k) in column order, each with its first row."""
@@ -220,10 +219,18 @@ def threads_library() -> str | None:
 
 @contextmanager
 def on_processors(processors):
-    """Let the threads that start meanwhile run on processors that a launcher gave to ranks that sleep."""
-    before = os.sched_getaffinity(0)
+    """Let threads run on processors that a launcher gave to ranks that sleep, as many as these, however many this rank
+    was given (OMP_NUM_THREADS)."""
+    before, openmp = os.sched_getaffinity(0), None
+    with suppress(OSError):
+        openmp = ctypes.CDLL("libgomp.so.1")
+    threads = openmp.omp_get_max_threads() if openmp else 1
     os.sched_setaffinity(0, processors)
+    if openmp:
+        openmp.omp_set_num_threads(len(processors))
     try:
         yield
     finally:
         os.sched_setaffinity(0, before)
+        if openmp:
+            openmp.omp_set_num_threads(threads)
