@@ -52,6 +52,8 @@ def run(arguments: list[str], call) -> int:
         for flag in FLAGS:
             setattr(Session, flag[2:], flag in arguments)
             arguments = [item for item in arguments if item != flag]
+        if (file := _take(arguments, "--json")) is not None:  # also before the command
+            arguments += ["--json", file]
         _refuse_blank(arguments)
         keep_files(Session.keep)
         if Session.traceback:

@@ -196,4 +196,6 @@ def decoupled(indptr: np.ndarray, indices: np.ndarray, values, first: int) -> np
     """Return the rows (local, from 0) without a number other than zero beside the diagonal, in any of the matrices."""
     rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
     beside = (indices != rows + first) & np.any([data != 0 for data in values], axis=0)
-    return np.setdiff1d(np.arange(len(indptr) - 1), rows[beside])
+    coupled = np.zeros(len(indptr) - 1, bool)
+    coupled[rows[beside]] = True
+    return np.flatnonzero(~coupled)

@@ -33,6 +33,7 @@ from .outputs.motions import MotionOutput
 from .outputs.rates import Rates, check_names
 from .outputs.stresses import StressOutput
 from .outputs.targets import interface_targets, output_columns, unit_columns
+from .petsc_matrices import decoupled
 from .viscoelastic import Viscoelastic, with_viscoelastic
 
 if TYPE_CHECKING:
@@ -289,7 +290,7 @@ class SecondOrderModel:
             kept["operator"] = self.operator.with_matrices(changed | mats)
         fresh = {key: value for key, value in changed.items() if key not in {*ORDERS, *self.operator.terms}}
         other = self.of_operator(**{item.name: getattr(self, item.name) for item in fields(self)} | kept | fresh)
-        for name in ("_digests", "_defects", "_signs"):
+        for name in ("_digests", "_defects", "_signs", "_alone"):
             known, shared = getattr(self, name), getattr(other, name)
             other_parts = {*changed, "labels" if "dofs" in changed else "", "interfaces" if "Gt" in changed else ""}
             other_parts |= {*ORDERS, ADDED} if "operator" in changed else set()
@@ -404,6 +405,13 @@ class SecondOrderModel:
             self._signs[key] = extreme_quotients(self.matrices[key], self.is_symmetric(key))
         return self._signs[key]
 
+    def rows_alone_in(self, key: str) -> np.ndarray:
+        """Return the rows of this rank (local, from 0) with nothing beside the diagonal in a matrix; local."""
+        if key not in self._alone:
+            indptr, indices, values = self.matrices[key].getValuesCSR()
+            self._alone[key] = decoupled(indptr, indices, [values], self.first_row)
+        return self._alone[key]
+
     @property
     def symmetric(self) -> bool:
         return all(map(self.is_symmetric, self.matrices))
@@ -418,6 +426,10 @@ class SecondOrderModel:
 
     @cached_property
     def _signs(self):
+        return {}
+
+    @cached_property
+    def _alone(self):
         return {}
 
     def digest_of(self, key: str) -> str | None:

@@ -17,7 +17,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import AliasChoices, Field
+from pydantic import AliasChoices, Field, TypeAdapter
 
 from .failures import InputError
 
@@ -110,6 +110,12 @@ def types_of(table) -> dict:
     """Names and types of the fields of a dataclass."""
     hints = get_type_hints(table, include_extras=True)
     return {item.name: hints[item.name] for item in fields(table)}
+
+
+@cache
+def adapter_of(kind) -> TypeAdapter:
+    """What checks and writes values of a type; to make it takes up to 25 ms."""
+    return TypeAdapter(kind)
 
 
 def plain_type(kind):

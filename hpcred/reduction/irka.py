@@ -122,10 +122,9 @@ class IRKA(Reductor):
                 if moved <= self.change:
                     return reduced
         said = f"irka: after {self.turns} turns points still move by {moved:.1e} of themselves"
-        reduced.record = replace(reduced.record, warnings=(*reduced.record.warnings, said))
         if model.comm.rank == 0:
             message(logging.WARNING, said)
-        return reduced
+        return replace(reduced, record=replace(reduced.record, warnings=(*reduced.record.warnings, said)))
 
     def _first(self, model):
         """Return points over the band with a damping ratio of 2 %, and one input and output after the other."""

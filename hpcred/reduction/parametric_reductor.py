@@ -33,10 +33,10 @@ from .parametric.stability import warnings_of_stability
 from .result.parameter_accuracy import ParameterAccuracy, in_words
 from .result.record import TERMS
 from .run.notes import Notes
-from .run.run import Run, identity_of_model
-from .search.outcome import PASSES, accuracy_of, ask_for_digits, changed
+from .run.run import Run
+from .search.outcome import PASSES, Outcome, accuracy_of, ask_for_digits, changed
 from .small.compression import LITTLE
-from .tolerance_reductor import ToleranceReductor
+from .tolerance_reductor import Searched, ToleranceReductor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,23 +47,20 @@ class ParametricBasisReductor(BasisReductor):
     """
 
     parameter_points: tuple[dict[str, float], ...] = ()
-    parametric: ParametricModel | None = None  # the one that is being reduced
 
     def reduce(self, model) -> ParametricReducedModel:
         if self.settings.projection == "two_sided" and model.model.Ct is not None:
             raise InputError("projection: found 'two_sided' for a model with parameters, expected 'one_sided'")
         return reduced_with_terms(self, model)
 
-    def _constant(self):
-        return self.parametric.model
+    def plan(self, framed):
+        plan = super().plan(framed)
+        return plan._replace(columns=max(len(self.parameter_points), 1) * plan.columns)
 
-    def _expected_columns(self, framed):
-        return max(len(self.parameter_points), 1) * super()._expected_columns(framed)
-
-    def _fill(self, bases, runs, groups):
-        (vectors,), (first,) = bases, runs
+    def fill(self, spaces):
+        (vectors,), (first,), _ = spaces
         if not self.parameter_points:
-            extend_by_all(self.basis, bases, runs, groups)
+            extend_by_all(self.basis, *spaces)
         for values in self.parameter_points:
             point = tuple(self.parametric.checked(values).values())
             with run_at(self, first, point) as run:
@@ -77,7 +74,6 @@ class ParametricReductor(ToleranceReductor):
     """Reduce until eps(f) <= tolerance is proven over the band and the ranges of the parameters (see greedy)."""
 
     parameter_search: ParameterSearch = ParameterSearch()
-    parametric: ParametricModel | None = None  # the one that is being reduced
 
     def reduce(self, model) -> ParametricReducedModel:
         if self.goal.static == "exact":
@@ -88,10 +84,7 @@ class ParametricReductor(ToleranceReductor):
             raise InputError("drop_above: found it for a model with parameters and a tolerance; leave it out")
         return reduced_with_terms(self, model)
 
-    def _constant(self):
-        return self.parametric.model
-
-    def _search(self, vectors, run, groups, kept):
+    def search(self, vectors, run, groups, kept):
         terms = digests_of_terms(self.parametric) if self.store is not None else []
         asked = [terms, asdict(self.parameter_search)]
 
@@ -100,10 +93,10 @@ class ParametricReductor(ToleranceReductor):
 
         greedy = Greedy(self.parametric, vectors, run, self.goal, self.parameter_search, open_run, len(kept), terms)
         greedy.run_to_end()
-        return greedy.first, *self._compressed(greedy, run, kept)
+        return Searched(greedy, kept)
 
-    def _compressed(self, greedy, run, kept):
-        """Return the columns of the basis that the tolerance asks for at all values, and what is known of them."""
+    def outcome(self, searched, run):
+        greedy, kept = searched
         goal, judge, estimated = self.goal, greedy.first.judge, greedy.estimate
         fixed = np.eye(greedy.basis.size)[:, list(kept)]
         with self.progress.stage("project"):
@@ -116,7 +109,7 @@ class ParametricReductor(ToleranceReductor):
             points += at_ends_of_band(greedy.projections, points, goal.band)
             points = list(dict.fromkeys([*points, *greedy.checks()]))
             found = compress(
-                greedy.projections, goal, greedy.reference, greedy.visited, points, aim, fixed, self._rigid_beside(run)
+                greedy.projections, goal, greedy.reference, greedy.visited, points, aim, fixed, self.rigid_beside(run)
             )
         reason = greedy.reason or found.limited
         rest = estimated if reason else min(estimated, 3 * judge.floor)
@@ -136,12 +129,13 @@ class ParametricReductor(ToleranceReductor):
         if all(search.expansion.highest_count for search in searches):
             counted_modes = greedy.first.expansion.highest_count
             missing = max(0, *(search.missing_modes for search in searches))
-        return found.factor, replace(
+        accuracy = replace(
             accuracy, worst=float(found.worst[worst]), parameters=of_parameters, uncompressed_size=greedy.basis.size,
             points=tuple(point for search in searches for point in search.expansion.points),
             proofs=tuple(proof for search in searches for proof in search.proofs), missing_modes=missing,
             counted=counted_modes,
         )  # fmt: skip
+        return Outcome(found.factor, accuracy, greedy.first.projections)
 
 
 def _project_again(greedy, kept) -> tuple[np.ndarray, float]:
@@ -165,10 +159,10 @@ def reduced_with_terms(reductor, model) -> ParametricReducedModel:
     check_parametric(model, reductor.frame, reductor.damping, reductor.settings.coordinates)
     with model.at() as reference:
         check_reference(model, reference)
-        reduced = replace(reductor, parametric=model)._reduce(reference)
+        reduced = replace(reductor, parametric=model).reduced(reference)
         parts = projected_parts(model, reduced, reductor.damping)
         known = {item.name: getattr(reduced, item.name) for item in fields(reduced)}
-        known["resultants"], known["model"] = resultants(reference), reference.shared()
+        known |= {"resultants": resultants(reference), "model": reference.shared()}
     free_dropped(model.comm)
     found = ParametricReducedModel(**known, parameters=model.parameters, **parts)
     warnings = (*found.record.warnings, *warnings_of_stability(found, model.comm))
@@ -204,13 +198,10 @@ def run_at(reductor, first, point, asked=()):
                 f"{model.name}: {framed.rigid_size} rigid-body modes, but {first.framed.rigid_size} at the reference "
                 "values; terms of K that hold a body have no place in the Buckens frame"
             )
-        identity = {}
-        if reductor.store is not None:
-            basis = [*(asdict(item) for item in reductor.basis), *asked]
-            identity = identity_of_model(model, framed, frame=reductor.frame, damping=reductor.damping, basis=basis)
         run = owned.owns(Run(
             framed, reductor.progress, first.tolerance, reductor.factoring, first.columns, reductor.counts_modes,
-            reductor.store, identity, Notes(components=first.notes.components), tau=first.tau,
+            reductor.store, reductor.identity(model, framed, asked), Notes(components=first.notes.components),
+            tau=first.tau,
         ))  # fmt: skip
         yield run
         first.notes.add(run.recorded, components=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,19 +16,26 @@ from ..model.input_output_counts import require_room
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from ..parallel.sums import summed
-from .basis_reductor import BasisReductor, extend_by_all
+from .basis_reductor import BasisReductor, Plan, columns_of, extend_by_all, has_powers
 from .checks import warnings_of_band
 from .components.craig_bampton import ConstraintModes
 from .components.krylov import StaticCorrection
 from .interface_coordinates import elastic_part
 from .search.goal import Adaptive
-from .search.outcome import compressed_basis
+from .search.outcome import Outcome, outcome_of
 from .search.round_off import with_round_off
 from .search.search import Search, deflation_of_search
 
 CANCELS = 1e4  # x^T diag(M) x of a motion with x^T M x = 1, above which its mass is round-off; of meshes a few hundred
 ROOM = 96  # columns that a search is expected to need,
 ROOM_WITHOUT_FACTORS = 192  # and by multigrid, which has more blocks of a few columns
+
+
+class Searched(NamedTuple):
+    """A search that has come to its end, and the first columns of its basis that stay in the span."""
+
+    search: Any
+    kept: range
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,45 +49,31 @@ class ToleranceReductor(BasisReductor):
 
     counts_modes = True
 
-    def _check(self, model):
-        warnings = super()._check(model)
+    def check(self, model):
+        warnings = super().check(model)
+        require_room(model)
         of_band = warnings_of_band(model, self.goal.band)
         for warning in of_band:  # before a search that may take long for that reason
             self.progress.warn(warning)
         return warnings + of_band
 
-    def _check_room(self, model):
-        require_room(model)
-
-    def _deflation(self, framed):
-        return deflation_of_search(framed.model)
-
-    def _tau(self, framed):
-        return 1 / (2 * np.pi * self.goal.band[1]) if super()._tau(framed) else 0.0
-
-    def _expected_columns(self, framed):
+    def plan(self, framed):
         room = ROOM_WITHOUT_FACTORS if self.factoring.solver.kind == "multigrid" else ROOM
-        return self._component_columns(framed) + min(room, self.goal.columns)
+        columns = columns_of(self.basis, framed) + min(room, self.goal.columns)
+        tau = 0.0 if has_powers(self.damping) else 1 / (2 * np.pi * self.goal.band[1])
+        return Plan(deflation_of_search(framed.model), tau, columns, framed.model.comm.size)
 
-    def _points(self, model):
-        return model.comm.size
-
-    def _fill(self, bases, runs, groups) -> tuple:
-        """Return the accuracy and the projections of the search."""
-        (vectors,), (run,), kept = bases, runs, range(0)
-        if self.settings.coordinates == "interface" or self.goal.static == "exact":
-            kept = self._kept_columns(vectors, run)
-        extend_by_all(self.basis, bases, runs, groups, last=False)
+    def fill(self, spaces) -> Searched:
+        (vectors,), (run,), groups = spaces
+        kept = self._kept_columns(vectors, run)
+        extend_by_all(self.basis, *spaces, last=False)
         before = vectors.size
         try:
-            search, factor, accuracy = self._search(vectors, run, groups, kept)
+            return self.search(vectors, run, groups, kept)
         except DoesNotFit as error:
             if vectors.size > before or not run.solvers.give_up_factors(error):
                 raise
-            search, factor, accuracy = self._search(vectors, run, groups, kept)
-        run.note("compressed", vectors.size, factor.shape[1])
-        vectors.multiply(factor)
-        return accuracy, search.projections
+            return self.search(vectors, run, groups, kept)
 
     def _kept_columns(self, vectors, run) -> range:
         """Return the columns, first in the basis, that stay in its span: by which interfaces move in interface
@@ -93,26 +87,36 @@ class ToleranceReductor(BasisReductor):
             raise InputError(
                 "drop_above: found it beside static = 'exact', whose deflections it may cut; leave one out"
             )
-        rigid = self._rigid_beside(run)
-        if goal.size is not None and goal.size < rigid + vectors.size:
+        rigid = self.rigid_beside(run)
+        if vectors.size and goal.size is not None and goal.size < rigid + vectors.size:
             raise InputError(
                 f"adaptive.size: found {goal.size}, expected at least {rigid + vectors.size}, by which the interfaces "
                 "can move, or deflect at 0 Hz (static = 'exact')"
             )
         return range(vectors.size)
 
-    def _rigid_beside(self, run) -> int:
-        """Coordinates of rigid-body motion, which interface coordinates of a free body have besides."""
+    def rigid_beside(self, run) -> int:
+        """Return the coordinates of rigid-body motion, which interface coordinates of a free body have besides."""
         return run.framed.rigid_size if self.settings.coordinates == "interface" else 0
 
-    def _search(self, vectors, run, groups, kept):
-        """Return the search, the factor that compresses its basis, and what is known of it; the columns `kept` stay in
-        its span."""
+    def search(self, vectors, run, groups, kept) -> Searched:
+        """Search for a basis, in whose span the columns `kept` are to stay. Collective."""
         search = Search(vectors, run, self.goal, groups)
         search.run_to_end()
         if not run.tau:
             run.notes.massless |= self._has_mass_of_round_off(search)
-        return search, *compressed_basis(search, self.settings.drop_above, kept, self._rigid_beside(run))
+        return Searched(search, kept)
+
+    def compress(self, spaces, search) -> Outcome:
+        (vectors,), (run,), _ = spaces
+        outcome = self.outcome(search, run)
+        run.note("compressed", vectors.size, outcome.factor.shape[1])
+        vectors.multiply(outcome.factor)
+        return outcome
+
+    def outcome(self, searched, run) -> Outcome:
+        """Return how the basis of a search is compressed, and how accurate its model is. Collective."""
+        return outcome_of(searched.search, self.settings.drop_above, searched.kept, self.rigid_beside(run))
 
     def _has_mass_of_round_off(self, search) -> bool:
         """Test whether the stiffest motion of a basis is static in the band, being far beyond it, and moves parts whose
@@ -128,8 +132,8 @@ class ToleranceReductor(BasisReductor):
         mode.destroy()
         return bool(parts[0] > CANCELS)
 
-    def _accuracy(self, search, reduced, framed):
-        accuracy, projections = search
+    def accuracy(self, setup, reduced, outcome):
+        framed, accuracy, projections = setup.framed, outcome.accuracy, outcome.projections
         if framed.model.D is not None and not reduced.interfaces:
             remarks = self._warnings_of_peaks(reduced, framed.model, projections.basis, accuracy.loss_factor)
             projections.run.notes.remarks += remarks

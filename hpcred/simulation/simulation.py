@@ -407,7 +407,7 @@ def _integrate(system, setup, y0, yp0, limits, progress):
             shown = int(20 * t / setup.end)
             passed = time.perf_counter() - begun
             left = f", {pace.steps} steps, about {in_time(passed * (setup.end / t - 1))} left" if shown > 0 else ""
-            progress.say(f"t = {t:.4g} s of {setup.end:g} s{left}")
+            progress.say(f"t = {t:.4g} s of {setup.end:g} s{left}", minor=True)
         return system.residual(t, y, yp)
 
     # impulses begin at zero, and their rates, the forces, have round-off relative to their own size

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from ..analysis.frequency_response import response_and_drive
 from ..fe.dofs import target_of
@@ -24,6 +23,7 @@ from ..model.parameters.definitions import Parameter
 from ..model.parameters.parametric_model import ParametricModel
 from ..model.second_order_model import SecondOrderModel
 from ..parallel import startup
+from ..parallel.declared import adapter_of
 from ..parallel.failures import InputError
 from ..reduction.components.modes import Modes
 from ..reduction.reduce import reduce
@@ -135,7 +135,7 @@ def with_terms_of_record(model, record) -> ParametricModel | None:
     if not job.get("term"):
         return None
     parameters, tables = (
-        TypeAdapter(tuple[kind, ...]).validate_python(job[key])
+        adapter_of(tuple[kind, ...]).validate_python(job[key])
         for kind, key in ((Parameter, "parameter"), (TermTable, "term"))
     )
     for name in [item.file for item in tables if item.file is not None]:

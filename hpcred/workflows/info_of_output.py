@@ -59,7 +59,7 @@ def result(path, comm) -> dict:
     record = reduced.record
     if record is None:
         return report | {"warnings": []}
-    report |= {"model": record.model, "dofs": record.size, "frame": record.frame.kind, "damping": record.damping.kind}
+    report |= {"model": record.model, "dofs": record.size, "frame": record.frame.kind, "damping": _damping(record)}
     report |= declared_in(record.job or {})
     if record.basis_of:
         report["basis_of"] = record.basis_of
@@ -73,6 +73,14 @@ def result(path, comm) -> dict:
     if record.loads:
         report["loads"] = [item.row for item in record.loads]
     return report | {"warnings": list(record.warnings)}
+
+
+def _damping(record) -> str:
+    """Return the damping of a result, and that of its errors where it has none itself."""
+    kind = record.damping.kind
+    if kind != "none" or record.accuracy is None or not record.accuracy.loss_factor:
+        return kind
+    return f"none; errors are {record.accuracy.measured}"
 
 
 def response(path, comm) -> dict:

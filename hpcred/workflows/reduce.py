@@ -101,7 +101,8 @@ def _reduced(job, basis, reads, comm, progress) -> Reduced:
             )  # fmt: skip
         with reduced:
             output = _name_of(job, reduced.record.accuracy)
-            reduced.record = replace(reduced.record, job=plain(job), contents=contents, timing=progress.timing())
+            record = replace(reduced.record, job=plain(job), contents=contents, timing=progress.timing())
+            reduced = replace(reduced, record=record)
             with progress.stage("geometric stiffness"):
                 stiffness = geometric_stiffness_of_job(job, reference, reduced)
             stress = None
@@ -112,7 +113,7 @@ def _reduced(job, basis, reads, comm, progress) -> Reduced:
                 told += stress.remarks
                 told += [f"stress: {REMEDY}, if it spins"] if spins and lacks_spin(reduced.record) else []
             warnings = tuple(dict.fromkeys((*reduced.record.warnings, *told)))
-            reduced.record = replace(reduced.record, warnings=warnings)
+            reduced = replace(reduced, record=replace(reduced.record, warnings=warnings))
             with progress.stage("write", output):
                 rescued(
                     lambda place: write_result(

@@ -20,6 +20,8 @@ writers.arrays for parameters make up mass, damping, stiffness, input_matrix, ou
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..body.body import check_viscous, instability, maker
@@ -101,7 +103,7 @@ def _with_maxwell_states(reduced) -> dict:
     """The matrices of a model with added terms."""
     states = maxwell_states(reduced.added)
     free = {"columns": None, "left_columns": None, "model": None}
-    elastic = state_space(reduced.with_operator(reduced.operator.quadratic, **free))
+    elastic = state_space(replace(reduced, operator=reduced.operator.quadratic, **free))
     A = states.state_matrix(np.linalg.inv(reduced.M), reduced.D, reduced.K)
     E = np.eye(len(A))
     E[: 2 * reduced.size, : 2 * reduced.size] = elastic["E"]

@@ -8,7 +8,6 @@ from ...fe.dofs import SCALAR
 from ...linalg.csr import diagonal_of
 from ...parallel.petsc import MPI
 from ..checked_arrays import row_name
-from ..petsc_matrices import decoupled
 
 FEWEST_NODES = 3  # of a mesh
 SAME = 1e-9  # relative difference of frequencies that are one
@@ -17,9 +16,8 @@ SAME = 1e-9  # relative difference of frequencies that are one
 def rows_alone(model) -> np.ndarray:
     """Return the rows of this rank (local, from 0) that no matrix couples with others; none where all are such."""
     alone = np.arange(model.local_rows)
-    for mat in model.matrices.values():
-        indptr, indices, values = mat.getValuesCSR()
-        alone = np.intersect1d(alone, decoupled(indptr, indices, [values], model.first_row))
+    for key in model.matrices:
+        alone = np.intersect1d(alone, model.rows_alone_in(key))
     return alone[: 0 if model.comm.allreduce(len(alone)) == model.size else None]
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from ...fe.dofs import SCALAR
 from ...linalg.blocks import column_norms, inner, local_rows, multiply, times
 from ...linalg.csr import diagonal_of
+from ...linalg.matrix_estimates import entries_of
 from ...parallel.decisions import decided
 from ...parallel.petsc import MPI, PETSc
 from ..digits import digits_of, digits_of_numbers
@@ -134,16 +135,11 @@ def _scale_of_rows(model, reach):
     spring on a dof that nothing else holds is no support. Infinite where K has nothing."""
     indptr, indices, values = model.K.getValuesCSR()
     moved = np.select([model.dofs.direction < 3, _turns(model.dofs)], [1.0, 1.0 / reach], 0.0)
-    columns, place = np.unique(indices, return_inverse=True)
-    vector, part = model.K.createVecRight(), PETSc.Vec().createSeq(len(columns), comm=PETSc.COMM_SELF)
+    vector = model.K.createVecRight()
     vector.setArray(moved)
-    chosen = PETSc.IS().createGeneral(columns.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
-    scatter = PETSc.Scatter().create(vector, chosen, part, None)
-    scatter.scatter(vector, part)
     rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
-    sizes = np.bincount(rows, np.abs(values) * part.getArray().real[place], len(indptr) - 1)
-    for item in (scatter, chosen, part, vector):
-        item.destroy()
+    sizes = np.bincount(rows, np.abs(values) * entries_of(vector, indices), len(indptr) - 1)
+    vector.destroy()
     for kind in (model.dofs.direction < 3, _turns(model.dofs)):
         there = kind & (sizes > 0)
         total, count = model.comm.allreduce(np.array([np.log(sizes[there]).sum(), there.sum()]))

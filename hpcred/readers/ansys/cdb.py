@@ -20,10 +20,9 @@ from ...files.text import LARGEST_LABEL, Piece, line_number, pieces, require_fil
 from ...files.text_numbers import labels, numbers, parse_fortran, ragged, whole
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import look_up, sort_over_ranks
-from ...parallel.petsc import MPI
 from ..fixed_width import Field, fields_of_format, separated
 from ..nodes.table import elements_of, finite
+from .components import read_components
 
 COMMAND = re.compile(
     rb"(?im)^[ \t]*(?:(?P<block>[NE]BLOCK)\b|(?P<types>ETBLOCK)\b|(?P<type>ET[ \t]*,)"
@@ -38,9 +37,6 @@ FIRST = 8  # nodes in the first line of an element
 SOLIDS = {45, 46, 64, 65, 73, 92, 95, 148, 185, 186, 187, 190, 285}
 SHELLS = {28, 41, 42, 43, 63, 82, 91, 93, 99, 143, 150, 181, 182, 183, 281}
 BEAMS = {1, 3, 4, 8, 10, 23, 44, 180, 188, 189}
-OTHER = re.compile(rb"(?m)^(?![ \t\d-]*\r?$)")  # the first line that has no numbers
-KINDS = {"NODE": "node", "NODES": "node", "ELEM": "element", "ELEMENT": "element", "ELEMENTS": "element"}
-AT_ONCE = 2**20  # bytes
 CONSTANTS = {"EX": "young", "NUXY": "poisson", "PRXY": "poisson", "DENS": "density", "ALPX": "expansion"}
 ORTHOTROPIC = {"EY", "EZ", "NUYZ", "NUXZ", "PRYZ", "PRXZ", "GXY", "GYZ", "GXZ"}
 HARMLESS = ("SDAM", "DENS", "THER")  # tables that change no stiffness, by their first letters
@@ -112,8 +108,9 @@ def read(path, comm, turned=False) -> Archive:
     tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *tables.get(kind, [])]) for kind in elements}
     properties, remarks = _properties(comm, path, found, types, tables)
     commands = [(position, line) for position, kind, line in found if kind == "set"]
-    sets = read_components(path, comm, commands, elements, {kind: table[:, 0] for kind, table in tables.items()})
-    return Archive(*map(np.concatenate, zip(*nodes, strict=True)), elements, properties, remarks, sets)
+    label, position, angles = map(np.concatenate, zip(*nodes, strict=True))
+    sets = read_components(path, comm, commands, label, elements, {kind: table[:, 0] for kind, table in tables.items()})
+    return Archive(label, position, angles, elements, properties, remarks, sets)
 
 
 def _properties(comm, path, found, types, tables):
@@ -318,109 +315,6 @@ def kinds_of(type_: int | None, nodes: np.ndarray):
                 yield kind, some, corner
             elif some.any():  # without some of the nodes in the middle of edges
                 yield "hexahedron", some, list(range(8))
-
-
-# Read components of nodes and elements of an ANSYS archive (CMBLOCK), such as the named selections of Workbench.
-# A block has a line CMBLOCK,NAME,NODE,count, a Fortran format, and numbers, of which a negative one ends a range that
-# the one before it begins.
-
-
-class Component(NamedTuple):
-    """The lines start..stop (bytes) of a component, their fields, and how many numbers it announces."""
-
-    name: str
-    kind: str
-    line: int
-    announced: int
-    fields: list[Field]
-    start: int
-    stop: int
-
-
-def read_components(path, comm, commands, elements, numbers) -> dict[str, np.ndarray]:
-    """Return node numbers by name of the component, each once over all ranks; of elements as "elements of NAME".
-
-    Collective. `commands`: (byte, line) of each CMBLOCK; `elements`, `numbers`: node numbers (elements of this rank,
-    nodes) and their own numbers (elements,) by kind. Raises InputError.
-    """
-    sets = {}
-    for component in decided(comm, _components, path, commands):
-        with agreed(comm):
-            found = _numbers(path, comm, component)
-        found = np.unique(sort_over_ranks(comm, found)[0])
-        name = component.name
-        if component.kind == "element":
-            name = f"elements of {name}"
-            of_kinds = [look_up(comm, found, [], numbers[kind])[0] for kind in elements]
-            nodes = [part[inside].ravel() for part, inside in zip(elements.values(), of_kinds, strict=True)]
-            nodes = np.concatenate([np.zeros(0, np.int64), *nodes])
-            found = np.unique(sort_over_ranks(comm, nodes[nodes > 0])[0])
-        if comm.allreduce(len(found)):
-            sets[name] = found
-    return sets
-
-
-def _components(path, commands) -> list[Component]:
-    """Return the Components of the commands (byte, line). Raises InputError."""
-    result, names = [], set()
-    with open_input(path) as file:
-        for position, text in commands:
-            words = [word.strip().strip("'\"") for word in text.split("!")[0].split(",")]
-            number = line_number(path, position)
-            kind = KINDS.get(words[2].upper()) if len(words) > 3 else None
-            if kind is None or not words[1] or not re.fullmatch("[0-9]{1,10}", words[3]):
-                raise InputError(
-                    f"{path}, line {number}: found '{text.strip()[:80]}', expected CMBLOCK, a name, NODE or ELEM, and "
-                    "how many numbers follow"
-                )
-            if (words[1].upper(), kind) in names:
-                raise InputError(f"{path}, line {number}: found a second component '{words[1]}', expected one")
-            names.add((words[1].upper(), kind))
-            file.seek(position)
-            file.readline()
-            fields = fields_of_format(file.readline(), f"{path}, line {number + 1}")
-            if not all(field.whole for field in fields):
-                raise InputError(f"{path}, line {number + 1}: found a format of other than whole numbers")
-            start = file.tell()
-            result.append(Component(words[1], kind, number, int(words[3]), fields, start, _end(file, start)))
-    return result
-
-
-def _end(file, start) -> int:
-    """Return the byte where the first line without numbers begins."""
-    at = start
-    while text := file.read(AT_ONCE):
-        text += file.readline()
-        if match := OTHER.search(text):
-            return at + match.start()
-        at += len(text)
-    return at
-
-
-def _numbers(path, comm, component) -> np.ndarray:
-    """Return this rank's share of the numbers of a component. Raises InputError."""
-    refusal = f"{path}, line {component.line}: found "
-    parts, last, total = [np.zeros(0, np.int64)], np.zeros(0, np.int64), 0
-    for piece in pieces(path, MPI.COMM_SELF, component.start, component.stop):
-        values, counts, lines = ragged(separated(piece, component.fields), commas=False, expected="whole numbers")
-        numbers = whole(piece, values, np.repeat(lines, counts), "a number", -LARGEST_LABEL, LARGEST_LABEL)
-        total += len(numbers)
-        numbers = np.concatenate([last, numbers]).astype(np.int64)
-        last = numbers[-1:] if numbers[-1:] > 0 else numbers[:0]  # which the next piece may go on from
-        low, high = numbers[:-1], numbers[1:]
-        ends = high < 0
-        if (numbers == 0).any() or (numbers[:1] < 0).any() or (low[ends] < 0).any() or (-high[ends] < low[ends]).any():
-            raise InputError(f"{refusal}a component '{component.name}' with a range that does not ascend, expected "
-                             "positive numbers, and negative ones that end a range")  # fmt: skip
-        parts += [np.arange(a + 1 + comm.rank, b + 1, comm.size) for a, b in zip(low[ends], -high[ends], strict=True)]
-        parts.append(numbers[numbers > 0][comm.rank :: comm.size])
-    if total != component.announced:
-        raise InputError(f"{refusal}{total} numbers of the component '{component.name}', but it announces "
-                         f"{component.announced}; the file is cut off or damaged")  # fmt: skip
-    return np.concatenate(parts)
-
-
-# Read materials and key options of elements in an ANSYS archive: MP, MPDATA, UIMP, TB, KEYOPT and ETBLOCK.
 
 
 def material_and_options(commands) -> tuple[dict[int, Material], dict[int, dict[int, str]], list[str]]:

@@ -70,6 +70,16 @@ def require_nodes(comm, label, path, without: str, expected: str):
     require_once(comm, label, lambda node: f"{path}: found the node {node} more than once, expected {expected}")
 
 
+def in_ranges(numbers, ranges) -> np.ndarray:
+    """Test which of the numbers are in any of the ranges (n, 2) from the first to the last number."""
+    table = np.reshape(ranges, (-1, 2))
+    if not len(table):
+        return np.zeros(len(numbers), bool)
+    low, high = table[np.argsort(table[:, 0])].T
+    place = np.searchsorted(low, numbers, side="right") - 1
+    return (place >= 0) & (numbers <= np.maximum.accumulate(high)[place])
+
+
 def read_node_numbers(path) -> tuple[int, ...]:
     """Return the numbers of nodes in a text, one or several a line, in their order; on this rank. Raises InputError."""
     if not Path(path).is_file():

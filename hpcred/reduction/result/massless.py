@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...linalg.eigensolver import symmetric_part
 from ...linalg.pencil import MASSLESS, time_of
 from ...parallel.failures import InputError
 
@@ -147,7 +148,7 @@ def _refused(where, what):
 
 def _kernel(reduced):
     """Return a basis of the motions without mass (m, z), and of the others (m, m - z)."""
-    M, one = _symmetric(reduced.M), np.eye(reduced.size)
+    M, one = symmetric_part(reduced.M), np.eye(reduced.size)
     moving = np.abs(M).any(axis=0)  # the others are coordinates of the model, to the last digit
     diagonal = np.abs(np.diag(M)) + time_of(reduced.K, M) ** 2 * np.abs(np.diag(reduced.K))
     scale = (1 / np.sqrt(np.maximum(diagonal, 1e-300)))[moving]
@@ -157,7 +158,3 @@ def _kernel(reduced):
         return one[:, ~moving], one[:, moving]
     vectors = one[:, moving] @ (scale[:, None] * vectors)
     return np.hstack([one[:, ~moving], vectors[:, still]]), vectors[:, ~still]
-
-
-def _symmetric(matrix):
-    return (matrix + matrix.T) / 2

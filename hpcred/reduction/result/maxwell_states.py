@@ -98,7 +98,7 @@ def with_maxwell_states(reduced, where="a state space", from_rest=False):
                                  for item in reduced.terms)  # fmt: skip
     square = Operator.of(*form(reduced.M, reduced.D, reduced.K))
     wide = reduced.in_coordinates(only_x, **changed, columns=None, left_columns=None, model=None)
-    return wide.with_operator(square), states.size
+    return replace(wide, operator=square), states.size
 
 
 def _beside(one, other):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...linalg.pencil import LEAST_MASS, time_of
 from ...model.interfaces.nodes import InterfaceNode
-from ...model.operator import ADDED, Operator, Term, in_coordinates
+from ...model.operator import NOTHING, Operator, Term, in_coordinates
 from ...model.outputs.rates import Rates, combined
 from ...model.second_order_model import SecondOrderModel, listed
 from ...parallel.as_html import as_html
@@ -32,11 +32,12 @@ SPREAD = 1e-12  # of the largest pole, by which round-off moves others
 DOUBLE_ZERO = 1e-7  # of the largest pole: rigid-body motions have double zeros, which round-off spreads by its root
 
 
-@dataclass
+@dataclass(frozen=True, eq=False, init=False)
 class ReducedModel:
     """M x'' + D x' + K x = B u, y = C x + C_v x' + C_a x'' with m coordinates, p inputs, r outputs; SI units.
 
-    M, D, K (m, m), B (m, p), C, Cv, Ca (r, m), the last two None where they are zero.
+    M, D, K (m, m), which are terms of its `operator`; B (m, p), C, Cv, Ca (r, m), the last two None where they are
+    zero. It does not change: dataclasses.replace() returns others, also with other M, D, K or viscoelastic terms.
     M is singular where dofs have no mass: the last coordinates then are static deflections, or first-order states of
     dampers.
     `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52); without mass the least that counts as such.
@@ -51,50 +52,69 @@ class ReducedModel:
     after reading a file. close() frees them.
     """
 
-    M: np.ndarray
-    D: np.ndarray
-    K: np.ndarray
+    operator: Operator
     B: np.ndarray
     C: np.ndarray
     frequencies: np.ndarray
-    loss_factor: float = 0.0
-    input_names: tuple[str, ...] = ()
-    output_names: tuple[str, ...] = ()
-    interfaces: tuple[InterfaceNode, ...] = ()
-    resultants: np.ndarray | None = None
-    record: Record | None = None
-    columns: object = None
-    left_columns: object = None
-    model: SecondOrderModel | None = None
-    Cv: np.ndarray | None = None
-    Ca: np.ndarray | None = None
-    viscoelastic: tuple[Term, ...] = ()
+    loss_factor: float
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    interfaces: tuple[InterfaceNode, ...]
+    resultants: np.ndarray | None
+    record: Record | None
+    columns: object
+    left_columns: object
+    model: SecondOrderModel | None
+    Cv: np.ndarray | None
+    Ca: np.ndarray | None
 
-    @classmethod
-    def of_operator(cls, operator: Operator, **known) -> ReducedModel:
-        """Return a model with an operator and further fields."""
-        return cls(**{key: operator[key] for key in "MDK"}, viscoelastic=tuple(operator.added), **known)
+    def __init__(
+        self, M: np.ndarray | None = None, D: np.ndarray | None = None, K: np.ndarray | None = None,
+        B: np.ndarray | None = None, C: np.ndarray | None = None, frequencies: np.ndarray | None = None,
+        loss_factor: float = 0.0, input_names: tuple[str, ...] = (), output_names: tuple[str, ...] = (),
+        interfaces: tuple[InterfaceNode, ...] = (), resultants: np.ndarray | None = None, record: Record | None = None,
+        columns: object = None, left_columns: object = None, model: SecondOrderModel | None = None,
+        Cv: np.ndarray | None = None, Ca: np.ndarray | None = None, viscoelastic: Iterable[Term] | None = None, *,
+        operator: Operator = NOTHING,
+    ) -> None:  # fmt: skip
+        known = dict(locals())
+        added = operator.added if viscoelastic is None else viscoelastic
+        known["operator"] = Operator.of(
+            **{key: operator.get(key) if known[key] is None else known[key] for key in "MDK"}, added=added
+        )
+        for item in fields(ReducedModel):
+            object.__setattr__(self, item.name, known[item.name])
 
     @property
-    def operator(self) -> Operator:
-        """M, D, K and the added terms."""
-        return Operator.of(self.M, self.D, self.K, self.viscoelastic)
+    def M(self) -> np.ndarray:
+        """The mass matrix (m, m)."""
+        return self.operator["M"]
+
+    @property
+    def D(self) -> np.ndarray:
+        """The damping matrix (m, m)."""
+        return self.operator["D"]
+
+    @property
+    def K(self) -> np.ndarray:
+        """The stiffness matrix (m, m), at rest."""
+        return self.operator["K"]
+
+    @property
+    def viscoelastic(self) -> tuple[Term, ...]:
+        """The terms that are added to K."""
+        return tuple(self.added)
 
     @property
     def added(self) -> Operator:
         """The terms beside M, D and K."""
         return self.operator.added
 
-    def with_operator(self, operator: Operator, **changed) -> ReducedModel:
-        """Return the model with other terms, and further fields."""
-        own = {item.name: getattr(self, item.name) for item in fields(self) if item.name not in {*"MDK", ADDED}}
-        return self.of_operator(operator, **own | changed)
-
     def in_coordinates(self, T: np.ndarray, **changed) -> ReducedModel:
         """Return the model in coordinates z (k,) with x = T z, and further fields."""
         columns = {key: in_coordinates(key, part, T) for key in ("B", "C", "Cv", "Ca")
                    if (part := getattr(self, key)) is not None}  # fmt: skip
-        return self.with_operator(self.operator.projected(T), **columns | changed)
+        return replace(self, operator=self.operator.projected(T), **columns | changed)
 
     @property
     def size(self) -> int:
@@ -305,7 +325,8 @@ class ReducedModel:
                 block.destroy()
         if self.model is not None:
             self.model.close()
-        self.columns = self.left_columns = self.model = None
+        for key in ("columns", "left_columns", "model"):
+            object.__setattr__(self, key, None)
 
     def __enter__(self) -> ReducedModel:
         return self

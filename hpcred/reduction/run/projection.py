@@ -1,16 +1,37 @@
 """Project matrices on bases (20), and diagonalise the reduced stiffness (52-54)."""
 
+from __future__ import annotations
+
+from typing import NamedTuple
+
 import numpy as np
 
 from ...linalg.blocks import copy_of, create_block, from_dense, inner, local_rows, times, view_of
 from ...linalg.eigensolver import symmetric_eigenpairs
 from ...linalg.pencil import massless_last
 from ...linalg.split_product import split_product, terms_of_products
+from ...model.interfaces.nodes import InterfaceNode
+from ...model.operator import Operator
 from ...parallel.decisions import decided
 
 WIDTH = 16  # columns projected at a time, which bounds the memory
 TURNS = 3  # diagonalisations of a basis with columns of little mass
 CANCELS = 1e-8  # of the terms of x^T K x: round-off of K x is seen in less, where resonances are sharp
+
+
+class Projection(NamedTuple):
+    """A model in its frame projected on the bases `columns` V and `left` W, None for W = V, both in the coordinates of
+    the frame: W^T A V of its terms, W^T B (m, p), C V (k, m) of its measured rows, pseudo-frequencies (m,) in Hz, the
+    `defect` max |W^T M V - I|, and the `interfaces` whose displacements are the first coordinates."""
+
+    operator: Operator
+    B: np.ndarray
+    C: np.ndarray
+    frequencies: np.ndarray
+    columns: object
+    defect: float
+    left: object = None
+    interfaces: tuple[InterfaceNode, ...] = ()
 
 
 def project(mat, columns, left=None, width=WIDTH) -> np.ndarray:

@@ -26,6 +26,7 @@ from ..small.error_estimate import (
     resonances,
 )
 from .judging import Judge
+from .projections import Projections
 from .search import Search
 
 UNPROVEN = "measured errors above 0 Hz need a factor, or a basis with all modes below, and there was neither"
@@ -38,18 +39,27 @@ SHOWN = 1e-6  # of the tolerance: what a curve that is kept shows
 TOGETHER = 2**22  # errors of single responses that are held at a time
 
 
-def compressed_basis(search: Search, drop_above=None, kept=range(0), beside=0) -> tuple[np.ndarray, Accuracy]:
-    """Return the columns U (m, k) of the basis that the tolerance asks for, and what is known of their model.
-    Collective.
+class Outcome(NamedTuple):
+    """What a search comes to: the `factor` (m, k) from its basis to the columns that the tolerance asks for, the
+    accuracy of their model, and the projections by which it is known."""
 
-    The columns `kept` of the basis stay in the span of U. Pseudo-modes above `drop_above` (Hz) are left out, and what
+    factor: np.ndarray
+    accuracy: Accuracy
+    projections: Projections
+
+
+def outcome_of(search: Search, drop_above=None, kept=range(0), beside=0) -> Outcome:
+    """Return what a search comes to. Collective.
+
+    The columns `kept` of the basis stay in the span. Pseudo-modes above `drop_above` (Hz) are left out, and what
     that does to the error counts. `beside`: coordinates of rigid-body motion that come later.
     """
     kept = np.eye(search.projections.basis.size)[:, list(kept)]
     with search.run.progress.stage("project"):
         kept = _project_again(search, kept)
     with search.run.progress.stage("compress"):
-        return decided(search.run.model.comm, _compressed, search, drop_above, kept, beside)
+        factor, accuracy = decided(search.run.model.comm, _compressed, search, drop_above, kept, beside)
+    return Outcome(factor, accuracy, search.projections)
 
 
 def _compressed(search, drop_above, kept, beside):
