@@ -1,5 +1,6 @@
 """The command line as users meet it: what it refuses."""
 
+import json
 import os
 import re
 import shlex
@@ -195,3 +196,30 @@ def test_job_files_are_utf_8_in_any_locale(folder):
     found = subprocess.run([sys.executable, "-m", "hpcred", "sweep", "sweep.toml", "--dry-run"],
                            capture_output=True, text=True, timeout=60, env=mpi_environment(**plain))  # fmt: skip
     assert (found.returncode, found.stderr) == (0, "")
+
+
+def test_the_list_of_commands_has_whole_sentences(capsys, monkeypatch):
+    """In 80 columns, where they take several lines."""
+    monkeypatch.setenv("COLUMNS", "80")
+    for line, sentence in (("--help", "nodes from reduced coordinates over time, and stresses."),
+                           ("example --help", "its bearings as the node sets BIG_EYE and SMALL_EYE.")):  # fmt: skip
+        assert run(line.split()) == 0
+        shown = capsys.readouterr().out
+        assert sentence in " ".join(shown.split()) and "..." not in shown.partition("Commands:")[2]
+        assert max(map(len, shown.splitlines())) <= 80
+
+
+def test_json_may_stand_before_the_command(folder, capsys):
+    told = []
+    for line in ("--json - info model.h5", "--json=- info model.h5", "info model.h5 --json=-"):
+        assert run(line.split()) == 0
+        told.append(json.loads(capsys.readouterr().out))
+    assert told[0] == told[1] == told[2]
+
+
+def test_info_says_what_errors_of_an_undamped_result_are_measured_with(folder, capsys):
+    Path("job.toml").write_text('model = "model.h5"\ntolerance = 1e-2\nband = [0.0, 60.0]\nframe = {kind = "buckens"}\n'
+                                'inputs = [[20, "z"]]\n')  # fmt: skip
+    assert run(["reduce", "job.toml"]) == 0 and run(["info", "result.h5", "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out.partition("hpcred info result.h5 --details")[2].partition("\n")[2])
+    assert found["damping"] == "none; errors are measured with the loss factor 0.002 (undamped)"

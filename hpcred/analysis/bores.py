@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..model.interfaces import Interface, Nodes
+from ..fe.faces import gathered_surface
+from ..model.interfaces.nodes import Interface, Nodes
 from ..model.second_order_model import SecondOrderModel, require_model
-from ..model.surface_faces import gathered_surface
 from ..parallel.decisions import decided
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError
@@ -32,7 +32,13 @@ class Bore:
     end: tuple[float, float, float]
     radius: float
     turn: float
-    nodes: tuple[int, ...]
+    nodes: tuple[int, ...] = field(repr=False)
+
+    def __str__(self):
+        return (
+            f"{self.name}: {self.kind} of radius {self.radius:.6g} m from {list(self.start)} to {list(self.end)} m, "
+            f"{self.turn:.6g} degrees, {len(self.nodes)} nodes"
+        )
 
     @property
     def length(self) -> float:

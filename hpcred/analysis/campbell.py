@@ -217,6 +217,8 @@ def _critical(tracker, found, branches, column, orders, speed, shapes, axis) -> 
                     continue
                 part, k = _crossing(tracker, before, after, i, order * speed)
                 pole = part.poles[k]
+                if abs(pole) < ZERO * part.size:  # a free motion, whose frequency is round-off
+                    continue
                 critical.append(CriticalSpeed(
                     order=order, mode=column[number], value=part.value, frequency=pole.imag / (2 * np.pi),
                     damping_ratio=float(damping_ratios(pole)), whirl=in_words(_orbits(part, shapes, axis, speed)[k]),

@@ -13,7 +13,7 @@ from ..linalg.solvers.settings import Factoring
 from ..linalg.solvers.shifted import ShiftedSolver
 from ..model.damping import Damping, ModalDamping, caughey_terms, damping_or_given, loss_factor_of
 from ..model.frames import Buckens, Frame, apply_frame
-from ..model.rows_alone import warnings_of_rows_alone
+from ..model.rigid_body.rows_alone import warnings_of_rows_alone
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..fe.dofs import named_quantity
 from ..model.damping import Damping, ModalDamping, Structural
-from ..model.dofs import named_quantity
-from ..model.rates import orders_of
+from ..model.outputs.rates import orders_of
 from ..parallel.failures import InputError
 from ..reduction.result.directions import Direction, directions_table
 from ..reduction.result.measure import (

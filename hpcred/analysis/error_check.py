@@ -16,6 +16,7 @@ from ..model.damping import GivenDamping, Structural
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
+from ..parallel.progress import counted
 from ..parallel.ranges import SAMPLES, within
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.result.accuracy import Accuracy, in_percent
@@ -31,13 +32,17 @@ SOME = 3  # resonances at most
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """At `frequencies` (Hz) that `seed` drew: the `estimated` and the `measured` relative error; `bound`: eps."""
+    """At `frequencies` (Hz) that `seed` drew: the `estimated` and the `measured` relative error; `bound`: eps.
+
+    `beside_resonances`: how many of the frequencies are there, besides those that the user asked for.
+    """
 
     seed: int
     bound: float
     frequencies: tuple[float, ...]
     estimated: tuple[float, ...]
     measured: tuple[float, ...]
+    beside_resonances: int = 0
 
     @property
     def passed(self) -> bool:
@@ -58,9 +63,10 @@ class Check:
         measured, estimated, bound = (
             in_percent(error, self.bound) for error in (self.measured[worst], self.estimated[worst], self.bound)
         )
-        verdict = "never above" if not above else f"ABOVE at {above} of them"
+        verdict = "" if not above else f"ABOVE at {above} of them, "
+        where = f", {self.beside_resonances} of them beside resonances" if self.beside_resonances else ""
         return (
-            f"{len(self.frequencies)} full solves at fresh frequencies (--seed {self.seed}): {verdict}: largest error "
+            f"{counted(len(self.frequencies), 'full solve')}{where} (--seed {self.seed}): {verdict}largest error "
             f"{measured} (tolerance {bound}), at {self.frequencies[worst]:.6g} Hz (estimated {estimated})"
         )
 
@@ -152,6 +158,7 @@ def check_reduced(
     return Check(
         seed=seed, bound=bound_of(accuracy), frequencies=tuple(frequencies.tolist()),
         estimated=tuple(estimate_at(accuracy, frequencies).tolist()), measured=tuple(errors.tolist()),
+        beside_resonances=len(frequencies) - count,
     )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from ..model.damping import Caughey, Damping, ModalDamping, Rayleigh, Structural
 from ..model.digits import warnings_of_digits
 from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.input_output_counts import FREQUENCIES, require_room
-from ..model.rigid_body_modes import RigidBodyModes
+from ..model.rigid_body.modes import RigidBodyModes
 from ..model.scales import in_usual_units, unscaled
 from ..model.second_order_model import SecondOrderModel, massless, require_model
 from ..parallel.decisions import decided
@@ -168,7 +168,7 @@ def full_response(
                 estimated, measured = decided(model.comm, models.against, fresh, solved)
             checked = Check(
                 seed=seed, bound=bound_of(accuracy), frequencies=tuple(fresh.tolist()), estimated=estimated,
-                measured=measured,
+                measured=measured, beside_resonances=len(fresh) - check,
             )
             found = replace(found, check=checked, timing=progress.timing())
     if usual is model:

@@ -4,15 +4,16 @@ from contextlib import closing
 
 import numpy as np
 
+from ..fe.materials import properties_in_words
 from ..linalg.free_motions import ZERO
 from ..linalg.solvers.base import SingularMatrix
 from ..linalg.solvers.settings import Factoring
 from ..linalg.solvers.shifted import ShiftedSolver
 from ..model.definiteness import check_definite, growing_in_words, warnings_of_definiteness, zero_of
-from ..model.load_columns import loads_of
-from ..model.materials import properties_in_words
-from ..model.rigid_body_modes import RigidBodyModes, remark_on_digits, rigid_body_quantities
-from ..model.rows_alone import warnings_of_rows_alone
+from ..model.loads.columns import loads_of
+from ..model.order_of_matrices import questions_on_order
+from ..model.rigid_body.modes import RigidBodyModes, remark_on_digits, rigid_body_quantities
+from ..model.rigid_body.rows_alone import warnings_of_rows_alone
 from ..model.second_order_model import massless, require_model
 from ..parallel.declared import declared
 from ..parallel.failures import ComputationError
@@ -102,7 +103,7 @@ def inspect(
         report["lowest_frequencies_hz"] = found.frequencies.tolist()
         rounded = found.warnings
         first = next(iter(found.frequencies[found.rigid :].tolist()), None)
-    rigid_count, warnings = None, [*signs, *warnings_of_rows_alone(model), *model.remarks]
+    rigid_count, warnings = None, [*signs, *questions_on_order(model), *warnings_of_rows_alone(model), *model.remarks]
     if model.dofs is not None:
         body = rigid_body_quantities(model)
         rigid = RigidBodyModes(model, soft=True)

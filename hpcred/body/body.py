@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.dofs import DIRECTIONS, node_of
-from ..model.rigid_body_modes import SAME_MASS
+from ..fe.dofs import DIRECTIONS, node_of
+from ..model.rigid_body.modes import SAME_MASS
 from ..parallel.failures import InputError
 from ..reduction.result.massless import require_mass
 from ..reduction.result.reduced_model import ReducedModel, require_finite

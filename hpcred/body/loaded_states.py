@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.dofs import position_of_node, row_of, target_of
-from ..model.element_rows import ValuesAtRows, element_rows
-from ..model.element_rules import UNIFORM, Rule
-from ..model.interfaces import find_interface, node_number
-from ..model.materials import NUMBER
-from ..model.point_stresses import PointStresses
-from ..model.rigid_body_modes import rigid_body_quantities
+from ..fe.dofs import position_of_node, row_of, target_of
+from ..fe.element_rows import ValuesAtRows, element_rows
+from ..fe.element_rules import UNIFORM, Rule
+from ..fe.materials import NUMBER
+from ..fe.point_stresses import PointStresses
+from ..model.interfaces.nodes import find_interface, node_number
+from ..model.rigid_body.modes import rigid_body_quantities
 from ..model.rotation import spin_softening
 from ..model.units import units_of
 from ..parallel.declared import as_declared

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..model.cut_outputs import cut_output_of
-from ..model.dofs import DIRECTIONS, named_quantity, target_of
-from ..model.stress_outputs import stress_output_of
+from ..fe.dofs import DIRECTIONS, named_quantity, target_of
+from ..model.outputs.cuts import cut_output_of
+from ..model.outputs.stresses import stress_output_of
 from ..model.units import Units, rotational
 from ..parallel.failures import InputError
 from .body import Body, Prestress

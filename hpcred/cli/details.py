@@ -1,4 +1,4 @@
-"""Show the details of a result: all directions, basis, expansion points, proofs, time and memory."""
+"""Show the details of a result: all directions, basis, expansion points and their checks, time and memory."""
 
 from __future__ import annotations
 

@@ -8,30 +8,33 @@ import typer
 
 import hpcred
 
+from ..parallel.progress import counted
 from ..report.tables import show_table
 from . import session
 from .options import JsonFile
 
 
 def plan(
-    model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
-    ranks: Annotated[int, typer.Option(help="Ranks of the job.")],
+    file: Annotated[str, typer.Argument(metavar="MODEL.h5|JOB.toml")],
+    ranks: Annotated[int | None, typer.Option(help="Ranks of the job; default: those of this run.")] = None,
     nodes: Annotated[int, typer.Option(help="Nodes that they are on.")] = 1,
     memory: Annotated[float | None, typer.Option(metavar="GB", help="Memory of a node.")] = None,
     gflops: Annotated[float, typer.Option(help="GFlop/s of a rank, see hpcred bench.")] = 10.0,
     analyse: Annotated[bool, typer.Option("--analyse", help="Ask MUMPS also above 10^6 dofs.")] = False,
     json: JsonFile = None,
 ):
-    """Say what a reduction to a tolerance will take, and print the head of a SLURM script."""
+    """Say what a reduction will take, and print a script for SLURM."""
     report = hpcred.plan_file(
-        model, ranks=ranks, nodes=nodes, memory_gb=memory, gflops=gflops, analyse=analyse, progress=session.progress()
+        file, ranks=ranks, nodes=nodes, memory_gb=memory, gflops=gflops, analyse=analyse, progress=session.progress()
     )
-    print(f"{model}: {report['dofs']} dofs, {report['nonzeros']} nonzeros")
+    print(f"{report['model']}: {report['dofs']} dofs, {report['nonzeros']} nonzeros")
     print(f"a factor: {report['operations']:.1e} operations, {report['entries']:.1e} entries")
     print(f"          {report['source']}")
+    print(f"{counted(report['factors'], 'factor')} {report['points']}")
     rows = report["rows"]
     shown = [key for key in rows[0] if key not in ("remark", "hours") and (key != "fits" or memory is not None)]
-    show_table(f"{ranks} ranks on {nodes} node(s)", [{key: row[key] for key in shown} for row in rows])
+    title = f"{counted(report['ranks'], 'rank')} on {counted(nodes, 'node')}"
+    show_table(title, [{key: row[key] for key in shown} for row in rows])
     for row in rows:
         if row["remark"]:
             print(f"{row['way']}: {row['remark']}")

@@ -156,7 +156,7 @@ def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int =
     unfinished.update(locks)  # on all ranks: any of them may be the one that ends the job
     for path in replaced:
         if progress is not None:
-            progress.tell(f"{path} exists and will be replaced")
+            progress.tell_later(f"{path} exists and will be replaced")
 
 
 def check_writable(path, comm):

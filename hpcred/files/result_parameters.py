@@ -6,7 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from ..model.parameters import Parameter
+from ..model.parameters.definitions import Parameter
 from ..parallel.failures import InputError
 from ..reduction.parametric.reduced import ParametricReducedModel, ReducedTerm
 from ..reduction.result.reduced_model import ReducedModel

@@ -57,7 +57,8 @@ class Progress:
 
     `seconds` holds the time per stage of this rank. Rank 0 gives its lines to the logger "hpcred"; where that has no
     handler, `show` says whether they are on stderr, by default once a run has lasted SHORT seconds. `bars`: on a
-    terminal steps are bars below the lines; call close() then.
+    terminal steps are bars below the lines; call close() then. `show=True` shows every line; by default there is one a
+    stage, and of those that come many in a stage one after SILENT seconds without any.
     A thread of rank 0 looks after stages that say nothing by themselves.
     """
 
@@ -66,7 +67,9 @@ class Progress:
         self.seconds: dict[str, float] = {}
         self.warned: list[str] = []
         self._found: list[str] = []
+        self._later: list[str] = []
         self._after = SHORT if show is None else 0.0 if show else math.inf
+        self._brief = show is None
         self._bars = Bars() if bars and comm.rank == 0 and sys.stderr.isatty() else None
         self._begun: dict[str, float] = {}
         self._said = -math.inf
@@ -94,6 +97,7 @@ class Progress:
         try:
             yield
             self._tell_known(stage)
+            self._tell_later()
         finally:
             log.pop()
             self._charge()
@@ -141,16 +145,21 @@ class Progress:
         if size >= LARGE and self._after == SHORT:
             self._after = 0.0
 
-    def say(self, text: str):
-        """One line of rank 0, with elapsed time and memory."""
-        if self.shown:
+    def _is_due(self, patience: float) -> bool:
+        """Whether a line is, after so many seconds without one."""
+        return self.elapsed() - self._said >= patience
+
+    def say(self, text: str, *, minor: bool = False):
+        """One line of rank 0, with elapsed time and memory; `minor`: one of many in a stage."""
+        if self.shown and not (minor and self._brief and not routed() and not self._is_due(SILENT)):
             self._said = self.elapsed()
             self._give(logging.INFO, text, f"[{self._said:8.1f} s {memory_mb():7.0f} MB] {text}")
 
     def step(self, what: str, done: int, total: int | None = None, always: bool = False):
         """So many of the steps `what` are done, of `total` where that is known: a bar, or a line with the time left.
 
-        A line at most once a MINUTE, unless `always`. The time left is that of as many steps of the same length.
+        A line at most once a MINUTE; `always`: at every step, or once in SILENT seconds by default. The time left is
+        that of as many steps of the same length.
         """
         now = self.elapsed()
         if done == 0 or what not in self._begun:
@@ -159,7 +168,7 @@ class Progress:
             return
         if self._bars is not None:
             self._bars.step(what, done, total)
-        elif done and (always or now - self._said >= MINUTE):
+        elif done and (always and not self._brief or self._is_due(SILENT if always else MINUTE)):
             left = in_time((now - self._begun[what]) / done * (total - done)) if total else ""
             self.say(f"{what}: {done}{f' of {total}' if total else ''} done" + (f", about {left} left" if left else ""))
 
@@ -172,6 +181,14 @@ class Progress:
         """One line of rank 0, however short the run is, unless progress is off."""
         self._give(logging.INFO, text, text)
 
+    def tell_later(self, text: str):
+        """The same once a stage has ended without an error, such as that which reads the input."""
+        self._later.append(text)
+
+    def _tell_later(self):
+        while self._later:
+            self.tell(self._later.pop(0))
+
     def warn(self, text: str):
         """Tell a warning while a run goes on; what is `warned` of needs no repetition at its end."""
         self._give(logging.WARNING, text, f"warning: {text}")
@@ -179,6 +196,7 @@ class Progress:
 
     def found(self, result: Result) -> Result:
         """Log the warnings of a result that are not logged yet, and return it; who shows it shows them."""
+        self._tell_later()
         record = getattr(result, "record", result)
         warnings = record.get("warnings", ()) if isinstance(record, dict) else getattr(record, "warnings", ())
         for text in warnings:

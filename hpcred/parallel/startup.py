@@ -14,7 +14,7 @@ import time
 import numpy as np
 from mpi4py import MPI
 
-from ..parallel import INSTALL
+from ..parallel import how_to_install
 from . import failures
 from .failures import InputError
 
@@ -156,7 +156,7 @@ def _choose(builds, preferred):
             f"(found: {', '.join(builds) or 'none'}); install it or set PETSC_DIR and SLEPC_DIR"
         )
     if not builds:
-        raise InputError(f"found no petsc4py; {INSTALL}")
+        raise InputError(f"found no petsc4py; {how_to_install()}")
     return builds[_insisted or (preferred if preferred in builds else next(iter(builds)))]
 
 

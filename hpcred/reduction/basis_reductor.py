@@ -16,8 +16,8 @@ from ..linalg.solvers.settings import Factoring
 from ..model.damping import Damping, NoDamping, caughey_terms, loss_factor_of, warnings_of_damping
 from ..model.frames import Frame, FramedModel, NoFrame, apply_frame, inputs_without_effect
 from ..model.input_output_counts import require_room
-from ..model.load_columns import loads_of, resultants
-from ..model.parametric_model import ParametricModel
+from ..model.loads.columns import loads_of, resultants
+from ..model.parameters.parametric_model import ParametricModel
 from ..model.scales import in_usual_units
 from ..model.second_order_model import SecondOrderModel, massless, require_model
 from ..parallel.decisions import decided
@@ -109,6 +109,7 @@ class BasisReductor(Reductor):
     def reduced(self, model) -> ReducedModel:
         """Reduce a model in usual units: again, where M has turned out not to see all motions that count."""
         self.progress.expect(model.size)
+        self.factoring.prepare(model.size, model.comm)
         with self.progress.stage("check"):
             warnings = self.check(model)
         with self.progress.stage("frame"):

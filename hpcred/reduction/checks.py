@@ -6,18 +6,19 @@ import math
 
 import numpy as np
 
+from ..fe.solids import Solids
 from ..linalg.csr import diagonal_of
 from ..model.damping import ModalDamping, caughey_terms
 from ..model.definiteness import check_definite, warnings_of_definiteness
 from ..model.frames import Buckens, refuse_unsymmetric
-from ..model.interface_motion import members
-from ..model.interfaces import warnings_of_interfaces
-from ..model.rigid_body_modes import exchange_of_matrices, misfit_of_nodes, remark_on_digits, warnings_of_nodes
-from ..model.rows_alone import warnings_of_rows_alone
+from ..model.interfaces.motion import members
+from ..model.interfaces.nodes import warnings_of_interfaces
+from ..model.order_of_matrices import questions_on_order
+from ..model.outputs.stresses import stress_output_of
+from ..model.rigid_body.modes import exchange_of_matrices, misfit_of_nodes, remark_on_digits, warnings_of_nodes
+from ..model.rigid_body.rows_alone import warnings_of_rows_alone
+from ..model.rigid_body.support import support_of
 from ..model.second_order_model import SAY_SO, SYMMETRIC_TO, require_inputs
-from ..model.solids import Solids
-from ..model.stress_outputs import stress_output_of
-from ..model.support import support_of
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 
@@ -108,7 +109,7 @@ def require_no_series(model, damping):
 def warnings_of(model, frame, constant=None) -> tuple[str, ...]:
     """Return warnings of the model; those that the frame depends on are refusals. `constant`: the constant part of a
     model with parameters, whose nodes fit if they fit K without terms that resist or push rigid-body motions."""
-    signs = (*warnings_of_definiteness(model), *warnings_of_rows_alone(model))
+    signs = (*warnings_of_definiteness(model), *questions_on_order(model), *warnings_of_rows_alone(model))
     if model.dofs is None:
         return signs
     exchanged = exchange_of_matrices(model)

@@ -14,13 +14,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..fe.dofs import DIRECTIONS
 from ..linalg.blocks import create_block, inner, local_rows
 from ..linalg.eigensolver import symmetric_part
 from ..linalg.pencil import massless_last, modes_of
 from ..model.damping import GivenDamping
-from ..model.dofs import DIRECTIONS
 from ..model.frames import Chord, NoFrame, Tangent
-from ..model.rigid_body_modes import RigidBodyModes
+from ..model.rigid_body.modes import RigidBodyModes
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from .components.craig_bampton import check_directions, interface_forces

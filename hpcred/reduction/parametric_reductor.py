@@ -13,11 +13,11 @@ from ..model.damping import GivenDamping
 from ..model.definiteness import check_definite
 from ..model.digests import digest_of_plain
 from ..model.frames import Buckens, apply_frame
-from ..model.load_columns import resultants
-from ..model.parametric_model import ParametricModel
-from ..model.rigid_body_modes import acts_on_free_motions
+from ..model.loads.columns import resultants
+from ..model.parameters.parametric_model import ParametricModel
+from ..model.parameters.term_matrices import FIELD
+from ..model.rigid_body.modes import acts_on_free_motions
 from ..model.second_order_model import SAY_SO, SYMMETRIC_TO
-from ..model.term_matrices import FIELD
 from ..parallel.decisions import decided
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, Owned

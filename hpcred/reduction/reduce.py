@@ -11,7 +11,7 @@ import numpy as np
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import Damping, damping_or_given
 from ..model.frames import Frame, NoFrame
-from ..model.parametric_model import ParametricModel
+from ..model.parameters.parametric_model import ParametricModel
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared, refuse_file, spelled
 from ..parallel.failures import InputError

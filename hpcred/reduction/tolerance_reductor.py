@@ -147,4 +147,5 @@ class ToleranceReductor(BasisReductor):
         eigenvalues = np.diag(reduced.K)[:count]
         ratios = np.diag(reduced.D)[:count] / (2 * np.sqrt(np.maximum(eigenvalues, np.finfo(float).tiny)))
         ratios = np.maximum(ratios, 0.0) + loss_factor / 2
+        ratios[reduced.frequencies[:count] < self.goal.band[0] / 2] = 0.0  # peaks outside, as of free motions
         return warnings_of_peaks(model, model.K, eigenvalues, ratios, basis.columns, self.goal.tolerance)

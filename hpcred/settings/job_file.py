@@ -10,16 +10,16 @@ from typing import Annotated, Literal
 from pydantic import Discriminator, Field, Tag
 
 from ..body.loaded_states import LoadedState
+from ..fe.dofs import direction_index, target_of
 from ..linalg.solvers.settings import Factoring, LinearSolver
-from ..model.cut_outputs import CutOutput
 from ..model.damping import Damping, NoDamping
-from ..model.dofs import direction_index, target_of
 from ..model.frames import Frame, NoFrame
-from ..model.interfaces import Interface
-from ..model.loads import AnyLoad
-from ..model.motion_outputs import MotionOutput
-from ..model.parameters import Parameter, check_terms, checked_values
-from ..model.stress_outputs import StressOutput
+from ..model.interfaces.nodes import Interface
+from ..model.loads.kinds import AnyLoad
+from ..model.outputs.cuts import CutOutput
+from ..model.outputs.motions import MotionOutput
+from ..model.outputs.stresses import StressOutput
+from ..model.parameters.definitions import Parameter, check_terms, checked_values
 from ..parallel.failures import InputError
 from ..parallel.ranges import COORDINATE, LABEL, require_band, within
 from ..reduction.components.craig_bampton import (
@@ -75,7 +75,7 @@ class Job:
     [node, direction], and of names of interfaces, for all of their directions; among the outputs also velocities and
     accelerations, {node = 20, direction = "z", quantity = "acceleration"}, stresses at nodes, {node = 20, stress =
     "xx"}, and the forces of a cut, {cut = "TIP", about = [0.1, 0.0, 0.0]}; without them those of the model are taken,
-    or all directions of all interfaces. `interface`: see model.interfaces.Interface; its name stands for a node in
+    or all directions of all interfaces. `interface`: see Interface; its name stands for a node in
     inputs, outputs and frames. `load`: further inputs, behind `inputs`.
     `viscoelastic`: parts with a stiffness that depends on frequency.
     `circulatory`: whether K, and its terms, may be unsymmetric, as with damping that turns with a shaft, oil films or

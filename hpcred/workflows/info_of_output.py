@@ -25,7 +25,7 @@ from ..files import (
     sweep_table,
 )
 from ..files.hdf5 import kind_of_file, reading, require_whole, texts
-from ..model.parameters import rows_of_parameters
+from ..model.parameters.definitions import rows_of_parameters
 from ..model.second_order_model import declared_in
 from ..parallel.failures import InputError, agreed
 from ..parallel.plugins import OWN, blamed
@@ -59,20 +59,28 @@ def result(path, comm) -> dict:
     record = reduced.record
     if record is None:
         return report | {"warnings": []}
-    report |= {"model": record.model, "dofs": record.size, "frame": record.frame.kind, "damping": record.damping.kind}
+    report |= {"model": record.model, "dofs": record.size, "frame": record.frame.kind, "damping": _damping(record)}
     report |= declared_in(record.job or {})
     if record.basis_of:
         report["basis_of"] = record.basis_of
     if record.accuracy is not None:
         report["accuracy"] = record.accuracy.sentence
         report["modes_of_the_band"] = record.accuracy.modes_in_words
-    if chosen_by := record.versions.get("blas_kernels_chosen_by"):
-        report["blas"] = f"{record.versions['blas']} (kernels chosen by {chosen_by})"
+    if blas := record.versions.get("blas"):
+        report["blas"] = blas
     if record.interface_rows:
         report["interfaces"] = record.interface_rows
     if record.loads:
         report["loads"] = [item.row for item in record.loads]
     return report | {"warnings": list(record.warnings)}
+
+
+def _damping(record) -> str:
+    """Return the damping of a result, and that of its errors where it has none itself."""
+    kind = record.damping.kind
+    if kind != "none" or record.accuracy is None or not record.accuracy.loss_factor:
+        return kind
+    return f"none; errors are {record.accuracy.measured}"
 
 
 def response(path, comm) -> dict:

@@ -7,16 +7,17 @@ from pathlib import Path
 
 from ..body.preload import preloaded
 from ..files.model_file import read_model
-from ..model import interface_motion
+from ..model.interfaces import motion as interface_motion
 from ..model.material_stiffness import material_stiffness
-from ..model.parametric_model import ParametricModel
-from ..model.rates import Rates
+from ..model.outputs.rates import Rates
+from ..model.parameters.parametric_model import ParametricModel
 from ..model.rotation import rotation_matrix, unit_axis
 from ..model.second_order_model import SYMMETRIC_TO, UNSYMMETRIC
 from ..model.viscoelastic import Viscoelastic
 from ..parallel.failures import InputError, agreed
 from ..readers.nodes.table import read_node_numbers
 from ..settings.job_file import Job
+from ..settings.source import Source
 from ..settings.viscoelastic import viscoelastic_from
 
 
@@ -70,15 +71,18 @@ def with_terms(model, parameters, tables) -> ParametricModel:
 def with_interfaces_of_job(job: Job, comm):
     """Return the model of a job with its interfaces, which are the inputs and outputs unless the job has others.
     Collective. Raises InputError."""
-    if isinstance(job.model, str):
-        model = read_model(job.model, comm)
-    else:
-        from ..readers.model_source import load_source  # which loads the readers of all formats
-
-        model = load_source(job.model, comm, Path(job.model.K).name)
-    model = declared_circulatory(model, job.circulatory)
+    model = declared_circulatory(model_of_files(job.model, comm), job.circulatory)
     model = with_interfaces(with_viscoelastic(model, job.viscoelastic), job.interface)
     return model if job.inputs is not None or not job.interface else _loaded_at_interfaces(model, job)
+
+
+def model_of_files(source, comm):
+    """Return the model of a model.h5 or of a Source. Collective. Raises InputError."""
+    if not isinstance(source, Source):
+        return read_model(source, comm)
+    from ..readers.model_source import load_source  # which loads the readers of all formats
+
+    return load_source(source, comm, Path(source.K).name)
 
 
 def _loaded_at_interfaces(model, job):

@@ -15,7 +15,8 @@ from ..files.model_file import read_model, write_nodes
 from ..files.result_file import Shapes
 from ..linalg.blocks import local_rows
 from ..linalg.solvers.settings import Factoring
-from ..model.rigid_body_modes import exchange_of_matrices
+from ..model.order_of_matrices import questions_on_order
+from ..model.rigid_body.modes import exchange_of_matrices
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
@@ -48,7 +49,8 @@ def modes_of_file(
     with loaded, closing(natural_modes(loaded, count, frame, factoring=factoring, progress=progress)) as found:
         report = {"model": str(model), "size": loaded.size, **_numbers(found)}
         exchanged = exchange_of_matrices(loaded) if loaded.dofs is not None else None
-        report["warnings"] = [*([exchanged] if exchanged else []), *loaded.remarks, *found.warnings]
+        asked = [exchanged] if exchanged else questions_on_order(loaded)
+        report["warnings"] = [*asked, *loaded.remarks, *found.warnings]
         if figure is not None:
             with progress.stage("figure"):
                 _draw(figure, loaded, found)

@@ -1,57 +1,96 @@
 """Plan a reduction on a cluster: memory and time of each way to solve, before anything large is taken.
 
 The factor is known from an analysis by MUMPS; where that takes too long itself, from the power law of cubes, which are
-the worst of solids (docs/large.md).
+the worst of solids. The constants below were measured; the pages of the documentation that they name have the numbers.
 """
 
 from __future__ import annotations
 
-from math import ceil, log2
+import os
+import shlex
+from dataclasses import dataclass
+from math import ceil, log2, sqrt
 
 from ..files.hdf5 import reading
-from ..files.model_file import FORMAT, SCHEMA, VERSION, read_model
+from ..files.model_file import FORMAT, SCHEMA, VERSION
 from ..linalg.solvers.mumps import Mumps, nested_dissection
+from ..linalg.solvers.settings import LinearSolver
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
-from ..parallel.petsc import is_complex
-from ..parallel.progress import Progress, in_time
+from ..parallel.petsc import PETSc, is_complex
+from ..parallel.progress import Progress, counted, in_time
 from ..parallel.ranges import COUNT, within
+from ..settings.job_file import Job, read_job
+from ..settings.source import Source
+from .model_of_job import model_of_files
 from .workflow import workflow
 
-GB = 1e9
+GB, MB = 1e9, 1e6  # those of MUMPS
 MOST_ANALYSED = 1_000_000  # rows up to which an analysis takes seconds, and fits this machine if the matrices do
-CUBE = {"rows": 1_014_300, "flops": 2.5e13, "entries": 2.5e9, "mb": 40_936}  # analysis on two ranks, docs/large.md
-EXPONENTS = {"flops": 1.98, "entries": 1.38, "mb": 1.33}  # of the rows, the same table
-ON_TWO, MORE_BY_RANKS = 1.3, 1.1  # of MUMPS' memory: two ranks over one, then each doubling; that cube has 55 GB on 16
-UNEVEN = 1.2  # largest share of a rank in the memory of all
-ON_DISK = 0.5  # of the memory of MUMPS that stays where factors are on a disk: 3.0 of 5.8 GB at 359,100 dofs
-PROGRAM = 0.15 * GB  # an interpreter with its libraries, a rank
-MATRICES = 160  # bytes a nonzero: M and K with the copies for solves and products, 12 kB a dof of a solid
-MULTIGRID = 80  # bytes a nonzero in all, columns included: 5.6 to 5.8 kB a dof of a cube of 10^6 and 3 x 10^6 dofs
-COLUMNS = 100  # of a reduction to a tolerance, V and M V
-FACTORS = 2  # that a reduction to a tolerance takes
-CARD = 1.06 * 8  # bytes an entry of a factor on a GPU
-SECONDS_OF_MULTIGRID = 485 / 76_000_000  # of one core a nonzero, to a tolerance of 1e-4 over 38 modes
-GFLOPS, GFLOPS_OF_GPU = 10.0, 1e4  # of a rank (12 on an Intel Xeon, 15 to 20 on an AMD EPYC), and of an H200
-DISK_SLOWER = 1.4  # 85 instead of 60 s
-SPARE = 1.15  # memory that is asked for, over that which is expected
+
+# docs/large.md, "At 10^7 dofs": an analysis on two ranks, and exponents of the rows
+CUBE = {"rows": 1_014_300, "flops": 2.5e13, "entries": 2.5e9, "mb": 40_936}
+EXPONENTS = {"flops": 1.98, "entries": 1.38, "mb": 1.33}
+# of MUMPS' memory: two ranks over one (506 and 652 MB for a cube of 45,000 dofs), and each doubling of them (docs/
+# large.md, "On more ranks": 55 GB on 16 for the cube above)
+ON_TWO, MORE_BY_RANKS = 1.3, 1.1
+# docs/large.md, "Options for large models": 3.0 of 5.8 GB of MUMPS, and 85 instead of 60 s
+ON_DISK, DISK_SLOWER = 0.5, 1.4
+PROGRAM = 0.15 * GB  # a rank: 0.09 GB after the start, buffers of messages and files
+MATRICES = 160  # bytes a nonzero, docs/large.md, "At 10^7 dofs": M and K with two copies, 12 kB a dof of a solid
+# docs/solvers.md, "Time and memory": bytes a nonzero in all, and processor seconds a nonzero, to a tolerance of 1e-4
+# over 38 modes; docs/large.md, "Three million dofs", has the same for three times as many
+MULTIGRID, SECONDS_OF_MULTIGRID = 75, 485 / 79_800_000
+# docs/large.md, "On more ranks": seconds a dof beside factors, on one rank and divided by the root of the ranks
+BESIDE = 80e-6
+CARD = 1.06 * 8  # bytes an entry of a factor on a GPU: docs/large.md, "On a GPU"
+# GFlop/s: of a rank, 12 to 18 on an Intel Xeon, and 15 to 20 on an AMD EPYC (docs/large.md); of an H200, 14 to 20
+# thousand at 10^6 dofs and more (docs/solvers.md, "Factors on a GPU")
+GFLOPS, GFLOPS_OF_GPU = 10.0, 1e4
+
+# of a reduction to a tolerance: one or two factors are usual, and fewer columns V and M V
+FACTORS, COLUMNS = 2, 100
+SPARE = 1.2  # memory that is asked for, over that which is expected
+
+# as in jobs/reduce.slurm
+LAUNCHER = (
+    'if srun --mpi=list 2>&1 | grep -qw pmix; then launcher="srun --mpi=pmix"; '
+    'else launcher="mpiexec -n $SLURM_NTASKS"; fi'
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """One way to solve: its `name`, by the key of a job; the `option` of reduce that takes it; whether a `job` chose
+    it; bytes of all ranks, seconds, and what there is to say."""
+
+    name: str
+    option: str
+    job: bool = False
+    memory: float
+    seconds: float
+    remark: str = ""
+    on_gpu: bool = False
 
 
 @workflow
 def plan_file(
-    path, *, ranks: int, nodes: int = 1, memory_gb: float | None = None, gflops: float = GFLOPS, analyse: bool = False,
-    comm=None, progress: Progress | None = None,
+    path, *, ranks: int | None = None, nodes: int = 1, memory_gb: float | None = None, gflops: float = GFLOPS,
+    analyse: bool = False, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Return memory and time that a reduction of a model file to a tolerance takes on `ranks` of `nodes`.
+    """Return memory and time that a reduction takes on `ranks` of `nodes`.
 
     Collective. Raises InputError.
 
     Parameters
     ----------
     path : str or PathLike
-        model.h5; of a model with more than 10^6 dofs only its size is read, unless `analyse`.
-    ranks, nodes : int
-        Of the job that is planned; this run may have others.
+        A job file, which says how many points are factored, and how; or a model.h5, which is reduced to a tolerance.
+        Of a model.h5 with more than 10^6 dofs only its size is read, unless `analyse`.
+    ranks : int, optional
+        Of the job that is planned; by default those of this run.
+    nodes : int, default 1
+        Nodes that these ranks are on.
     memory_gb : float, optional
         GB of a node; by default nothing is said to fit or not.
     gflops : float, default 10
@@ -62,80 +101,139 @@ def plan_file(
     Returns
     -------
     dict
-        `dofs`, `nonzeros`, `operations` and `entries` of a factor, `source` of these, `rows` of a table with GB and
-        hours of each way, `best`, the first way that fits, and `script`, the head of a script for SLURM.
+        `dofs`, `nonzeros`, `operations` and `entries` of a factor, `source` of these, `factors`, how many of them are
+        made, `points`, where, in words, `rows` of a table with GB and hours of each way, `best`, the way of the job, or
+        else the first that fits, and `script`, a script for SLURM.
     """
+    ranks = comm.size if ranks is None else ranks
     within("--ranks", ranks, COUNT)
     within("--nodes", nodes, COUNT)
     if nodes > ranks:
-        raise InputError(f"--nodes: found {nodes} for {ranks} ranks, expected at least one rank a node")
+        raise InputError(f"--nodes: found {nodes} for {counted(ranks, 'rank')}, expected at least one rank a node")
     for key, value in (("--memory", memory_gb), ("--gflops", gflops)):
         if value is not None and not 0 < value < float("inf"):
             raise InputError(f"{key}: found {value:g}, expected more than 0")
-    with agreed(comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
-        dofs, nonzeros = file["matrices/indptr"].shape[0] - 1, file["matrices/indices"].shape[0]
-    if analyse or dofs <= MOST_ANALYSED:
-        factor = _analysed(path, comm, progress)
-        source, on = f"by MUMPS' analysis ({comm.size} rank(s) here)", comm.size
-    else:
-        factor = {key: CUBE[key] * (dofs / CUBE["rows"]) ** power for key, power in EXPONENTS.items()}
-        source, on = "of a cube of as many dofs, the worst of solids (--analyse asks MUMPS)", 2
-    # MUMPS estimates for the ranks of the analysis
-    more = (ON_TWO if on == 1 < ranks else 1.0) * MORE_BY_RANKS ** max(log2(ranks / max(on, 2)), 0.0)
-    in_core = factor["mb"] * 2**20 * more
-    on_disk = factor.get("mb_on_disk", ON_DISK * factor["mb"]) * 2**20 * more
-    rows = _rows(dofs, nonzeros, factor, in_core, on_disk, ranks, nodes, memory_gb, gflops)
-    best = next((row for row in rows if row["fits"] == "yes"), None) if memory_gb is not None else rows[0]
+    with agreed(comm):
+        job = read_job(path) if str(path).endswith(".toml") else None
+    model = path if job is None else job.model
+    size = _size(model, analyse, comm, progress)
+    factors, points = _points(job)
+    ways = _ways(size, ranks, gflops, factors, job)
+    room = float("inf") if memory_gb is None else memory_gb * GB / SPARE
+    chosen = [way for way in ways if way.job] or [way for way in ways if not way.on_gpu]
+    best = next((way for way in chosen if way.memory / nodes <= room), None)
     return {
-        "model": str(path), "dofs": dofs, "nonzeros": nonzeros, "operations": factor["flops"],
-        "entries": factor["entries"], "source": source, "rows": rows, "best": best and best["way"],
-        "script": _script(best, ranks, nodes) if best else "", "warnings": [],
+        "model": model.K if isinstance(model, Source) else os.path.normpath(model), "ranks": ranks, "nodes": nodes,
+        "dofs": size.dofs, "nonzeros": size.nonzeros, "operations": size.flops, "entries": size.entries,
+        "source": size.source, "factors": factors, "points": points,
+        "rows": [_row(way, ranks, nodes, None if memory_gb is None else room) for way in ways],
+        "best": best and best.name, "script": _script(best, str(path), job, ranks, nodes) if best else "",
+        "warnings": [],
     }  # fmt: skip
 
 
-def _analysed(path, comm, progress):
-    """Return what MUMPS' analysis of K says of a factor. Collective."""
+@dataclass(frozen=True, kw_only=True)
+class Size:
+    """Of a model: its dofs and the nonzeros of K; operations and entries of a factor, MB in core and on a disk, as
+    estimated for `ranks`, and the `source` of these."""
+
+    dofs: int
+    nonzeros: int
+    flops: float
+    entries: float
+    mb: float
+    mb_on_disk: float
+    ranks: int
+    source: str
+
+
+def _size(model, analyse, comm, progress) -> Size:
+    """Return the Size of a model file, or of the matrix files of a job. Collective."""
+    if not isinstance(model, Source):
+        with agreed(comm), reading(model, FORMAT, VERSION, SCHEMA) as file:
+            dofs, nonzeros = file["matrices/indptr"].shape[0] - 1, file["matrices/indices"].shape[0]
+        if dofs > MOST_ANALYSED and not analyse:
+            return _as_cube(dofs, nonzeros)
     startup.start(preferred="real")
-    with progress.stage("read", str(path)):
-        model = read_model(path, comm)
-    with model, progress.stage("analysis", f"{model.size} dofs"):
-        factors = Mumps(model.K, model.symmetric, "shift_")
-        found = factors.expected([nested_dissection()])[nested_dissection()]
-        factors.close()
+    with progress.stage("read", str(model)):
+        loaded = model_of_files(model, comm)
+    with loaded, progress.stage("analysis", f"{loaded.size} dofs"):
+        factor = Mumps(loaded.K, loaded.symmetric, "shift_")
+        found = factor.expected([nested_dissection()])[nested_dissection()]
+        factor.close()
+        nonzeros = int(loaded.K.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
+        dofs = loaded.size
     if is_complex():
         found |= {key: found[key] / 2 for key in ("mb", "mb_on_disk")}
-    return found
-
-
-def _rows(dofs, nonzeros, factor, in_core, on_disk, ranks, nodes, memory_gb, gflops):
-    """Return the rows of the table: ways to solve, the quickest first."""
-    rest = PROGRAM * ranks + MATRICES * nonzeros + 16 * dofs * COLUMNS
-    hours = FACTORS * factor["flops"] / (ranks * gflops * 1e9) / 3600
-    multigrid = SECONDS_OF_MULTIGRID * nonzeros / ranks / 0.7 / 3600
-    card = CARD * factor["entries"]
-    disks = f"and {_two(8 * factor['entries'] / GB):g} GB of local disks"
-    ways = (
-        ("direct", in_core + rest, hours, ""),
-        ("low_rank = 1e-8", in_core + rest, hours, "at most; less from about 10^6 dofs on"),
-        ("out_of_core", on_disk + rest, DISK_SLOWER * hours, disks),
-        ("kind = multigrid", PROGRAM * ranks + MULTIGRID * nonzeros, multigrid, "a tolerance, real points"),
+    source = f"by MUMPS' analysis on {counted(comm.size, 'rank')} here"
+    return Size(
+        dofs=dofs, nonzeros=nonzeros, ranks=comm.size, source=source,
+        **{key: found[key] for key in ("flops", "entries", "mb", "mb_on_disk")},
     )  # fmt: skip
-    rows = []
-    for way, total, time, remark in ways:
-        node = total / nodes * (UNEVEN if ranks > 1 else 1.0)
-        fits = "not known" if memory_gb is None else "yes" if node <= memory_gb * GB / SPARE else "no"
-        rows.append({
-            "way": way, "GB a rank": _two(node * nodes / ranks / GB), "GB a node": _two(node / GB),
-            "GB in all": _two(total / GB), "time": in_time(3600 * time), "hours": _two(time), "fits": fits,
-            "remark": remark,
-        })  # fmt: skip
-    hours_of_gpu = FACTORS * factor["flops"] / (GFLOPS_OF_GPU * 1e9) / 3600
-    rows.append({
-        "way": "package = cudss", "GB a rank": _two((rest / ranks) / GB), "GB a node": _two(rest / nodes / GB),
-        "GB in all": _two(rest / GB), "time": in_time(3600 * hours_of_gpu), "hours": _two(hours_of_gpu),
-        "fits": "not known", "remark": f"and {_two(card / GB):g} GB of one GPU, half in single precision",
-    })  # fmt: skip
-    return rows
+
+
+def _as_cube(dofs, nonzeros) -> Size:
+    """Return the Size of a cube of so many dofs."""
+    found = {key: CUBE[key] * (dofs / CUBE["rows"]) ** power for key, power in EXPONENTS.items()}
+    return Size(
+        dofs=dofs, nonzeros=nonzeros, **found, mb_on_disk=ON_DISK * found["mb"], ranks=2,
+        source="of a cube of as many dofs, the worst of solids (--analyse asks MUMPS)",
+    )  # fmt: skip
+
+
+def _points(job) -> tuple[int, str]:
+    """Return how many factors are made, and at which points, in words."""
+    if job is None or job.tolerance is not None:
+        return FACTORS, "of a reduction to a tolerance, which takes one or two"
+    names = list(dict.fromkeys(getattr(item, "name", "0 Hz") for item in job.basis))  # others factor K
+    return len(names), f"at {', '.join(names)}"
+
+
+def _ways(size: Size, ranks, gflops, factors, job: Job | None) -> list[Way]:
+    """Return the ways to solve, the quickest first, and the GPU; that of the job is marked."""
+    # groups of ranks factor points at the same time; complex factors take twice the memory and four times the work
+    groups = min(job.groups, factors, ranks) if job is not None and isinstance(job.groups, int) else 1
+    parts = 2 if job is not None and job.preferred_scalar == "complex" else 1
+    each = ranks / groups
+
+    # MUMPS estimates for the ranks of the analysis
+    more = (ON_TWO if size.ranks == 1 < each else 1.0) * MORE_BY_RANKS ** max(log2(each / max(size.ranks, 2)), 0.0)
+    in_core, on_disk = (parts * groups * more * mb * MB for mb in (size.mb, size.mb_on_disk))
+    rest = PROGRAM * ranks + parts * (MATRICES * groups * size.nonzeros + 16 * size.dofs * COLUMNS)
+
+    operations = parts**2 * ceil(factors / groups) * size.flops
+    beside = BESIDE * size.dofs / sqrt(ranks)
+    seconds = operations / (each * gflops * 1e9) + beside
+    file, card = 8 * parts * size.entries / GB, CARD * parts * size.entries / GB
+    solver = LinearSolver() if job is None else job.solver
+    low_rank, out_of_core = (None, None) if job is None else (job.low_rank, job.out_of_core)
+    accuracy = f"{low_rank or 1e-8:g}".replace("e-0", "e-")
+    ways = [
+        Way(name="direct", option="", memory=in_core + rest, seconds=seconds),
+        Way(name=f"low_rank = {accuracy}", option=f"--low-rank {accuracy}", job=low_rank is not None,
+            memory=in_core + rest, seconds=seconds, remark="at most; less from about 10^6 dofs on"),
+        Way(name="out_of_core", option="--out-of-core $TMPDIR", job=out_of_core is not None,
+            memory=on_disk + rest, seconds=DISK_SLOWER * seconds, remark=f"and {_two(file):g} GB of local disks"),
+        Way(name="kind = multigrid", option="--set solver.kind=multigrid", job=solver.kind == "multigrid",
+            memory=PROGRAM * ranks + MULTIGRID * size.nonzeros, seconds=SECONDS_OF_MULTIGRID * size.nonzeros / ranks,
+            remark="the time is that of two ranks, divided by the ranks"),
+        Way(name="package = cudss", option="--set solver.package=cudss", job=solver.package == "cudss", on_gpu=True,
+            memory=rest, seconds=operations / (GFLOPS_OF_GPU * 1e9) + beside,
+            remark=f"and {_two(card):g} GB of one GPU, half in single precision"),
+    ]  # fmt: skip
+    # multigrid solves at real points
+    imaginary = job is not None and job.tolerance is None and any(getattr(item, "point", 0j).imag for item in job.basis)
+    return [way for way in ways if way.name != "kind = multigrid" or not imaginary]
+
+
+def _row(way: Way, ranks, nodes, room) -> dict:
+    """Return a row of the table; `room`: bytes of a node, None where they are not known."""
+    fits = "not known" if room is None or way.on_gpu else "yes" if way.memory / nodes <= room else "no"
+    return {
+        "way": way.name, "GB a rank": _two(way.memory / ranks / GB), "GB a node": _two(way.memory / nodes / GB),
+        "GB in all": _two(way.memory / GB), "time": in_time(way.seconds), "hours": _two(way.seconds / 3600),
+        "fits": fits, "remark": way.remark,
+    }  # fmt: skip
 
 
 def _two(value):
@@ -143,20 +241,22 @@ def _two(value):
     return float(f"{value:.2g}")
 
 
-def _script(best, ranks, nodes):
-    """Return the head of a script for SLURM, with memory and time that leave room."""
-    each = ceil(ranks / nodes)
-    minutes = max(ceil(3 * best["hours"] * 60 / 30) * 30, 30)
-    setting = {"direct": "", "low_rank = 1e-8": " --low-rank 1e-8", "out_of_core": " --out-of-core $TMPDIR",
-               "kind = multigrid": " --set solver.kind=multigrid"}[best["way"]]  # fmt: skip
+def _script(way: Way, path, job, ranks, nodes):
+    """Return a script for SLURM, with memory and time that leave room, which starts its ranks as jobs/reduce.slurm."""
+    minutes = max(ceil(3 * way.seconds / 60 / 30) * 30, 30)
+    name = "job.toml" if job is None else shlex.quote(path)
+    store = "" if job is not None and job.store else " --store points"
+    option = f" {way.option}" if way.option and not way.job else ""
     return "\n".join([
         "#!/bin/bash",
         f"#SBATCH --nodes={nodes}",
         f"#SBATCH --ntasks={ranks}",
-        f"#SBATCH --ntasks-per-node={each}",
+        f"#SBATCH --ntasks-per-node={ceil(ranks / nodes)}",
         "#SBATCH --cpus-per-task=1",
-        f"#SBATCH --mem={ceil(SPARE * best['GB a node'] + 1)}G",
+        f"#SBATCH --mem={ceil(SPARE * way.memory / nodes / GB + 1)}G",
         f"#SBATCH --time={minutes // 60}:{minutes % 60:02}:00",
-        "export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 HDF5_USE_FILE_LOCKING=FALSE",
-        f"srun hpcred reduce job.toml --store points{setting}",
+        "export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 HDF5_USE_FILE_LOCKING=FALSE PYTHONUNBUFFERED=1",
+        "# Where SLURM has no PMIx, srun would start as many programs of one rank.",
+        LAUNCHER,
+        f"$launcher hpcred reduce {name}{store}{option}",
     ])  # fmt: skip

@@ -9,13 +9,13 @@ from pathlib import Path
 from ..body.geometric_stiffness import VELOCITIES
 from ..body.spin_stress import REMEDY, lacks_spin
 from ..body.stress import stress_modes
+from ..fe.solids import Solids
 from ..files.checksums import content_of
 from ..files.folders import folder_for
 from ..files.outputs import HTML, check_outputs, check_room, hdf5_kind
 from ..files.point_store import PointStore
 from ..files.result_file import FORMAT, write_result
 from ..files.together import rescued
-from ..model.solids import Solids
 from ..parallel import startup
 from ..parallel.failures import ComputationError, agreed
 from ..parallel.progress import Progress

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model.dofs import named_quantity, target_of
+from ..fe.dofs import named_quantity, target_of
 from ..model.units import unit_of_response
 from ..reduction.result.accuracy import WORST
 from ..reduction.result.directions import rows_of_directions

@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 from ..files.result_file import read_basis, read_result
 from ..linalg.blocks import multiply
 from ..model.definiteness import growing
-from ..model.load_columns import loads_of, resultants
+from ..model.loads.columns import loads_of, resultants
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex

@@ -64,7 +64,7 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
                 )
     motion, basis = comm.bcast((motion, basis))
     files = [(output.with_suffix(".csv"), write_motion_csv)]
-    notes = list(motion.notes)
+    notes = list(motion.notes) if setup.observe else [*motion.notes, _on_nodes(motion)]
     if comm.bcast(has_matplotlib()):
         files.append((output.with_suffix(".png"), motion_figure))
     else:
@@ -85,6 +85,12 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
                 report["output"].append(str(target))
                 _write_paraview(target, setup.body, motion, comm)
     return report
+
+
+def _on_nodes(motion) -> str:
+    """Return a sentence on what the result of a simulation has that observes no node."""
+    nodes = f"nodes {', '.join(motion.node_names)}" if motion.node_names else "no node"
+    return f"the result has the motion of the body frame, of the shapes and of {nodes}; observe = [...] adds nodes"
 
 
 def _write_paraview(target, body, motion, comm):

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from ..body.body import require_no_laws
-from ..model.interfaces import InterfaceNode
+from ..model.interfaces.nodes import InterfaceNode
 from ..parallel.failures import InputError
 from ..reduction.result.reduced_model import ReducedModel, require_finite
 

@@ -63,7 +63,7 @@ def check_series(path, comm, progress=None):
         if comm.rank == 0:
             check_folder(folder, is_of_series)
             if progress is not None and folder.exists():
-                progress.tell(f"{folder} exists and will be replaced")
+                progress.tell_later(f"{folder} exists and will be replaced")
 
 
 @contextmanager

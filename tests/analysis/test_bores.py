@@ -154,6 +154,7 @@ def test_interfaces_on_bores_have_their_nodes(comm):
     with hpcred.crank(3000, comm) as rod:
         big, small, *pins = hpcred.find_bores(rod)
         sets = {name: set().union(*comm.allgather(set(part.tolist()))) for name, part in rod.sets.items()}
+        assert str(big).endswith(f"{len(big.nodes)} nodes") and len(repr(big)) < 200  # not their numbers
         assert set(big.nodes) == sets["BIG_EYE"] and set(small.nodes) == sets["SMALL_EYE"]
         assert (big.radius, small.radius, small.centre) == (0.025, 0.012, (0.2, 0.0, 0.0))
         assert [(item.kind, item.radius) for item in pins] == [("pin", 0.04), ("pin", 0.02)]

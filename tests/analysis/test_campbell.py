@@ -159,6 +159,13 @@ def test_critical_speeds_of_several_orders_and_units():
     assert found.critical_speeds[0].whirl == "unknown"
 
 
+def test_a_free_axial_motion_is_no_critical_speed():
+    """Beside the lateral ones of a Jeffcott rotor, with a stiffness that is round-off."""
+    free = Family(lambda omega: (np.eye(3), np.diag([0.1, 0.1, 0.0]), np.diag([100.0, 1e6, 1e-11])))
+    found = hpcred.campbell(free, values=np.linspace(0, 40, 9))
+    assert [item.value for item in found.critical_speeds] == pytest.approx([10.0], rel=1e-3)
+
+
 def test_models_that_are_diagonalised_at_each_value_are_taken_before():
     """Parametric reduced models have coordinates of their own at each value, and common ones by `matrices`."""
     plain = overhung(1.2)

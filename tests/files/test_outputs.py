@@ -187,6 +187,13 @@ def test_nothing_is_said_to_be_replaced_that_is_not(folder, capsys):
     assert Path("a.png").stat().st_ino == before
 
 
+def test_what_is_replaced_is_said_once_the_input_was_read(folder, capsys):
+    (folder / "result.h5").rename(folder / "kept.h5")
+    for setting, status in (("inputs=[]", 2), ('inputs=[[999, "x"]]', 2), ("basis.0.order=1", 0)):
+        assert run(["reduce", "job.toml", "--set", "output=kept.h5", "--set", setting]) == status
+        assert ("kept.h5 exists and will be replaced" in capsys.readouterr().err) == (status == 0)
+
+
 def test_links_are_followed(folder, capsys):
     """A result goes where the link points, which stays a link; also to a file that is not there yet."""
     os.symlink(folder / "folder.h5" / "far.h5", "near.h5")

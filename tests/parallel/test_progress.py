@@ -143,3 +143,20 @@ def test_an_error_of_petsc_is_raised_by_a_call_without_the_interpreter():
     with pytest.raises(PETSc.Error) as raised:
         without_gil("KSPSetUp", ksp)
     assert raised.value.ierr and "KSPSetUp" in str(raised.value)
+
+
+def test_of_many_lines_in_a_stage_one_is_shown_in_ten_seconds_unless_all_are_asked_for(comm, capsys, clock):
+    for show, expected in ((None, ["factor: 0 Hz", "block 3", "points: 4 of 9 done, about 15 s left"]),
+                           (True, ["factor: 0 Hz", *(f"block {j}" for j in range(4)), *(["points"] * 4)])):  # fmt: skip
+        progress = Progress(comm, show=show)
+        progress.expect(LARGE)
+        with progress.stage("factor", "0 Hz"):
+            for j in range(4):
+                clock(3.0)
+                progress.say(f"block {j}", minor=True)
+        for done in range(5):
+            progress.step("points", done, 9, always=True)
+            clock(3.0)
+        found = said(capsys)
+        assert found == expected if show is None else [line.partition(":")[0] if "points" in line else line
+                                                       for line in found] == expected  # fmt: skip

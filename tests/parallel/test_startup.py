@@ -4,11 +4,12 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from launch import TWO_BUILDS, mpi_environment
 
-from hpcred.parallel import failures, startup
+from hpcred.parallel import failures, how_to_install, startup
 
 two_builds = pytest.mark.skipif(not TWO_BUILDS, reason="needs Debian's two builds, and none chosen")
 
@@ -123,3 +124,18 @@ def test_one_rank_of_mpiexec_inside_a_step_of_srun_is_one(hpcred):
     """The step has other ranks, those of mpiexec or of its helpers."""
     run = hpcred("info", PMI_SIZE="1", PMI_RANK="0", SLURM_STEP_NUM_TASKS="4", SLURM_PROCID="0")
     assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.parametrize("python, system, says", [
+    ((3, 11), "Linux x86_64", "and nothing here, on Python 3.11; `uv venv --python 3.12` makes an environment"),
+    ((3, 13), "Linux aarch64", "and nothing here, on Linux aarch64; else `conda"),
+    ((3, 11), "Darwin arm64", "and nothing here, on Python 3.11 and Darwin arm64;"),
+    ((3, 12), "Linux x86_64", "with glibc 2.34 or later; else `conda"),
+])  # fmt: skip
+def test_it_is_said_where_pip_brings_no_petsc(python, system, says):
+    assert says in how_to_install(python, system)
+
+
+def test_the_extra_and_the_sentence_have_the_same_conditions():
+    extra = (Path(__file__).parents[2] / "pyproject.toml").read_text()
+    assert "python_version >= '3.12' and sys_platform == 'linux' and platform_machine == 'x86_64'" in extra

@@ -35,7 +35,7 @@ from hpcred import (
     Structural,
 )
 from hpcred.examples.linkage import FRAME, LOAD
-from hpcred.model.dofs import Dofs
+from hpcred.fe.dofs import Dofs
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.petsc import is_complex
 from hpcred.reduction.search.goal import Adaptive

@@ -8,9 +8,9 @@ import scipy.linalg
 from helpers import close, columns_of, dense_model, gather
 
 import hpcred
-from hpcred.examples.beam import Rod, beam_element
+from hpcred.examples.linkage import Rod, beam_element
+from hpcred.fe.dofs import Dofs
 from hpcred.linalg.blocks import create_block, local_rows
-from hpcred.model.dofs import Dofs
 from hpcred.model.frames import apply_frame
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.failures import ComputationError, InputError, Owned

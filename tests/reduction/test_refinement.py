@@ -8,7 +8,7 @@ from adaptive_models import Case, chain, dashpots, estimated_and_true, fresh, un
 
 import hpcred
 from hpcred.model.operator import Operator
-from hpcred.model.rates import Rates
+from hpcred.model.outputs.rates import Rates
 from hpcred.reduction.result.measure import MEASURES
 from hpcred.reduction.small import refinement
 from hpcred.reduction.small.compression import compressed

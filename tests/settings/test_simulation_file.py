@@ -76,6 +76,7 @@ rotational_damping = [1.0, 2.0, 3.0]
         ("end=soon", "end: found 'soon', expected a number"),
         ("start=rest", "start: found 'rest', expected 'given' or 'static'"),
         ("force.0.kind=cosine", r"force\[0\].kind: found 'cosine', expected one of constant, sine, table"),
+        ("force.0.freq=2.0", r"force\[0\].freq: unknown key .*; known are kind, node, amplitude"),
         ("force.0.frequency=0.0", "force.frequency: found 0, expected a number of more than 0"),
         ("force.1.times=[0.0]", "force.values: found 2 values for 1 times"),
         ("force.1.times=[1.0, 0.0]", "force.times: found 0 s after 1 s, expected ascending times"),

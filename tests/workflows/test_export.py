@@ -150,7 +150,7 @@ def test_a_body_without_coordinates_is_no_body(reduced_linkage, folder):
         .replace('[[20, "z"], [1, "x"]]', "[1]")
         .replace('"modes"\nindex = [7, 8, 9, 10, 11, 12]', '"krylov"\nfrequency = 9.0')
     )  # fmt: skip
-    with pytest.raises(InputError, match="no floating-frame quantities; the model had no node coordinates.*"
+    with pytest.raises(InputError, match="no floating-frame quantities: the model had no node coordinates.*"
                        "; formats without nodes: statespace-mat, statespace-npz, fmu$"):
         export_result(result, "sid")
     with pytest.raises(InputError, match="no basis with node coordinates"):

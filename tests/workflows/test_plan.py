@@ -1,5 +1,7 @@
 """What a reduction takes on a cluster, before it is run."""
 
+from pathlib import Path
+
 import pytest
 
 import hpcred
@@ -40,7 +42,7 @@ def test_more_ranks_take_more_memory_and_less_of_it_each(cube):
 def test_a_large_model_is_not_read_and_counts_as_a_cube(cube, monkeypatch):
     """The law goes through the largest cube that was analysed, and its way down to this one is long."""
     monkeypatch.setattr(plan, "MOST_ANALYSED", 0)
-    monkeypatch.setattr(plan, "read_model", None)
+    monkeypatch.setattr(plan, "model_of_files", None)
     found = hpcred.plan_file(cube[0], ranks=2)
     assert 0.3 < found["entries"] / cube[1].factor_entries < 3 and "of a cube" in found["source"]
 
@@ -56,6 +58,84 @@ def test_the_script_is_that_of_the_first_way_that_fits(cube, monkeypatch):
     found = hpcred.plan_file(cube[0], ranks=8, nodes=2, memory_gb=2 * sizes["kind = multigrid"])
     assert found["best"] == "kind = multigrid" and "solver.kind=multigrid" in found["script"]
     assert not hpcred.plan_file(cube[0], ranks=8, nodes=2, memory_gb=0.01)["script"]
+
+
+JOBS = {
+    "two points": ('[[basis]]\nkind = "krylov"\nfrequency = 0.0\n[[basis]]\nkind = "krylov"\nfrequency = 900.0\n'
+                   '[[basis]]\nkind = "modes"\ncount = 3\n', 2, "at 0 Hz, 900 Hz", "direct"),
+    "a tolerance": ('tolerance = 1e-3\nband = [0.0, 900.0]\nsolver = {kind = "multigrid"}\n', 2, "of a reduction",
+                    "kind = multigrid"),
+    "low rank": ('low_rank = 1e-6\nbasis = [{kind = "krylov", decay = 10.0}]\n', 1, "at 10 1/s", "low_rank = 1e-6"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("key", JOBS)
+def test_a_job_says_its_model_points_and_way(cube, tmp_path, key):
+    text, factors, points, best = JOBS[key]
+    job = tmp_path / "job.toml"
+    job.write_text(f'model = "{cube[0]}"\n{text}')
+    found = hpcred.plan_file(job, ranks=4)
+    assert found["factors"] == factors and found["points"].startswith(points) and found["best"] == best
+    assert found["entries"] == pytest.approx(cube[1].factor_entries, rel=0.2)
+    assert f"reduce {job} --store points" in found["script"]
+    assert best == "direct" or "--set" not in found["script"]  # the job says it already
+    multigrid = [row for row in found["rows"] if row["way"] == "kind = multigrid"]
+    assert bool(multigrid) == (key != "two points")  # whose 900 Hz it cannot solve at
+
+
+def test_groups_of_ranks_have_a_factor_each(cube, tmp_path):
+    job = tmp_path / "job.toml"
+    job.write_text(f'model = "{cube[0]}"\n{JOBS["two points"][0]}')
+    size = plan._as_cube(10**6, 8 * 10**7)
+    one, two = (plan._ways(size, 8, 10.0, 2, plan.read_job(job, [f"groups={groups}"])) for groups in (1, 2))
+    assert two[0].memory > one[0].memory and two[0].seconds == pytest.approx(one[0].seconds)
+
+
+def test_the_script_starts_its_ranks_as_the_one_in_jobs(cube):
+    text = hpcred.plan_file(cube[0], ranks=2)["script"]
+    jobs = (Path(__file__).parents[2] / "jobs/reduce.slurm").read_text()
+    assert plan.LAUNCHER in map(str.strip, jobs.splitlines())
+    assert f"{plan.LAUNCHER}\n$launcher hpcred reduce" in text and "\nsrun" not in text
+
+
+MEASURED = (  # cells of a cube an edge, ranks, their GFlop/s, factors, way; GB in all and seconds that pages tell
+    (69, 16, 188, 1, "direct", 61, 142, "one point, 24 columns: 142 s, of which 123 s are the factor"),
+    (69, 16, 188, 1, "direct", 61, 142, "61 GB in all"),
+    (69, 2, 20, 2, "kind = multigrid", 5.8, 485 / 2, "| processor seconds of both ranks | 485 |"),
+    (69, 2, 20, 2, "kind = multigrid", 5.8, 485 / 2, "| GB of both ranks | 5.8 |"),
+    (100, 2, 20, 2, "kind = multigrid", 17.1, 24 * 60 / 2, "| memory of both ranks | 17.1 GB |"),
+    (100, 2, 20, 2, "kind = multigrid", 17.1, 24 * 60 / 2, "| processor time of both ranks | 24 min |"),
+    (40, 2, 20, 2, "direct", 5.0, None, "With a factor, a cube of 201,720 dofs takes 5.0 GB in all"),
+    (33, 16, 95, 2, "direct", None, 14.0, "| 114,444 | 1e-4 | `mumps` | 14.0 |"),
+    (69, 16, 160, 2, "package = cudss", None, 28.4, "| 1,014,300 | 1e-4 | `cudss` | 28.4 |"),
+    (100, 16, 160, 2, "package = cudss", None, 109, "| 3,060,300 | 1e-3 | `cudss` | 109 |"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("cells, ranks, gflops, factors, way, gigabytes, seconds, told", MEASURED)
+def test_plans_against_what_was_measured(cells, ranks, gflops, factors, way, gigabytes, seconds, told):
+    """By the law of cubes: memory has room, since MUMPS uses less than it estimates; GB there are of 2^30 bytes."""
+    docs = Path(__file__).parents[2] / "docs"
+    assert any(told in (docs / f"{page}.md").read_text() for page in ("large", "solvers"))
+    size = plan._as_cube(3 * cells * (cells + 1) ** 2, 9 * (3 * cells - 2) * (3 * cells + 1) ** 2)
+    found = next(item for item in plan._ways(size, ranks, gflops / ranks, factors, None) if item.name == way)
+    assert gigabytes is None or 0.95 < found.memory / 2**30 / gigabytes < 1.6
+    assert seconds is None or 0.6 < found.seconds / seconds < 1.3
+
+
+def test_the_table_of_a_cube_of_1e7_dofs_is_that_of_the_law():
+    page = (Path(__file__).parents[2] / "docs/cluster.md").read_text()
+    ways = {way.name: way for way in plan._ways(plan._as_cube(10**7, 79 * 10**7), 64, 10.0, 2, None)}
+    for name, gigabytes, hours, nodes in (("direct", 1500, 2, 512), ("out_of_core", 840, 3, 256)):
+        assert f"| {gigabytes:,} GB | {hours} h | 4 nodes of {nodes} GB" in page
+        assert plan._two(ways[name].memory / 1e9) == gigabytes and round(ways[name].seconds / 3600) == hours
+        assert nodes / 2 < plan.SPARE * ways[name].memory / 4e9 < nodes
+    assert plan._two(ways["kind = multigrid"].memory / 1e9) == 69 and "| 70 GB |" in page
+
+
+def test_nonzeros_of_cubes_are_those_of_the_law(cube):
+    """Neighbours along an edge of m nodes: 3 m - 2, three dofs each, one layer of nodes held."""
+    assert hpcred.plan_file(cube[0], ranks=1)["nonzeros"] == 9 * (3 * 14 - 2) * (3 * 14 + 1) ** 2
 
 
 def test_plans_that_make_no_sense(cube):

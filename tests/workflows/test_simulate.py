@@ -97,6 +97,9 @@ def test_files_of_a_simulation(made):
         assert record["setup"]["velocity"] == [0.0, 0.0, 1.0] and "hpcred" in record["versions"]
         assert [force["kind"] for force in record["setup"]["force"]] == ["sine", "table"]
     assert path.with_name("simulation.png").read_bytes()[:4] == b"\x89PNG"
+    assert not any("observe" in line for line in report["notes"])
+    assert any("the result has the motion of the body frame, of the shapes and of nodes 1, 7, 14, 20; observe"
+               in line for line in simulate_file(path, overrides=["end=1e-4", "observe=[]"])["notes"])  # fmt: skip
 
 
 JOINTS = """

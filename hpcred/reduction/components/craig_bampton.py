@@ -16,10 +16,10 @@ from typing import Literal
 
 import numpy as np
 
+from ...fe.dofs import DIRECTIONS
 from ...linalg.basis import Basis
 from ...linalg.blocks import add_product, create_block, dense, from_dense, inner
 from ...linalg.solvers.base import SingularMatrix
-from ...model.dofs import DIRECTIONS
 from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...fe.dofs import Dofs
 from ...linalg.blocks import View, create_block, dense_matrix, local_rows
-from ...model.dofs import Dofs
 from ...model.frames import FramedModel
-from ...model.rigid_body_modes import RigidBodyModes
+from ...model.rigid_body.modes import RigidBodyModes
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, Owned, agreed, forget
 from ...parallel.petsc import PETSc, free_dropped

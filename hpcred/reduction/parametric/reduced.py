@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from ...linalg.pencil import massless_last
 from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, caughey_terms
-from ...model.expressions import Expression
 from ...model.operator import Operator
-from ...model.parameters import Parameter, checked_values
+from ...model.parameters.definitions import Parameter, checked_values
+from ...model.parameters.expressions import Expression
 from ..result.reduced_model import ReducedModel
 from ..run.projection import project, project_columns
 from ..small.damping import reduced_damping

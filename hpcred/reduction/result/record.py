@@ -16,10 +16,10 @@ from ...linalg.solvers.base import FactorRecord
 from ...model.damping import Damping
 from ...model.digests import PARTS
 from ...model.frames import Frame, NoFrame
-from ...model.interfaces import Interface, InterfaceNode
+from ...model.interfaces.nodes import Interface, InterfaceNode
 from ...model.laws.registry import NamedLaw, laws_of
-from ...model.load_columns import loads_of
-from ...model.loads import LoadColumn
+from ...model.loads.columns import loads_of
+from ...model.loads.kinds import LoadColumn
 from ...parallel import processor
 from ...parallel.declared import renamed
 from ...parallel.petsc import MPI, PETSc, SLEPc, is_complex
@@ -180,7 +180,6 @@ def versions() -> dict[str, str]:
         "slepc": ".".join(map(str, SLEPc.Sys.getVersion())),
         "mpi": MPI.Get_library_version().strip("\x00\n ").split(",")[0],
         "blas": processor.blas() or "unknown",
-        "blas_kernels_chosen_by": processor.chosen_by(),
     }
     return found | {package: version_of(package) for package in ("hpcred", "numpy", "h5py", "mpi4py")}
 

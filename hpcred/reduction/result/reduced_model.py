@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...linalg.pencil import LEAST_MASS, time_of
-from ...model.interfaces import InterfaceNode
+from ...model.interfaces.nodes import InterfaceNode
 from ...model.operator import NOTHING, Operator, Term, in_coordinates
-from ...model.rates import Rates, combined
+from ...model.outputs.rates import Rates, combined
 from ...model.second_order_model import SecondOrderModel, listed
 from ...parallel.as_html import as_html
 from ...parallel.failures import InputError, settle
@@ -255,9 +255,11 @@ class ReducedModel:
             If pyMOR is not installed or would take ranks away, or for structural damping; of parametric models also
             for accelerations and damping that follows the eigenfrequencies.
         """
+        import hpcred
+
         from .to_pymor import pymor_model
 
-        return pymor_model(self)
+        return pymor_model(self, hpcred.state_space)
 
     def plot(self, pairs: str | Sequence[str] | None = None, *, band: Sequence[float] | None = None) -> Figure:
         """Draw the frequency response, and its estimated error where that is known: see plot_response.

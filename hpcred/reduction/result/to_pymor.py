@@ -27,12 +27,10 @@ def _pymor():
     return SecondOrderModel, LincombOperator, NumpyMatrixOperator, ExpressionParameterFunctional
 
 
-def pymor_model(reduced):
-    """Return pyMOR's SecondOrderModel of a ReducedModel. Raises InputError."""
+def pymor_model(reduced, state_space):
+    """Return pyMOR's SecondOrderModel of a ReducedModel, by the function `state_space`. Raises InputError."""
     model, *_ = _pymor()
-    import hpcred
-
-    found = hpcred.state_space(reduced)  # which refuses structural damping
+    found = state_space(reduced)  # which refuses structural damping
     keys = ("mass", "damping", "stiffness", "input_matrix", "output_matrix")
     *matrices, Cp = (found[key] for key in keys)
     if reduced.displaces.all():

@@ -10,7 +10,7 @@ from ...linalg.blocks import copy_of, create_block, from_dense, inner, local_row
 from ...linalg.eigensolver import symmetric_eigenpairs
 from ...linalg.pencil import massless_last
 from ...linalg.split_product import split_product, terms_of_products
-from ...model.interfaces import InterfaceNode
+from ...model.interfaces.nodes import InterfaceNode
 from ...model.operator import Operator
 from ...parallel.decisions import decided
 

@@ -16,7 +16,7 @@ from ...linalg.solvers.settings import Factoring
 from ...model.damping import GivenDamping
 from ...model.frames import FramedModel
 from ...model.operator import ADDED
-from ...model.rates import KEY as RATES
+from ...model.outputs.rates import KEY as RATES
 from ...parallel.decisions import decided
 from ...parallel.memory import MB
 from ...parallel.petsc import PETSc
@@ -161,8 +161,10 @@ class Run:
         """Return M block as a new block."""
         return times(self.mass, block)
 
-    def note(self, where: str, columns: int, found: Extension | int, **more):
-        """Record how many of the columns offered were new; shown by the command line, kept in the result; local."""
+    def note(self, where: str, columns: int, found: Extension | int, minor=False, **more):
+        """Record how many of the columns offered were new; shown by the command line, kept in the result; local.
+
+        `minor`: see Progress.say."""
         weights = {}
         if isinstance(found, Extension):
             if found.kept:
@@ -173,7 +175,7 @@ class Run:
             found = found.kept
         self.notes.components.append(ComponentRecord(where=where, columns=columns, kept=found, **weights, **more))
         dropped = f", {columns - found} dependent dropped" if columns > found else ""
-        self.progress.say(f"{where}: {found} new vectors{dropped}")
+        self.progress.say(f"{where}: {found} new vectors{dropped}", minor=minor)
 
     def remark(self, sentence):
         """Keep a warning in the result; local."""

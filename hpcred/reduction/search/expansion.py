@@ -183,7 +183,7 @@ class Expansion:
                 blocks.history.append(judged.estimate)
                 known = f", estimated error {judged.estimate:.1e}"
             size = self.projections.basis.size
-            progress.say(f"{blocks.frequency:.6g} Hz, block {blocks.order}: {size} columns{known}")
+            progress.say(f"{blocks.frequency:.6g} Hz, block {blocks.order}: {size} columns{known}", minor=True)
             if smoothed or (judged.done and not self._smooth(judged)):
                 return judged
             smoothed = judged.done

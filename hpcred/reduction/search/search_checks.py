@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from ...linalg.free_motions import free_motions_refused
-from ...model.rigid_body_modes import pushed_motions
+from ...model.rigid_body.modes import pushed_motions
+from ...model.rigid_body.support import ROUND_OFF
 from ...model.second_order_model import massless
-from ...model.support import ROUND_OFF
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError
 from ..small.error_estimate import is_free, is_silent

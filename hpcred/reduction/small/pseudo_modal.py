@@ -26,7 +26,7 @@ import numpy as np
 from ...linalg.eigensolver import congruent, graded_eigenpairs, settled
 from ...linalg.pencil import LEAST_MASS, squared_frequencies, with_masses
 from ...model.operator import NOTHING, Operator, times
-from ...model.rates import Rates
+from ...model.outputs.rates import Rates
 
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
 NEARLY_ZERO = 1e-12  # eigenvalue, relative to the largest, that round-off may have made of zero

@@ -1,0 +1,33 @@
+"""Ask whether M, D and K were given in another order, where their sizes say so. All functions are collective."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..linalg.csr import diagonal_of
+from .rigid_body.modes import exchange_of_matrices
+
+SLOW = 1e-3  # (rad/s)^2: mean eigenvalue, that of the stiffest dofs; exchanged ones have 1e-6 and less
+LONG = 10.0  # s: D over K, which is below 1e-2 in bodies; exchanged ones have 1e2 to 1e7
+OVERDAMPED = 10.0  # mean damping ratio of such a model at least, also where time is counted in other units
+ORDERS = "SecondOrderModel takes M, D, K; from_scipy and from_petsc take K, M, D"
+
+
+def questions_on_order(model) -> list[str]:
+    """Return sentences where another order of the matrices is likely; a model that is meant so passes with them."""
+    if model.dofs is None and (exchanged := exchange_of_matrices(model)):
+        return [exchanged]  # a model with nodes is asked elsewhere, where all else follows from it
+    mats = {key: model.matrices[key] for key in "MDK" if key in model.matrices}
+    sizes = model.comm.allreduce(np.array([np.abs(diagonal_of(mat)).sum() for mat in mats.values()]))
+    size = dict(zip(mats, sizes.tolist(), strict=True))
+    mass, damping, stiffness = (size.get(key, 0.0) for key in "MDK")
+    if not (mass and stiffness):
+        return []
+    ratio = damping / 2 / np.sqrt(mass * stiffness)
+    if damping > LONG * stiffness and ratio > OVERDAMPED:
+        found = f"the diagonal of D is {damping / stiffness:.1e} s times that of K, damped {ratio:.1e} times critically"
+    elif model.dofs is None and stiffness < SLOW * mass:
+        found = f"the diagonal of K is {stiffness / mass:.1e} 1/s^2 times that of M"
+    else:
+        return []
+    return [f"{model.name}: are the matrices in their order? K is expected to be the largest, but {found}; {ORDERS}"]
