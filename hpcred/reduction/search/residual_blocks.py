@@ -134,7 +134,7 @@ class _Samples:
         """Return the leading left singular vectors of Y^T R."""
         parts = [transposed_times(own, products) for own in self._factors]
         mine = np.vstack([np.zeros((0, products[0].shape[1])), *parts])
-        gathered = self._comm.gather(np.linalg.qr(mine, mode="r"))
+        gathered = self._comm.gather(np.linalg.qr(mine, mode="r") if len(parts) > 1 else mine)  # fewer rows of many
         return decided(self._comm, lambda: np.linalg.svd(np.vstack(gathered).T, full_matrices=False)[0][:, :width])
 
     def _summed(self, combinations, width):
