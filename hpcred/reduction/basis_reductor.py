@@ -228,6 +228,7 @@ class BasisReductor(Reductor):
             output_names=model.output_names, interfaces=projection.interfaces,
             columns=everywhere(model, framed, V), left_columns=None if W is None else everywhere(model, framed, W),
         )  # fmt: skip
+        # what is known of its stability and of its error
         poles = decided(model.comm, reduced.unstable_poles)
         if len(poles) and self.projection == "two_sided":
             self._tell_unstable(poles, run)

@@ -131,6 +131,7 @@ class Search:
         judge, proving = self.judge, self.state is State.PROVING
         fine = judge.is_fine(judged.estimate)
         proven = proving and fine and judge.is_fine(judged.measured)
+        # modes that inertia counts and the basis misses, once it is good else
         hidden = self._seeks_hidden(fine, proven)
         if hidden and self._lacks_lower_count():
             hidden, proven = False, False
@@ -142,6 +143,7 @@ class Search:
                 lack, are = counted(self.missing_modes, "mode"), "is" if self.missing_modes == 1 else "are"
                 self._end(f"since {lack} of the band {are} missing {self._columns_or_time_met()}".rstrip())
                 return
+        # not proven, or not twice where nothing is counted: another point
         again = proven and not self.expansion.is_counted and not self._is_proven_twice()
         if not proven or again:
             self.state = State.PROVING if fine else State.SEEKING
