@@ -1,5 +1,5 @@
 # make demo | install | test | test-slow | test-wheel | test-ccx | test-dolfinx | test-chromium | test-slurm | test-peers | test-cuda |
-#      test-docs | test-linalg | test-pip | test-debian12 | test-debian13 | test-kernels | fuzz | mutants | coverage | docs | bench | bench-peers | lint
+#      test-docs | test-linalg | test-pip | test-debian12 | test-debian13 | test-kernels | fuzz | mutants | kills | faults | coverage | docs | bench | bench-peers | lint
 #
 # On Debian 12 and 13, and systems with the same packages, `install` brings the missing system packages (as root or by
 # sudo) and a virtual environment on top of them. For another PETSc (cluster module, conda) see docs/install.md.
@@ -22,8 +22,10 @@ export PRTE_MCA_rmaps_default_mapping_policy := :oversubscribe
 export OMPI_MCA_pml ?= ob1
 export OMPI_MCA_btl ?= ^tcp
 export OPENBLAS_NUM_THREADS := 1
+# else each process of the tests, and each rank, compiles all modules again
+unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: install demo test fuzz mutants coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm test-peers test-cuda docs test-docs \
+.PHONY: install demo test fuzz mutants kills faults coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm test-peers test-cuda docs test-docs \
         test-packages test-kernels test-linalg test-pip test-debian12 test-debian13 bench bench-peers lint
 
 # $(call apt,packages) installs those that are missing
@@ -85,7 +87,7 @@ test-kernels: install
 
 test-kernel-%:
 	OPENBLAS_CORETYPE=$* $(PYTHON) -m pytest -q -m $(QUICK) -k "not 2-ranks and not 3-ranks and not complex" \
-	    tests/linalg tests/reduction tests/analysis tests/model
+	    tests/linalg tests/reduction tests/analysis tests/fe tests/model
 
 # the quickest that tells whether hpcred works with the PETSc of a system
 test-linalg: test-packages
@@ -113,11 +115,21 @@ fuzz: install
 
 # The numerical rooms with one place changed at a time: a change that no test notices wants a test (tests/mutants).
 # ROOM=reduction/components/krylov.py takes one module. MUTANTS: how many, evenly from the modules. SEED: of the choice.
-ROOM    := linalg,model,reduction,body,simulation
+ROOM    := linalg,fe,model,reduction,body,simulation,analysis
 MUTANTS := 200
 
 mutants: install
 	PYTHONPATH=tests $(PYTHON) -m mutants --rooms "$(ROOM)" --count $(MUTANTS) --seed $(SEED)
+
+# Signals at random moments, and calls of the system that fail or limits, of commands on one rank and on one of two:
+# what is on the disk afterwards, and what they say (docs/robustness.md). COUNT: how many.
+COUNT := 30
+
+kills: install
+	HPCRED_KILLS=$(COUNT) HPCRED_SEED=$(SEED) $(PYTHON) -m pytest -q -s -m slow tests/parallel/test_signals.py -k random_moments
+
+faults: test-packages
+	HPCRED_SYSTEM_FAULTS=$(COUNT) HPCRED_SEED=$(SEED) $(PYTHON) -m pytest -q -s -m slow tests/test_system_faults.py -k many_calls
 
 # lines of hpcred/ that the tests on one rank run; TESTS=tests/readers measures those of some tests only
 TESTS := tests

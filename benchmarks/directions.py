@@ -162,7 +162,7 @@ def measured(name):
     import numpy as np
 
     import hpcred
-    from hpcred.reduction.tolerance.accuracy import measured_damping
+    from hpcred.reduction.small.damping import measured_damping
 
     body, rows = BODIES[name], []
     frame = hpcred.Buckens() if body.free else None

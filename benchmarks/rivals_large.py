@@ -111,7 +111,7 @@ def solved(cells, top, turns):
     import hpcred
 
     hpcred.start("complex")
-    from hpcred.reduction.measure import Directions
+    from hpcred.reduction.result.measure import Directions
 
     with np.load("runs.npz") as known:
         f, found = known["f"], known["H"]

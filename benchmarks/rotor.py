@@ -57,9 +57,9 @@ def limit_of(rom, model, external):
 def one_basis(cells, tolerance, pairs, external=0.0):
     """One reduction for all speeds, and its error at fresh pairs."""
     import hpcred
-    from hpcred.reduction.measure import MEASURES
-    from hpcred.reduction.tolerance.error_estimate import measure_over
-    from hpcred.reduction.tolerance.pseudo_modal import InputsOutputs, diagonalised
+    from hpcred.reduction.result.measure import MEASURES
+    from hpcred.reduction.small.error_estimate import measure_over
+    from hpcred.reduction.small.pseudo_modal import InputsOutputs, diagonalised
 
     model = shaft(cells, external)
     started = time.perf_counter()

@@ -11,6 +11,7 @@ import argparse
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from common import ENVIRONMENT, HERE, PEER_PYTHON, finish, job, workspace
@@ -39,7 +40,7 @@ def reference(name):
 
     import hpcred
     from hpcred.model.frames import apply_frame
-    from hpcred.reduction.tolerance.accuracy import measured_damping
+    from hpcred.reduction.small.damping import measured_damping
 
     hpcred.start("complex")
     row, frame = MODELS[name], frame_of(MODELS[name])
@@ -91,8 +92,8 @@ def ours(name):
                 print(error, file=sys.stderr)
                 continue
             with reduced:
-                reduced.loss_factor = eta
-                eps = hpcred.relative_error(full, hpcred.frequency_response(reduced, f)).max()
+                damped = replace(reduced, loss_factor=eta)
+                eps = hpcred.relative_error(full, hpcred.frequency_response(damped, f)).max()
                 found.append({"method": method, "size": reduced.size, "seconds": reduced.record.timing.elapsed,
                               "eps": float(eps)})  # fmt: skip
         if model.comm.rank == 0:

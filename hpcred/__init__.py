@@ -6,14 +6,8 @@ before.
 """
 
 import os
-from contextlib import suppress
 
 import lazy_loader
-
-with suppress(ModuleNotFoundError):  # mpi4py is missing; the first use reports it
-    from .parallel import kernels as _kernels
-
-    _kernels.take_saved()
 
 # One thread a rank: ranks are the parallelism, and threads of BLAS would share their cores. HDF5 has no use for
 # file locks on parallel file systems. Both must be known before numpy and h5py are imported.

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hpcred import GivenDamping, NoDamping, NoFrame, Rayleigh, SecondOrderModel
-from hpcred.reduction.tolerance.accuracy import measured_damping
+from hpcred.reduction.small.damping import measured_damping
 
 
 @dataclass

@@ -1,6 +1,4 @@
-"""What hpcred uses of nvmath.sparse.advanced, on the processor by SciPy, and failures that a GPU may have."""
-
-from types import SimpleNamespace
+"""A factor on a GPU as hpcred uses it, on the processor by SciPy, and failures that a GPU may have."""
 
 import numpy as np
 import scipy.sparse
@@ -15,93 +13,71 @@ class Gpu:
     def __init__(self, free_mb=1000.0, need_mb=100, least_mb=50, failing=None, error=None, spoil=0.0):
         self.free_mb, self.need_mb, self.least_mb = free_mb, need_mb, least_mb
         self.failing, self.error, self.spoil = failing, error, spoil
-        self.plans, self.factors, self.freed, self.hybrid = 0, 0, 0, None
+        self.analyses, self.factors, self.freed, self.hybrid = 0, 0, 0, None
 
     def used_by(self, monkeypatch, count=1):
         """Have cuDSS be found, with this GPU `count` times."""
         monkeypatch.setattr(cudss, "unusable", lambda: None)
         monkeypatch.setattr(cudss, "count_of_gpus", lambda: count)
         monkeypatch.setattr(cudss, "free_mb", lambda gpu: self.free_mb)
-        monkeypatch.setattr(cudss, "direct_solvers", self.library)
-        monkeypatch.setattr(cudss, "threads_library", lambda: None)
+        monkeypatch.setattr(cudss, "GpuFactor", lambda *arguments: Factor(self, *arguments))
         return self
-
-    def library(self):
-        def solver(*arguments, **keywords):
-            return DirectSolver(self, *arguments, **keywords)
-
-        return SimpleNamespace(
-            DirectSolver=solver, DirectSolverOptions=SimpleNamespace, ExecutionCUDA=SimpleNamespace,
-            HybridMemoryModeOptions=SimpleNamespace,
-            DirectSolverMatrixType=SimpleNamespace(SYMMETRIC="symmetric", GENERAL="general"),
-            DirectSolverMatrixViewType=SimpleNamespace(LOWER="lower", FULL="full"),
-        )  # fmt: skip
 
     def enters(self, phase):
         if phase == self.failing:
             raise self.error
 
 
-IN_MEMORY = SimpleNamespace(hybrid_memory_mode_options=SimpleNamespace(hybrid_memory_mode=False))
+class Factor:
+    """As GpuFactor: the pattern stays, and only the lower triangle is looked at of symmetric matrices."""
 
+    def __init__(self, gpu, number, indptr, indices, values, symmetric, processors, hybrid=False):
+        assert len(processors) and len(indices) == len(values)
+        self.gpu, self.symmetric, self.locked = gpu, symmetric, []
+        self.size, gpu.hybrid = len(indptr) - 1, hybrid
+        self.pattern = indices.copy(), indptr.copy()
+        self.take(values)
+        assert self.matrix.has_canonical_format and (not symmetric or scipy.sparse.triu(self.matrix, 1).nnz == 0)
 
-class DirectSolver:
-    """As that of nvmath-python: the pattern and the number of columns stay, and only the lower triangle is looked at
-    where that is the view."""
+    def analyse(self):
+        self.gpu.enters("analyse")
+        self.gpu.analyses += 1
+        self.need, self.least = self.gpu.need_mb * 2**20, self.gpu.least_mb * 2**20
 
-    def __init__(self, gpu, a, b, options, execution=IN_MEMORY):
-        assert scipy.sparse.issparse(a) and a.format == "csr" and a.has_canonical_format
-        assert b.flags.f_contiguous and b.dtype == a.dtype
-        gpu.hybrid = execution.hybrid_memory_mode_options.hybrid_memory_mode
-        self.gpu, self.lower = gpu, getattr(options, "sparse_system_view", "full") == "lower"
-        assert self.lower == (getattr(options, "sparse_system_type", "general") == "symmetric")
-        self.a, self.b, self.plan_config = a, b.copy(order="F"), SimpleNamespace()
-        self.plan_info = SimpleNamespace(
-            memory_estimates=SimpleNamespace(
-                peak_device_memory=gpu.need_mb * 2**20, hybrid_min_device_memory=gpu.least_mb * 2**20
-            )
-        )
-        assert not self.lower or scipy.sparse.triu(a, 1).nnz == 0
+    def take(self, values):
+        self.matrix = scipy.sparse.csr_matrix((values.copy(), *self.pattern), shape=(self.size, self.size))
 
-    def plan(self):
-        self.gpu.enters("plan")
-        self.gpu.plans += 1
-        return self.plan_info
-
-    def reset_operands(self, a=None, b=None):
-        if a is not None:
-            assert np.array_equal(a.indices, self.a.indices) and np.array_equal(a.indptr, self.a.indptr)
-            assert a.dtype == self.a.dtype
-            self.a = a
-        if b is not None:
-            assert b.shape == self.b.shape and b.dtype == self.b.dtype and b.flags.f_contiguous
-            self.b = b.copy(order="F")
-
-    def factorize(self):
-        self.gpu.enters("factorize")
+    def factorise(self):
+        self.gpu.enters("factorise")
         self.gpu.factors += 1
-        whole = self.a
-        if self.lower:
+        whole = self.matrix
+        if self.symmetric:
             whole = whole + scipy.sparse.tril(whole, -1).T
         self.factor = scipy.sparse.linalg.splu(whole.tocsc())
         negative = 0
-        if self.lower and whole.dtype.kind == "f":
+        if self.symmetric and whole.dtype.kind == "f":
             negative = int((np.linalg.eigvalsh(whole.toarray()) < 0).sum())
-        return SimpleNamespace(lu_nnz=self.factor.nnz, inertia=(whole.shape[0] - negative, negative), npivots=0)
+        self.entries, self.inertia, self.perturbed = self.factor.nnz, (self.size - negative, negative), 0
 
-    def solve(self):
+    def solve(self, blocks):
         self.gpu.enters("solve")
-        solution = np.asfortranarray(self.factor.solve(self.b))
+        starts = [first for first, _ in blocks]
+        assert starts == np.cumsum([0, *(len(block) for _, block in blocks)])[:-1].tolist()
+        assert all(block.flags.f_contiguous and block.dtype == self.matrix.dtype for _, block in blocks)
+        solution = self.factor.solve(np.vstack([block for _, block in blocks]))
         if self.gpu.spoil:
-            solution *= 1 + self.gpu.spoil * np.random.default_rng(1).standard_normal(solution.shape)
-        return solution.astype(self.b.dtype)
+            solution = solution * (1 + self.gpu.spoil * np.random.default_rng(1).standard_normal(solution.shape))
+        for first, block in blocks:
+            block[...] = solution[first : first + len(block)]
 
-    def __enter__(self):
-        return self
+    def lock(self, array):
+        if not any(array is item for item in self.locked):
+            self.locked.append(array)
 
-    def __exit__(self, *error):
-        self.free()
+    def unlock(self):
+        self.locked.clear()
 
     def free(self):
         self.gpu.freed += 1
+        self.unlock()
         self.factor = None

@@ -12,16 +12,15 @@ import scipy.sparse
 
 from hpcred.body.geometric_stiffness import OF_BODY, GeometricStiffness
 from hpcred.cli.main import run
-from hpcred.examples.beam import Rod, beam_element
-from hpcred.examples.linkage import linkage
+from hpcred.examples.linkage import Rod, beam_element, linkage
 from hpcred.examples.solid import solid
+from hpcred.fe.dofs import DIRECTIONS, Dofs
 from hpcred.files.model_file import write_model
 from hpcred.linalg.blocks import create_block, local_rows
-from hpcred.model.dofs import DIRECTIONS, Dofs
-from hpcred.model.interfaces import Interface, InterfaceNode, Nodes
+from hpcred.model.interfaces.nodes import Interface, InterfaceNode, Nodes
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.shares import row_range
-from hpcred.reduction.reduced_model import ReducedModel
+from hpcred.reduction.result.reduced_model import ReducedModel
 from hpcred.writers.base import ExportSource
 
 LINKAGE_JOB = """

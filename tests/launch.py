@@ -8,10 +8,14 @@ TWO_BUILDS = startup.can_choose() and not os.environ.get("HPCRED_SCALAR")  # ask
 
 
 def mpi_environment(**more):
-    """Open MPI refuses root and more ranks than cores unless told, and looks for networks unless told not to."""
+    """Open MPI refuses root and more ranks than cores unless told, and looks for networks unless told not to.
+
+    Ranks that wait give way: other tests have the cores too, and a rank that keeps one waits for the other's turn.
+    """
     return {
         "OMPI_MCA_pml": "ob1",
         "OMPI_MCA_btl": "^tcp",
+        "OMPI_MCA_mpi_yield_when_idle": "1",
         **os.environ,
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",

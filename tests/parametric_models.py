@@ -22,10 +22,10 @@ from hpcred import (
     Term,
     Viscoelastic,
 )
-from hpcred.reduction.measure import MEASURES
-from hpcred.reduction.tolerance.accuracy import measured_damping
-from hpcred.reduction.tolerance.error_estimate import measure_over
-from hpcred.reduction.tolerance.pseudo_modal import InputsOutputs, diagonalised
+from hpcred.reduction.result.measure import MEASURES
+from hpcred.reduction.small.damping import measured_damping
+from hpcred.reduction.small.error_estimate import measure_over
+from hpcred.reduction.small.pseudo_modal import InputsOutputs, diagonalised
 
 
 @dataclass

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg
 
 import hpcred
-from hpcred.reduction.measure import Directions, drive_points
+from hpcred.reduction.result.measure import Directions, drive_points
 
 UNIFORM = 200  # frequencies over the band
 BESIDE = np.array([-3, -1, -0.3, 0, 0.3, 1, 3])  # places around a pole, in half widths of its resonance

@@ -7,10 +7,10 @@ from bodies import block, mapped_block
 from solid_meshes import PARTS, mesh
 
 import hpcred
-from hpcred.model.coupling import couple
-from hpcred.model.element_rules import B_BAR, FULL
-from hpcred.model.shape_functions import EDGES, gradients_in_space, integration_points, shape_functions
-from hpcred.model.strain_matrices import elasticity, stiffness_matrices
+from hpcred.fe.element_rules import B_BAR, FULL
+from hpcred.fe.shape_functions import EDGES, gradients_in_space, integration_points, shape_functions
+from hpcred.fe.strain_matrices import elasticity, stiffness_matrices
+from hpcred.model.interfaces.coupling import couple
 from hpcred.parallel.shares import row_range
 
 STEEL = (2.1e11, 0.3, 7850.0)

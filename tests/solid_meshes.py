@@ -5,8 +5,8 @@ import scipy.sparse
 from bodies import block
 
 import hpcred
-from hpcred.model.shape_functions import EDGES, corner_kind, gradients_in_space, integration_points, shape_functions
-from hpcred.model.strain_matrices import elasticity, stiffness_matrices
+from hpcred.fe.shape_functions import EDGES, corner_kind, gradients_in_space, integration_points, shape_functions
+from hpcred.fe.strain_matrices import elasticity, stiffness_matrices
 from hpcred.parallel.shares import row_range
 
 PARTS = {  # of a hexahedron

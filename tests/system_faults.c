@@ -6,7 +6,8 @@
                    where it is empty) fails; "number+" all from it on
    FAULTS_RANK     only in this rank of MPI; empty: in any process, and once in all
    Kinds: open, create, read, write, truncate, allocate, rename, remove, mkdir, sync, lock, memory.
-   Memory counts from the first file of the folder on, before which the program is loaded. */
+   Memory counts from the first file of the folder on, before which the program is loaded.
+   Two kinds are limits from the start on: size, of files in bytes, and space, of addresses in MB. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -18,6 +19,7 @@
 #include <string.h>
 #include <sys/file.h>
 #include <sys/mman.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/types.h>
@@ -30,6 +32,17 @@ static int number, all, code, seen, armed, inside;
 static char kind_wanted[16];
 static const char *folder, *record, *name_wanted = "";
 
+/* Writes by system calls of its own, so as not to hear itself. */
+static int note(const char *kind, const char *name, int first) {
+    char line[2 * PATH_MAX + 64];
+    int file = syscall(SYS_openat, AT_FDCWD, record, O_WRONLY | O_APPEND | O_CREAT | (first ? O_EXCL : 0), 0666);
+    if (file < 0) return 0;
+    int length = snprintf(line, sizeof line, "%s %s\n", kind, name);
+    syscall(SYS_write, file, line, length);
+    syscall(SYS_close, file);
+    return 1;
+}
+
 __attribute__((constructor)) static void begin(void) {
     const char *fault = getenv("FAULT"), *rank = getenv("FAULTS_RANK"), *own = getenv("OMPI_COMM_WORLD_RANK");
     char plus = 0;
@@ -41,17 +54,13 @@ __attribute__((constructor)) static void begin(void) {
         code = atoi(strchr(strchr(fault, ',') + 1, ',') + 1);
     }
     folder = getenv("FAULTS_FOLDER");
-}
-
-/* Writes by system calls of its own, so as not to hear itself. */
-static int note(const char *kind, const char *name, int first) {
-    char line[2 * PATH_MAX + 64];
-    int file = syscall(SYS_openat, AT_FDCWD, record, O_WRONLY | O_APPEND | O_CREAT | (first ? O_EXCL : 0), 0666);
-    if (file < 0) return 0;
-    int length = snprintf(line, sizeof line, "%s %s\n", kind, name);
-    syscall(SYS_write, file, line, length);
-    syscall(SYS_close, file);
-    return 1;
+    int size = !strcmp(kind_wanted, "size");
+    if (size || !strcmp(kind_wanted, "space")) {
+        rlim_t most = size ? number : number * 1000000L;
+        struct rlimit limit = {most, most};
+        note(kind_wanted, kind_wanted, 0);
+        setrlimit(size ? RLIMIT_FSIZE : RLIMIT_AS, &limit);
+    }
 }
 
 /* Whether this call fails. */

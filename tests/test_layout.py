@@ -15,9 +15,15 @@ import hpcred
 
 HOUSE = Path(hpcred.__file__).parent
 FLOORS = ["cli", "workflows", "report", "writers", "readers", "settings", "files"]
-FLOORS += ["examples", "simulation", "body", "analysis", "reduction", "model", "linalg", "parallel"]
+FLOORS += ["examples", "simulation", "body", "analysis", "reduction", "model", "fe", "linalg", "parallel"]
+ROOMS = {"reduction": ["", "parametric", "search", "components", "run", "small", "result"]}  # "": modules in no room
 PEERS = {"control", "exudyn", "fmpy", "meshio", "pymor", "pyNastran", "pyuff", "pyyeti"}
 DOORS = ("", "__main__")  # hpcred/__init__.py, which names everything, and `python -m hpcred`
+FACADE = {  # methods that stand for public functions of rooms above
+    "Campbell": {"plot"},
+    "ReducedModel": {"export", "frequency_response", "plot", "save", "to_pymor", "to_state_space"},
+    "SecondOrderModel": {"frequency_response", "plot_modes", "with_loads"},
+}
 MODULES = {
     ".".join(path.relative_to(HOUSE).with_suffix("").parts).removesuffix("__init__").rstrip("."): path
     for path in sorted(HOUSE.rglob("*.py"))
@@ -44,6 +50,33 @@ def floor(name):
     return FLOORS.index(name.split(".")[0])
 
 
+def public_imports(path):
+    """The scopes, such as "ReducedModel.plot" or "", in which a module imports the public names of hpcred."""
+    def scopes(node, scope):
+        for child in ast.iter_child_nodes(node):
+            named = isinstance(child, (ast.ClassDef, ast.FunctionDef))
+            yield from scopes(child, f"{scope}.{child.name}".lstrip(".") if named else scope)
+            if isinstance(child, ast.Import) and any(alias.name == "hpcred" for alias in child.names):
+                yield scope
+            if isinstance(child, ast.ImportFrom) and child.module == "hpcred" and not child.level:
+                yield scope
+
+    return scopes(ast.parse(path.read_text()), "")
+
+
+def contracted(arrows, room):
+    """Return the arrows among the modules and the folders in a room."""
+    def place(name):
+        parts = name.split(".")
+        return parts[len(room)] if parts[: len(room)] == room and len(parts) > len(room) else None
+
+    found = {}
+    for name, targets in arrows.items():
+        if (here := place(name)) is not None:
+            found.setdefault(here, set()).update({place(target) for target in targets} - {here, None})
+    return found
+
+
 def test_every_room_has_its_floor():
     rooms = {name.split(".")[0] for name in MODULES} - set(DOORS)
     assert rooms == set(FLOORS)
@@ -55,12 +88,35 @@ def test_no_import_goes_up():
     assert not [arrow for arrow in arrows if floor(arrow[1]) < floor(arrow[0])]
 
 
+@pytest.mark.parametrize("house", ROOMS)
+def test_no_import_goes_up_among_rooms(house):
+    def room(name):
+        first = name.split(".")[1]
+        return ROOMS[house].index(first if MODULES[f"{house}.{first}"].name == "__init__.py" else "")
+
+    modules = [name for name in MODULES if name.startswith(f"{house}.")]
+    arrows = [(name, target) for name in modules for target in imports(name, MODULES[name])]
+    arrows = [arrow for arrow in arrows if arrow[1].startswith(f"{house}.")]
+    assert not [arrow for arrow in arrows if room(arrow[1]) < room(arrow[0])]
+    assert {name.split(".")[1] for name in modules if name.count(".") > 1} == {*ROOMS[house]} - {""}
+
+
+def test_public_names_are_for_facade_methods():
+    """Nothing below the street door calls them, but methods that a user expects at a model."""
+    allowed = {f"{owner}.{method}" for owner, methods in FACADE.items() for method in methods}
+    found = {(name, scope) for name, path in MODULES.items() if name not in DOORS for scope in public_imports(path)}
+    rooms = sorted((name, scope) for name, scope in found if name.split(".")[0] != "cli")
+    assert {scope for _, scope in rooms} == allowed, rooms
+
+
 def test_no_imports_go_in_a_circle():
-    """Nor do those inside functions."""
+    """Nor do those inside functions, nor those among the folders of a room."""
     arrows = {name: set(imports(name, path)) for name, path in MODULES.items() if name not in DOORS}
     modules = {name: {target if target in MODULES else target.rpartition(".")[0] for target in targets}
                for name, targets in arrows.items()}  # fmt: skip
     TopologicalSorter(modules).prepare()  # raises CycleError
+    for path in HOUSE.rglob("__init__.py"):
+        TopologicalSorter(contracted(modules, list(path.parent.relative_to(HOUSE).parts))).prepare()
 
 
 def test_imports_are_seen(tmp_path):

@@ -1,4 +1,5 @@
-"""Failures of system calls (open, read, write, truncate, rename, memory, ...) end in one sentence with the file's name.
+"""Failures of system calls (open, read, write, truncate, rename, memory, ...) end in one sentence with the file's name,
+limits of files and memory in one sentence.
 
 system_faults.c, loaded ahead of all libraries, lets one call on a file of the working folder fail.
 """
@@ -25,6 +26,8 @@ from launch import mpi_environment
 
 import hpcred as package
 from hpcred.files.checked import CHECKSUM
+from hpcred.files.locks import Taken
+from hpcred.files.room import NoRoom
 from hpcred.writers.registry import WRITERS
 
 SOURCE = Path(__file__).with_name("system_faults.c")
@@ -60,6 +63,8 @@ COMMANDS = {
     "response": "response model.h5 --frequencies 10,150 --frame buckens --damping loss:0.01 -o y.csv --figure y.svg",
     "modes": "modes model.h5 --count 8 --figure m.png",
     "simulate": "simulate sim.toml --set paraview=true",
+    "recover": "recover result.h5 simulation.h5 -o motion.pvd",
+    "recover-h5": "recover result.h5 simulation.h5 -o motion.h5",
     "report": "report result.h5 --full model.h5 --solves 2 --csv tables --png figures -o r.html",
     "sweep": "sweep sweep.toml --json w.json",
     "collect": "collect sweep.toml -o table.csv --figures figures",
@@ -68,13 +73,16 @@ COMMANDS = {
     **{f"export-{name}": f"export {'bearings' if name in SUPERELEMENTS else 'result'}.h5 --format {name}"
        for name in (entry.name for entry in WRITERS.own)},
 }  # fmt: skip
+FIRST = ("reduce", "bearings", "store", "simulate", "recover", "sweep")  # others need their outputs
 ALONE = ("sweep", "collect", "collect-h5")  # without mpiexec
 ERRORS = {
     "open": "EIO EACCES EMFILE ENFILE ENOMEM ESTALE", "create": "EIO EACCES ENOSPC EROFS EDQUOT EMFILE ENOMEM",
-    "read": "EIO ESTALE", "write": "EIO ENOSPC EDQUOT EFBIG ESTALE", "truncate": "EIO EROFS EPERM",
+    "read": "EIO EINVAL ESTALE", "write": "EIO EINVAL ENOSPC EDQUOT EFBIG ESTALE", "truncate": "EIO EROFS EPERM",
     "allocate": "EIO ENOSPC EOPNOTSUPP", "rename": "EIO EACCES EROFS ENOSPC EXDEV", "remove": "EIO EACCES EROFS EBUSY",
     "mkdir": "EIO EACCES ENOSPC EROFS", "sync": "EIO ENOSPC EDQUOT", "lock": "ENOLCK EIO", "memory": "ENOMEM",
+    "size": "EFBIG", "space": "ENOMEM",
 }  # fmt: skip
+LIMITS = {"size": (1, 200_000), "space": (100, 1500)}  # of files in bytes, of addresses in MB, from the start on
 OUT_OF_MEMORY = "out of memory|more memory than this process may take"  # the latter where a library is being loaded
 LIMIT = 300  # seconds of a command on a busy machine
 ABORTED = (-6, -11, 134, 139)  # exit status, also of mpiexec, of a process that a library ends (SIGABRT, SIGSEGV)
@@ -148,7 +156,8 @@ class Room:
         assert status == 0, (command, ranks, told)
         lines = self.record.read_text().splitlines() if self.record.exists() else []
         counts = Counter(line.split()[0] for line in lines)
-        return {kind: count * (100 if kind == "memory" else 1) for kind, count in counts.items()}
+        calls = {kind: count * (100 if kind == "memory" else 1) for kind, count in counts.items()}
+        return {**calls, **{kind: most for kind, (_, most) in LIMITS.items()}} if calls else {}
 
     def misfortunes(self, fault):
         """What is wrong after a fault, in words, and what was said."""
@@ -163,18 +172,18 @@ class Room:
         file = Path(self.record.read_text().splitlines()[0].split(maxsplit=1)[1])
         after, found = contents(folder), []
         left = after
-        killed = fault.kind == "memory" and status in ABORTED and "internal error" not in told
+        killed = fault.kind in ("memory", "space") and status in ABORTED and "internal error" not in told
         if status is None:
             found.append("hangs")
         elif killed:  # by a library that does not live without memory, such as NumPy's buffers: the next run removes
             status, _, told = self.run(folder, fault.command, fault.ranks)  # what it left, as after any other kill
             found += [f"exit status {status} of the next run: {told[-1500:]}"] if status else []
             left = contents(folder)
-        elif status not in (0, 1, 2):
+        elif status not in (0, 1, 2, Taken.exit_status, NoRoom.exit_status):
             found.append(f"exit status {status}: {told[-1500:]}")
         elif status and (len(said) != 1 or "internal error" in told or "Traceback" in told):
             found.append(told[-1500:])
-        elif status and fault.kind != "memory" and plain(file) not in said[0]:
+        elif status and fault.kind not in ("memory", *LIMITS) and plain(file) not in said[0]:
             found.append(f"no name: {said[0]}")
         elif not status and (said or "Traceback" in told):
             found.append(told[-1500:])
@@ -247,9 +256,13 @@ def sample(room, count, seed, commands=tuple(COMMANDS)):
             ranks = 1 if command in ALONE else draw.choice([1, 2])
             calls = room.calls_of(command, ranks)
         kind = draw.choice(sorted(calls))
-        number = draw.choice([1, calls[kind], draw.randint(1, calls[kind])])
-        yield Fault(command, ranks, ranks - 1, kind, f"{number}{draw.choice(['', '', '+'])}",
-                    draw.choice(ERRORS[kind].split()))  # fmt: skip
+        if kind in LIMITS:
+            least, most = LIMITS[kind]
+            number = f"{least * (most / least) ** draw.random():.0f}"
+        else:
+            number = draw.choice([1, calls[kind], draw.randint(1, calls[kind])])
+            number = f"{number}{draw.choice(['', '', '+'])}"
+        yield Fault(command, ranks, ranks - 1, kind, number, draw.choice(ERRORS[kind].split()))
 
 
 NOT_WRITTEN = "./result.h5: cannot be written (Input/output error)"
@@ -289,8 +302,10 @@ def test_faults_of_many_calls(library, tmp_path):
     """HPCRED_SYSTEM_FAULTS of them, by default 60."""
     count, seed = int(os.environ.get("HPCRED_SYSTEM_FAULTS", "60")), int(os.environ.get("HPCRED_SEED", time.time()))
     print(f"seed {seed}")
-    room, wrong = Room(library, tmp_path), []
-    for fault in sample(room, count, seed):
+    some = random.Random(seed).sample(list(COMMANDS), min(count // 4 + 1, len(COMMANDS)))  # each takes its time first
+    commands = [name for name in COMMANDS if name in (*FIRST, *some)]
+    room, wrong = Room(library, tmp_path, commands), []
+    for fault in sample(room, count, seed, commands):
         found, said = room.misfortunes(fault)
         wrong += found
         print(*fault, said, *found, flush=True)

@@ -109,10 +109,6 @@ def _of_long_commands(monkeypatch):
     monkeypatch.setattr(hpcred, "reproduce", lambda *_, show, **__: show(rows) or rows, raising=False)
     machine = {"processor": "a processor with a long name of many words that fills more than a line of 80, 3 GHz"}
     monkeypatch.setattr(hpcred, "bench", lambda *_, **__: machine | {"hints": []}, raising=False)
-    kernels = [{"kernels": "SkylakeX", "factor (s)": 1.23456, "Gflop/s": 12.3456, "ratio": 1.0}]
-    found = {"why_none": "", "blas": "OpenBLAS", "own": "SkylakeX", "table": kernels, "not_here": [], "kept": "",
-             "hints": []}  # fmt: skip
-    monkeypatch.setattr(hpcred, "bench_kernels", lambda *_, **__: found, raising=False)
     timing = SimpleNamespace(elapsed=1.0, memory_mb_per_rank=(100.0,), seconds={"other": 1.0})
     monkeypatch.setattr(session, "progress", lambda: SimpleNamespace(timing=lambda: timing), raising=False)
     for line in ("", "paper --figures none", "bench"):

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..model.interfaces import Interface, Nodes
+from ..fe.faces import gathered_surface
+from ..model.interfaces.nodes import Interface, Nodes
 from ..model.second_order_model import SecondOrderModel, require_model
-from ..model.surface_faces import gathered_surface
 from ..parallel.decisions import decided
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError

@@ -14,7 +14,7 @@ from ..parallel.declared import declared, refuse_file, spelled
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 from ..parallel.ranges import ANYTHING, within
-from ..reduction.maxwell_states import maxwell_states
+from ..reduction.result.maxwell_states import maxwell_states
 from .campbell_diagram import SPEEDS, Campbell, CriticalSpeed
 from .pole_tracking import ZERO, PoleTracker, damping_ratios, growth_of
 from .whirl import are_seen, in_words, motions_of, orbits
@@ -217,6 +217,8 @@ def _critical(tracker, found, branches, column, orders, speed, shapes, axis) -> 
                     continue
                 part, k = _crossing(tracker, before, after, i, order * speed)
                 pole = part.poles[k]
+                if abs(pole) < ZERO * part.size:  # a free motion, whose frequency is round-off
+                    continue
                 critical.append(CriticalSpeed(
                     order=order, mode=column[number], value=part.value, frequency=pole.imag / (2 * np.pi),
                     damping_ratio=float(damping_ratios(pole)), whirl=in_words(_orbits(part, shapes, axis, speed)[k]),

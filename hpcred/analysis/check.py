@@ -6,22 +6,17 @@ import operator
 
 import numpy as np
 
+from ..fe.dofs import DIRECTIONS, SCALAR
+from ..fe.elements import solid_volume
 from ..linalg.csr import diagonal_of
 from ..model.definiteness import warnings_of_definiteness
 from ..model.digits import digits_of
-from ..model.dofs import DIRECTIONS, SCALAR
-from ..model.elements import solid_volume
-from ..model.load_columns import loads_of
+from ..model.loads.columns import loads_of
 from ..model.order_of_matrices import questions_on_order
-from ..model.rigid_body_modes import (
-    exchange_of_matrices,
-    remark_on_digits,
-    rigid_body_quantities,
-    warnings_of_nodes,
-)
-from ..model.rows_alone import warnings_of_rows_alone
+from ..model.rigid_body.modes import exchange_of_matrices, remark_on_digits, rigid_body_quantities, warnings_of_nodes
+from ..model.rigid_body.rows_alone import warnings_of_rows_alone
+from ..model.rigid_body.support import support_of
 from ..model.second_order_model import SAY_SO, massless, require_model
-from ..model.support import support_of
 from ..model.units import POUND, POUND_FORCE, SI, UNITS, Units, units_of
 from ..parallel.lookup import sort_over_ranks
 from ..parallel.petsc import MPI

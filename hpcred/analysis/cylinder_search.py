@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.cylinders import DIGITS, NEAR, Cylinder, normals_of, on_cylinder, slack_of
-from ..model.surface_faces import Faces
+from ..fe.cylinders import DIGITS, NEAR, Cylinder, normals_of, on_cylinder, slack_of
+from ..fe.faces import Faces
 
 SMOOTH = np.cos(np.radians(55.0))  # of the angle between neighbouring faces of one cylinder, at most
 FLAT = np.cos(np.radians(0.3))  # and at least

@@ -13,14 +13,14 @@ from ..linalg.solvers.settings import Factoring
 from ..linalg.solvers.shifted import ShiftedSolver
 from ..model.damping import Damping, ModalDamping, caughey_terms, damping_or_given, loss_factor_of
 from ..model.frames import Buckens, Frame, apply_frame
-from ..model.rows_alone import warnings_of_rows_alone
+from ..model.rigid_body.rows_alone import warnings_of_rows_alone
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
-from ..reduction.projection import everywhere
+from ..reduction.run.projection import everywhere
 from .pole_tracking import damping_ratios
 
 SHIFT = 1e-6  # of trace(K) / trace(M), where K is singular

@@ -6,14 +6,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..fe.dofs import named_quantity
 from ..model.damping import Damping, ModalDamping, Structural
-from ..model.dofs import named_quantity
-from ..model.rates import orders_of
+from ..model.outputs.rates import orders_of
 from ..parallel.failures import InputError
-from ..reduction.measure import IDLE, NO_INPUT, PAPER, Directions, Measure, directions, measure_called, silent_outputs
-from ..reduction.reduced_model import ReducedModel
-from ..reduction.tolerance.accuracy import measured_damping
-from ..reduction.tolerance.directions import Direction, directions_table
+from ..reduction.result.directions import Direction, directions_table
+from ..reduction.result.measure import (
+    IDLE,
+    NO_INPUT,
+    PAPER,
+    Directions,
+    Measure,
+    directions,
+    measure_called,
+    silent_outputs,
+)
+from ..reduction.result.reduced_model import ReducedModel
+from ..reduction.small.damping import measured_damping
 
 NUMBERS_AT_A_TIME = 2**20  # of the matrices of reduced models
 

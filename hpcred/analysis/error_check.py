@@ -19,9 +19,9 @@ from ..parallel.failures import InputError
 from ..parallel.progress import counted
 from ..parallel.ranges import SAMPLES, within
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.reduced_model import ReducedModel, as_measured
-from ..reduction.tolerance.accuracy import Accuracy, in_percent
-from ..reduction.tolerance.error_estimate import at_poles
+from ..reduction.result.accuracy import Accuracy, in_percent
+from ..reduction.result.reduced_model import ReducedModel, as_measured
+from ..reduction.small.error_estimate import at_poles
 from .error import relative_error
 from .frequency_response import measured_response, response_and_drive
 

@@ -25,8 +25,8 @@ from ..parallel.progress import Progress
 from ..parallel.ranges import FREQUENCY, within
 from ..reduction.checks import check_series, require_no_series
 from ..reduction.components.groups import Group
-from ..reduction.reduced_model import ReducedModel, require_finite
-from ..reduction.tolerance.error_estimate import at_poles
+from ..reduction.result.reduced_model import ReducedModel, require_finite
+from ..reduction.small.error_estimate import at_poles
 
 SMALL = 10_000  # dofs up to which every rank takes its own share of the frequencies
 TINY = 150  # dofs up to which full matrices take less time than the calls of a sparse solver

@@ -20,7 +20,7 @@ from ..model.damping import Caughey, Damping, ModalDamping, Rayleigh, Structural
 from ..model.digits import warnings_of_digits
 from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.input_output_counts import FREQUENCIES, require_room
-from ..model.rigid_body_modes import RigidBodyModes
+from ..model.rigid_body.modes import RigidBodyModes
 from ..model.scales import in_usual_units, unscaled
 from ..model.second_order_model import SecondOrderModel, massless, require_model
 from ..parallel.decisions import decided
@@ -28,15 +28,16 @@ from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
 from ..reduction.checks import check_model, check_unsymmetric, warnings_of
-from ..reduction.run import Run
-from ..reduction.tolerance.accuracy import Accuracy, Adaptive
-from ..reduction.tolerance.compression import LITTLE
-from ..reduction.tolerance.error_estimate import FINE, Comparison, grid, largest, resonances
-from ..reduction.tolerance.outcome import accuracy_of
-from ..reduction.tolerance.pseudo_modal import UNDAMPED, Proportional, nested
-from ..reduction.tolerance.reductor import ROOM
-from ..reduction.tolerance.round_off import projected_again
-from ..reduction.tolerance.search import Search, deflation_of_search
+from ..reduction.result.accuracy import Accuracy
+from ..reduction.run.run import Run
+from ..reduction.search.goal import Adaptive
+from ..reduction.search.outcome import accuracy_of
+from ..reduction.search.round_off import projected_again
+from ..reduction.search.search import Search, deflation_of_search
+from ..reduction.small.compression import LITTLE
+from ..reduction.small.error_estimate import FINE, Comparison, grid, largest, resonances
+from ..reduction.small.pseudo_modal import UNDAMPED, Proportional, nested
+from ..reduction.tolerance_reductor import ROOM
 from .error_check import Check, bound_of, fresh_frequencies, measuring_damping
 from .frequency_response import checked_frequencies, frequencies_to_draw, frequency_response
 

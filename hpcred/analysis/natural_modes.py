@@ -14,16 +14,16 @@ from ..linalg.solvers.settings import Factoring
 from ..model.definiteness import check_definite, growing, warnings_of_definiteness
 from ..model.digits import warnings_of_digits
 from ..model.frames import Buckens, Frame, NoFrame, apply_frame
-from ..model.rigid_body_modes import RigidBodyModes, rigid_body_quantities, rigid_motions
-from ..model.rows_alone import warnings_of_rows_alone
+from ..model.rigid_body.modes import RigidBodyModes, rigid_body_quantities, rigid_motions
+from ..model.rigid_body.rows_alone import warnings_of_rows_alone
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import ComputationError, InputError, Owned
 from ..parallel.progress import Progress
 from ..reduction.checks import check_symmetric
 from ..reduction.components.modes import lowest, residuals
-from ..reduction.projection import everywhere
-from ..reduction.run import Run
+from ..reduction.run.projection import everywhere
+from ..reduction.run.run import Run
 
 SHIFT = 1e-6  # of trace(K) / trace(M), where K is singular
 

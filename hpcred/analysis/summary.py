@@ -4,6 +4,7 @@ from contextlib import closing
 
 import numpy as np
 
+from ..fe.materials import properties_in_words
 from ..linalg.free_motions import ZERO
 from ..linalg.solvers.base import SingularMatrix
 from ..linalg.solvers.settings import Factoring
@@ -15,11 +16,10 @@ from ..model.definiteness import (
     warnings_of_definiteness,
     zero_of,
 )
-from ..model.load_columns import loads_of
-from ..model.materials import properties_in_words
+from ..model.loads.columns import loads_of
 from ..model.order_of_matrices import questions_on_order
-from ..model.rigid_body_modes import RigidBodyModes, remark_on_digits, rigid_body_quantities
-from ..model.rows_alone import warnings_of_rows_alone
+from ..model.rigid_body.modes import RigidBodyModes, remark_on_digits, rigid_body_quantities
+from ..model.rigid_body.rows_alone import warnings_of_rows_alone
 from ..model.second_order_model import massless, require_model
 from ..parallel.declared import declared
 from ..parallel.failures import ComputationError

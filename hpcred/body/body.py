@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.dofs import DIRECTIONS, node_of
-from ..model.rigid_body_modes import SAME_MASS
+from ..fe.dofs import DIRECTIONS, node_of
+from ..model.rigid_body.modes import SAME_MASS
 from ..parallel.failures import InputError
-from ..reduction.massless import require_mass
-from ..reduction.reduced_model import ReducedModel, require_finite
+from ..reduction.result.massless import require_mass
+from ..reduction.result.reduced_model import ReducedModel, require_finite
 from .floating_frame import FloatingFrame, floating_frame
 from .geometric_stiffness import GeometricStiffness, StiffenedFrame, stiffened_node
 from .node_shapes import NodeShape, interface_nodes, node_shapes

@@ -12,7 +12,7 @@ the same for all of them (solid elements). For nodes with rotations the mean of 
 approximation. So it is for matrices that couple directions, as after a condensation or with dependent dofs, where
 S[0, 0] + S[1, 1] + S[2, 2] is not V^T M V. `lumped`, the row sums of M, is another approximation. Directions in which
 no node can move do not contribute: a planar body has no mass in z, and quantities that M does not contain are NaN (see
-model.rigid_body_modes.RigidBody).
+model.rigid_body.modes.RigidBody).
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from functools import cached_property
 
 import numpy as np
 
+from ..fe.dofs import OWN, SCALAR, require_dofs
 from ..linalg.blocks import create_block, inner, local_rows, times
-from ..model.dofs import OWN, SCALAR, require_dofs
-from ..model.rigid_body_modes import SAME_MASS, rigid_body_of, rigid_motions
+from ..model.rigid_body.modes import SAME_MASS, rigid_body_of, rigid_motions
 from ..model.rotation import skew
 from ..parallel.exchange import exchange
 from ..parallel.petsc import MPI, PETSc
-from ..reduction.projection import WIDTH, project
+from ..reduction.run.projection import WIDTH, project
 
 SAME_PRODUCTS = 1e-8  # of the sizes of two columns; more is no round-off
 

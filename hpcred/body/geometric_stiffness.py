@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..model.dofs import DIRECTIONS, SAME_PLACE, target_of
+from ..fe.dofs import DIRECTIONS, SAME_PLACE, target_of
 from ..model.units import Units
 from ..parallel.failures import InputError
 from .floating_frame import FloatingFrame

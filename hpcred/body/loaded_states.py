@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.dofs import position_of_node, row_of, target_of
-from ..model.element_rows import ValuesAtRows, element_rows
-from ..model.element_rules import UNIFORM, Rule
-from ..model.interfaces import find_interface, node_number
-from ..model.materials import NUMBER
-from ..model.point_stresses import PointStresses
-from ..model.rigid_body_modes import rigid_body_quantities
+from ..fe.dofs import position_of_node, row_of, target_of
+from ..fe.element_rows import ValuesAtRows, element_rows
+from ..fe.element_rules import UNIFORM, Rule
+from ..fe.materials import NUMBER
+from ..fe.point_stresses import PointStresses
+from ..model.interfaces.nodes import find_interface, node_number
+from ..model.rigid_body.modes import rigid_body_quantities
 from ..model.rotation import spin_softening
 from ..model.units import units_of
 from ..parallel.declared import as_declared
@@ -25,7 +25,7 @@ from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
 from ..parallel.ranges import ANYTHING, within
 from ..parallel.sums import summed
-from ..reduction.projection import project
+from ..reduction.run.projection import project
 from .geometric_stiffness import ACCELERATIONS, SIX, check_state
 from .stress_equilibrium import sign_of_stress_stiffness
 from .stress_stiffness import node_stiffness, projected

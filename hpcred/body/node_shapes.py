@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..fe.dofs import DIRECTIONS, SCALAR, node_of, require_dofs
 from ..linalg.blocks import local_rows
-from ..model.dofs import DIRECTIONS, SCALAR, node_of, require_dofs
 from ..parallel.failures import InputError
-from ..reduction.projection import project_columns
+from ..reduction.run.projection import project_columns
 
 
 @dataclass

@@ -11,15 +11,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..fe.shape_functions import integration_points, shape_functions
+from ..fe.strain_matrices import strain_matrices
 from ..linalg.pencil import modes_of
 from ..model.frames import Frame
+from ..model.loads.columns import mass_times
 from ..model.rotation import spin_softening
 from ..model.second_order_model import SecondOrderModel
-from ..parallel.declared import as_declared, declared
+from ..parallel.declared import Settings, declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
-from ..parallel.ranges import ANYTHING, within
-from ..reduction.reduced_model import ReducedModel
+from ..parallel.ranges import ANYTHING, Vector, within
+from ..parallel.sums import summed
+from ..reduction.result.reduced_model import ReducedModel
 from .body import Body
 from .geometric_stiffness import (
     ACCELERATIONS,
@@ -32,16 +36,14 @@ from .geometric_stiffness import (
 )
 from .rotations import skew
 from .stress_stiffness import assembled, node_stiffness
-from .support_mass import remark_on_supports
 from .unit_states import displacements_of_states, require_stresses, stresses
 
-Vector = tuple[float, float, float]
 ZERO = (0.0, 0.0, 0.0)
 FAR = 5e-3  # by which a frequency with half of the coordinates may be higher than with all; without load it is not
 
 
 @dataclass(frozen=True, kw_only=True)
-class Preload:
+class Preload(Settings):
     """A constant load on a body, in its axes.
 
     Parameters
@@ -61,15 +63,15 @@ class Preload:
         For numbers that are not finite, and names that are not node and direction.
     """
 
+    where = "preload."
+
     omega: Vector = ZERO
     acceleration: Vector = ZERO
     angular_acceleration: Vector = ZERO
     forces: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
-        as_declared(self, "preload.")
-        for key in ("omega", "acceleration", "angular_acceleration"):
-            within(f"preload.{key}", getattr(self, key), ANYTHING)
+        super().__post_init__()
         for state, value in self.forces.items():
             check_state(state)
             if state in OF_BODY:
@@ -266,3 +268,35 @@ def preloaded(
     remark = remark_on_supports(model, solids, lambda points: preload.acceleration_at(points - origin))
     remarks = (*model.remarks, *solids.warnings(), *([remark] if remark else []))
     return model.with_fields(operator=model.operator.with_matrices(mats), remarks=remarks)
+
+
+# Measure the inertia forces that are missing where matrices lack the rows of supports.
+# The forces -M a of accelerations a of a whole body need the mass between held and free dofs, which went with the rows
+# of the held ones. Its part follows from the densities and shape functions of the solid elements at the supports.
+
+
+def remark_on_supports(model, solids, acceleration) -> str:
+    """Return a sentence on the forces that a function of accelerations (k, 3) at points (k, 3) lacks; "" where M has
+    them all, or is lumped. Collective."""
+    forces, count, coupled = mass_times(model, acceleration)
+    if not count or not coupled:
+        return ""
+    held = solids.rows < 0
+    still = np.where(held, acceleration(solids.position), 0.0)
+    unknown = any(group.material.density is None and still[group.nodes].any() for group in solids.groups)
+    lost = sum(np.abs(np.where(held[group.nodes], 0.0, _forces(group, solids.position, still))).sum()
+               for group in solids.groups if group.material.density is not None)  # fmt: skip
+    lost, whole, unknown = summed(model.comm, np.array([lost, np.abs(forces).sum(), unknown], dtype=float))
+    size = "how much that is needs densities" if unknown else f"{lost / whole:.2g} of all forces"
+    return (
+        f"preload: the inertia of the mass at {count} held dofs is not in M ({size}): export the body without "
+        "supports and hold it by a frame where that counts"
+    )
+
+
+def _forces(group, position, still) -> np.ndarray:
+    """Return M_e a (e, k, 3) of the elements of a group, for accelerations (l, 3) of all nodes."""
+    _, volumes = strain_matrices(group.kind, group.rule, position[group.nodes])
+    points = integration_points(group.kind, "reduced" if group.rule.strain == "mean" else group.rule.scheme)[0]
+    N = shape_functions(group.kind, points)[0]
+    return group.material.density * np.einsum("eg,ga,eg...->ea...", volumes, N, N @ still[group.nodes])

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..fe.element_rows import ValuesAtRows, added_up
+from ..fe.solids import Solids
 from ..linalg.blocks import local_rows, times, view_of
-from ..model.element_rows import ValuesAtRows, added_up
-from ..model.solids import Solids
 from ..parallel.lookup import number_over_ranks
 from ..parallel.petsc import PETSc
 from ..parallel.sums import summed

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..fe.dofs import target_of
 from ..linalg.blocks import local_rows, times
-from ..model.dofs import target_of
-from ..model.rigid_body_modes import rigid_motions
+from ..model.rigid_body.modes import rigid_motions
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up
 from ..parallel.petsc import PETSc

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..fe.element_rules import Rule
+from ..fe.shape_functions import gradients_in_space, integration_points, shape_functions
 from ..linalg.csr import compress
-from ..model.element_rules import Rule
-from ..model.shape_functions import gradients_in_space, integration_points, shape_functions
 from ..parallel.exchange import exchange
 from ..parallel.petsc import PETSc
 

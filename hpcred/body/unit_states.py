@@ -15,20 +15,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..fe.element_rows import ValuesAtRows
+from ..fe.solids import Solids
+from ..fe.strain_matrices import strain_matrices
 from ..linalg.blocks import column_norms, create_block, from_dense, local_rows, times
 from ..linalg.solvers.base import SingularMatrix
 from ..linalg.solvers.settings import Factoring
 from ..linalg.solvers.shifted import ShiftedSolver
-from ..model.element_rows import ValuesAtRows
 from ..model.frames import Frame, NoFrame, apply_frame
-from ..model.rigid_body_modes import RigidBodyModes, rigid_motions
+from ..model.outputs.targets import unit_columns
+from ..model.rigid_body.modes import RigidBodyModes, rigid_motions
 from ..model.second_order_model import SecondOrderModel, require_model
-from ..model.solids import Solids
-from ..model.strain_matrices import strain_matrices
-from ..model.targets import unit_columns
 from ..parallel.failures import InputError, Owned
 from ..parallel.sums import summed
-from ..reduction.projection import everywhere
+from ..reduction.run.projection import everywhere
 from .geometric_stiffness import OF_BODY, SIX, GeometricStiffness
 from .node_shapes import interface_nodes
 from .stress_stiffness import node_stiffness, projected

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..model.cut_outputs import cut_output_of
-from ..model.dofs import DIRECTIONS, named_quantity, target_of
-from ..model.operator import Operator
-from ..model.stress_outputs import stress_output_of
+from ..fe.dofs import DIRECTIONS, named_quantity, target_of
+from ..model.outputs.cuts import cut_output_of
+from ..model.outputs.stresses import stress_output_of
 from ..model.units import Units, rotational
 from ..parallel.failures import InputError
 from .body import Body, Prestress
@@ -36,10 +35,9 @@ def in_units(body: Body, units: Units) -> Body:
         resultants = resultants * (force * units.energy)[:, None] / unit
     added = reduced.added.map((both * units.time**2 / inertia).__mul__)
     added = added.with_laws(lambda law: law.in_units(units.time))
-    reduced = reduced.with_operator(Operator.of(reduced.M, reduced.D, reduced.K, added))
     return Body(
         replace(
-            reduced, **fields_in(reduced, units), B=g[:, None] * reduced.B * force,
+            reduced, **fields_in(reduced, units), operator=added, B=g[:, None] * reduced.B * force,
             **{key: part if part is None else measured[:, None] * part * g
                for key, part in (("C", reduced.C), ("Cv", reduced.Cv), ("Ca", reduced.Ca))}, resultants=resultants,
         ),

@@ -8,8 +8,6 @@ import typer
 
 import hpcred
 
-from ..parallel import kernels
-from ..parallel.failures import InputError
 from ..report.tables import in_words, show_table, show_timing
 from . import session, values
 from .options import JsonFile
@@ -18,39 +16,13 @@ from .options import JsonFile
 def bench(
     cells: Annotated[tuple[int, int, int], typer.Option(help="Hexahedra of the block to try on.")] = (40, 16, 16),
     folder: Annotated[str | None, typer.Option(metavar="DIR", help="Where to try writing and reading.")] = None,
-    save: Annotated[bool, typer.Option("--save", help="Keep the quickest kernels of OpenBLAS for later runs.")] = False,
-    forget: Annotated[bool, typer.Option("--forget", help="Remove the kernels that --save has kept.")] = False,
     json: JsonFile = None,
 ):
-    """Measure this machine: factorisation, solves, products, orthogonality, files, kernels of OpenBLAS.
-
-    --save and --forget measure the kernels alone, or nothing; both are for this kind of processor.
-    """
-    if forget:
-        if save or folder:
-            raise InputError("--forget: cannot be combined with --save or --folder")
-        damage, name = kernels.damage(), hpcred.forget_kernels()
-        if damage:
-            now = "written anew for other processors" if kernels.saved() else "removed"
-            print(f"{kernels.place()} was damaged and is {now}")
-        else:
-            print(f"the kernels {name} are no longer kept" if name else "no kernels are kept for this processor")
-        session.write_json(json, {"forgotten": name})
-        return
-    report = {"hints": []} if save else hpcred.bench(cells, folder=folder, progress=session.progress())
+    """Measure this machine: factorisation, solves, products, orthogonality, files."""
+    report = hpcred.bench(cells, folder=folder, progress=session.progress())
     show_table("This machine", [{"": key.replace("_", " "), " ": in_words(item)} for key, item in report.items()
                                 if key != "hints"])  # fmt: skip
-    report["kernels"] = found = hpcred.bench_kernels(cells, save=save)
-    if found["why_none"]:
-        print(found["why_none"])
-    else:
-        title = f"Kernels of {found['blas']}, which takes {found['own']} by itself; ratio: of the factor's time to its"
-        show_table(title, found["table"])
-        if found["not_here"]:
-            print(f"not able to run here: {', '.join(found['not_here'])}")
-        if found["kept"]:
-            print(f"{found['kept']} is kept for later runs on this kind of processor; --forget removes it")
-    session.list_all("hint", [*report["hints"], *found["hints"]])
+    session.list_all("hint", report["hints"])
     session.write_json(json, report)
 
 

@@ -8,12 +8,14 @@ import typer
 
 import hpcred
 
+from ..parallel.declared import flattened
 from ..parallel.failures import InputError
 from ..report.tables import show_table
 from . import session, values
-from .options import JsonFile, LowRank, OutOfCore, Package
+from .options import Figure, JsonFile, Output, Solving
 
 
+@flattened
 def campbell(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
     over: Annotated[str, typer.Option(metavar="PARAMETER", help="The parameter, such as omega.")] = "omega",
@@ -32,11 +34,10 @@ def campbell(
         str | None, typer.Option(metavar="MODEL.h5", help="Solve this full model at some of the values.")
     ] = None,
     solves: Annotated[int, typer.Option(help="Number of these values.")] = 5,
-    out_of_core: OutOfCore = None,
-    low_rank: LowRank = None,
-    package: Package = None,
-    output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="A .csv or HDF5 file.")] = None,
-    figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png, .svg or .pdf.")] = None,
+    *,
+    solving: Solving,
+    output: Output = None,
+    figure: Figure = None,
     json: JsonFile = None,
 ):
     """Campbell diagram: frequencies, damping and whirl over a parameter, critical speeds and the limit of stability."""
@@ -47,8 +48,7 @@ def campbell(
         result, over, range=limits or None, points=points, at=values.parameters(at, "--at"),
         nodes=values.labels(nodes), axis=axis if axis in (None, "x", "y", "z") else values.numbers(axis, "--axis"),
         orders=values.numbers(orders, "--orders"), highest=highest, full=full, solves=solves,
-        factoring=values.factoring(out_of_core, low_rank, package), output=output, figure=figure,
-        progress=session.progress(),
+        output=output, figure=figure, **solving.given,
     )  # fmt: skip
     unit = f" ({report['unit']})" * bool(report["unit"])
     show_table(f"{result} over {over}{unit}", report["modes"])

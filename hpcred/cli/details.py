@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from ..reduction.tolerance.directions import rows_of_directions
+from ..reduction.result.directions import rows_of_directions
 from ..report.tables import in_words, show_table, show_timing
 from . import session
 from .options import DIRECTIONS, INTERFACES

@@ -8,6 +8,7 @@ import typer
 
 import hpcred
 
+from ..parallel.declared import flattened
 from ..parallel.failures import InputError
 from ..parallel.progress import counted
 from ..report.tables import show_table, show_timing
@@ -16,29 +17,28 @@ from . import session, values
 from .options import (
     DIRECTIONS,
     AtValues,
-    Band,
-    Frequencies,
+    Figure,
+    FineGrid,
     FullFile,
-    Groups,
+    Grid,
     Inputs,
     JsonFile,
-    LowRank,
-    OutOfCore,
+    Output,
     Outputs,
-    Package,
     Pairs,
-    Points,
     PreloadTable,
     Seed,
+    SharedSolving,
+    Solving,
 )  # fmt: skip
 
 
+@flattened
 def evaluate(
     results: Annotated[list[str], typer.Argument(metavar="RESULT.h5 ...")],
     full: FullFile = None,
-    frequencies: Frequencies = None,
-    band: Band = None,
-    points: Points = 61,
+    *,
+    grid: Grid,
     output: Annotated[
         str | None, typer.Option("-o", "--output", metavar="FILE", help="Write the responses: a .csv or HDF5 file.")
     ] = None,
@@ -54,10 +54,7 @@ def evaluate(
         int | None, typer.Option(help="Compare the estimate with full solves at N random frequencies.")
     ] = None,
     seed: Seed = None,
-    groups: Groups = None,
-    out_of_core: OutOfCore = None,
-    low_rank: LowRank = None,
-    package: Package = None,
+    solving: SharedSolving,
     json: JsonFile = None,
 ):
     """Frequency response of a reduced model; with --full its error eps(f) and Q (57).
@@ -75,7 +72,7 @@ def evaluate(
         raise InputError("--preload: of one result at a time; call evaluate once for each")
     if at and estimate:
         raise InputError("--at: cannot be combined with --estimate, which is over all values; call evaluate twice")
-    given = {"--preload": preload, "--band": band, "--frequencies": frequencies, "-o": output, "--full": full,
+    given = {"--preload": preload, "--band": grid.band, "--frequencies": grid.frequencies, "-o": output, "--full": full,
              "--check": check, "--figure": figure, "--pairs": pairs}
     allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
     wrong = [option for option, value in given.items() if value is not None and option not in allowed]
@@ -90,24 +87,19 @@ def evaluate(
         raise InputError("--seed: belongs to --check")
     if measure is not None and (full is None or check is not None):
         raise InputError("--measure: belongs to --full without --check")
-    limits = values.band(band)
-    factoring = values.factoring(out_of_core, low_rank, package)
-    chosen = {"frequencies": values.numbers(frequencies, "--frequencies")}
+    chosen = grid.given
     if estimate:
-        session.write_json(json, _show_estimate(result, parts=points, **chosen))
+        report = _show_estimate(result, parts=grid.points, frequencies=chosen["frequencies"])
+        session.write_json(json, report)
         return 0
-    point = values.parameters(at, "--at")
-    solving = {"groups": groups, "factoring": factoring, "progress": session.progress()}
+    how = solving.given | {"at": values.parameters(at, "--at")}
     if check is not None:
-        report = _show_check(result, full, check, seed=seed, at=point, **solving)
+        report = _show_check(result, full, check, seed=seed, **how)
     elif len(results) > 1:
-        report = _show_comparison(results, full, band=limits, points=points, output=output, measure=measure,
-                                  at=point, **chosen, **solving)  # fmt: skip
+        report = _show_comparison(results, full, output=output, measure=measure, **chosen, **how)
     else:
-        pairs = pairs.split(",") if pairs else ()
-        report = _show_responses(result, full, band=limits, points=points, output=output, figure=figure, pairs=pairs,
-                                 measure=measure, preload=preload_of(preload), at=point,
-                                 **chosen, **solving)  # fmt: skip
+        report = _show_responses(result, full, output=output, figure=figure, pairs=pairs.split(",") if pairs else (),
+                                 measure=measure, preload=preload_of(preload), **chosen, **how)  # fmt: skip
     session.write_json(json, report)
     return int(not report.get("passed", True))
 
@@ -161,11 +153,11 @@ def _show_responses(result, full, **keywords):
     return report
 
 
+@flattened
 def response(
     model: Annotated[str, typer.Argument(metavar="MODEL.h5|JOB.toml")],
-    band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz.")] = None,
-    points: Points = 2001,
-    frequencies: Frequencies = None,
+    *,
+    grid: FineGrid,
     tolerance: Annotated[float, typer.Option(help="Relative error of the response.")] = 1e-6,
     frame: Annotated[
         str | None, typer.Option(help="none, buckens, tangent:NODE or chord:N1,N2,N3[:AXES]; none or that of the job.")
@@ -176,28 +168,25 @@ def response(
     ] = None,
     inputs: Inputs = None,
     outputs: Outputs = None,
-    output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="A .csv or HDF5 file.")] = None,
+    output: Output = None,
     polar: Annotated[bool, typer.Option("--polar", help="Magnitude and phase in the .csv.")] = False,
-    figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png, .svg or .pdf.")] = None,
+    figure: Figure = None,
     preload: PreloadTable = None,
     at: AtValues = None,
     check: Annotated[int, typer.Option(help="Compare with full solves at N random frequencies.")] = 0,
     seed: Seed = None,
     groups: Annotated[int | None, typer.Option(help="Groups of ranks that share those of --check.")] = None,
-    out_of_core: OutOfCore = None,
-    low_rank: LowRank = None,
-    package: Package = None,
+    solving: Solving,
     json: JsonFile = None,
 ):
     """Frequency response of the full model at many frequencies, to a tolerance, from a handful of factorisations."""
-    progress = session.progress()
+    how = solving.given
     report = hpcred.response_file(
-        model, frequencies=values.numbers(frequencies, "--frequencies"), band=values.band(band), points=points,
-        tolerance=tolerance, frame=values.frame(frame) if frame else None,
+        model, **grid.given, **how, tolerance=tolerance, frame=values.frame(frame) if frame else None,
         damping=None if damping is None else values.damping(damping),
         inputs=values.targets(inputs, "--inputs"), outputs=values.targets(outputs, "--outputs"), check=check, seed=seed,
-        groups=groups, factoring=values.factoring(out_of_core, low_rank, package), output=output, polar=polar,
-        figure=figure, preload=preload_of(preload), at=values.parameters(at, "--at"), progress=progress,
+        groups=groups, output=output, polar=polar, figure=figure, preload=preload_of(preload),
+        at=values.parameters(at, "--at"),
     )  # fmt: skip
     told = [*([] if report["reached"] else ["NOT REACHED everywhere:"]), *report["sentences"]]
     session.verdict("\n".join(told), report["reached"])
@@ -209,6 +198,6 @@ def response(
           f"{report['columns']} columns for {report['size']} dofs")  # fmt: skip
     session.written(output, figure)
     session.warn(report["warnings"])
-    show_timing(progress.timing())
+    show_timing(how["progress"].timing())
     session.write_json(json, report)
     return 0 if report["reached"] else 1

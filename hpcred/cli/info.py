@@ -8,12 +8,13 @@ import typer
 
 import hpcred
 
+from ..parallel.declared import flattened
 from ..parallel.failures import InputError
 from ..report.tables import in_words, show_table
 from ..settings.preload_text import preload_of
 from . import session, values
 from .details import show_details
-from .options import INTERFACES, Details, JsonFile, LowRank, OutOfCore, Package, PreloadTable
+from .options import INTERFACES, Details, JsonFile, PreloadTable, Solving
 
 MOST_SETS = 20  # node sets that are listed
 
@@ -91,15 +92,15 @@ def bores(
     session.write_json(json, report)
 
 
+@flattened
 def modes(
     model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
     count: Annotated[int, typer.Option(help="How many of the lowest modes, rigid-body modes included.")] = 20,
     frame: Annotated[str, typer.Option(help="auto, or as for response.")] = "auto",
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png of the first six elastic modes.")] = None,
     preload: PreloadTable = None,
-    out_of_core: OutOfCore = None,
-    low_rank: LowRank = None,
-    package: Package = None,
+    *,
+    solving: Solving,
     json: JsonFile = None,
 ):
     """Lowest natural frequencies, effective masses and participation factors of a model.
@@ -108,8 +109,7 @@ def modes(
     """
     report = hpcred.modes_of_file(
         model, count, frame=None if frame == "auto" else values.frame(frame), figure=figure,
-        preload=preload_of(preload), factoring=values.factoring(out_of_core, low_rank, package),
-        progress=session.progress(),
+        preload=preload_of(preload), **solving.given,
     )  # fmt: skip
     f, rigid = report["frequencies_hz"], report["rigid_body_modes"]
     if "masses" in report and rigid < 6:  # all of which take all of the mass

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import cache
 from typing import Annotated
 
 import typer
@@ -62,11 +63,17 @@ def run(arguments: list[str]) -> int:
     return session.run(arguments, _call)
 
 
+@cache
+def _command():
+    """All commands, made once in a process, where it takes 40 ms."""
+    return typer.main.get_command(app)
+
+
 def _call(arguments):
     """What the command returns, or the exit status of the parser."""
     if "_HPCRED_COMPLETE" in os.environ:
         return app(arguments, prog_name="hpcred", standalone_mode=False)
-    command = typer.main.get_command(app)
+    command = _command()
     try:  # the parser's own way to call a command takes interruptions and broken pipes of one rank for an end
         with command.make_context("hpcred", arguments) as context:
             return command.invoke(context)

@@ -13,8 +13,8 @@ import hpcred
 
 from ..parallel.failures import InputError
 from ..parallel.progress import counted, in_time
-from ..reduction.tolerance.accuracy import WORST
-from ..reduction.tolerance.directions import rows_of_directions
+from ..reduction.result.accuracy import WORST
+from ..reduction.result.directions import rows_of_directions
 from ..report.tables import show_table
 from ..settings.toml_file import check_file_names
 from . import session, values

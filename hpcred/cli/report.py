@@ -8,10 +8,12 @@ import typer
 
 import hpcred
 
+from ..parallel.declared import flattened
 from . import session, values
-from .options import AtValues, Band, FullFile, Groups, JsonFile, LowRank, OutOfCore, Package, Pairs
+from .options import AtValues, Band, FullFile, JsonFile, Pairs, SharedSolving
 
 
+@flattened
 def report(
     results: Annotated[list[str], typer.Argument(metavar="RESULT.h5 ...")],
     full: FullFile = None,
@@ -27,18 +29,14 @@ def report(
     svg: Annotated[str | None, typer.Option(metavar="DIR", help="Figures for papers, too.")] = None,
     csv: Annotated[str | None, typer.Option(metavar="DIR", help="The numbers as tables, too.")] = None,
     at: AtValues = None,
-    groups: Groups = None,
-    out_of_core: OutOfCore = None,
-    low_rank: LowRank = None,
-    package: Package = None,
+    *,
+    solving: SharedSolving,
     json: JsonFile = None,
 ):
     """Write a report on results beside each other, one HTML file to look at in a browser, without a network."""
     told = hpcred.report_file(
         results, full, output=output, band=values.band(band), solves=solves, pairs=pairs.split(",") if pairs else (),
-        modes=modes, motion=motion, png=png, svg=svg, csv=csv, groups=groups,
-        at=values.parameters(at, "--at"), factoring=values.factoring(out_of_core, low_rank, package),
-        progress=session.progress(),
+        modes=modes, motion=motion, png=png, svg=svg, csv=csv, at=values.parameters(at, "--at"), **solving.given,
     )  # fmt: skip
     session.list_all("note", told["notes"])
     for name in told["files"]:

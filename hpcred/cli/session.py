@@ -5,16 +5,15 @@ Commands print through this module what --quiet and --json send to other places.
 
 from __future__ import annotations
 
-import logging
 import os
 import sys
 from contextlib import redirect_stdout
 
 from ..files.locks import unlock_all
 from ..files.outputs import JSON, check_outputs, keep_files
-from ..parallel import kernels, startup
+from ..parallel import startup
 from ..parallel.failures import InputError, fail
-from ..parallel.messages import LOGGER, message, printable
+from ..parallel.messages import LOGGER, printable
 from ..parallel.progress import Progress
 from ..report import tables
 from ..report.profile import show_profile, start_profile
@@ -63,8 +62,6 @@ def run(arguments: list[str], call) -> int:
             raise InputError("--quiet: cannot be combined with --verbose")
         show = False if Session.quiet else Session.verbose or None
         Session.progress = Progress(comm, show=show, bars=True)
-        if comm.rank == 0 and not {"--save", "--forget"} & {*arguments} and (damage := kernels.damage()):
-            message(logging.WARNING, damage, f"warning: {damage}")
         with redirect_stdout(_stdout(comm, arguments)):
             try:
                 status = call(arguments)

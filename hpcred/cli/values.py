@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import hpcred
 
-from ..model.motion_outputs import motion_output_of
+from ..model.outputs.motions import motion_output_of
 from ..parallel.failures import InputError
 from ..parallel.ranges import ANYTHING, COUNT, FREQUENCY, within
 

@@ -5,10 +5,10 @@ from math import prod
 
 import numpy as np
 
-from ..model.dofs import Dofs
-from ..model.materials import ElementProperties, Material
+from ..fe.dofs import Dofs
+from ..fe.materials import ElementProperties, Material
+from ..fe.strain_matrices import elasticity
 from ..model.second_order_model import SecondOrderModel
-from ..model.strain_matrices import elasticity
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 from ..parallel.shares import row_range

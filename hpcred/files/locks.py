@@ -22,7 +22,6 @@ import psutil
 
 from ..parallel.failures import InputError, unfinished
 
-UNDER_WAY = "another run is about to write it"  # in the refusal of a second run
 LOCK = re.compile(rb"(process \d+ on [^\n]*)?")  # all of a lock: another file is not one, whatever its name
 LONGEST_LOCK = 300  # bytes
 
@@ -38,6 +37,13 @@ def host_in_names(host: str) -> str:
 HOST = host_in_names(socket.gethostname())
 
 _held: dict[Path, int] = {}  # open files by the names of locks
+
+
+class Taken(InputError):
+    """Another run is about to write the output; `holder`: which, in words."""
+
+    exit_status = 73  # EX_CANTCREAT of sysexits.h: a sweep tries again later
+    holder = "another process"
 
 
 def temporary_name(path, process: int | None = None, host: str = HOST) -> Path:
@@ -93,10 +99,12 @@ def lock(path: Path, called=None):
         except BlockingIOError:
             who = _words(file)
             os.close(file)
-            raise InputError(
-                f"output {called or path}: {UNDER_WAY}{f' ({who})' if who else ''}; wait for its end, or choose "
-                "another name"
-            ) from None
+            taken = Taken(
+                f"output {called or path}: another run is about to write it{f' ({who})' if who else ''}; wait for its "
+                "end, or choose another name"
+            )
+            taken.holder = who or taken.holder
+            raise taken from None
         except OSError:
             os.close(file)
             with suppress(OSError):
@@ -129,23 +137,6 @@ def _is_file(name, file: int) -> bool:
         return os.path.samestat(os.fstat(file), os.lstat(name))
     except FileNotFoundError:
         return False
-
-
-def holder_of(path: Path) -> str | None:
-    """Which process of another run has the lock of an output, in words; None where no run has it."""
-    try:
-        file = open_plain(lock_name(path), os.O_RDONLY)
-    except OSError:
-        return None
-    try:
-        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return _words(file) or "another process"
-    except OSError:  # a file system without locks
-        pass
-    finally:
-        os.close(file)
-    return None
 
 
 def left_by_the_dead(path: Path) -> list[Path]:

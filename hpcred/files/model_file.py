@@ -23,14 +23,15 @@ from pathlib import Path
 from urllib.parse import quote, unquote
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
-from ..model.dofs import Dofs, dofs_per_node
+from ..fe.dofs import Dofs, dofs_per_node
+from ..fe.materials import ElementProperties, Material
 from ..model.laws.registry import NamedLaw, laws_of
-from ..model.loads import LoadColumn
-from ..model.materials import ElementProperties, Material
+from ..model.loads.kinds import LoadColumn
 from ..model.operator import ADDED, KEY, Operator, Term
 from ..model.second_order_model import SecondOrderModel, require_model
+from ..parallel.declared import adapter_of
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI, PETSc
 from ..parallel.shares import row_range
@@ -38,8 +39,8 @@ from .checked import Array, damaged
 from .hdf5 import ALSO, reading, texts, writing
 
 FORMAT, VERSION = "hpcred-model", 1
-MATERIALS = TypeAdapter(tuple[Material, ...])
-LAWS = TypeAdapter(tuple[NamedLaw, ...])
+MATERIALS = tuple[Material, ...]
+LAWS = tuple[NamedLaw, ...]
 SUMS = ("force", "moment", "held_force", "held_moment")
 NODES = {
     "dofs/node": Array("integer", ("n",)), "dofs/direction": Array("integer", ("n",)),
@@ -84,7 +85,7 @@ def write_model(path, model: SecondOrderModel):
         if model.circulatory:
             file.attribute("circulatory", 1)
         if model.added:
-            file.small(ADDED, LAWS.dump_json(laws_of(model.added)).decode())
+            file.small(ADDED, adapter_of(LAWS).dump_json(laws_of(model.added)).decode())
         for group, (mat, names) in dense.items():
             if mat is not None:
                 rows = np.ascontiguousarray(mat.getDenseArray().real.T)
@@ -134,7 +135,7 @@ def _write_properties(file, properties):
     file.small("element_types", list(properties.types))
     for kind, table in properties.table.items():
         file.rows(f"element_properties/{kind}", table)
-    file.small("materials", MATERIALS.dump_json(properties.materials).decode())
+    file.small("materials", adapter_of(MATERIALS).dump_json(properties.materials).decode())
 
 
 def read_properties(file, comm) -> ElementProperties | None:
@@ -144,7 +145,7 @@ def read_properties(file, comm) -> ElementProperties | None:
     tables = file.get("element_properties", {}).items()
     table = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in tables}
     try:
-        materials = MATERIALS.validate_json(file["materials"][()])
+        materials = adapter_of(MATERIALS).validate_json(file["materials"][()])
     except ValidationError as error:
         raise damaged(file.path, f"/materials: {error.errors()[0]['msg']}") from error
     program = file["element_program"][()].decode()
@@ -215,7 +216,7 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
 def read_laws(dataset) -> tuple[NamedLaw, ...]:
     """Return the names and laws of added terms. Raises InputError."""
     try:
-        return LAWS.validate_json(dataset[()])
+        return adapter_of(LAWS).validate_json(dataset[()])
     except ValidationError as error:
         raise damaged(dataset.path, f"{dataset.name}: {error.errors()[0]['msg']}") from error
 

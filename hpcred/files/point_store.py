@@ -1,7 +1,7 @@
 """Keep expansion points in a folder: the blocks of a Krylov sequence or a set of modes, a file each, for any ranks.
 
 The name of an entry is its kind (krylov, modes, attachment modes, solution, count) and a digest of its key; see
-reduction.store.Entry.
+reduction.run.store.Entry.
 attributes: format, version
 about: JSON of key, facts, model (name), made (a number at random), date, hpcred (version)
 blocks/0, blocks/1, ... (n, columns), contiguous, in the free dofs of the frame
@@ -26,8 +26,8 @@ import numpy as np
 from ..linalg.blocks import create_block, local_rows
 from ..parallel.failures import ComputationError, InputError, Owned, agreed, reason_of, unfinished
 from ..parallel.petsc import MPI
-from ..reduction.points import point_name
-from ..reduction.store import Entry
+from ..reduction.components.points import point_name
+from ..reduction.run.store import Entry
 from .checked import CheckedFile
 from .hdf5 import CheckedWriter, reading
 from .opened_hdf5 import opened_hdf5

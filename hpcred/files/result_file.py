@@ -19,7 +19,7 @@ parameters/name, unit (w), range (w, 2), reference (w): of a model that depends 
     reduced/ is; parameters/constant/M, D, K, B, C, Cv, Ca: as in reduced/, without terms; parameters/terms/of,
     factor (o): the matrices that terms add to, and their factors; parameters/terms/M, D, K, B, C (k, ., .): the
     matrices of the terms of each, in their order
-record: JSON of reduction.record.Record
+record: JSON of reduction.result.record.Record
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from ..body.body import Body, BodySurface, Prestress, body_of, number_of
 from ..body.floating_frame import FloatingFrame
@@ -38,22 +38,22 @@ from ..body.node_shapes import NodeShape, shapes_of_rows
 from ..body.preload import Preload, forces_of, reduced_at, softening_of
 from ..body.stress import StressModes
 from ..body.turned import turned_frame, turned_node, turned_stiffness
+from ..fe.dofs import SCALAR
+from ..fe.elements import surface_triangles
 from ..linalg.blocks import create_block, local_rows
 from ..linalg.pencil import modes_of
-from ..model.dofs import SCALAR
-from ..model.elements import surface_triangles
-from ..model.interfaces import InterfaceNode
+from ..model.interfaces.nodes import InterfaceNode
 from ..model.laws.registry import laws_of
 from ..model.operator import ADDED, Term
-from ..model.parameters import checked_values
+from ..model.parameters.definitions import checked_values
 from ..model.second_order_model import listed, require_model
-from ..parallel.declared import declared
+from ..parallel.declared import adapter_of, declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
-from ..reduction.parametric.accuracy import in_words
 from ..reduction.parametric.reduced import ParametricReducedModel
-from ..reduction.record import Record, difference_of
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.result.parameter_accuracy import in_words
+from ..reduction.result.record import Record, difference_of
+from ..reduction.result.reduced_model import ReducedModel
 from .checked import Array, damaged
 from .hdf5 import ALSO, reading, texts, writing
 from .model_file import LAWS, NODES, read_laws, sets_of, write_nodes
@@ -442,7 +442,7 @@ def write_result(
             file.small(f"reduced/{key}", list(getattr(reduced, key)))
         if reduced.added:
             file.small(f"reduced/{ADDED}/K", np.array([term.matrix for term in reduced.added]))
-            file.small(f"reduced/{ADDED}/laws", LAWS.dump_json(laws_of(reduced.added)).decode())
+            file.small(f"reduced/{ADDED}/laws", adapter_of(LAWS).dump_json(laws_of(reduced.added)).decode())
         if reduced.resultants is not None:
             file.small("reduced/resultants", reduced.resultants)
         if reduced.interfaces:
@@ -465,7 +465,7 @@ def write_result(
             file.small("geometric_stiffness/state", list(geometric_stiffness.states))
             file.small("geometric_stiffness/matrices", geometric_stiffness.matrices)
             file.small("geometric_stiffness/origin", geometric_stiffness.origin)
-        file.small("record", TypeAdapter(Record | None).dump_json(reduced.record).decode())
+        file.small("record", adapter_of(Record | None).dump_json(reduced.record).decode())
 
 
 def _write_basis(file, reduced, model):
@@ -489,7 +489,7 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
     with agreed(comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
         group = file["reduced"]
         try:
-            record = TypeAdapter(Record | None).validate_json(file["record"][()])
+            record = adapter_of(Record | None).validate_json(file["record"][()])
         except ValidationError as error:
             raise InputError(f"{path}: the record of the run is damaged: {error.errors()[0]['msg']}") from error
         reduced = ReducedModel(

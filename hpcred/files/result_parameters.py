@@ -6,10 +6,10 @@ from dataclasses import fields
 
 import numpy as np
 
-from ..model.parameters import Parameter
+from ..model.parameters.definitions import Parameter
 from ..parallel.failures import InputError
 from ..reduction.parametric.reduced import ParametricReducedModel, ReducedTerm
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.result.reduced_model import ReducedModel
 from .checked import Array
 from .hdf5 import texts
 

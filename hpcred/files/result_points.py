@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..model.dofs import SCALAR
+from ..fe.dofs import SCALAR
 from ..model.second_order_model import listed
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed

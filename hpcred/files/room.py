@@ -19,7 +19,6 @@ from ..parallel.failures import ComputationError, HpcredError, agreed
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 BASE, A_DATASET = 2**18, 2**12  # bytes of HDF5's own, in all and for each dataset
-DISK_FULL = "the disk is full: "  # in the sentence of NoRoom, by which it is known in the log of another run
 KEEP_SIZE = 1  # of fallocate: take room, and leave the size as it is
 
 _libc = ctypes.CDLL(None, use_errno=True)
@@ -31,6 +30,8 @@ class NotWritten(ComputationError):
 
 class NoRoom(NotWritten):
     """There is no room for a file."""
+
+    exit_status = 74  # EX_IOERR of sysexits.h: a sweep begins no other run
 
 
 def no_room(path, needed: int | None = None, written=None) -> NoRoom:

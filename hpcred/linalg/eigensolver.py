@@ -176,6 +176,11 @@ def _by_groups(matrix, group, eigenpairs):
     return values, vectors
 
 
+def symmetric_part(matrix: np.ndarray) -> np.ndarray:
+    """Return (A + A^T) / 2."""
+    return (matrix + matrix.T) / 2
+
+
 def congruent(matrix: np.ndarray, X: np.ndarray) -> np.ndarray:
     """Return X^T A X, exactly symmetric where the matrix A is. Local."""
     found = X.T @ matrix @ X

@@ -38,7 +38,7 @@ def symmetry_defect(mat: PETSc.Mat, skew=False) -> float:
     root = mat.getDiagonal()
     root.setArray(np.sqrt(np.abs(root.getArray(readonly=True).real)))
     scale = np.repeat(root.getArray(readonly=True).real, np.diff(indptr))
-    scale *= _entries_of(root, indices)
+    scale *= entries_of(root, indices)
     # the comparison
     scale = np.maximum(np.maximum(np.abs(ours), np.abs(theirs)), OF_DIAGONAL * scale)
     difference = np.abs(ours + theirs if skew else ours - theirs)
@@ -46,13 +46,22 @@ def symmetry_defect(mat: PETSc.Mat, skew=False) -> float:
     return float(max(mat.comm.tompi4py().allgather(largest)))
 
 
-def _entries_of(vector: PETSc.Vec, places) -> np.ndarray:
+def entries_of(vector: PETSc.Vec, places: np.ndarray) -> np.ndarray:
     """Return entries of a distributed vector at global places. Collective."""
-    needed, back = np.unique(places, return_inverse=True)
-    found = PETSc.Vec().createSeq(len(needed), comm=PETSc.COMM_SELF)
-    scatter = PETSc.Scatter().create(vector, PETSc.IS().createGeneral(needed, comm=PETSc.COMM_SELF), found, None)
-    scatter.scatter(vector, found)
-    return found.getArray().real[back]
+    first, last = vector.getOwnershipRange()
+    own = (places >= first) & (places < last)
+    # most are on this rank: only the others are sorted
+    needed, back = np.unique(places[~own], return_inverse=True)
+    chosen = PETSc.IS().createGeneral(needed.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+    part = PETSc.Vec().createSeq(len(needed), comm=PETSc.COMM_SELF)
+    scatter = PETSc.Scatter().create(vector, chosen, part, None)
+    scatter.scatter(vector, part)
+    found = np.empty(len(places))
+    found[own] = vector.getArray(readonly=True).real[places[own] - first]
+    found[~own] = part.getArray().real[back]
+    for item in (scatter, chosen, part):
+        item.destroy()
+    return found
 
 
 def extreme_quotients(matrix: PETSc.Mat, symmetric=True) -> tuple[float, float]:

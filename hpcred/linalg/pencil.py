@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 MASSLESS = 1e-10  # of x^T (M + tau^2 K) x: x^T M x up to it is none, for the motion is static far beyond the band
+LEAST_MASS = 1e-7  # that coordinates without mass are given, for poles; the refinement of solves has the rest
 
 
 def squared_frequencies(stiffnesses: np.ndarray, masses: np.ndarray | None, tau: float) -> np.ndarray:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..fe.dofs import DIRECTIONS
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
-from .dofs import DIRECTIONS
 
 
 def check_rows(indptr, indices, values, first, name, dofs):

@@ -10,17 +10,17 @@ from typing import TypedDict
 
 import numpy as np
 
+from ..fe.dofs import Dofs, check_labels, dofs_per_node
+from ..fe.elements import check_elements
+from ..fe.materials import ElementProperties, check_properties
 from ..linalg.blocks import dense_matrix
 from ..linalg.csr import compress
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI, PETSc, free_dropped
 from ..parallel.shares import row_range
 from .checked_arrays import check_columns, check_rows, coordinates, named_columns, real_columns, real_values, row_name
-from .dofs import Dofs, check_labels, dofs_per_node
-from .elements import check_elements
-from .materials import ElementProperties, check_properties
+from .outputs.rates import Rates, check_names, packed_parts
 from .petsc_matrices import decoupled, labels_of, taken
-from .rates import Rates, check_names, packed_parts
 
 
 class Labels(TypedDict, total=False):

@@ -7,13 +7,19 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from ..parallel.declared import as_declared, declared
+from ..parallel.declared import Settings, as_declared, declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import SAME, PETSc
-from ..parallel.ranges import ANYTHING, FREQUENCY, within
+from ..parallel.ranges import Frequency, Number, Range, within
 
-RATIO = (0.0, 1e3, "")  # damping ratios and loss factors
-ALPHA, BETA = (0.0, 1e12, "1/s"), (0.0, 1e6, "s")
+Ratio = Annotated[float, Range(0.0, 1e3)]  # a damping ratio or a loss factor
+ALPHA, BETA = Range(0.0, 1e12, "1/s"), Range(0.0, 1e6, "s")
+
+
+class DampingSettings(Settings):
+    """Base of the damping models."""
+
+    where = "damping."
 
 
 @dataclass(frozen=True)
@@ -24,7 +30,7 @@ class NoDamping:
 
 
 @dataclass(frozen=True)
-class GivenDamping:
+class GivenDamping(DampingSettings):
     """The damping matrix of the model.
 
     Parameters
@@ -39,11 +45,7 @@ class GivenDamping:
     """
 
     kind: Literal["given"] = field(default="given", kw_only=True, repr=False)
-    loss_factor: float = 0.0
-
-    def __post_init__(self):
-        as_declared(self, "damping.")
-        within("damping.loss_factor", self.loss_factor, RATIO)
+    loss_factor: Ratio = 0.0
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class Rayleigh:
 
 
 @dataclass(frozen=True)
-class Caughey:
+class Caughey(Settings):
     """Caughey series, D = M sum_k a_k (M^-1 K)^k (39).
 
     Parameters
@@ -104,17 +106,18 @@ class Caughey:
     """
 
     kind: Literal["caughey"] = field(default="caughey", kw_only=True, repr=False)
-    coefficients: tuple[float, ...]
+    coefficients: tuple[Number, ...]
+
+    where = "caughey."
 
     def __post_init__(self):
-        as_declared(self, "caughey.")
+        super().__post_init__()
         if not self.coefficients:
             raise InputError("caughey.coefficients: expected at least one number")
-        within("caughey.coefficients", self.coefficients, ANYTHING)
 
 
 @dataclass(frozen=True)
-class ModalDamping:
+class ModalDamping(DampingSettings):
     """Damping ratios of the diagonalised reduced model, 2 xi_i omega_i on the diagonal of D (38, 52).
 
     Parameters
@@ -133,20 +136,15 @@ class ModalDamping:
     """
 
     kind: Literal["modal"] = field(default="modal", kw_only=True, repr=False)
-    ratio: float | None = None
-    ratios: tuple[float, ...] | None = None
-    table: tuple[tuple[float, float], ...] | None = None
+    ratio: Ratio | None = None
+    ratios: tuple[Ratio, ...] | None = None
+    table: tuple[tuple[Frequency, Ratio], ...] | None = None
 
     def __post_init__(self):
-        as_declared(self, "damping.")
+        super().__post_init__()
         given = [value for value in (self.ratio, self.ratios, self.table) if value is not None]
         if len(given) != 1 or given[0] == ():
             raise InputError("damping: kind 'modal' needs exactly one of ratio, ratios and table")
-        within("damping.ratio", self.ratio, RATIO)
-        within("damping.ratios", self.ratios, RATIO)
-        for frequency, ratio in self.table or ():
-            within("damping.table", frequency, FREQUENCY)
-            within("damping.table", ratio, RATIO)
         if self.table is not None and list(self.table) != sorted(self.table):
             raise InputError("damping.table: expected frequencies in ascending order")
 
@@ -160,7 +158,7 @@ class ModalDamping:
 
 
 @dataclass(frozen=True)
-class Structural:
+class Structural(DampingSettings):
     """Structural (hysteretic) damping: K is (1 + i eta) K in frequency responses; there is none in time.
 
     Parameters
@@ -175,11 +173,7 @@ class Structural:
     """
 
     kind: Literal["structural"] = field(default="structural", kw_only=True, repr=False)
-    loss_factor: float
-
-    def __post_init__(self):
-        as_declared(self, "damping.")
-        within("damping.loss_factor", self.loss_factor, RATIO)
+    loss_factor: Ratio
 
 
 def loss_factor_of(damping) -> float:

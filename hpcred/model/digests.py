@@ -9,7 +9,7 @@ from xxhash import xxh3_128
 from ..parallel.digest import digest, digest_of_block
 from ..parallel.petsc import MPI
 from .operator import ADDED
-from .rates import KEY as RATES
+from .outputs.rates import KEY as RATES
 
 # all that responses and reduced models of a model depend on, by field; elements and node sets by what is made of them
 PARTS = (ADDED, "M", "K", "D", "B", "Ct", RATES, "interfaces", "dofs")

@@ -12,22 +12,28 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from ..fe.dofs import DIRECTIONS, INTERFACE_THERE, direction_index, position_of_node, row_of, rows_of_node
 from ..linalg.blocks import column_norms, from_dense, local_rows, times
 from ..linalg.csr import compress, sparse_rows
-from ..parallel.declared import as_declared, declared
+from ..parallel.declared import Settings, declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
-from ..parallel.ranges import LABEL, within
-from .coupling import couple
+from ..parallel.ranges import Label, Node
 from .damping import with_damping
-from .dofs import DIRECTIONS, INTERFACE_THERE, direction_index, position_of_node, row_of, rows_of_node
-from .interfaces import node_number
-from .rigid_body_modes import RigidBodyModes
+from .interfaces.coupling import couple
+from .interfaces.nodes import node_number
+from .rigid_body.modes import RigidBodyModes
 from .second_order_model import SecondOrderModel, listed
 
 ONLY_RIGID = 1e-11  # of a load that is left after it is equilibrated: round-off
 RESISTS = 1e-6  # ||K_v r|| of rigid-body motions r over ||K_v|| ||r||
 COLLINEAR = 1e-6  # area of the unit triangle below which three points count as collinear
+
+
+class FrameSettings(Settings):
+    """Base of the frames."""
+
+    where = "frame."
 
 
 @dataclass(frozen=True)
@@ -38,7 +44,7 @@ class NoFrame:
 
 
 @dataclass(frozen=True)
-class Tangent:
+class Tangent(FrameSettings):
     """Tangent frame: the body frame is fixed to one node with six dofs, all of which are zero.
 
     Parameters
@@ -48,15 +54,11 @@ class Tangent:
     """
 
     kind: Literal["tangent"] = field(default="tangent", kw_only=True, repr=False)
-    node: int | str
-
-    def __post_init__(self):
-        as_declared(self, "frame.")
-        within("frame.node", self.node, LABEL)
+    node: Node
 
 
 @dataclass(frozen=True)
-class Chord:
+class Chord(FrameSettings):
     """Chord frame through three nodes (14, 15): u(P1) = 0, u_2(P2) = u_3(P2) = 0, u_3(P3) = 0.
 
     Parameters
@@ -74,18 +76,17 @@ class Chord:
     """
 
     kind: Literal["chord"] = field(default="chord", kw_only=True, repr=False)
-    nodes: tuple[int | str, int | str, int | str]
+    nodes: tuple[Node, Node, Node]
     axes: str | None = None
 
     def __post_init__(self):
-        as_declared(self, "frame.")
-        within("frame.nodes", self.nodes, LABEL)
+        super().__post_init__()
         if self.axes is not None and sorted(self.axes) != ["x", "y", "z"]:
             raise InputError(f"frame.axes: found '{self.axes[:20]}', expected an order of x, y and z such as 'yxz'")
 
 
 @dataclass(frozen=True)
-class Buckens:
+class Buckens(FrameSettings):
     """Buckens frame: the free body without its rigid-body modes, which has the smallest elastic displacement (16).
 
     Parameters
@@ -96,12 +97,11 @@ class Buckens:
     """
 
     kind: Literal["buckens"] = field(default="buckens", kw_only=True, repr=False)
-    supports: tuple[tuple[int, str], ...] | None = None
+    supports: tuple[tuple[Label, str], ...] | None = None
 
     def __post_init__(self):
-        as_declared(self, "frame.")
-        for node, direction in self.supports or ():
-            within("frame.supports", node, LABEL)
+        super().__post_init__()
+        for _, direction in self.supports or ():
             direction_index(direction, "frame.supports")
 
 

@@ -9,9 +9,9 @@ import sys
 from collections.abc import Iterable
 from typing import Any
 
+from ..fe.dofs import Dofs
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
-from .dofs import Dofs
 from .second_order_model import SecondOrderModel
 
 

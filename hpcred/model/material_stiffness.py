@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..fe.materials import MATERIAL
+from ..fe.solids import NO_NODES, NO_TABLE, Solids
+from ..fe.strain_matrices import stiffness_matrices
 from ..linalg.csr import compress
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, number_over_ranks
 from ..parallel.petsc import PETSc
-from .materials import MATERIAL
 from .operator import ADDED
 from .second_order_model import SecondOrderModel
-from .solids import NO_NODES, NO_TABLE, Solids
-from .strain_matrices import stiffness_matrices
 
 SAME_ROW, MOST = 1e-5, 0.9  # relative difference of rows of K, and the part of them that has to be as small
 

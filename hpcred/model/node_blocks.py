@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..fe.corner_nodes import corner_interpolation
 from ..linalg.blocks import times
 from ..linalg.csr import without_products
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, sort_over_ranks
 from ..parallel.petsc import PETSc
-from .corner_nodes import corner_interpolation
-from .rigid_motions import rigid_motions
-from .support import support_of
+from .rigid_body.motions import rigid_motions
+from .rigid_body.support import support_of
 
 
 class NodeBlocks:

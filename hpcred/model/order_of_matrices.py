@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..linalg.csr import diagonal_of
-from .rigid_body_modes import exchange_of_matrices
+from .rigid_body.modes import exchange_of_matrices
 
 SLOW = 1e-3  # (rad/s)^2: mean eigenvalue, that of the stiffest dofs; exchanged ones have 1e-6 and less
 LONG = 10.0  # s: D over K, which is below 1e-2 in bodies; exchanged ones have 1e2 to 1e7

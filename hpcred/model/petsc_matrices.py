@@ -10,11 +10,11 @@ from hashlib import blake2b
 
 import numpy as np
 
+from ..fe.dofs import Dofs, check_labels
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed, watched
 from ..parallel.lookup import repeated_key
 from ..parallel.petsc import MPI, PETSc, free_dropped
-from .dofs import Dofs, check_labels
 
 ROWS_OF_A_NODE = (1, 2, 3, 6)
 
@@ -196,4 +196,6 @@ def decoupled(indptr: np.ndarray, indices: np.ndarray, values, first: int) -> np
     """Return the rows (local, from 0) without a number other than zero beside the diagonal, in any of the matrices."""
     rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
     beside = (indices != rows + first) & np.any([data != 0 for data in values], axis=0)
-    return np.setdiff1d(np.arange(len(indptr) - 1), rows[beside])
+    coupled = np.zeros(len(indptr) - 1, bool)
+    coupled[rows[beside]] = True
+    return np.flatnonzero(~coupled)

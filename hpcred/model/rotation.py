@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..fe.dofs import DIRECTIONS, require_dofs
+from ..fe.element_rows import node_rows
 from ..linalg.csr import sparse_rows
 from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
-from .dofs import DIRECTIONS, require_dofs
-from .element_rows import node_rows
-from .parameters import Term
+from .parameters.definitions import Term
 from .second_order_model import require_model
 
 SAME_MASS = 1e-6  # relative difference of masses in x, y, z that the digits of a text file explain

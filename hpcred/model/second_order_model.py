@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..fe.dofs import SCALAR, Dofs
+from ..fe.materials import ElementProperties, Material
 from ..linalg.csr import diagonal_of
 from ..linalg.matrix_estimates import extreme_quotients, symmetry_defect
 from ..parallel.as_html import as_html
@@ -20,19 +22,18 @@ from ..parallel.petsc import MPI, PETSc
 from . import construction
 from .checked_arrays import check_finite
 from .construction import Labels
-from .cut_outputs import CutOutput
 from .digests import PARTS, digest_of
-from .dofs import SCALAR, Dofs
-from .interface_motion import with_interfaces
-from .interfaces import Interface, InterfaceNode
-from .load_columns import with_loads
-from .loads import AnyLoad, LoadColumn
-from .materials import ElementProperties, Material
-from .motion_outputs import MotionOutput
+from .interfaces.motion import with_interfaces
+from .interfaces.nodes import Interface, InterfaceNode
+from .loads.columns import with_loads
+from .loads.kinds import AnyLoad, LoadColumn
 from .operator import ADDED, KEY, ORDERS, Operator, Term
-from .rates import Rates, check_names
-from .stress_outputs import StressOutput
-from .targets import interface_targets, output_columns, unit_columns
+from .outputs.cuts import CutOutput
+from .outputs.motions import MotionOutput
+from .outputs.rates import Rates, check_names
+from .outputs.stresses import StressOutput
+from .outputs.targets import interface_targets, output_columns, unit_columns
+from .petsc_matrices import decoupled
 from .viscoelastic import Viscoelastic, with_viscoelastic
 
 if TYPE_CHECKING:
@@ -289,7 +290,7 @@ class SecondOrderModel:
             kept["operator"] = self.operator.with_matrices(changed | mats)
         fresh = {key: value for key, value in changed.items() if key not in {*ORDERS, *self.operator.terms}}
         other = self.of_operator(**{item.name: getattr(self, item.name) for item in fields(self)} | kept | fresh)
-        for name in ("_digests", "_defects", "_signs"):
+        for name in ("_digests", "_defects", "_signs", "_alone"):
             known, shared = getattr(self, name), getattr(other, name)
             other_parts = {*changed, "labels" if "dofs" in changed else "", "interfaces" if "Gt" in changed else ""}
             other_parts |= {*ORDERS, ADDED} if "operator" in changed else set()
@@ -405,6 +406,13 @@ class SecondOrderModel:
             self._signs[key] = extreme_quotients(self.matrices[key], self.is_symmetric(key))
         return self._signs[key]
 
+    def rows_alone_in(self, key: str) -> np.ndarray:
+        """Return the rows of this rank (local, from 0) with nothing beside the diagonal in a matrix; local."""
+        if key not in self._alone:
+            indptr, indices, values = self.matrices[key].getValuesCSR()
+            self._alone[key] = decoupled(indptr, indices, [values], self.first_row)
+        return self._alone[key]
+
     @property
     def symmetric(self) -> bool:
         return all(map(self.is_symmetric, self.matrices))
@@ -419,6 +427,10 @@ class SecondOrderModel:
 
     @cached_property
     def _signs(self):
+        return {}
+
+    @cached_property
+    def _alone(self):
         return {}
 
     def digest_of(self, key: str) -> str | None:
@@ -599,7 +611,9 @@ class SecondOrderModel:
         --------
         >>> loaded = model.with_loads([hpcred.Pressure(name="oil", on="BORE", value=2e6)])
         """
-        return with_loads(self, loads, given)
+        import hpcred  # the public functions, which stand above
+
+        return with_loads(self, loads, given, hpcred.read_load)
 
     def with_output_columns(
         self, local: ArrayLike | None, names: Iterable[str], *, Cv: ArrayLike | None = None,

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..fe.dofs import DIRECTIONS, OWN, QUANTITIES, SCALAR, Dofs, named_quantity, target_of
 from ..linalg.blocks import dense_matrix
 from ..parallel.failures import InputError
-from .cut_outputs import cut_output_of
-from .dofs import DIRECTIONS, OWN, QUANTITIES, SCALAR, Dofs, named_quantity, target_of
-from .rates import Rates
+from .outputs.cuts import cut_output_of
+from .outputs.rates import Rates
+from .outputs.stresses import stress_output_of
 from .second_order_model import SecondOrderModel
-from .stress_outputs import stress_output_of
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "inch": 0.0254, "in": 0.0254, "ft": 0.3048}
 POUND = 0.45359237  # kg

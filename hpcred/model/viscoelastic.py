@@ -16,9 +16,9 @@ from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import PETSc
 from .checked_arrays import check_finite, coordinates
-from .cut_outputs import cut_output_of, cuts_refused
 from .laws.registry import AnyLaw
 from .operator import KEY, Operator, Term
+from .outputs.cuts import cut_output_of, cuts_refused
 from .petsc_matrices import taken
 
 if TYPE_CHECKING:

@@ -11,12 +11,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from functools import cache, wraps
-from inspect import signature
+from inspect import Parameter, Signature, signature
+from itertools import repeat
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import AliasChoices, Field
+from pydantic import AliasChoices, Field, TypeAdapter
 
 from .failures import InputError
 
@@ -29,14 +30,51 @@ class _Misfit(Exception):
     """A value is not of a type."""
 
 
-def as_declared(settings, where: str = "", keys: tuple[str, ...] | None = None):
-    """Make the fields of a dataclass, or those of `keys`, plain values of their types. Raises InputError.
+class Settings:
+    """Base of dataclasses whose fields are what their types and the checks in their annotations say.
 
     `where` comes before the names of the fields in messages, such as "krylov.".
     """
-    for name, kind in types_of(type(settings)).items():
-        if keys is None or name in keys:
-            object.__setattr__(settings, name, declared(where + name, getattr(settings, name), kind))
+
+    where: ClassVar[str] = ""
+
+    def __post_init__(self):
+        as_declared(self, self.where)
+
+
+def as_declared(settings, where: str = "", keys: tuple[str, ...] | None = None):
+    """Make the fields of a dataclass, or those of `keys`, plain values of their types, and check them as annotated, as
+    by ranges.Range. Raises InputError.
+
+    `where` comes before the names of the fields in messages, such as "krylov.".
+    """
+    chosen = {name: kind for name, kind in types_of(type(settings)).items() if keys is None or name in keys}
+    for name, kind in chosen.items():
+        object.__setattr__(settings, name, declared(where + name, getattr(settings, name), kind))
+    for name, kind in chosen.items():
+        check_as_annotated(where + name, getattr(settings, name), kind)
+
+
+def check_as_annotated(key: str, value, kind):
+    """Call the checks (key, value) that the annotations of a type have, also of the items of tuples."""
+    if value is None or not _has_checks(kind):
+        return
+    for check in getattr(kind, "__metadata__", ()):
+        if callable(check):
+            check(key, value)
+    kind = plain_type(kind)
+    parts = get_args(kind)
+    if get_origin(kind) in (Union, UnionType):
+        check_as_annotated(key, value, next(part for part in parts if _fits(value, part)))
+    elif get_origin(kind) is tuple and isinstance(value, tuple):
+        for item, part in zip(value, repeat(parts[0]) if ... in parts else parts, strict=False):
+            check_as_annotated(key, item, part)
+
+
+@cache
+def _has_checks(kind) -> bool:
+    """Whether a type, or a part of it, has checks."""
+    return any(map(callable, getattr(kind, "__metadata__", ()))) or any(map(_has_checks, get_args(plain_type(kind))))
 
 
 def declared(key: str, value, kind):
@@ -74,6 +112,12 @@ def types_of(table) -> dict:
     return {item.name: hints[item.name] for item in fields(table)}
 
 
+@cache
+def adapter_of(kind) -> TypeAdapter:
+    """What checks and writes values of a type; to make it takes up to 25 ms."""
+    return TypeAdapter(kind)
+
+
 def plain_type(kind):
     """A type without what Annotated says of it."""
     return get_args(kind)[0] if get_origin(kind) is Annotated else kind
@@ -107,6 +151,35 @@ def spelled_with(table: type) -> Callable[[Function], Function]:
         return checked  # type: ignore[return-value]
 
     return decorated
+
+
+class Keywords:
+    """Base of frozen dataclasses whose fields a function takes as keywords: see flattened."""
+
+
+def flattened(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Have a function take the fields of its parameters that are Keywords as keywords of its own."""
+    kinds = get_type_hints(function, include_extras=True)
+    tables = {name: kind for name, kind in kinds.items() if isinstance(kind, type) and issubclass(kind, Keywords)}
+    parameters, annotations = [], {name: kind for name, kind in kinds.items() if name not in tables}
+    for item in signature(function).parameters.values():
+        if item.name not in tables:
+            parameters.append(item.replace(annotation=kinds.get(item.name, item.annotation)))
+            continue
+        annotations |= types_of(tables[item.name])
+        parameters += [Parameter(key.name, item.KEYWORD_ONLY, default=key.default, annotation=annotations[key.name])
+                       for key in fields(tables[item.name])]  # fmt: skip
+
+    @wraps(function)
+    def called(*arguments, **keywords):
+        for name, table in tables.items():
+            keywords[name] = table(**{key: keywords.pop(key) for key in types_of(table) if key in keywords})
+        return function(*arguments, **keywords)
+
+    parameters.sort(key=lambda item: item.kind)
+    called.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    called.__annotations__ = annotations
+    return called
 
 
 def with_spelled_fields(item):
@@ -147,7 +220,7 @@ def in_words(kind, table: str = "") -> str:
         return WORDS[kind]
     if get_origin(kind) is Literal:
         return " or ".join(f"'{word}'" for word in get_args(kind))
-    parts = [part for part in get_args(kind) if part not in (NoneType, ...)]
+    parts = [plain_type(part) for part in get_args(kind) if part not in (NoneType, ...)]
     if get_origin(kind) is tuple:
         if ... in get_args(kind):
             return f"a list of {MANY.get(parts[0]) or in_words(parts[0], table)}"
@@ -159,7 +232,7 @@ def in_words(kind, table: str = "") -> str:
 
 def _fitted(value, kind):
     kind, value = plain_type(kind), _plain(value)
-    origin, parts = get_origin(kind), get_args(kind)
+    origin, parts = get_origin(kind), tuple(map(plain_type, get_args(kind)))
     if origin in (Union, UnionType):
         if NoneType in parts and is_blank(value):  # which is not the same as nothing
             raise _Misfit
@@ -186,6 +259,14 @@ def _fitted(value, kind):
     elif isinstance(value, origin or kind) and (kind is bool or not isinstance(value, bool)):
         return value
     raise _Misfit
+
+
+def _fits(value, kind) -> bool:
+    try:
+        _fitted(value, kind)
+    except _Misfit:
+        return False
+    return True
 
 
 def _plain(value):

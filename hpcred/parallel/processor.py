@@ -5,12 +5,14 @@ import os
 import re
 from pathlib import Path
 
-from . import kernels
-
 UNKNOWN = "Prescott"  # of 2004: what OpenBLAS may take on an x86-64 that it does not know
 PAGES = Path("/sys/kernel/mm/transparent_hugepage/enabled")
 HUGE_PAGES = "glibc.malloc.hugetlb=1"  # asks for them, since glibc 2.35
-SINCE_2013 = ("Haswell", "SkylakeX", "Cooperlake", "SapphireRapids")
+CORETYPE = "OPENBLAS_CORETYPE"  # OpenBLAS reads it when it is loaded
+SINCE_2013 = {  # kernels, from new to old, and the flag of a processor that supports them
+    "SapphireRapids": "amx_bf16", "Cooperlake": "avx512_bf16", "SkylakeX": "avx512bw", "Haswell": "avx2",
+}  # fmt: skip
+PROCESSORS = Path("/proc/cpuinfo")
 OTHERS = ("MKL_Get_Version", "bli_info_get_version_str", "ATL_buildinfo", "flexiblas_get_version", "armplversion")
 
 
@@ -40,37 +42,34 @@ def hints(comm) -> tuple[str, ...]:
     if config is None:
         slow = reference_blas(made, any(hasattr(library, name) for name in OTHERS))
     else:
-        slow = unknown_processor(made, choices() or ()) or kernels.too_late(made)
+        there = [name for name in SINCE_2013 if hasattr(library, f"gotoblas_{name.upper()}")]
+        slow = unknown_processor(made, there)
     found = [slow, shared_cores(*threads_of(made), cores)]
     return tuple(dict.fromkeys(line for lines in comm.allgather(found) for line in lines if line))
 
 
-def choices() -> list[str] | None:
-    """The kernels that OpenBLAS has for this processor, from new to old; None: another BLAS, or no choice."""
-    library = _library()
-    if "DYNAMIC_ARCH" not in (_config(library) or ""):  # it chooses when it is loaded, others when they are built
+def flags() -> set[str]:
+    """The flags of the processor, as Linux lists them; empty elsewhere."""
+    try:
+        return set(re.search(r"^flags.*", PROCESSORS.read_text(errors="replace"), re.MULTILINE)[0].split())
+    except (OSError, TypeError):
+        return set()
+
+
+def unknown_processor(made, has, supported=None) -> str | None:
+    """The hint for a BLAS (see blas) whose kernels are old ones; `has`: its better ones; `supported`: the flags of the
+    processor."""
+    if not made.endswith(f", {UNKNOWN}") or os.environ.get(CORETYPE):
         return None
-    return kernels.possible(kernels.flags(), lambda name: hasattr(library, f"gotoblas_{name.upper()}"))
-
-
-def chosen_by() -> str:
-    """Who chose the kernels of OpenBLAS: itself, the user or `hpcred bench --save`; "" of another BLAS."""
-    library = _library()
-    return "" if _config(library) is None else kernels.origin(_text(library.openblas_get_corename))
-
-
-def unknown_processor(made, has, flags=None) -> str | None:
-    """The hint for a BLAS (see blas) whose kernels are old ones; `has`: its better ones; `flags` of the processor."""
-    if not made.endswith(f", {UNKNOWN}") or os.environ.get(kernels.CORETYPE):
-        return None
-    able = kernels.possible(kernels.flags() if flags is None else flags, SINCE_2013.__contains__)
+    supported = flags() if supported is None else supported
+    able = [name for name, flag in SINCE_2013.items() if flag in supported]
     if not able:
         return None
     better = next((name for name in able if name in has), None)
     return (
         f"{made.partition(',')[0]} takes the kernels of an old processor ({UNKNOWN}), with which factorisations of "
         "large models take about 1.5 times as long: "
-        + (f"run `hpcred bench --save`, or set OPENBLAS_CORETYPE={better} in the environment" if better else
+        + (f"set {CORETYPE}={better} in the environment" if better else
            "it has none for this one; take a newer OpenBLAS, or one built with DYNAMIC_ARCH")
     )  # fmt: skip
 

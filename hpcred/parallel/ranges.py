@@ -3,16 +3,49 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated, NamedTuple
 
 from .failures import InputError
 
-FREQUENCY = (0.0, 1e12, "Hz")
-LABEL = (1, 2**31 - 1, "")
-COUNT = (1, 2**31 - 1, "")
-SAMPLES = (1, 10**6, "")  # values at which something is computed
-COORDINATE = (-1e9, 1e9, "m")
-RATE = (-1e13, 1e13, "1/s")
-ANYTHING = (-1e30, 1e30, "")
+
+class Range(NamedTuple):
+    """The numbers from `low` to `high` in a unit. In the annotation of a field (Annotated) it is checked as all that
+    is declared of the field: see declared.as_declared."""
+
+    low: float
+    high: float
+    unit: str = ""
+
+    def __call__(self, key, value):
+        within(key, value, self)
+
+
+FREQUENCY = Range(0.0, 1e12, "Hz")
+LABEL = Range(1, 2**31 - 1)
+COUNT = Range(1, 2**31 - 1)
+SAMPLES = Range(1, 10**6)  # values at which something is computed
+COORDINATE = Range(-1e9, 1e9, "m")
+RATE = Range(-1e13, 1e13, "1/s")
+ANYTHING = Range(-1e30, 1e30)
+
+Frequency = Annotated[float, FREQUENCY]
+Coordinate = Annotated[float, COORDINATE]
+Number = Annotated[float, ANYTHING]  # finite, and not beyond all units
+Vector = tuple[Number, Number, Number]
+Label = Annotated[int, LABEL]
+Node = Label | str  # by number, or by the name of an interface
+
+
+def positive(key: str, value):
+    """Raise InputError for a number that is not more than 0; in annotations, as Range is."""
+    if value <= 0:
+        raise InputError(f"{key}: found {value:g}, expected a number of more than 0")
+
+
+def not_negative(key: str, value):
+    """Raise InputError for a number, or numbers in a tuple, below 0; in annotations, as Range is."""
+    if value is not None and min(value if isinstance(value, tuple) else (value,)) < 0:
+        raise InputError(f"{key}: found {value}, expected nothing below 0")
 
 
 def require_band(key: str, band: tuple[float, float] | None):

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..model.elements import FACES, NODES
-from ..model.surface_faces import Faces, faces_of, faces_of_elements
+from ..fe.elements import FACES, NODES
+from ..fe.faces import Faces, faces_of, faces_of_elements
 from ..parallel.lookup import look_up
 from .nodes.table import NodeTable
 

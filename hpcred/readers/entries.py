@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.dofs import DIRECTIONS
+from ..fe.dofs import DIRECTIONS
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up
 

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..fe.dofs import require_dofs
+from ..fe.faces import placed_nodes, places_of
 from ..files.text import end_to_end, first_bytes, pieces
 from ..files.text_numbers import labels, numbers
-from ..model.dofs import require_dofs
-from ..model.face_loads import NodalForces, forces_on_faces
-from ..model.load_columns import added, centrifugal_field, column_of, inertia_force, sums_of_column
-from ..model.loads import DeckLoad, GivenLoad, LoadColumn, Temperature
-from ..model.surface_faces import placed_nodes, places_of
-from ..model.thermal_loads import thermal_forces
+from ..model.loads.columns import added, centrifugal_field, column_of, inertia_force, sums_of_column
+from ..model.loads.kinds import DeckLoad, GivenLoad, LoadColumn, Temperature
+from ..model.loads.on_faces import NodalForces, forces_on_faces
+from ..model.loads.thermal import thermal_forces
 from ..model.units import SI, Units, units_of
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
@@ -24,6 +24,7 @@ from .abaqus import loads as abaqus_loads
 from .ansys import full_loads
 from .ansys import records as ansys_records
 from .assembly import read_columns
+from .calculix import matrix_storage
 from .deck_loads import DeckLoads
 from .entries import label_name, label_of, node_and_direction
 from .nastran import bulk
@@ -113,7 +114,8 @@ def _deck(load, comm) -> DeckLoads:
         return full_loads.read_loads(load.file, comm)
     if wanted == "sid":
         return replace(nastran_loads.read_loads(load.file, load.sid, comm), nodes=same_mesh.read_nodes(load.file, comm))
-    return abaqus_loads.read_loads(load.file, load.step, comm)
+    of_calculix = "K" in matrix_storage.files_of(load.file)
+    return abaqus_loads.read_loads(load.file, load.step, comm, calculix=of_calculix)
 
 
 def _placed(model, load, found: DeckLoads, units: Units):

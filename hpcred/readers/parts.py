@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import sparse
 
+from ..fe.dofs import SCALAR
+from ..fe.materials import ElementProperties
 from ..files.text import LARGEST_LABEL
 from ..model.checked_arrays import real_values
-from ..model.dofs import SCALAR
-from ..model.materials import ElementProperties
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, sort_over_ranks
 from .entries import Entries, LabelledEntries, label_of, node_and_direction

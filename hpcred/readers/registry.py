@@ -13,7 +13,7 @@ from ..parallel.plugins import OWN, Registry, blamed
 from .base import Reader
 
 OURS = (
-    "abaqus.export:AbaqusInput",
+    "input_file:AbaqusInput",
     "calculix.matrix_storage:MatrixStorage",
     "matrices.matrix_market:MatrixMarket",
     "matrices.petsc_binary:PetscBinary",

@@ -6,19 +6,19 @@ import math
 
 import numpy as np
 
+from ..fe.solids import Solids
 from ..linalg.csr import diagonal_of
 from ..model.damping import ModalDamping, caughey_terms
 from ..model.definiteness import check_definite, warnings_of_definiteness
 from ..model.frames import Buckens, refuse_unsymmetric
-from ..model.interface_motion import members
-from ..model.interfaces import warnings_of_interfaces
+from ..model.interfaces.motion import members
+from ..model.interfaces.nodes import warnings_of_interfaces
 from ..model.order_of_matrices import questions_on_order
-from ..model.rigid_body_modes import exchange_of_matrices, misfit_of_nodes, remark_on_digits, warnings_of_nodes
-from ..model.rows_alone import warnings_of_rows_alone
+from ..model.outputs.stresses import stress_output_of
+from ..model.rigid_body.modes import exchange_of_matrices, misfit_of_nodes, remark_on_digits, warnings_of_nodes
+from ..model.rigid_body.rows_alone import warnings_of_rows_alone
+from ..model.rigid_body.support import support_of
 from ..model.second_order_model import SAY_SO, SYMMETRIC_TO, require_inputs
-from ..model.solids import Solids
-from ..model.stress_outputs import stress_output_of
-from ..model.support import support_of
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 

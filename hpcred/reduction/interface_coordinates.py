@@ -12,33 +12,22 @@ that the superelement moves as a whole without force; what is known of its error
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
+from ..fe.dofs import DIRECTIONS
 from ..linalg.blocks import create_block, inner, local_rows
+from ..linalg.eigensolver import symmetric_part
 from ..linalg.pencil import massless_last, modes_of
 from ..model.damping import GivenDamping
-from ..model.dofs import DIRECTIONS
 from ..model.frames import Chord, NoFrame, Tangent
-from ..model.operator import Operator
-from ..model.rigid_body_modes import RigidBodyModes
+from ..model.rigid_body.modes import RigidBodyModes
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from .components.craig_bampton import check_directions, interface_forces
-from .projection import project, project_columns
-from .reduced_model import ReducedModel
+from .result.reduced_model import ReducedModel
+from .run.projection import Projection, project, project_columns
 
 UNMOVED = 1e-9  # singular value of G V, its rows scaled, below which a direction of the interfaces cannot move
-
-
-class Projected(NamedTuple):
-    """A basis `columns` (n, m) in the coordinates of the frame, and what is projected on it."""
-
-    columns: object
-    operator: Operator
-    B: np.ndarray
-    C: np.ndarray
 
 
 def check_interface_coordinates(model, frame):
@@ -64,38 +53,39 @@ def check_interface_coordinates(model, frame):
             )
 
 
-def to_interface_coordinates(framed, given: Projected, tau=0.0) -> Projected:
+def to_interface_coordinates(framed, modal: Projection, tau=0.0) -> Projection:
     """Return the same span, and the rigid-body modes of the frame, in interface coordinates; `tau`: of the inner
     product, see Run. Collective. Raises InputError."""
-    whole = given if framed.rigid is None else _with_rigid(framed, given)
-    forces = interface_forces(framed.model)
-    motion = inner(forces, whole.columns)
+    whole = modal if framed.rigid is None else _with_rigid(framed, modal)
+    motion = inner(interface_forces(framed.model), whole.columns)
     M, K = whole.operator["M"], whole.operator["K"]
     T = decided(framed.model.comm, transformation, motion, M, K, framed.model.interfaces, tau)
     block = create_block(framed.model.K, T.shape[1])
     with local_rows(whole.columns) as old, local_rows(block) as new:
         new[...] = old @ T
-    c = len(motion)
-    operator = whole.operator.projected(T)
+    # what Phi^T M Phi = I, Phi^T K Phi = omega^2 and Phi^T K Psi = 0 are, exactly
+    count, operator = len(motion), whole.operator.projected(T)
     M, K = operator["M"], operator["K"]
-    static = np.diag(M)[c:] < 0.5  # others have mass 1
-    M[c:, c:] = np.diag(np.where(static, 0.0, 1.0))
-    M[:c, c:][:, static] = M[c:, :c][static] = 0.0
-    K[:c, c:] = K[c:, :c] = 0.0
-    K[c:, c:] = np.diag(np.diag(K)[c:])
-    return Projected(block, operator, T.T @ whole.B, whole.C @ T)
+    static = np.diag(M)[count:] < 0.5  # others have mass 1
+    M[count:, count:] = np.diag(np.where(static, 0.0, 1.0))
+    M[:count, count:][:, static] = M[count:, :count][static] = 0.0
+    K[:count, count:] = K[count:, :count] = 0.0
+    K[count:, count:] = np.diag(np.diag(K)[count:])
+    frequencies = np.concatenate([np.zeros(framed.rigid_size), modal.frequencies])
+    return Projection(operator, T.T @ whole.B, whole.C @ T, frequencies, block, modal.defect,
+                      interfaces=framed.model.interfaces)  # fmt: skip
 
 
-def _with_rigid(framed, given):
+def _with_rigid(framed, modal: Projection) -> Projection:
     """Return the projection on [R, V] in place of V: M^ = I and K^ = 0 for the rigid-body motion, to the last digit.
 
     A given damping matrix acts on it; other damping is that of the deformation and does not.
     """
     model, rigid = framed.model, framed.rigid
-    first, last = given.columns.getActiveColumns()
+    first, last = modal.columns.getActiveColumns()
     count, size = rigid.count, rigid.count + last - first
     block = create_block(model.K, size)
-    with local_rows(block) as new, local_rows(rigid.R) as R, local_rows(given.columns) as V:
+    with local_rows(block) as new, local_rows(rigid.R) as R, local_rows(modal.columns) as V:
         new[:, :count], new[:, count:] = R, V
 
     def beside(value, corner):
@@ -103,14 +93,15 @@ def _with_rigid(framed, given):
         result[:count, :count], result[count:, count:] = corner, value
         return result
 
-    operator = given.operator.map(lambda matrix: beside(matrix, 0.0))
-    changed = {"M": beside(given.operator["M"], np.eye(count))}
+    operator = modal.operator.map(lambda matrix: beside(matrix, 0.0))
+    changed = {"M": beside(modal.operator["M"], np.eye(count))}
     if isinstance(framed.damping, GivenDamping):
         D = project(model.D, block)
-        changed["D"] = _symmetric(D) if model.is_symmetric("D") else D
-    B = np.concatenate([project_columns(rigid.R, model.B), given.B])
-    C = B.T if model.Ct is None else np.concatenate([project_columns(rigid.R, model.Ct).T, given.C], axis=1)
-    return Projected(block, operator.with_matrices(operator.matrices | changed), B, C)
+        changed["D"] = symmetric_part(D) if model.is_symmetric("D") else D
+    B = np.concatenate([project_columns(rigid.R, model.B), modal.B])
+    C = B.T if model.Ct is None else np.concatenate([project_columns(rigid.R, model.Ct).T, modal.C], axis=1)
+    operator = operator.with_matrices(operator.matrices | changed)
+    return modal._replace(columns=block, operator=operator, B=B, C=C)
 
 
 def transformation(motion, M, K, interfaces, tau=0.0):
@@ -134,7 +125,7 @@ def transformation(motion, M, K, interfaces, tau=0.0):
     psi = right[:count].T @ ((left.T / sizes) / values[:, None])
     if N.shape[1] == 0:
         return psi
-    inside = _symmetric(N.T @ K @ N), _symmetric(N.T @ M @ N)
+    inside = symmetric_part(N.T @ K @ N), symmetric_part(N.T @ M @ N)
     eigenvalues, X, without = massless_last(*inside, tau) if tau else (*_eigh(*inside), 0)
     if without:
         eigenvalues[-without:] = tau**-2
@@ -156,10 +147,6 @@ def elastic_part(reduced: ReducedModel, count: int | None = None) -> ReducedMode
         return reduced
     X = modes_of(reduced.K, reduced.M)[1][:, count:]
     return reduced.in_coordinates(X, frequencies=reduced.frequencies[count:], interfaces=(), columns=None)
-
-
-def _symmetric(matrix):
-    return (matrix + matrix.T) / 2
 
 
 def _eigh(K, M):

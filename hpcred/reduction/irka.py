@@ -24,10 +24,10 @@ from ..parallel.failures import InputError
 from ..parallel.messages import message
 from ..parallel.ranges import require_band
 from .components.component import Component
-from .massless import first_order
 from .reduce import reduce
-from .reduced_model import ReducedModel
 from .reductor import Reductor
+from .result.massless import first_order
+from .result.reduced_model import ReducedModel
 
 DAMPED = 1e-9  # least damping ratio of a pole whose mirror image can be a point
 
@@ -57,7 +57,7 @@ class TangentialPoints(Component):
         return True
 
     def extend(self, basis, run) -> None:
-        solver, found = run.solvers.complex, 0
+        solver, found = run.solvers.complex(), 0
         with run.progress.stage("solve"):
             loads = from_dense(run.model.B)
             load, solution = (create_block(run.model.K, 2) for _ in range(2))
@@ -122,10 +122,9 @@ class IRKA(Reductor):
                 if moved <= self.change:
                     return reduced
         said = f"irka: after {self.turns} turns points still move by {moved:.1e} of themselves"
-        reduced.record = replace(reduced.record, warnings=(*reduced.record.warnings, said))
         if model.comm.rank == 0:
             message(logging.WARNING, said)
-        return reduced
+        return replace(reduced, record=replace(reduced.record, warnings=(*reduced.record.warnings, said)))
 
     def _first(self, model):
         """Return points over the band with a damping ratio of 2 %, and one input and output after the other."""

@@ -11,22 +11,23 @@ import numpy as np
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import Damping, damping_or_given
 from ..model.frames import Frame, NoFrame
-from ..model.parametric_model import ParametricModel
+from ..model.parameters.parametric_model import ParametricModel
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared, refuse_file, spelled
 from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 from .basis_reductor import BasisReductor
 from .components.component import Component
-from .measure import Measure
-from .parametric.reductor import ParametricBasisReductor, ParametricReductor
 from .parametric.settings import ParameterSearch
-from .reduced_model import ReducedModel
+from .parametric_reductor import ParametricBasisReductor, ParametricReductor
 from .reductor import Reductor
+from .result.measure import Measure
+from .result.record import UnknownPart
+from .result.reduced_model import ReducedModel
+from .run.store import Store
+from .search.goal import Adaptive
 from .settings import Reduction
-from .store import Store
-from .tolerance.accuracy import Adaptive
-from .tolerance.reductor import ToleranceReductor
+from .tolerance_reductor import ToleranceReductor
 from .two_sided import TwoSidedReductor
 
 
@@ -132,6 +133,9 @@ def reduce(
         raise InputError(f"store: found {store!r}, expected a Store, such as PointStore(folder)")
     if isinstance(basis, Reductor):
         raise InputError(f"basis: found {type(basis).__name__}, a Reductor; call its method reduce(model)")
+    for part in basis if isinstance(basis, tuple) else ():  # that of a record
+        if isinstance(part, UnknownPart):
+            raise InputError(f"basis: found the kind '{part.kind}', whose class is not known here; import it first")
     basis = declared("basis", (basis,) if isinstance(basis, Component) else basis or (), tuple[Component, ...])
     adaptive = _asked_accuracy(
         declared("adaptive", adaptive, Adaptive | None), tolerance, band, measure=measure, static=static

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 
 from ..model.second_order_model import SecondOrderModel
-from .reduced_model import ReducedModel
+from .result.reduced_model import ReducedModel
 
 
 class Reductor(ABC):

@@ -12,10 +12,10 @@ from ..model.digits import warnings_of_digits
 from ..model.operator import Operator
 from ..parallel.decisions import decided
 from ..parallel.failures import ComputationError, InputError
-from .basis_reductor import BasisReductor, reduced_model
-from .massless import ROUND_OFF
-from .projection import diagonalise, diagonalise_with_massless, everywhere, project, project_columns
-from .reduced_damping import reduced_damping
+from .basis_reductor import BasisReductor
+from .result.massless import ROUND_OFF
+from .run.projection import Projection, diagonalise, diagonalise_with_massless, project, project_columns
+from .small.damping import reduced_damping
 
 LOST = 1e-10  # singular value of W^T M V below which a pair of directions cannot be made bi-orthogonal
 
@@ -26,7 +26,7 @@ class TwoSidedReductor(BasisReductor):
 
     projection = "two_sided"
 
-    def _check(self, model):
+    def check(self, model):
         if self.settings.drop_above is not None or isinstance(self.damping, ModalDamping):
             raise InputError(
                 "projection: 'two_sided' leaves no diagonal model, which drop_above and modal damping need; "
@@ -37,54 +37,43 @@ class TwoSidedReductor(BasisReductor):
         if model.added:
             raise InputError(f"projection: 'two_sided' has no place for the {model.added.plural} of {model.name}; take "
                              "'one_sided', or a tolerance")  # fmt: skip
-        return super()._check(model)
+        return super().check(model)
 
-    def _more_runs(self, run):
-        return (run.dual(),)
+    def project(self, setup, spaces):
+        return two_sided(setup.model, setup.framed, *spaces.bases, spaces.runs[0])
 
-    def _project(self, model, framed, bases, run):
-        """Return the reduced model of a two-sided projection (20), its poles checked, and the biorthonormality defect.
-        """
-        (right, left), full, static = bases, framed.model, 0
-        if run.tau:
-            eigenvalues, _ = diagonalise_with_massless(right, run.mass, partial(project, full.K), run.tau)
-        else:
-            eigenvalues = diagonalise(right, project(full.K, right.columns))
-        run.notes.remarks += warnings_of_digits(model, full.K, eigenvalues, right.columns)
-        if run.tau:
-            static = biorthogonal_with_massless(left, right, run)
-            moving = right.size - static
-            gram = project(run.mass, right.columns, left.columns)[:moving, :moving]
-            defect = float(np.abs(gram - np.eye(moving)).max(initial=0.0))
-        else:
-            defect = biorthogonal(left, right, run)
-        V, W = right.columns, left.columns
-        small = {key: project(mat, V, W) for key, mat in full.matrices.items()}
-        moving = len(small["K"]) - static
-        squares = np.sort(np.abs(np.linalg.eigvals(small["K"][:moving, :moving])))
-        if static:
-            only_static(small, static, run.tau)
-            squares = np.append(squares, squared_frequencies(np.ones(static), np.zeros(static), run.tau))
-        frequencies = np.sqrt(squares) / (2 * np.pi)
-        if "D" not in small:
-            small["D"] = reduced_damping(framed.damping, small["K"], frequencies, small["M"])
-        inputs, outputs = project_columns(W, full.B), project_columns(V, full.Ct)
-        operator = Operator.of(**small)
-        reduced = reduced_model(model, framed, operator, inputs, outputs.T.copy(), frequencies)
-        unstable = decided(model.comm, reduced.unstable_poles)
-        if len(unstable):
-            listed = ", ".join(f"{pole.real:.3g}{pole.imag:+.4g}i" for pole in unstable[:6])
-            told = (
-                f"projection: the two-sided reduced model is unstable, with {len(unstable)} poles in the right "
-                f"half-plane ({listed}{', ...' if len(unstable) > 6 else ''} rad/s)"
-            )
-            if not self.settings.allow_unstable:
-                raise InputError(f"{told}; take projection = 'one_sided', which keeps stability, or allow_unstable = "
-                                 "true for frequency responses only")  # fmt: skip
-            run.notes.remarks.append(f"{told}: use it for frequency responses only, or take other points or another "
-                                     "size, or a tolerance, which keeps stability")  # fmt: skip
-        reduced.columns, reduced.left_columns = (everywhere(model, framed, block) for block in (V, W))
-        return reduced, defect
+
+def two_sided(model, framed, right, left, run) -> Projection:
+    """Return W^T A V (20), W^T B and C V of a model in its frame, and change both bases so that W^T M V = I.
+    Collective. Raises ComputationError."""
+    full, static = framed.model, 0
+    # V^T K V = diag(omega^2) (53, 54), of which the digits of K leave so many
+    if run.tau:
+        eigenvalues, _ = diagonalise_with_massless(right, run.mass, partial(project, full.K), run.tau)
+    else:
+        eigenvalues = diagonalise(right, project(full.K, right.columns))
+    run.notes.remarks += warnings_of_digits(model, full.K, eigenvalues, right.columns)
+    # W^T M V = I, but for the last columns where some have no mass
+    if run.tau:
+        static = biorthogonal_with_massless(left, right, run)
+        moving = right.size - static
+        gram = project(run.mass, right.columns, left.columns)[:moving, :moving]
+        defect = float(np.abs(gram - np.eye(moving)).max(initial=0.0))
+    else:
+        defect = biorthogonal(left, right, run)
+    # W^T A V of the terms, and squared pseudo-frequencies
+    V, W = right.columns, left.columns
+    small = {key: project(mat, V, W) for key, mat in full.matrices.items()}
+    moving = len(small["K"]) - static
+    squares = np.sort(np.abs(np.linalg.eigvals(small["K"][:moving, :moving])))
+    if static:
+        only_static(small, static, run.tau)
+        squares = np.append(squares, squared_frequencies(np.ones(static), np.zeros(static), run.tau))
+    frequencies = np.sqrt(squares) / (2 * np.pi)
+    if "D" not in small:
+        small["D"] = reduced_damping(framed.damping, small["K"], frequencies, small["M"])
+    B, C = project_columns(W, full.B), project_columns(V, full.Ct).T.copy()
+    return Projection(Operator.of(**small), B, C, frequencies, V, defect, W)
 
 
 def biorthogonal(left, right, run) -> float:

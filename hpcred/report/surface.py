@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.elements import FACES, all_faces, edges, equal_rows, free, triangles_of
+from ..fe.elements import FACES, all_faces, edges, equal_rows, free, triangles_of
 
 SHARP = np.cos(np.radians(40.0))  # of the angle between two faces whose edge belongs to the outline
 SIDES = 8  # of a tube
@@ -32,7 +32,7 @@ class DrawnSurface:
 
 
 def surface_of(points, cells: dict) -> DrawnSurface:
-    """Return the surface of a body: `points` (k, 3), `cells` by kind (of model.elements) as indices of points."""
+    """Return the surface of a body: `points` (k, 3), `cells` by kind (of fe.elements) as indices of points."""
     corners, middles, solid = all_faces(cells)
     seen = free(corners, solid)
     corners, middles = corners[seen], middles[seen]

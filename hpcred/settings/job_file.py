@@ -10,16 +10,16 @@ from typing import Annotated, Literal
 from pydantic import Discriminator, Field, Tag
 
 from ..body.loaded_states import LoadedState
+from ..fe.dofs import direction_index, target_of
 from ..linalg.solvers.settings import Factoring, LinearSolver
-from ..model.cut_outputs import CutOutput
 from ..model.damping import Damping, NoDamping
-from ..model.dofs import direction_index, target_of
 from ..model.frames import Frame, NoFrame
-from ..model.interfaces import Interface
-from ..model.loads import AnyLoad
-from ..model.motion_outputs import MotionOutput
-from ..model.parameters import Parameter, check_terms, checked_values
-from ..model.stress_outputs import StressOutput
+from ..model.interfaces.nodes import Interface
+from ..model.loads.kinds import AnyLoad
+from ..model.outputs.cuts import CutOutput
+from ..model.outputs.motions import MotionOutput
+from ..model.outputs.stresses import StressOutput
+from ..model.parameters.definitions import Parameter, check_terms, checked_values
 from ..parallel.failures import InputError
 from ..parallel.ranges import COORDINATE, LABEL, require_band, within
 from ..reduction.components.craig_bampton import (
@@ -33,8 +33,8 @@ from ..reduction.components.krylov import Krylov, StaticCorrection
 from ..reduction.components.modes import Modes
 from ..reduction.components.second_order_krylov import SecondOrderKrylov
 from ..reduction.parametric.settings import ParameterSearch
+from ..reduction.search.goal import Adaptive, Limits
 from ..reduction.settings import Reduction
-from ..reduction.tolerance.accuracy import Adaptive, Limits
 from .source import Source
 from .term_table import TermTable
 from .toml_file import CONFIG, check_file_names, parse, read_table, require_kind
@@ -75,7 +75,7 @@ class Job:
     [node, direction], and of names of interfaces, for all of their directions; among the outputs also velocities and
     accelerations, {node = 20, direction = "z", quantity = "acceleration"}, stresses at nodes, {node = 20, stress =
     "xx"}, and the forces of a cut, {cut = "TIP", about = [0.1, 0.0, 0.0]}; without them those of the model are taken,
-    or all directions of all interfaces. `interface`: see model.interfaces.Interface; its name stands for a node in
+    or all directions of all interfaces. `interface`: see Interface; its name stands for a node in
     inputs, outputs and frames. `load`: further inputs, behind `inputs`.
     `viscoelastic`: parts with a stiffness that depends on frequency.
     `circulatory`: whether K, and its terms, may be unsymmetric, as with damping that turns with a shaft, oil films or
@@ -85,8 +85,8 @@ class Job:
     times its factor (docs/parameters.md); `parameter_search`: at how many values the error is looked at;
     `at`: values of the parameters by name, at which the model is reduced as one without parameters.
     `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over the band, within the limits
-    `adaptive` (see reduction.tolerance.accuracy.Limits); `measure`, `static`: see
-    reduction.tolerance.accuracy.Adaptive; `unreached`: where it is not reached the model is written under a name that
+    `adaptive` (see reduction.search.goal.Limits); `measure`, `static`: see
+    reduction.search.goal.Adaptive; `unreached`: where it is not reached the model is written under a name that
     says so ("mark"), as `output` ("write"), or not ("refuse").
     `write_basis`: whether V goes into the result; `stress`: whether the stresses of its columns do, at all nodes of
     solid elements, or at a list of nodes and names of node sets; `report`: whether an HTML report is written beside

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ..model.parameters import Term
+from ..model.parameters.definitions import Term
 from ..model.rotation import unit_axis
 from ..parallel.failures import InputError
 from .toml_file import check_file_names

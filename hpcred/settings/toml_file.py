@@ -11,10 +11,10 @@ from pathlib import Path
 from types import NoneType
 from typing import get_args, get_origin
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, ValidationError
 
 from ..files.text import absent
-from ..parallel.declared import in_words, is_blank, meant_by, nearest, plain_type, types_of
+from ..parallel.declared import adapter_of, in_words, is_blank, meant_by, nearest, plain_type, types_of
 from ..parallel.failures import InputError
 
 if sys.version_info >= (3, 11):
@@ -57,7 +57,7 @@ def parse(kind, table: dict):
     except RecursionError as error:
         raise InputError("tables inside tables, thousands deep; expected a table of keys") from error
     try:
-        found = TypeAdapter(kind).validate_json(text, strict=True)
+        found = adapter_of(kind).validate_json(text, strict=True)
     except ValidationError as error:
         if r"\udc" in text and (stray := _stray_text(table)) is not None:  # as JSON has such bytes
             raise InputError(f"{stray[0]}: {_not_in_locale(stray[1])}") from error

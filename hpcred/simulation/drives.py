@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Annotated, Literal
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from ..parallel.declared import as_declared
+from ..parallel.declared import Settings
 from ..parallel.failures import InputError
-from .checks import (
-    require_finite,
-    require_node,
-    require_not_negative,
-    require_sine,
-    require_times,
-    shortest_interval,
-    unit,
-)
-from .loads import Vector
+from ..parallel.ranges import Node, Vector
+from .time_functions import Constant, Ramp, Sine, Spline
+
+
+def unit(where, key, vector) -> np.ndarray:
+    """Return the unit vector (3,) of an axis. Raises InputError for one without length."""
+    length = np.linalg.norm(vector)
+    if length == 0:
+        raise InputError(f"{where}{key}: found {list(vector)}, which has no direction")
+    return np.asarray(vector, dtype=float) / length
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drive:
+class Drive(Settings):
     """Base class of drives: the support of a node moves along a direction or rotates about an axis, in inertial axes.
 
     Parameters
@@ -32,9 +31,9 @@ class Drive:
     node : int or str
         Number of the node, or name of an interface.
     along : tuple of three floats, optional
-        Direction of the displacement (m).
+        Direction of a displacement (m); exactly one of `along` and `about`.
     about : tuple of three floats, optional
-        Axis of the rotation (rad); exactly one of `along` and `about`.
+        Axis of a rotation (rad).
     through : tuple of three floats, optional
         A point of the axis in m; by default where the node is held.
 
@@ -44,13 +43,14 @@ class Drive:
     longest time step (s) that resolves the motion, and `travel(end)`, the distance or angle covered until `end`.
     """
 
-    node: int | str
+    node: Node
     along: Vector | None = None
     about: Vector | None = None
     through: Vector | None = None
+    where: ClassVar[str] = "drive."
 
     def __post_init__(self):
-        as_declared(self, "drive.")
+        super().__post_init__()
         if (self.along is None) == (self.about is None):
             raise InputError(
                 f"drive: node {self.node} needs a direction `along` which it is displaced or an axis `about` which it "
@@ -58,9 +58,10 @@ class Drive:
             )
         if self.through is not None and self.about is None:
             raise InputError(f"drive.through: found {list(self.through)} without `about`, of whose axis it is a point")
-        require_node("drive.", self.node)
-        require_finite("drive.", through=self.through)
         self.direction  # noqa: B018  refused here if it has none
+
+    def __call__(self, t: float) -> tuple[float, float]:
+        return self.at(t), self.slope(t)
 
     @property
     def direction(self) -> np.ndarray:
@@ -69,172 +70,29 @@ class Drive:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConstantDrive(Drive):
-    """A constant displacement or rotation from the beginning.
-
-    Parameters
-    ----------
-    node : int or str
-        Number of the node, or name of an interface.
-    along, about : tuple of three floats, optional
-        Direction of a displacement, or axis of a rotation; exactly one of the two.
-    through : tuple of three floats, optional
-        A point of the axis in m; by default where the node is held.
-    value : float
-        In m or rad.
-    """
-
-    value: float
-    kind: Literal["constant"] = field(default="constant", repr=False)
-
-    def __post_init__(self):
-        super().__post_init__()
-        require_finite("drive.", value=self.value)
-
-    def __call__(self, t):
-        return self.value, 0.0
-
-    def longest_step(self, end: float = np.inf) -> float:
-        return np.inf
-
-    def travel(self, end: float) -> float:
-        return 0.0
+class ConstantDrive(Constant, Drive):
+    """A constant displacement or rotation from the beginning, with the parameters of Drive and `value` in m or rad."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class RampDrive(Drive):
-    """A motion whose rate grows smoothly from 0 to a constant value.
+class RampDrive(Ramp, Drive):
+    """A motion whose rate grows smoothly from 0 to a constant value, with the parameters of Drive, `rate` in m/s or
+    rad/s, and `duration` of the growth in s, by default 0.
 
-    Parameters
-    ----------
-    node : int or str
-        Number of the node, or name of an interface.
-    along, about : tuple of three floats, optional
-        Direction of a displacement, or axis of a rotation; exactly one of the two.
-    through : tuple of three floats, optional
-        A point of the axis in m; by default where the node is held.
-    rate : float
-        Final rate in m/s or rad/s.
-    duration : float, default 0.0
-        Time of the growth in s.
-
-    Notes
-    -----
     With a = t / duration the rate is rate (a - sin(2 pi a) / (2 pi)): the acceleration begins and ends with 0.
     """
 
-    rate: float
-    duration: float = 0.0
-    kind: Literal["ramp"] = field(default="ramp", repr=False)
 
-    def __post_init__(self):
-        super().__post_init__()
-        require_finite("drive.", rate=self.rate, duration=self.duration)
-        require_not_negative("drive.", duration=self.duration)
-
-    def __call__(self, t):
-        end = self.duration
-        if t >= end:
-            return self.rate * (t - end / 2), self.rate
-        a = max(t, 0.0) / end
-        turn = 2 * np.pi
-        value = a * a / 2 + (np.cos(turn * a) - 1) / turn**2
-        return self.rate * end * value, self.rate * (a - np.sin(turn * a) / turn)
-
-    def longest_step(self, end: float = np.inf) -> float:
-        return self.duration / 8 or np.inf
-
-    def travel(self, end: float) -> float:
-        return abs(self.rate) * max(end - self.duration / 2, 0.0)
+@dataclass(frozen=True, kw_only=True)
+class SineDrive(Sine, Drive):
+    """A sinusoidal motion, amplitude sin(2 pi frequency t + phase), with the parameters of Drive, `amplitude` in m or
+    rad, `frequency` in Hz, and `phase` in rad, by default 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class SineDrive(Drive):
-    """A sinusoidal motion, amplitude sin(2 pi frequency t + phase).
-
-    Parameters
-    ----------
-    node : int or str
-        Number of the node, or name of an interface.
-    along, about : tuple of three floats, optional
-        Direction of a displacement, or axis of a rotation; exactly one of the two.
-    through : tuple of three floats, optional
-        A point of the axis in m; by default where the node is held.
-    amplitude : float
-        In m or rad.
-    frequency : float
-        In Hz.
-    phase : float, default 0.0
-        In rad.
-    """
-
-    amplitude: float
-    frequency: float
-    phase: float = 0.0
-    kind: Literal["sine"] = field(default="sine", repr=False)
-
-    def __post_init__(self):
-        super().__post_init__()
-        require_finite("drive.", amplitude=self.amplitude)
-        require_sine("drive.", self.frequency, self.phase)
-
-    def __call__(self, t):
-        omega = 2 * np.pi * self.frequency
-        angle = omega * t + self.phase
-        return self.amplitude * np.sin(angle), self.amplitude * omega * np.cos(angle)
-
-    def longest_step(self, end: float = np.inf) -> float:
-        return 1 / (8 * self.frequency)
-
-    def travel(self, end: float) -> float:
-        return 4 * abs(self.amplitude) * self.frequency * end
-
-
-@dataclass(frozen=True, kw_only=True)
-class TableDrive(Drive):
-    """A motion by a cubic spline through a table, at rest before the first and after the last time.
-
-    Parameters
-    ----------
-    node : int or str
-        Number of the node, or name of an interface.
-    along, about : tuple of three floats, optional
-        Direction of a displacement, or axis of a rotation; exactly one of the two.
-    through : tuple of three floats, optional
-        A point of the axis in m; by default where the node is held.
-    times : sequence of float
-        In s, ascending; two or more.
-    values : sequence of float
-        One value for each time, in m or rad.
-    """
-
-    times: tuple[float, ...]
-    values: tuple[float, ...]
-    kind: Literal["table"] = field(default="table", repr=False)
-
-    def __post_init__(self):
-        super().__post_init__()
-        require_finite("drive.", times=self.times, values=self.values)
-        require_times("drive.", self.times, self.values)
-        if len(self.times) < 2:
-            raise InputError("drive.times: found one time, expected two or more; one value is kind = 'constant'")
-
-    @cached_property
-    def _spline(self):
-        from scipy.interpolate import CubicSpline  # slow to import
-
-        return CubicSpline(self.times, self.values, bc_type="clamped")
-
-    def __call__(self, t):
-        if not self.times[0] < t < self.times[-1]:
-            return self.values[0 if t <= self.times[0] else -1], 0.0
-        return float(self._spline(t)), float(self._spline(t, 1))
-
-    def longest_step(self, end: float = np.inf) -> float:
-        return shortest_interval(self.times, end)
-
-    def travel(self, end: float) -> float:
-        return float(np.abs(np.diff(self.values)).sum())
+class TableDrive(Spline, Drive):
+    """A motion by a cubic spline through a table, at rest before the first and after the last time, with the parameters
+    of Drive, `times` in s, ascending, two or more, and `values` in m or rad, one for each time."""
 
 
 AnyDrive = Annotated[ConstantDrive | RampDrive | SineDrive | TableDrive, Field(discriminator="kind")]

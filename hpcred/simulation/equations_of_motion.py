@@ -11,7 +11,7 @@ Constraints are added with multipliers on velocity level, as an index-2 system (
 multipliers are the derivatives of unknown impulses, whose error the integrator controls like that of the motion. Loads,
 springs and constraints act on nodes by B (6, 6 + m), which maps (v, w, u) to the velocity and angular velocity of a
 node; see joints for its kinematics. Viscoelastic parts of Maxwell's law add c L (L^T q - x) to K q, and states x, the
-displacements of dashpots, with x' = (L^T q - x) / time (see reduction.maxwell_states).
+displacements of dashpots, with x' = (L^T q - x) / time (see reduction.result.maxwell_states).
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from ..body.node_shapes import NodeShape
 from ..body.rotations import cross, of_vector, quaternion_rate, rate_matrix, rotation
 from ..model.rotation import skew
 from ..parallel.failures import ComputationError, InputError
-from ..reduction.maxwell_states import MaxwellStates
+from ..reduction.result.maxwell_states import MaxwellStates
 
 ROUND_OFF = 1e-14
 

@@ -18,9 +18,8 @@ from ..body.node_shapes import NodeShape
 from ..body.rotations import cross, of_vector, vector_of
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
-from .checks import require_finite, require_node, unit
-from .drives import Drive
-from .loads import Vector
+from ..parallel.ranges import Node, Vector
+from .drives import Drive, unit
 
 AXES = ("x", "y", "z")
 ONE_AXIS = ("revolute", "prismatic", "cylindrical")
@@ -55,7 +54,7 @@ class Joint:
         For a missing axis, and keys that do not belong to the kind.
     """
 
-    node: int | str
+    node: Node
     directions: tuple[str, ...] | None = None
     at: Vector | None = None
     kind: Kind = field(default="point", kw_only=True)
@@ -64,8 +63,6 @@ class Joint:
 
     def __post_init__(self):
         as_declared(self, "constraint.")
-        require_node("constraint.", self.node)
-        require_finite("constraint.", at=self.at, axis=self.axis, axes=self.axes)
         for key, kinds in (("directions", ("point",)), ("axis", ONE_AXIS), ("axes", ("universal",))):
             value = getattr(self, key)
             if value is not None and self.kind not in kinds:

@@ -3,243 +3,120 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from ..body.body import resultants_of
 from ..body.node_shapes import NodeShape
-from ..parallel.declared import as_declared, nearest
+from ..parallel.declared import Settings, nearest
 from ..parallel.failures import InputError
-from .checks import require_finite, require_node, require_sine, require_times, shortest_interval
+from ..parallel.ranges import Node, Vector
+from .time_functions import Constant, Sine, Table
 
-Vector = tuple[float, float, float]
 Axes = Literal["inertial", "body"]
 
 
-def _kind(name):
-    return field(default=name, kw_only=True, repr=False)
-
-
 @dataclass(frozen=True)
-class ConstantForce:
-    """A constant force at a node.
+class Force(Settings):
+    """Base class of forces at a node.
 
     Parameters
     ----------
     node : int or str
         Number of the node, or name of an interface.
-    value : tuple of three floats
-        In N, for moments in N m.
     axes : {"inertial", "body"}, default "inertial"
         Axes of the components; "body": they rotate with the node, which needs rotations.
     """
 
-    node: int | str
+    node: Node
+    axes: Axes = field(default="inertial", kw_only=True)
+    key: ClassVar[str] = "force"
+    where: ClassVar[str] = "force."
+
+    def __call__(self, t: float) -> Any:
+        return self.at(t)
+
+
+@dataclass(frozen=True)
+class ConstantForce(Constant, Force):
+    """A constant force at a node: `node`, `value` (three floats, N) and `axes`, "inertial" or "body", which rotate with
+    the node."""
+
     value: Vector
-    axes: Axes = field(default="inertial", kw_only=True)
-    kind: Literal["constant"] = _kind("constant")
-    key: ClassVar[str] = "force"
-
-    def __post_init__(self):
-        as_declared(self, f"{self.key}.")
-        require_node(f"{self.key}.", self.node)
-        require_finite(f"{self.key}.", value=self.value)
-
-    def __call__(self, t):
-        return np.asarray(self.value)
-
-    def longest_step(self, end: float = np.inf) -> float:
-        return np.inf
 
 
 @dataclass(frozen=True)
-class SineForce:
-    """A sinusoidal force at a node, amplitude sin(2 pi frequency t + phase).
+class SineForce(Sine, Force):
+    """A sinusoidal force at a node, amplitude sin(2 pi frequency t + phase): as ConstantForce, with `amplitude` (three
+    floats, N), `frequency` in Hz, and `phase` in rad, by default 0."""
 
-    Parameters
-    ----------
-    node : int or str
-        Number of the node, or name of an interface.
-    amplitude : tuple of three floats
-        In N, for moments in N m.
-    frequency : float
-        In Hz.
-    phase : float, default 0.0
-        In rad.
-    axes : {"inertial", "body"}, default "inertial"
-        Axes of the components; "body": they rotate with the node, which needs rotations.
-    """
-
-    node: int | str
     amplitude: Vector
-    frequency: float
-    phase: float = 0.0
-    axes: Axes = field(default="inertial", kw_only=True)
-    kind: Literal["sine"] = _kind("sine")
-    key: ClassVar[str] = "force"
-
-    def __post_init__(self):
-        as_declared(self, f"{self.key}.")
-        require_node(f"{self.key}.", self.node)
-        require_finite(f"{self.key}.", amplitude=self.amplitude)
-        require_sine(f"{self.key}.", self.frequency, self.phase)
-
-    def __call__(self, t):
-        return np.asarray(self.amplitude) * np.sin(2 * np.pi * self.frequency * t + self.phase)
-
-    def longest_step(self, end: float = np.inf) -> float:
-        return 1 / (8 * self.frequency)
 
 
 @dataclass(frozen=True)
-class TableForce:
-    """A force at a node from a table, linear between the times, constant before the first and after the last.
+class TableForce(Table, Force):
+    """A force at a node from a table, linear between the times, constant before the first and after the last: as
+    ConstantForce, with `times` in s, ascending, and `values`, three floats (N) for each time."""
 
-    Parameters
-    ----------
-    node : int or str
-        Number of the node, or name of an interface.
-    times : sequence of float
-        In s, ascending.
-    values : sequence of three floats each
-        One force for each time, in N, for moments in N m.
-    axes : {"inertial", "body"}, default "inertial"
-        Axes of the components; "body": they rotate with the node, which needs rotations.
-    """
-
-    node: int | str
-    times: tuple[float, ...]
     values: tuple[Vector, ...]
-    axes: Axes = field(default="inertial", kw_only=True)
-    kind: Literal["table"] = _kind("table")
-    key: ClassVar[str] = "force"
-
-    def __post_init__(self):
-        as_declared(self, f"{self.key}.")
-        require_node(f"{self.key}.", self.node)
-        require_finite(f"{self.key}.", times=self.times, values=self.values)
-        require_times(f"{self.key}.", self.times, self.values)
-
-    def __call__(self, t):
-        return np.array([np.interp(t, self.times, column) for column in zip(*self.values, strict=True)])
-
-    def longest_step(self, end: float = np.inf) -> float:
-        return shortest_interval(self.times, end)
 
 
 @dataclass(frozen=True)
 class ConstantMoment(ConstantForce):
     """A constant moment in N m at a node with rotations, with the parameters of ConstantForce."""
 
-    key: ClassVar[str] = "moment"
+    key, where = "moment", "moment."
 
 
 @dataclass(frozen=True)
 class SineMoment(SineForce):
     """A sinusoidal moment in N m at a node with rotations, with the parameters of SineForce."""
 
-    key: ClassVar[str] = "moment"
+    key, where = "moment", "moment."
 
 
 @dataclass(frozen=True)
 class TableMoment(TableForce):
     """A moment in N m from a table at a node with rotations, with the parameters of TableForce."""
 
-    key: ClassVar[str] = "moment"
+    key, where = "moment", "moment."
 
 
 @dataclass(frozen=True)
-class ConstantLoad:
-    """An input of the reduction with a constant factor, such as a load.
+class InputLoad(Settings):
+    """Base class of inputs of the reduction that act over time.
 
     Parameters
     ----------
     name : str
         Name of the input in the result.
-    value : float
-        Factor of the load; of an input that is a direction of a node, force in N or moment in N m in axes of the body.
     """
 
     name: str
-    value: float
-    kind: Literal["constant"] = _kind("constant")
+    where: ClassVar[str] = "load."
 
-    def __post_init__(self):
-        as_declared(self, "load.")
-        require_finite("load.", value=self.value)
-
-    def __call__(self, t):
-        return self.value
-
-    def longest_step(self, end: float = np.inf) -> float:
-        return np.inf
+    def __call__(self, t: float) -> Any:
+        return self.at(t)
 
 
 @dataclass(frozen=True)
-class SineLoad:
-    """An input of the reduction with the factor amplitude sin(2 pi frequency t + phase).
-
-    Parameters
-    ----------
-    name : str
-        Name of the input in the result.
-    amplitude : float
-        As the value of ConstantLoad.
-    frequency : float
-        In Hz.
-    phase : float, default 0.0
-        In rad.
-    """
-
-    name: str
-    amplitude: float
-    frequency: float
-    phase: float = 0.0
-    kind: Literal["sine"] = _kind("sine")
-
-    def __post_init__(self):
-        as_declared(self, "load.")
-        require_finite("load.", amplitude=self.amplitude)
-        require_sine("load.", self.frequency, self.phase)
-
-    def __call__(self, t):
-        return self.amplitude * np.sin(2 * np.pi * self.frequency * t + self.phase)
-
-    def longest_step(self, end: float = np.inf) -> float:
-        return 1 / (8 * self.frequency)
+class ConstantLoad(Constant, InputLoad):
+    """An input of the reduction, by `name`, with a constant factor `value`; of an input that is a direction of a node,
+    force in N or moment in N m in axes of the body."""
 
 
 @dataclass(frozen=True)
-class TableLoad:
-    """An input of the reduction with factors of a table, linear between the times, constant before and after.
+class SineLoad(Sine, InputLoad):
+    """An input of the reduction, by `name`, with the factor amplitude sin(2 pi frequency t + phase): `amplitude` as the
+    value of ConstantLoad, `frequency` in Hz, and `phase` in rad, by default 0."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the input in the result.
-    times : sequence of float
-        In s, ascending.
-    values : sequence of float
-        One factor for each time, as the value of ConstantLoad.
-    """
 
-    name: str
-    times: tuple[float, ...]
-    values: tuple[float, ...]
-    kind: Literal["table"] = _kind("table")
-
-    def __post_init__(self):
-        as_declared(self, "load.")
-        require_finite("load.", times=self.times, values=self.values)
-        require_times("load.", self.times, self.values)
-
-    def __call__(self, t):
-        return float(np.interp(t, self.times, self.values))
-
-    def longest_step(self, end: float = np.inf) -> float:
-        return shortest_interval(self.times, end)
+@dataclass(frozen=True)
+class TableLoad(Table, InputLoad):
+    """An input of the reduction, by `name`, with factors of a table, linear between the times, constant before and
+    after: `times` in s, ascending, and `values`, one for each time, as the value of ConstantLoad."""
 
 
 AnyInputLoad = Annotated[ConstantLoad | SineLoad | TableLoad, Field(discriminator="kind")]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -14,13 +15,12 @@ from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError
 from ..parallel.petsc import MPI
 from ..parallel.progress import Progress, in_time
-from ..parallel.ranges import LABEL, within
-from ..reduction.maxwell_states import maxwell_states
-from .checks import require_finite
+from ..parallel.ranges import Node, Number, Range, Vector
+from ..reduction.result.maxwell_states import maxwell_states
 from .drives import AnyDrive
 from .equations_of_motion import FlexibleBody, node_motion
 from .joints import AXES, Joint, holds_of
-from .loads import AnyForce, AnyInputLoad, AnyMoment, Vector, load_of, push_of
+from .loads import AnyForce, AnyInputLoad, AnyMoment, load_of, push_of
 from .springs import ZERO, AnySpring, element_of
 from .warnings import Limits, first_frequency, note_on_steps, warnings_of_inputs, warnings_of_places
 
@@ -29,14 +29,19 @@ FIRST_STEP = 1e-4  # of the longest; one that the integrator guesses may be so s
 STEPS_OF_A_TURN = 8
 FEW_EVALUATIONS, MOST_EVALUATIONS = 5000, 3e9  # of the equations of motion, 30 a step
 FEW_STEPS = 5000  # by which the pace of the integrator is known
-OUTPUTS = (1, 10_000_000, "")  # output intervals, all of which are kept in memory
+OUTPUTS = Range(1, 10_000_000)  # output intervals, all of which are kept in memory
 SAMPLES = 200  # instants at which loads are looked at
-SPEED = (-3e8, 3e8, "m/s")
+SPEED = Range(-3e8, 3e8, "m/s")
 ENERGIES = ("kinetic", "elastic", "gravity", "springs")
 LARGE_GRAVITY = 1e3  # m/s^2: above what is asked for in earnest, below 9810
 POWERS = ("work", "drives", "dissipated")
 FASTEST = 1e9  # rad/s, of a motion that diverges
 MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
+
+
+def _more_than_0(key, value):
+    if not 0 < value < np.inf:
+        raise InputError(f"{key}: found {value:g}, expected a finite number of more than 0")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,20 +90,20 @@ class Simulation:
         For values out of range, and initial velocities of a static start.
     """
 
-    end: float
-    steps: int = 500
+    end: Annotated[float, _more_than_0, Range(1e-15, 1e9, "s")]
+    steps: Annotated[int, _more_than_0, OUTPUTS] = 500
     gravity: Vector = ZERO
     start: str = "given"
     position: Vector = ZERO
     rotation: Vector = ZERO
-    velocity: Vector = ZERO
+    velocity: Annotated[Vector, SPEED] = ZERO
     angular_velocity: Vector = ZERO
-    elastic: tuple[float, ...] = ()
-    elastic_velocity: tuple[float, ...] = ()
+    elastic: tuple[Number, ...] = ()
+    elastic_velocity: tuple[Number, ...] = ()
     geometric_stiffness: bool = True
-    observe: tuple[int | str, ...] = ()
-    relative_tolerance: float = 1e-5
-    absolute_tolerance: float = 1e-8
+    observe: tuple[Node, ...] = ()
+    relative_tolerance: Annotated[float, _more_than_0, Range(1e-14, 0.5)] = 1e-5
+    absolute_tolerance: Annotated[float, _more_than_0, Range(1e-30, 1.0)] = 1e-8
     force: tuple[AnyForce, ...] = ()
     moment: tuple[AnyMoment, ...] = ()
     load: tuple[AnyInputLoad, ...] = ()
@@ -108,17 +113,7 @@ class Simulation:
 
     def __post_init__(self):
         as_declared(self)
-        for key in ("end", "steps", "relative_tolerance", "absolute_tolerance"):
-            if not 0 < getattr(self, key) < np.inf:
-                raise InputError(f"{key}: found {getattr(self, key):g}, expected a finite number of more than 0")
-        within("end", self.end, (1e-15, 1e9, "s"))
-        within("steps", self.steps, OUTPUTS)
-        within("velocity", self.velocity, SPEED)
-        within("relative_tolerance", self.relative_tolerance, (1e-14, 0.5, ""))
-        within("absolute_tolerance", self.absolute_tolerance, (1e-30, 1.0, ""))
-        within("observe", self.observe, LABEL)
         moving = ("velocity", "angular_velocity", "elastic", "elastic_velocity")
-        require_finite("", **{key: getattr(self, key) for key in ("gravity", "position", "rotation", *moving)})
         if self.start not in ("given", "static"):
             raise InputError(f"start: found '{self.start[:40]}', expected 'given' or 'static'")
         if self.start == "static" and any(any(getattr(self, key)) for key in moving):

@@ -16,8 +16,7 @@ from ..body.node_shapes import NodeShape
 from ..body.rotations import rate_matrix, vector_of
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
-from .checks import require_finite, require_node, require_not_negative
-from .loads import Vector
+from ..parallel.ranges import Node, Number, Vector, not_negative
 
 ZERO = (0.0, 0.0, 0.0)
 
@@ -40,18 +39,15 @@ class LineSpring:
         Free length in m; by default that at the start.
     """
 
-    node: int | str
+    node: Node
     at: Vector
-    stiffness: float
-    damping: float = 0.0
-    length: float | None = None
+    stiffness: Annotated[Number, not_negative]
+    damping: Annotated[Number, not_negative] = 0.0
+    length: Annotated[Number | None, not_negative] = None
     kind: Literal["line"] = field(default="line", kw_only=True, repr=False)
 
     def __post_init__(self):
         as_declared(self, "spring.")
-        require_node("spring.", self.node)
-        require_finite("spring.", at=self.at, stiffness=self.stiffness, damping=self.damping, length=self.length)
-        require_not_negative("spring.", stiffness=self.stiffness, damping=self.damping, length=self.length or 0.0)
         _require_something(self)
 
 
@@ -71,21 +67,16 @@ class Bushing:
         The point in m; by default the initial position of the node.
     """
 
-    node: int | str
-    stiffness: Vector = ZERO
-    damping: Vector = ZERO
-    rotational_stiffness: Vector = ZERO
-    rotational_damping: Vector = ZERO
+    node: Node
+    stiffness: Annotated[Vector, not_negative] = ZERO
+    damping: Annotated[Vector, not_negative] = ZERO
+    rotational_stiffness: Annotated[Vector, not_negative] = ZERO
+    rotational_damping: Annotated[Vector, not_negative] = ZERO
     at: Vector | None = None
     kind: Literal["bushing"] = field(default="bushing", kw_only=True, repr=False)
 
     def __post_init__(self):
         as_declared(self, "spring.")
-        values = {key: getattr(self, key) for key in ("stiffness", "damping")}
-        values |= {f"rotational_{key}": getattr(self, f"rotational_{key}") for key in values}
-        require_node("spring.", self.node)
-        require_finite("spring.", at=self.at, **values)
-        require_not_negative("spring.", **values)
         _require_something(self)
 
     @property

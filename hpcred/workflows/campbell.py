@@ -12,32 +12,31 @@ from ..analysis.campbell import POINTS, campbell
 from ..analysis.campbell_diagram import FULL_POINTS, Campbell
 from ..analysis.whirl import in_words
 from ..body.preload import Preload, reduced_at, warning_of_basis
-from ..files.campbell_file import kind_of_campbell, write_campbell
+from ..files.campbell_file import write_campbell
 from ..files.hdf5 import atomic_output
-from ..files.outputs import check_outputs
-from ..files.response_file import check_response_name
 from ..files.result_file import Result, read_result
 from ..files.together import rescued, together
 from ..linalg.solvers.settings import Factoring
-from ..model.parameters import Parameter
+from ..model.parameters.definitions import Parameter
 from ..model.rotation import unit_axis
-from ..parallel.declared import declared
+from ..parallel.declared import declared, flattened
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..parallel.ranges import SAMPLES, within
-from ..reduction.record import Record, versions
+from ..reduction.result.record import Record, versions
 from ..report.campbell_figure import campbell_figure
 from ..report.figures import kind_of_figure
 from .full_model import factoring_of, full_of_record
-from .pair_figures import check_figure
+from .keywords import Files
 from .workflow import workflow
 
 
 @workflow
+@flattened
 def campbell_file(
     result, over: str = "omega", *, values=(), range=None, points: int = POINTS, at=None, nodes=None, axis=None,
     orders=(1.0,), highest: float | None = None, full=None, solves: int = FULL_POINTS,
-    factoring: Factoring | None = None, output=None, figure=None, comm=None, progress: Progress | None = None,
+    factoring: Factoring | None = None, files: Files, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Return the Campbell diagram of result.h5 over a parameter. Collective.
 
@@ -49,11 +48,8 @@ def campbell_file(
     `solves` of the values. `output`: a .csv or HDF5 file, see write_campbell; `figure`: a .png, .svg or .pdf. Returns
     plain numbers for a table or JSON. Raises InputError.
     """
-    found = read_result(result, comm)
-    if output is not None:
-        check_response_name(output)
-        check_outputs({output: kind_of_campbell(output, over)}, comm, [result, full], progress=progress)
-    check_figure(figure, comm, [result, full], progress)
+    found, output, figure = read_result(result, comm), files.output, files.figure
+    files.check(comm, [result, full], progress, over=over)
     for key, number in (("points", points), ("solves", solves)):
         within(key, declared(key, number, int), SAMPLES)
     if points < 2:

@@ -15,7 +15,7 @@ from pathlib import Path
 import psutil
 
 from ..files.locks import begin
-from ..files.room import DISK_FULL, free_bytes
+from ..files.room import NoRoom, free_bytes
 from ..files.system_errors import open_input, writing_to
 from ..parallel.failures import HpcredError, InputError
 from ..parallel.signals import heard_by
@@ -67,14 +67,19 @@ class Child:
     process: subprocess.Popen | None = field(default=None, repr=False)
 
     @property
+    def met_full_disk(self) -> bool:
+        """Whether it failed for want of room, also for what it prints."""
+        return self.status == NoRoom.exit_status or bool(self.status and free_bytes(self.log.parent) < A_PAGE)
+
+    @property
     def last_line(self) -> str:
         """The last sentence of hpcred in the log, or else the last line that has words."""
         with suppress(OSError, InputError), open_input(self.log, "r", encoding="utf-8", errors="replace") as file:
             lines = [line.strip() for line in file.read().splitlines()]
             lines = [line for line in lines if any(map(str.isalnum, line)) and line != LOG]
             said = [line for line in lines if line.startswith("hpcred: ")]
-            if self.status and not said and free_bytes(self.log.parent) < A_PAGE:
-                return f"hpcred: error: {self.log}: {DISK_FULL}what the run printed had no room; make room"
+            if not said and self.met_full_disk:
+                return f"hpcred: error: {self.log}: the disk is full: what the run printed had no room; make room"
             return (said or lines or [""])[-1]
         return ""
 

@@ -21,7 +21,7 @@ from ..files.together import together
 from ..parallel.declared import spelled
 from ..parallel.failures import InputError
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.tolerance.directions import worst_of_directions
+from ..reduction.result.directions import worst_of_directions
 from ..report.figures import pyplot
 from ..report.sweep_figures import curves_figure, key_figure, size_figure, stem_of
 from ..settings.sweep_file import read_sweep

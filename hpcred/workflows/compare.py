@@ -14,24 +14,25 @@ from ..files.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
 from ..files.result_file import read_basis, result_at
 from ..files.together import together
 from ..linalg.blocks import inner, times
-from ..linalg.solvers.settings import Factoring
+from ..parallel.declared import flattened
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.record import difference_between
+from ..reduction.result.record import difference_between
 from ..report.figures import error_figure
-from .evaluate import band_of, frequencies_over, short_names
+from .evaluate import band_of, short_names
 from .full_model import full_of_record
+from .keywords import Files, Grid, Solving
 from .workflow import workflow
 
 SAME_MODE = 1e-6  # relative difference of the frequencies of repeated modes
 
 
 @workflow
+@flattened
 def compare_results(
-    results, full, *, frequencies=(), band=None, points: int = 61, modes: int = 10, output=None, figure=None,
-    measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None,
-    at: dict[str, float] | None = None, comm=None, progress: Progress | None = None,
+    results, full, *, grid: Grid, modes: int = 10, files: Files, measure: str | None = None,
+    solving: Solving, at: dict[str, float] | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Compare results of one model (names of files) against the model file `full`, which is solved once. Collective.
 
@@ -55,7 +56,7 @@ def compare_results(
     reduced = [elastic_part(item) for item in whole]
     _check_alike(results, reduced)
     first = reduced[0].record
-    grid = frequencies_over(frequencies, band or band_of(reduced[0], reduced[1:]), points)
+    grid, output, figure = grid.over(band_of(reduced[0], reduced[1:])), files.output, files.figure
     written = {output: CSV_OF_RESPONSES}
     if figure is not None:
         written |= {Path(figure).with_suffix(suffix): PICTURES[suffix] for suffix in (".png", ".svg")}
@@ -64,9 +65,9 @@ def compare_results(
     if dampings.count(dampings[0]) < len(dampings):
         raise InputError("compare: found results with different modal damping; compare those of one damping")
     with full_of_record(
-        full, first, results[0], damping=dampings[0], factoring=factoring, at=found[0].values, comm=comm
+        full, first, results[0], damping=dampings[0], factoring=solving.factoring, at=found[0].values, comm=comm
     ) as full_model:
-        known, drive = full_model.response(grid, groups, progress)
+        known, drive = full_model.response(grid, solving.groups, progress)
         shapes, notes = [], []
         if full_model.model.is_symmetric("K"):
             shapes = _modes(full_model, modes, results, labels, found, reduced, progress)

@@ -9,35 +9,34 @@ import numpy as np
 
 from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.error_check import accuracy_of, check_reduced, estimate_at, measuring_damping
-from ..analysis.frequency_response import checked_frequencies, frequencies_to_draw, frequency_response, resonances_of
+from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
 from ..body.preload import Preload, warning_of_basis
 from ..files.names import in_text
-from ..files.outputs import check_outputs
-from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
+from ..files.response_file import Responses, write_responses
 from ..files.result_file import result_at
 from ..files.together import rescued, together
-from ..linalg.solvers.settings import Factoring
 from ..model.damping import NoDamping
-from ..parallel.declared import declared
+from ..parallel.declared import flattened
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
 from ..parallel.progress import Progress
-from ..parallel.ranges import FREQUENCY, SAMPLES, within
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.record import versions
-from ..reduction.tolerance.directions import rows_of_directions
+from ..reduction.result.directions import rows_of_directions
+from ..reduction.result.record import versions
 from .full_model import full_of_record
-from .pair_figures import check_figure, figures_of_pairs, pairs_by_name, pairs_to_show
+from .keywords import Files, Grid, Solving
+from .pair_figures import figures_of_pairs, pairs_by_name, pairs_to_show
 from .workflow import workflow
 
 MOST_FIGURES = 16  # of the largest responses
 
 
 @workflow
+@flattened
 def evaluate_result(
-    result, full=None, *, frequencies=(), band=None, points: int = 61, output=None, figure=None, pairs=(),
-    measure: str | None = None, groups: int | None = None, factoring: Factoring | None = None,
-    preload: Preload | None = None, at: dict[str, float] | None = None, comm=None, progress: Progress | None = None,
+    result, full=None, *, grid: Grid, files: Files, pairs=(), measure: str | None = None,
+    solving: Solving, preload: Preload | None = None, at: dict[str, float] | None = None, comm=None,
+    progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Return the responses of result.h5, and eps(f) and Q (57) against the model file `full` if given. Collective.
 
@@ -56,13 +55,10 @@ def evaluate_result(
     found = result_at(result, at, comm)
     reduced = elastic_part((found if preload is None else found.at_preload(preload)).reduced)
     record = reduced.record
-    grid = frequencies_over(frequencies, band or band_of(reduced), points)
+    grid, output, figure = grid.over(band_of(reduced)), files.output, files.figure
     given = [(record.job or {}).get(key) for key in ("inputs", "outputs")]
     reads = [result, full, *(name for name in given if isinstance(name, str))]
-    if output is not None:
-        check_response_name(output)
-        check_outputs({output: kind_of_responses(output)}, comm, reads, progress=progress)
-    check_figure(figure, comm, reads, progress)
+    files.check(comm, reads, progress)
     shown = pairs_by_name(pairs, reduced.output_names, reduced.input_names, result)
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
     if at:
@@ -77,9 +73,9 @@ def evaluate_result(
     report["reduced_norm"] = np.linalg.norm(arrays["reduced"], axis=(1, 2)).tolist()
     if full is not None:
         with full_of_record(
-            full, record, result, damping=damping, factoring=factoring, at=found.values, comm=comm
+            full, record, result, damping=damping, factoring=solving.factoring, at=found.values, comm=comm
         ) as known:
-            arrays["full"], arrays["drive"] = known.response(grid, groups, progress)
+            arrays["full"], arrays["drive"] = known.response(grid, solving.groups, progress)
         errors = errors_of(reduced, grid, arrays["full"], arrays["reduced"], arrays["drive"], measure)
         arrays["eps"] = errors.eps
         report |= {
@@ -124,7 +120,7 @@ def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) ->
     reduced = elastic_part(result_at(result, None, comm).reduced)
     accuracy = accuracy_of(reduced, result)
     if len(frequencies):
-        chosen = frequencies_over(frequencies, accuracy.band, 2)
+        chosen = Grid(frequencies=frequencies, points=2).over(accuracy.band)
         errors = estimate_at(accuracy, chosen)
     else:
         if parts < 1:
@@ -153,10 +149,10 @@ def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) ->
 
 
 @workflow
+@flattened
 def check_result(
-    result, full, count: int = 5, *, seed: int | None = None, groups: int | None = None,
-    factoring: Factoring | None = None, at: dict[str, float] | None = None, comm=None,
-    progress: Progress | None = None,
+    result, full, count: int = 5, *, seed: int | None = None, solving: Solving,
+    at: dict[str, float] | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Return the estimated error of result.h5 against full solves of the model file `full`, at `count` fresh
     frequencies of the band and some right beside resonances. Collective.
@@ -170,10 +166,10 @@ def check_result(
     accuracy, record = accuracy_of(reduced, result), reduced.record
     damping = measuring_damping(accuracy, record.damping)
     with full_of_record(
-        full, record, result, damping=damping, factoring=factoring, at=found.values, comm=comm
+        full, record, result, damping=damping, factoring=solving.factoring, at=found.values, comm=comm
     ) as known:
         check = check_reduced(
-            reduced, known.model, count, seed=seed, factoring=known.factoring, groups=groups, progress=progress
+            reduced, known.model, count, seed=seed, factoring=known.factoring, groups=solving.groups, progress=progress
         )
     return {
         "result": str(result),
@@ -185,16 +181,6 @@ def check_result(
         "eps": check.bound,
         "rows": check.rows,
     }
-
-
-def frequencies_over(frequencies, band, points) -> np.ndarray:
-    """Return the frequencies in ascending order, or else `points` over the band (Hz). Raises InputError."""
-    frequencies = checked_frequencies(frequencies)
-    if not len(frequencies) and declared("points", points, int) < 2:
-        raise InputError(f"points: found {points}, expected at least 2 frequencies over the band")
-    within("points", points, SAMPLES)
-    within("band", band, FREQUENCY)
-    return np.sort(frequencies) if len(frequencies) else np.linspace(*band, points)
 
 
 def band_of(reduced, others=()) -> tuple[float, float]:

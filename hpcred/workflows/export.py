@@ -22,8 +22,8 @@ from ..parallel.declared import as_declared, declared, nearest, spelled, types_o
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
 from ..parallel.plugins import blamed
-from ..reduction.parametric.accuracy import in_words
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.result.parameter_accuracy import in_words
+from ..reduction.result.reduced_model import ReducedModel
 from ..settings.toml_file import override
 from ..writers.base import OF_NAMES, ExportSource
 from ..writers.registry import PROGRAMS, WRITERS

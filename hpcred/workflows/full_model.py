@@ -7,28 +7,28 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from ..analysis.frequency_response import response_and_drive
+from ..fe.dofs import target_of
 from ..files.checksums import content_of
 from ..files.model_file import read_model
 from ..linalg.solvers.settings import PACKAGES, Factoring, LinearSolver
-from ..model.cut_outputs import cut_output_of
 from ..model.damping import Damping, NoDamping
-from ..model.dofs import target_of
-from ..model.motion_outputs import motion_output_of
 from ..model.operator import ADDED
-from ..model.parameters import Parameter
-from ..model.parametric_model import ParametricModel
-from ..model.rates import KEY as RATES
+from ..model.outputs.cuts import cut_output_of
+from ..model.outputs.motions import motion_output_of
+from ..model.outputs.rates import KEY as RATES
+from ..model.outputs.stresses import stress_output_of
+from ..model.parameters.definitions import Parameter
+from ..model.parameters.parametric_model import ParametricModel
 from ..model.second_order_model import SecondOrderModel
-from ..model.stress_outputs import stress_output_of
 from ..parallel import startup
+from ..parallel.declared import adapter_of
 from ..parallel.failures import InputError
 from ..reduction.components.modes import Modes
-from ..reduction.parametric.accuracy import in_words
-from ..reduction.record import Record, difference_of
 from ..reduction.reduce import reduce
+from ..reduction.result.parameter_accuracy import in_words
+from ..reduction.result.record import Record, difference_of
 from ..settings.term_table import TermTable
 from .model_of_job import with_interfaces, with_matrices_of_record, with_targets, with_terms
 
@@ -135,7 +135,7 @@ def with_terms_of_record(model, record) -> ParametricModel | None:
     if not job.get("term"):
         return None
     parameters, tables = (
-        TypeAdapter(tuple[kind, ...]).validate_python(job[key])
+        adapter_of(tuple[kind, ...]).validate_python(job[key])
         for kind, key in ((Parameter, "parameter"), (TermTable, "term"))
     )
     for name in [item.file for item in tables if item.file is not None]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.summary import inspect
+from ..fe.materials import properties_in_words
 from ..files.checked import CHECKSUM, CheckedFile
 from ..files.hdf5 import opened
 from ..files.model_file import FORMAT as MODEL
@@ -17,10 +18,9 @@ from ..files.system_errors import reading_from
 from ..files.text import first_bytes, first_line
 from ..linalg.solvers.cudss import gpus_in_words
 from ..linalg.solvers.settings import PACKAGES
-from ..model.interface_motion import members
-from ..model.interfaces import warnings_of_interfaces
-from ..model.materials import properties_in_words
-from ..model.parameters import rows_of_parameters
+from ..model.interfaces.motion import members
+from ..model.interfaces.nodes import warnings_of_interfaces
+from ..model.parameters.definitions import rows_of_parameters
 from ..parallel.declared import nearest
 from ..parallel.failures import HpcredError, InputError, agreed
 from ..parallel.petsc import is_complex
@@ -36,7 +36,7 @@ from ..readers.model_source import read_export
 from ..readers.nodes import table as node_table
 from ..readers.registry import reader_of
 from ..readers.unread import refuse_unread
-from ..reduction.record import versions
+from ..reduction.result.record import versions
 from ..settings.job_file import read_job
 from ..writers.registry import WRITERS
 from .info_of_output import OUTPUTS, by_writers, damaged, described, read_whole

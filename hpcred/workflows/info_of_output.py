@@ -25,7 +25,7 @@ from ..files import (
     sweep_table,
 )
 from ..files.hdf5 import kind_of_file, reading, require_whole, texts
-from ..model.parameters import rows_of_parameters
+from ..model.parameters.definitions import rows_of_parameters
 from ..model.second_order_model import declared_in
 from ..parallel.failures import InputError, agreed
 from ..parallel.plugins import OWN, blamed
@@ -66,8 +66,8 @@ def result(path, comm) -> dict:
     if record.accuracy is not None:
         report["accuracy"] = record.accuracy.sentence
         report["modes_of_the_band"] = record.accuracy.modes_in_words
-    if chosen_by := record.versions.get("blas_kernels_chosen_by"):
-        report["blas"] = f"{record.versions['blas']} (kernels chosen by {chosen_by})"
+    if blas := record.versions.get("blas"):
+        report["blas"] = blas
     if record.interface_rows:
         report["interfaces"] = record.interface_rows
     if record.loads:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from ..body.preload import preloaded
 from ..files.model_file import read_model
-from ..model import interface_motion
+from ..model.interfaces import motion as interface_motion
 from ..model.material_stiffness import material_stiffness
-from ..model.parametric_model import ParametricModel
-from ..model.rates import Rates
+from ..model.outputs.rates import Rates
+from ..model.parameters.parametric_model import ParametricModel
 from ..model.rotation import rotation_matrix, unit_axis
 from ..model.second_order_model import SYMMETRIC_TO, UNSYMMETRIC
 from ..model.viscoelastic import Viscoelastic

@@ -16,7 +16,7 @@ from ..files.result_file import Shapes
 from ..linalg.blocks import local_rows
 from ..linalg.solvers.settings import Factoring
 from ..model.order_of_matrices import questions_on_order
-from ..model.rigid_body_modes import exchange_of_matrices
+from ..model.rigid_body.modes import exchange_of_matrices
 from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress

@@ -19,7 +19,7 @@ from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, agreed
 from ..parallel.ranges import require_band
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.reduced_model import ReducedModel, as_measured
+from ..reduction.result.reduced_model import ReducedModel, as_measured
 from ..report.campbell_figure import draw_campbell
 from ..report.figures import MOST, draw_responses, new_figure
 from ..report.mode_pictures import figure_of_shapes

@@ -16,7 +16,7 @@ from ..files.result_points import read_points
 from ..parallel.declared import declared, nearest
 from ..parallel.failures import InputError, agreed
 from ..readers.motions.source import read_coordinates
-from ..reduction.record import versions
+from ..reduction.result.record import versions
 from ..writers.fmu import output_rows
 from ..writers.recovered import kind_of_recovery, write_recovered
 from ..writers.vtk_series import check_series

@@ -9,19 +9,19 @@ from pathlib import Path
 from ..body.geometric_stiffness import VELOCITIES
 from ..body.spin_stress import REMEDY, lacks_spin
 from ..body.stress import stress_modes
+from ..fe.solids import Solids
 from ..files.checksums import content_of
 from ..files.folders import folder_for
 from ..files.outputs import HTML, check_outputs, check_room, hdf5_kind
 from ..files.point_store import PointStore
 from ..files.result_file import FORMAT, write_result
 from ..files.together import rescued
-from ..model.solids import Solids
 from ..parallel import startup
 from ..parallel.failures import ComputationError, agreed
 from ..parallel.progress import Progress
 from ..parallel.stopping import listening
-from ..reduction.record import Record
 from ..reduction.reduce import reduce
+from ..reduction.result.record import Record
 from ..settings.job_file import Job, plain, read_job
 from .geometric_stiffness import check_geometric_stiffness, geometric_stiffness_of_job
 from .model_of_job import at_reference, model_of_job
@@ -101,7 +101,8 @@ def _reduced(job, basis, reads, comm, progress) -> Reduced:
             )  # fmt: skip
         with reduced:
             output = _name_of(job, reduced.record.accuracy)
-            reduced.record = replace(reduced.record, job=plain(job), contents=contents, timing=progress.timing())
+            record = replace(reduced.record, job=plain(job), contents=contents, timing=progress.timing())
+            reduced = replace(reduced, record=record)
             with progress.stage("geometric stiffness"):
                 stiffness = geometric_stiffness_of_job(job, reference, reduced)
             stress = None
@@ -112,7 +113,7 @@ def _reduced(job, basis, reads, comm, progress) -> Reduced:
                 told += stress.remarks
                 told += [f"stress: {REMEDY}, if it spins"] if spins and lacks_spin(reduced.record) else []
             warnings = tuple(dict.fromkeys((*reduced.record.warnings, *told)))
-            reduced.record = replace(reduced.record, warnings=warnings)
+            reduced = replace(reduced, record=replace(reduced.record, warnings=warnings))
             with progress.stage("write", output):
                 rescued(
                     lambda place: write_result(

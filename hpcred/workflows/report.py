@@ -9,10 +9,11 @@ from ..files.folders import folder_for
 from ..files.hdf5 import atomic_output
 from ..files.outputs import HTML, check_outputs
 from ..files.together import together
-from ..linalg.solvers.settings import Factoring
+from ..parallel.declared import flattened
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..report.page import MOST_POINTS, body_for_page, motion_for_page, render_page
+from .keywords import Solving
 from .pair_figures import check_drawing, pairs_by_name, pairs_to_show
 from .report_files import draw_files, write_tables
 from .report_page import page_of
@@ -24,10 +25,11 @@ MOST_PAIRS = 36  # responses on a page, the largest
 
 
 @workflow
+@flattened
 def report_file(
     results, full=None, *, output="report.html", band=None, solves: int = 21, pairs=(), modes: int = 10,
-    motion=None, png=None, svg=None, csv=None, groups: int | None = None, factoring: Factoring | None = None,
-    at: dict[str, float] | None = None, comm=None, progress: Progress | None = None,
+    motion=None, png=None, svg=None, csv=None, solving: Solving, at: dict[str, float] | None = None,
+    comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Write a report on results, names of files, as one HTML file that needs no network. Collective.
 
@@ -49,8 +51,8 @@ def report_file(
             if folder is not None:
                 stack.enter_context(folder_for(folder, comm))
         sheets = sheets_of(
-            results, full, band=band, solves=solves, groups=groups, factoring=factoring, at=at, comm=comm,
-            progress=progress,
+            results, full, band=band, solves=solves, groups=solving.groups, factoring=solving.factoring, at=at,
+            comm=comm, progress=progress,
         )  # fmt: skip
         chosen = [choose_pairs(sheet, pairs) for sheet in sheets]
         if motion is not None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model.dofs import named_quantity, target_of
+from ..fe.dofs import named_quantity, target_of
 from ..model.units import unit_of_response
-from ..reduction.parametric.accuracy import in_words as values_in_words
-from ..reduction.record import version_of
-from ..reduction.tolerance.accuracy import WORST
-from ..reduction.tolerance.directions import rows_of_directions
+from ..reduction.result.accuracy import WORST
+from ..reduction.result.directions import rows_of_directions
+from ..reduction.result.parameter_accuracy import in_words as values_in_words
+from ..reduction.result.record import version_of
 from ..report.figures import UNKNOWN
 from ..report.page import packed
 from ..report.tables import in_words

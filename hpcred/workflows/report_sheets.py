@@ -17,10 +17,10 @@ from ..parallel.declared import declared
 from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 from ..parallel.ranges import SAMPLES, within
-from ..reduction.components.component import table_of
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.record import difference_between
-from ..reduction.reduced_model import ReducedModel, as_measured
+from ..reduction.result.kinds import table_of
+from ..reduction.result.record import difference_between
+from ..reduction.result.reduced_model import ReducedModel, as_measured
 from ..report.tables import in_words
 from .evaluate import band_of, short_names
 from .full_model import factoring_of, full_of_record, start_for

@@ -10,30 +10,29 @@ from ..analysis.full_response import FullResponse, full_response
 from ..body.preload import Preload
 from ..files.hdf5 import atomic_output
 from ..files.model_file import read_model
-from ..files.outputs import check_outputs
-from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
+from ..files.response_file import Responses, write_responses
 from ..files.together import rescued, together
-from ..linalg.solvers.settings import Factoring
 from ..model.damping import NoDamping
-from ..model.parameters import checked_values
-from ..parallel import startup
+from ..model.parameters.definitions import checked_values
+from ..parallel.declared import flattened
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress, counted
-from ..reduction.record import versions
+from ..reduction.result.record import versions
 from ..report.figures import MOST, kind_of_figure, response_figure
 from ..settings.job_file import read_job
-from .evaluate import frequencies_over
+from .keywords import Files, FineGrid, Solving
 from .model_of_job import at_preload, model_of_job, with_targets
-from .pair_figures import check_figure, pairs_to_show
+from .pair_figures import pairs_to_show
 from .workflow import workflow
 
 
 @workflow
+@flattened
 def response_file(
-    model, *, frequencies=(), band=None, points: int = 2001, tolerance: float = 1e-6, frame=None, damping=None,
-    inputs=None, outputs=None, check: int = 0, seed: int | None = None, groups: int | None = None,
-    factoring: Factoring | None = None, output=None, polar: bool = False, figure=None,
-    preload: Preload | None = None, at: dict[str, float] | None = None, comm=None, progress: Progress | None = None,
+    model, *, grid: FineGrid, tolerance: float = 1e-6, frame=None, damping=None, inputs=None,
+    outputs=None, check: int = 0, seed: int | None = None, solving: Solving, files: Files,
+    polar: bool = False, preload: Preload | None = None, at: dict[str, float] | None = None, comm=None,
+    progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Return the frequency response of a model file to a tolerance: see full_response. Collective.
 
@@ -45,9 +44,9 @@ def response_file(
     proofs, and of the response its norm and estimated
     error. Raises InputError or ComputationError.
     """
-    if band is None and not len(frequencies):
+    if grid.band is None and not len(grid.frequencies):
         raise InputError("response: no frequencies; give the band in Hz, such as 0,6000")
-    chosen = frequencies_over(frequencies, band, points)
+    chosen, output, figure = grid.over(), files.output, files.figure
     with agreed(comm):
         job = read_job(model) if str(model).endswith(".toml") else None
         if at and (job is None or not job.parameter):
@@ -56,20 +55,17 @@ def response_file(
             job = replace(job, at=job.at | checked_values(job.parameter, job.at | (at or {})))
             frame, damping = frame or job.frame, damping or job.damping
     reads = [model, *(job.files if job else ()), *(item for item in (inputs, outputs) if isinstance(item, str))]
-    if output is not None:
-        check_response_name(output)
-        check_outputs({output: kind_of_responses(output)}, comm, reads, progress=progress, needed=len(chosen) * 16)
-    check_figure(figure, comm, reads, progress)
-    startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
+    files.check(comm, reads, progress, needed=len(chosen) * 16)
+    solving.start()
     with progress.stage("read", str(model)):
         loaded = read_model(model, comm) if job is None else model_of_job(job, comm)
     for key, targets in (("input", inputs), ("output", outputs)):
         loaded = with_targets(loaded, key, targets)
-    loaded = at_preload(loaded, preload, frame, factoring)
+    loaded = at_preload(loaded, preload, frame, solving.factoring)
     with loaded:
         found = full_response(
-            loaded, chosen, frame, damping, tolerance=tolerance, band=band, check=check, seed=seed, groups=groups,
-            factoring=factoring, progress=progress,
+            loaded, chosen, frame, damping, tolerance=tolerance, band=grid.band, check=check, seed=seed,
+            groups=solving.groups, factoring=solving.factoring, progress=progress,
         )  # fmt: skip
         warnings = list(found.warnings)
         if loaded.D is not None and isinstance(damping, NoDamping):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..fe.faces import gathered_surface
 from ..files.hdf5 import atomic_output
 from ..model.second_order_model import sizes_of_sets
-from ..model.surface_faces import gathered_surface
 from ..parallel.failures import InputError, agreed
 from ..report.figures import kind_of_figure
 from ..report.set_pictures import draw_sets

@@ -12,13 +12,13 @@ from scipy.linalg import eigh
 from ..files.result_file import read_basis, read_result
 from ..linalg.blocks import multiply
 from ..model.definiteness import growing
-from ..model.load_columns import loads_of, resultants
+from ..model.loads.columns import loads_of, resultants
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
-from ..reduction.projection import project
-from ..reduction.record import versions
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.result.record import versions
+from ..reduction.result.reduced_model import ReducedModel
+from ..reduction.run.projection import project
 from ..settings.job_file import Job
 from ..settings.sweep_file import SweepRun
 
@@ -59,7 +59,7 @@ def reduced_from_ranges(path, job: Job, model, contents) -> ReducedModel:
         raise InputError(f"--basis {path}: its basis is not one of {model.name}: V^T M V differs from the reduced mass "
                          f"by {defect:.1e}; leave --basis out")  # fmt: skip
     told = growing(model, eigh((reduced.K + reduced.K.T) / 2, reduced.M, eigvals_only=True))
-    reduced.record = model.comm.bcast(replace(
+    record = model.comm.bcast(replace(
         reduced.record, date=datetime.now(timezone.utc).isoformat(timespec="seconds"), versions=versions(),
         scalar="complex" if is_complex() else "real", ranks=model.comm.size, model=model.name,
         digests=model.digests, loads=loads_of(model), factorisations=(), factorisations_saved=0,
@@ -67,4 +67,4 @@ def reduced_from_ranges(path, job: Job, model, contents) -> ReducedModel:
         unstable_poles=tuple((pole.real, pole.imag) for pole in reduced.unstable_poles().tolist()),
         warnings=tuple(dict.fromkeys([*record.warnings, *([told] if told else [])])),
     ))  # fmt: skip
-    return reduced
+    return replace(reduced, record=record)

@@ -17,7 +17,7 @@ from ..files.result_points import read_points
 from ..files.together import rescued, together
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
-from ..reduction.record import versions
+from ..reduction.result.record import versions
 from ..report.figures import has_matplotlib, motion_figure
 from ..settings.simulation_file import read_simulation
 from ..simulation.simulation import simulate

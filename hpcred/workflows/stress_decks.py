@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..body.stress import StressModes
+from ..fe.dofs import SCALAR
 from ..files.folders import atomic_folder, check_folder, folder_for
 from ..files.hdf5 import reading, require_name
 from ..files.included import Included
@@ -17,7 +18,6 @@ from ..files.result_copy import copy_with_stress
 from ..files.result_file import FORMAT, ROWS_AT_A_TIME, SCHEMA, VERSION, Result, require_basis
 from ..files.result_points import read_points
 from ..files.system_errors import open_input, writing_to
-from ..model.dofs import SCALAR
 from ..model.units import units_of
 from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up

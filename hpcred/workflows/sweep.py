@@ -18,10 +18,9 @@ from mpi4py import MPI
 from ..files.checksums import content_of
 from ..files.folders import folder_for
 from ..files.hdf5 import atomic_output, check_writable, reading
-from ..files.locks import UNDER_WAY, holder_of, lock, locks_given_back, unlock
+from ..files.locks import Taken, lock, locks_given_back, unlock
 from ..files.outputs import check_kept
 from ..files.result_file import FORMAT, VERSION
-from ..files.room import DISK_FULL
 from ..parallel.declared import spelled
 from ..parallel.failures import InputError
 from ..parallel.progress import MINUTE, Progress, in_time
@@ -132,7 +131,7 @@ def _run(sweep, chosen, left, before, skipped, at_once, progress) -> dict:
     skipped |= by_others
     after = states_of(sweep)
     ended = {child.name: child for child in children}
-    if not any(map(_met_full_disk, children)):
+    if not any(child.met_full_disk for child in children):
         ended |= _full_responses(sweep, chosen, after, at_once, progress)
     return _report(sweep, chosen, after, skipped, ended, mine)
 
@@ -156,7 +155,7 @@ def _reduced(sweep, runs, given, at_once, progress) -> tuple[list[Child], set[st
         with atomic_output(run.beside(".toml"), SELF) as temporary:
             temporary.write_text(f"# hpcred sweep: one job of it\n{run.job_text()}", encoding="utf-8")
 
-    others = _beside_others(progress, done, lambda child: by_name[child.name].output, write_job)
+    others = _beside_others(progress, done, write_job)
     run_all(children, at_once, sweep.launch.environment, **others, **_told(progress, len(children)))
     if any(child.status == Stopped.exit_status for child in children):
         raise Stopped("a run was stopped as asked; the same command goes on with what is left")
@@ -224,46 +223,41 @@ def _child(sweep, name, *arguments, log):
     return Child(name, [*_launcher(sweep), *HPCRED, *arguments], log)
 
 
-def _beside_others(progress, done, output, begin=lambda child: None):
-    """Keep this sweep from computing a run of another sweep at the same time: such runs come last, and are begun if the
-    other sweep has not finished them. `done(child)`, `output(child)`: its result; `begin(child)`: what is to be done
-    before it, when no other sweep can begin it any more."""
-    asked = {}
+def _beside_others(progress, done, begin=lambda child: None):
+    """Keep this sweep from computing a run of another sweep in its folder at the same time: a run has the lock of its
+    log from before it begins to its end, and those of others come last. `done(child)`: whether another has finished it
+    meanwhile; `begin(child)`: what is to be done before it."""
+    later = {}
+
+    def waits(child, who):
+        if child.name not in later:
+            progress.say(f"{child.name}: is being computed by another sweep ({who}), which is waited for")
+        later[child.name] = time.monotonic() + BETWEEN
 
     def wanted(child):
-        if time.monotonic() - asked.get(child.name, -BETWEEN) < BETWEEN:
+        if time.monotonic() < later.get(child.name, 0.0):
             return None
-        holder = holder_of(output(child))
-        if holder is None:
-            try:
-                lock(child.log)  # several that begin it at once would write it together
-            except InputError as error:
-                if UNDER_WAY not in str(error):
-                    raise
-                holder = holder_of(child.log) or "another process"
-        if holder is None:
-            if done(child):
-                unlock(child.log)
-                return False
-            begin(child)
-            return True
-        if child.name not in asked:
-            progress.say(f"{child.name}: is being computed by another sweep ({holder}), which is waited for")
-        asked[child.name] = time.monotonic()
-        return None
+        try:
+            lock(child.log)
+        except Taken as taken:
+            return waits(child, taken.holder)
+        if done(child):
+            unlock(child.log)
+            return False
+        begin(child)
+        return True
 
     def again(child):
         unlock(child.log)
-        refused = child.status not in (0, Stopped.exit_status) and UNDER_WAY in child.last_line
-        if refused and done(child):
+        if child.status != Taken.exit_status:
+            return False
+        if done(child):
             child.status = 0
-        return refused and child.status != 0
+            return False
+        waits(child, "another process")
+        return True
 
     return {"wanted": wanted, "again": again}
-
-
-def _met_full_disk(child) -> bool:
-    return bool(child.status) and DISK_FULL in child.last_line
 
 
 def _told(progress, total):
@@ -282,7 +276,7 @@ def _told(progress, total):
         word = "done" if child.status == 0 else f"ended with {child.status}"
         why = f": {child.last_line}" if child.status else ""
         progress.say(f"{child.name}: {word} in {in_time(child.seconds)}; {count} of {total}{left()}{why}")
-        if _met_full_disk(child):  # as it is for those that come
+        if child.met_full_disk:  # as it is for those that come
             progress.say(f"the disk is full, so that no other run is begun; {total - count} have not ended")
             return True
         return False
@@ -376,6 +370,6 @@ def _full_responses(sweep, chosen, states, at_once, progress):
         given = [str(result.absolute()), "--full", full, "-o", str(file.absolute()), *grid]
         outputs[file.stem] = file
         children.append(_child(sweep, file.stem, "evaluate", *given, log=file.with_suffix(".log")))
-    others = _beside_others(progress, lambda child: outputs[child.name].exists(), lambda child: outputs[child.name])
+    others = _beside_others(progress, lambda child: outputs[child.name].exists())
     run_all(children, at_once, sweep.launch.environment, **others, **_told(progress, len(children)))
     return {child.name: child for child in children}

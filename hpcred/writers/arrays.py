@@ -31,7 +31,7 @@ from ..body.body import Body, maker, remarks, resultants_of
 from ..files.outputs import MATLAB, ZIP
 from ..model.operator import ADDED
 from ..reduction.parametric.reduced import ParametricReducedModel
-from ..reduction.reduced_model import require_finite
+from ..reduction.result.reduced_model import require_finite
 from .base import Writer
 
 

@@ -16,7 +16,7 @@ from ..files.outputs import SUPERELEMENT, kind_of_start
 from ..files.result_file import Result, Shapes
 from ..model.units import SI, Units
 from ..reduction.parametric.reduced import ParametricReducedModel
-from ..reduction.reduced_model import ReducedModel
+from ..reduction.result.reduced_model import ReducedModel
 from .superelement import Superelement, superelement
 
 OF_NAMES = "surrogateescape"  # for texts with names of files, whose bytes need not be UTF-8

@@ -15,10 +15,10 @@ from typing import Literal
 import numpy as np
 
 from ..body.body import Body, check_moving, inputs_without_node, maker, remarks
+from ..fe.dofs import DIRECTIONS
 from ..files.outputs import SID
 from ..files.system_errors import open_input
 from ..files.text import shown
-from ..model.dofs import DIRECTIONS
 from ..model.rotation import skew
 from ..parallel.failures import InputError
 from .base import Writer

@@ -10,9 +10,9 @@ With x = [q; q'], u the forces of the inputs and y the outputs:
 
 input_names, output_names; velocity_names of the rows of C_velocity; comment. Viscoelastic parts of Maxwell's law have
 states w, x = [q; q'; w], and in the second-order form, whose mass is singular, coordinates (q, w): see
-reduction.maxwell_states. Coordinates without mass, of dofs without mass, stay in the second-order form. In A, B, C, D
-and E, EA, EB what follows forces at once is in D, and what dampers hold is a state of first order: see
-reduction.massless. There is no place for structural damping and for fractional laws.
+reduction.result.maxwell_states. Coordinates without mass, of dofs without mass, stay in the second-order form. In A, B,
+C, D and E, EA, EB what follows forces at once is in D, and what dampers hold is a state of first order: see
+reduction.result.massless. There is no place for structural damping and for fractional laws.
 
 Of a model with parameters, unless values were chosen, these are at their reference values, and the arrays of
 writers.arrays for parameters make up mass, damping, stiffness, input_matrix, output_matrix (M, D, K, B, C) at others.
@@ -20,13 +20,15 @@ writers.arrays for parameters make up mass, damping, stiffness, input_matrix, ou
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..body.body import check_viscous, instability, maker
 from ..files.outputs import MATLAB, ZIP
-from ..reduction.massless import first_order, static_coordinates
-from ..reduction.maxwell_states import maxwell_states, with_maxwell_states
-from ..reduction.reduced_model import ReducedModel, require_finite
+from ..reduction.result.massless import first_order, static_coordinates
+from ..reduction.result.maxwell_states import maxwell_states, with_maxwell_states
+from ..reduction.result.reduced_model import ReducedModel, require_finite
 from .arrays import arrays_of_parameters, save_mat, save_npz, words_on_damping
 from .base import Writer
 
@@ -101,7 +103,7 @@ def _with_maxwell_states(reduced) -> dict:
     """The matrices of a model with added terms."""
     states = maxwell_states(reduced.added)
     free = {"columns": None, "left_columns": None, "model": None}
-    elastic = state_space(reduced.with_operator(reduced.operator.quadratic, **free))
+    elastic = state_space(replace(reduced, operator=reduced.operator.quadratic, **free))
     A = states.state_matrix(np.linalg.inv(reduced.M), reduced.D, reduced.K)
     E = np.eye(len(A))
     E[: 2 * reduced.size, : 2 * reduced.size] = elastic["E"]

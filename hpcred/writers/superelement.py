@@ -8,9 +8,9 @@ import numpy as np
 from scipy.linalg import eigh
 
 from ..body.body import require_no_laws
-from ..model.interfaces import InterfaceNode
+from ..model.interfaces.nodes import InterfaceNode
 from ..parallel.failures import InputError
-from ..reduction.reduced_model import ReducedModel, require_finite
+from ..reduction.result.reduced_model import ReducedModel, require_finite
 
 SYMMETRIC_ELEMENT = 1e-8  # relative to the largest entry
 FREE = 1e-3  # of the first elastic frequency, below which those of rigid-body motions count as zero without a record

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 import hpcred
 from hpcred.analysis.pole_tracking import PoleTracker
 from hpcred.analysis.whirl import orbits
-from hpcred.reduction.maxwell_states import maxwell_states
+from hpcred.reduction.result.maxwell_states import maxwell_states
 
 TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 PLANE = [SimpleNamespace(phi=np.eye(3)[:, :2])]  # a node that moves by the first two coordinates
@@ -157,6 +157,13 @@ def test_critical_speeds_of_several_orders_and_units():
     assert found.speeds[-1] == pytest.approx(200 * np.pi / 30)
     assert found.critical_speeds[0].damping_ratio == pytest.approx(0.001)
     assert found.critical_speeds[0].whirl == "unknown"
+
+
+def test_a_free_axial_motion_is_no_critical_speed():
+    """Beside the lateral ones of a Jeffcott rotor, with a stiffness that is round-off."""
+    free = Family(lambda omega: (np.eye(3), np.diag([0.1, 0.1, 0.0]), np.diag([100.0, 1e6, 1e-11])))
+    found = hpcred.campbell(free, values=np.linspace(0, 40, 9))
+    assert [item.value for item in found.critical_speeds] == pytest.approx([10.0], rel=1e-3)
 
 
 def test_models_that_are_diagonalised_at_each_value_are_taken_before():

@@ -7,8 +7,8 @@ from conftest import DATA
 from helpers import PLACES, truss
 
 import hpcred
-from hpcred.model.dofs import Dofs
-from hpcred.model.elements import solid_volume
+from hpcred.fe.dofs import Dofs
+from hpcred.fe.elements import solid_volume
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.model.units import Units, units_of
 from hpcred.readers.model_source import load_export, load_source

@@ -7,9 +7,9 @@ from helpers import bar, block_from, gather, to_dense
 import hpcred
 from hpcred import Buckens, Modes
 from hpcred.body.floating_frame import _lumped, _meeting_rank, floating_frame
+from hpcred.fe.dofs import Dofs
 from hpcred.linalg.blocks import apply, create_block, inner
-from hpcred.model.dofs import Dofs
-from hpcred.model.rigid_body_modes import rigid_motions
+from hpcred.model.rigid_body.modes import rigid_motions
 from hpcred.simulation.equations_of_motion import FlexibleBody
 
 EDGES = (0.6, 0.2, 0.1)

@@ -8,7 +8,7 @@ import hpcred
 from hpcred import LoadedState, Modes, Preload, Tangent
 from hpcred.body.loaded_states import require_axial, stiffness_of_difference, stiffness_of_stresses
 from hpcred.body.unit_states import displacements_of_states, stresses
-from hpcred.model.solids import Solids
+from hpcred.fe.solids import Solids
 from hpcred.parallel.failures import InputError
 from hpcred.readers.calculix.printed_stresses import read
 

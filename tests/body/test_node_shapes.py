@@ -8,7 +8,7 @@ import hpcred
 from hpcred import Buckens, Modes
 from hpcred.body.body import body_of, inputs_without_node, remarks
 from hpcred.body.node_shapes import node_shapes, shapes_of_rows
-from hpcred.model.dofs import OWN, SCALAR, Dofs
+from hpcred.fe.dofs import OWN, SCALAR, Dofs
 from hpcred.parallel.failures import InputError
 
 

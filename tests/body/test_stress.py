@@ -12,10 +12,10 @@ from solid_meshes import mesh, model_of, stiffness
 import hpcred
 from hpcred import ElementProperties, Material
 from hpcred.body import stress
-from hpcred.model import solids
-from hpcred.model.element_rules import RULES, rule_of
-from hpcred.model.shape_functions import SOLIDS
-from hpcred.model.strain_matrices import elasticity, nodal_stress_matrices
+from hpcred.fe import solids
+from hpcred.fe.element_rules import RULES, rule_of
+from hpcred.fe.shape_functions import SOLIDS
+from hpcred.fe.strain_matrices import elasticity, nodal_stress_matrices
 
 STEEL = Material(name="steel", young=2e11, poisson=0.3)
 GRADIENT = np.array([[1e-3, 2e-3, 0.0], [4e-3, -2e-3, 1e-3], [3e-3, -1e-3, 5e-4]])

@@ -9,8 +9,8 @@ from helpers import block_from
 from solid_meshes import mesh, model_of
 
 import hpcred
-from hpcred.model.element_rules import CALCULIX, rule_of
-from hpcred.model.strain_matrices import elasticity, strain_matrices
+from hpcred.fe.element_rules import CALCULIX, rule_of
+from hpcred.fe.strain_matrices import elasticity, strain_matrices
 
 pytestmark = [pytest.mark.ccx, pytest.mark.skipif(shutil.which("ccx") is None, reason="needs ccx")]
 STEEL = hpcred.Material(name="STEEL", young=2.1e11, poisson=0.3)

@@ -9,7 +9,7 @@ from solid_meshes import mesh, model_of, stiffness
 import hpcred
 from hpcred import InputError, Material, Preload
 from hpcred.body.stress_equilibrium import SAME, sign_of_stress_stiffness
-from hpcred.model.element_rules import FULL
+from hpcred.fe.element_rules import FULL
 
 STEEL = Material(name="steel", young=2.1e11, poisson=0.3)
 

@@ -10,11 +10,11 @@ from hpcred import Buckens, Chord, Material, Modes, Tangent
 from hpcred.body.geometric_stiffness import VELOCITIES
 from hpcred.body.stress_stiffness import assembled, node_stiffness
 from hpcred.body.unit_states import geometric_stiffness
+from hpcred.fe.element_rows import element_rows
+from hpcred.fe.element_rules import RULES, rule_of
+from hpcred.fe.shape_functions import gradients_in_space, integration_points, shape_functions
 from hpcred.linalg.blocks import apply, create_block, local_rows
-from hpcred.model.element_rows import element_rows
-from hpcred.model.element_rules import RULES, rule_of
-from hpcred.model.rigid_body_modes import rigid_body_quantities, rigid_motions
-from hpcred.model.shape_functions import gradients_in_space, integration_points, shape_functions
+from hpcred.model.rigid_body.modes import rigid_body_quantities, rigid_motions
 from hpcred.parallel.failures import InputError
 
 TYPES = [("CalculiX", name, kind) for name, kinds in RULES["CalculiX"].items() for kind in kinds]

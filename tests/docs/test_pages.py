@@ -224,7 +224,7 @@ def test_pages_do_not_send_readers_to_the_code():
     texts = {path.name: path.read_text() for path in PAGES} | GENERATED
     assert {name: PATHS.findall(text) for name, text in texts.items() if PATHS.search(text)} == {}
     job = GENERATED["reference/job-file.md"]
-    assert "see [`Limits`](python.md#hpcred.reduction.tolerance.accuracy.Limits)" in " ".join(job.split())
+    assert "see [`Limits`](python.md#hpcred.reduction.search.goal.Limits)" in " ".join(job.split())
 
 
 def test_the_reference_has_every_key_command_and_name():

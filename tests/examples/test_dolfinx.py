@@ -9,7 +9,7 @@ import scipy.linalg
 from helpers import to_dense
 
 import hpcred
-from hpcred.model.rigid_body_modes import misfit_of_nodes, rigid_body_quantities
+from hpcred.model.rigid_body.modes import misfit_of_nodes, rigid_body_quantities
 
 SCRIPT = Path(__file__).parents[2] / "examples" / "dolfinx" / "bar.py"
 

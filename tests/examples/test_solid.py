@@ -7,8 +7,8 @@ from helpers import block_from
 import hpcred
 from hpcred import ElementProperties, InputError, Modes, Preload
 from hpcred.body.preload import preloaded
+from hpcred.fe.solids import Solids
 from hpcred.model.material_stiffness import material_stiffness
-from hpcred.model.solids import Solids
 
 pytestmark = pytest.mark.mpi
 

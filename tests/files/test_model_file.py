@@ -8,7 +8,7 @@ from foreign import gathered
 from helpers import columns_of, to_dense
 
 import hpcred
-from hpcred.model.dofs import Dofs
+from hpcred.fe.dofs import Dofs
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.petsc import MPI
 

@@ -73,7 +73,7 @@ def test_a_result_without_room_is_written_elsewhere(full_disk, tmp_path, ranks):
     (tmp_path / "rescue").mkdir()
     run = hpcred(disk, "reduce", "job.toml", "--quiet", ranks=ranks, HPCRED_RESCUE_DIR=str(tmp_path / "rescue"))
     said = [line for line in run.stderr.splitlines() if line.startswith("hpcred:")]
-    assert len(said) == 1 and run.returncode == 1
+    assert len(said) == 1 and run.returncode == NoRoom.exit_status
     assert "result.h5: the disk is full: it needs 0." in said[0] and "are free in" in said[0]
     assert f"what was to be written is in {tmp_path}/rescue/result.h5" in said[0]
     assert sorted(path.name for path in disk.iterdir()) == before
@@ -189,7 +189,7 @@ def test_every_output_without_room_is_refused_in_a_sentence(reduced_linkage, ful
     before = {path.name: path.read_bytes() for path in disk.iterdir()}
     others = sorted(folder.iterdir())
     capsys.readouterr()
-    assert command(words) == 1
+    assert command(words) == NoRoom.exit_status
     said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("hpcred:")]
     assert len(said) == 1 and f"output {disk}/" in said[0] and ": the disk is full: it needs " in said[0], said
     assert "are free in" in said[0] and "make room" in said[0]
@@ -209,7 +209,7 @@ def test_files_of_a_simulation_without_room(reduced_linkage, full_disk, monkeypa
     assert command(words) == 0
     fill(disk)
     before = {path: path.read_bytes() for path in disk.rglob("*") if path.is_file()}
-    assert command(words) == 1
+    assert command(words) == NoRoom.exit_status
     assert f"what was to be written is in {folder}/s.h5" in capsys.readouterr().err
     assert {path: path.read_bytes() for path in disk.rglob("*") if path.is_file()} == before
     assert package.verify_file(folder / "s.h5")

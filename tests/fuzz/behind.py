@@ -14,7 +14,7 @@ from calculix_prints import DECK as BRICKS
 from op2_files import displaced, op2, stressed
 
 from hpcred import Dofs, InputError, SecondOrderModel, write_model
-from hpcred.model.expressions import Expression
+from hpcred.model.parameters.expressions import Expression
 
 from . import test_deck_loads as deck_loads
 from . import test_motions as motions

@@ -36,6 +36,11 @@ def universal(where, rng):
                             "".join(f"{k:10d}" for k in labels[1:3])]))  # fmt: skip
     if rng.random() < 0.5:
         sets.insert(int(rng.integers(2)), (164, [f"{1:10d}SI units", "  1.0D+00  1.0D+00  1.0D+00", "  2.7315D+02"]))
+    if rng.random() < 0.6:
+        members = [f"{item:10d}" for k in labels[1:] for item in (7, k, 0, 0)]
+        rows = ["".join(members[k : k + 8]) for k in range(0, len(members), 8)]
+        group = [f"{1:10d}" + 6 * f"{0:10d}" + f"{len(labels) - 1:10d}", "SOME", *rows]
+        sets.append((chosen(rng, 2452, 2467, 2477), group))
     return text([line for kind, lines in sets for line in ("    -1", f"{kind:6d}", *lines, "    -1")], rng)
 
 
@@ -61,6 +66,9 @@ def archive(where, rng):
         lines += [f"EBLOCK,19,SOLID,{1:8d},{1:8d}", f"(19i{width})"]
         item = (1, 1, 1, 1, 0, 0, 0, 0, 8, 0, 1, *(labels * 8)[:8])
         lines += ["".join(f"{k:{width}d}" for k in item), f"{-1:{width}d}"]
+    if rng.random() < 0.6:
+        lines += [f"CMBLOCK,SOME    ,NODE,{2:8d}  ! a component", "(8i10)", f"{labels[0]:10d}{labels[-1]:10d}",
+                  f"CMBLOCK,RANGE,NODE,{2:8d}", "(8i10)", f"{min(labels):10d}{-max(labels):10d}"]  # fmt: skip
     lines.append("MPDATA,R5.0, 1,EX  ,       1, 1,  2.1E+11")
     lines += chosen(rng, [], ["MPDATA,R5.0, 2,NUXY,       1, 1, 0.3, 0.31"], ["MP,PRXY,1,0.3", "TB,BISO,1,1,2,"])
     return text([*lines, *chosen(rng, [], ["KEYOPT,1,2,1"]), "/GO", "FINISH"], rng)
@@ -68,7 +76,9 @@ def archive(where, rng):
 
 def bulk(where, rng):
     """GRID cards in small, large or free fields, some in a system of their own."""
-    lines = chosen(rng, [], ["SOL 103", "CEND", "SPC = 1", "BEGIN BULK"], ["$ a remark", "BEGIN BULK"])
+    low, *_, high = sorted(where)
+    sets = [f"SET 5 = {low} THRU {high} EXCEPT {high}", f"SET 6 = {high},", f"  {low}"] * (rng.random() < 0.6)
+    lines = chosen(rng, [], ["SOL 103", "CEND", *sets, "SPC = 1", "BEGIN BULK"], ["$ a remark", "BEGIN BULK"])
     lines, ended = list(lines), bool(lines) or rng.random() < 0.5
     system = chosen(rng, 0, 0, 5)
     if system:
@@ -86,6 +96,7 @@ def bulk(where, rng):
         else:
             fields = ("GRID", label, system, *(number(x, form="%.10E") for x in place), "", held)
             lines.append(",".join(map(str, fields)))
+    lines += chosen(rng, [], [f"SET1,4,{low},{high}"], [f"{'SET1':<8}{4:<8}{low:<8}{'THRU':<8}{high:<8}"])
     lines += ["CTRIA3,1,1," + ",".join(map(str, list(where)[:3])), "PARAM,POST,-1"]
     lines += chosen(rng, [], ["SPOINT,7001"], ["PSOLID,1,2", "MAT1,2,2.1+11,,0.3,7850.", "MATS1,2,,PLASTIC"])
     return text([*remarked(lines, rng, "$ a remark, 1"), *["ENDDATA"] * ended], rng)

@@ -9,7 +9,7 @@ import numpy as np
 
 from .readings import LARGEST_LABEL, bulk_fields, digits, lines_of, nodes, plain, real, require, whole, words_of
 
-UFF_NODES, UFF_ELEMENTS = {15: (7,), 781: (4, 3), 2411: (4, 3)}, (780, 2412)
+UFF_NODES, UFF_ELEMENTS, UFF_GROUPS = {15: (7,), 781: (4, 3), 2411: (4, 3)}, (780, 2412), (2452, 2467, 2477)
 BEAMS = (11, 21, 22, 23, 24)
 
 
@@ -21,8 +21,15 @@ def placed(pairs):
     return found
 
 
+def with_sets(places, sets):
+    """Places of nodes, and of sets (name, node numbers) those that have such nodes: names that are there once."""
+    names = [name for name, _ in sets]
+    nodes = {name: np.array(sorted(places.keys() & set(numbers))) for name, numbers in sets if names.count(name) == 1}
+    return {**places, "sets": {f"set {name}": numbers for name, numbers in nodes.items() if len(numbers)}}
+
+
 def uff(text: bytes):
-    """The only dataset of nodes of a universal file."""
+    """The only dataset of nodes of a universal file, and groups of nodes."""
     lines = [line.rstrip(b"\r") for line in text.removeprefix(b"\xef\xbb\xbf").split(b"\n")]
     inside, sets = None, []
     for line in lines:
@@ -37,13 +44,15 @@ def uff(text: bytes):
         else:
             require(not line.strip(), "a line outside of a dataset")
     require(inside is None, "a dataset without end")
-    nodes = []
+    nodes, groups = [], []
     for lines in sets:
         require(lines and re.fullmatch(rb"[ \t]*\d{1,5}[ \t]*", lines[0]), "no number of a dataset")
         number = int(lines[0].split()[0])
         if number in (*UFF_NODES, *UFF_ELEMENTS):
             rows = [plain(line).split() for line in lines_of(b"\n".join(lines[1:]))]
             (nodes.append((number, rows)) if number in UFF_NODES else uff_elements(number, rows))
+        elif number in UFF_GROUPS:
+            groups += uff_groups(lines[1:])
     require(len(nodes) == 1, "not one dataset of nodes")
     number, rows = nodes[0]
     widths = UFF_NODES[number]
@@ -57,7 +66,25 @@ def uff(text: bytes):
         found.append((whole(words[0], 1, LARGEST_LABEL), tuple(real(word) for word in words[4:])))
         for word in words[1:4]:
             whole(word, 0)
-    return placed(found)
+    return with_sets(placed(found), groups)
+
+
+def uff_groups(lines):
+    """Name and node numbers of the groups of a dataset of which all members are nodes."""
+    found = []
+    while lines:
+        head, *lines = lines
+        words = head.split()
+        require(len(words) in (7, 8) and all(re.fullmatch(rb"-?\d{1,10}", word) for word in words), "no group")
+        count = whole(words[-1], 0)
+        require(lines, "no name")
+        name, *lines = lines
+        rows, lines = lines[: -(-4 * count // 8)], lines[-(-4 * count // 8) :]
+        words = [whole(word, 0) for row in rows for word in plain(row).split()]
+        require(len(words) == 4 * count, "another number of members")
+        if re.fullmatch(rb"\w+", name) and all(kind == 7 for kind in words[::4]):
+            found.append((name.decode(), words[1::4]))
+    return found
 
 
 def uff_elements(number, rows):
@@ -81,12 +108,15 @@ def uff_elements(number, rows):
 
 
 def cdb(text: bytes):
-    """The blocks of nodes of an archive of ANSYS: fields of the widths that its format says, zero where left out."""
-    lines, found, at = text.split(b"\n"), [], 0
+    """The blocks of nodes of an archive of ANSYS: fields of the widths that its format says, zero where left out; and
+    components of nodes."""
+    lines, found, sets, at = text.split(b"\n"), [], [], 0
     while at < len(lines):
         words = [word.strip() for word in lines[at].split(b",")]
         name = words[0].upper()
         at += 1
+        if name == b"CMBLOCK":
+            sets += component(words, lines[at : at + 1], lines[at + 1 :])
         if name not in (b"NBLOCK", b"EBLOCK") or (name == b"EBLOCK" and words[1:3] != [b"19", b"SOLID"]):
             words = b",".join(words).upper()
             require(not re.match(rb"N,(?:R5\.\d,LOC,(?!-1)|\d)", words), "nodes one by one")
@@ -117,7 +147,31 @@ def cdb(text: bytes):
                 place = row[wholes : wholes + 3]
                 require(1 <= row[0] <= LARGEST_LABEL, "no node number")
                 found.append((int(row[0]), tuple(place)))
-    return placed(sorted(found))
+    return with_sets(placed(sorted(found)), sets)
+
+
+def component(words, form, lines):
+    """Name and numbers of a component of nodes, where each is a field of its own as the format says."""
+    count = words[3].split(b"!")[0].strip() if len(words) > 3 else b""
+    require(words[1] and words[2].upper() in (b"NODE", b"ELEM") and count.isdigit(), "no component")
+    match = re.fullmatch(rb"\((\d+)[iI](\d+)\)", b"".join(form).strip())
+    require(match, "no format")
+    width, numbers = int(match[2]), []
+    for line in lines:
+        line = line.rstrip(b"\r")
+        if not re.fullmatch(rb"[ \t\d-]*", line):
+            break
+        fields = [line[k : k + width].strip() for k in range(0, len(line), width)]
+        if len(fields) > int(match[1]) or not all(re.fullmatch(rb"-?\d+", field) for field in fields):
+            return []
+        numbers += map(int, fields)
+    require(len(numbers) == int(count), "another number of nodes")
+    nodes, last = set(), 0
+    for number in numbers:
+        require(number > 0 or -number >= last > 0, "no range")
+        nodes |= {number} if number > 0 else set(range(last, min(-number, last + 10**6) + 1))
+        last = max(number, 0)
+    return [(words[1].decode(), nodes)] if re.fullmatch(rb"\w+", words[1]) and words[2].upper() == b"NODE" else []
 
 
 def listed(text: bytes):
@@ -155,12 +209,13 @@ def fields(line, widths, wholes, zeros):
 
 
 def bulk(text: bytes):
-    """GRID cards, in systems that CORD2 cards define; scalar points and elements are not nodes."""
-    text = text.upper()
+    """GRID cards, in systems that CORD2 cards define; scalar points and elements are not nodes. Sets of nodes."""
+    text, case = text.upper(), b""
     if re.search(rb"(?m)^[ \t]*BEGIN\b", text):
         require(len(re.findall(rb"(?m)^[ \t]*BEGIN\b", text)) == 1, "two sections")
         begin = re.search(rb"(?m)^[ \t]*BEGIN\b[^\n$]*", text)
         require(b"BULK" not in begin[0] or re.search(rb"(?m)^[ \t]*ENDDATA\b", text), "no end")
+        case = re.split(rb"(?m)^[ \t]*CEND\b", text[: begin.start()])[-1]
         text = text[begin.end() :]
     else:
         require(not re.search(rb"(?m)^[ \t]*CEND\b", text), "no bulk data")
@@ -175,7 +230,7 @@ def bulk(text: bytes):
             cards.append((name, []))
         else:
             require(cards and line[:1] in b" +*,\t", "a line that continues nothing")
-        if cards[-1][0] in (b"GRID", b"GRDSET", b"SPOINT") or cards[-1][0].startswith(b"CORD"):
+        if cards[-1][0] in (b"GRID", b"GRDSET", b"SPOINT", b"SET1") or cards[-1][0].startswith(b"CORD"):
             cards[-1][1].extend(bulk_fields(plain(line), strict=False)[1])
     require(sum(name == b"GRDSET" for name, _ in cards) < 2, "two defaults")
     defaults = next((words for name, words in cards if name == b"GRDSET"), [])
@@ -195,7 +250,45 @@ def bulk(text: bytes):
         place = in_basic(frames[system], [real(word or b"0", bare=True) for word in words[2:5]])
         found.append((digits(words[0], 1, LARGEST_LABEL), place))
     require(not scalars & {label for label, _ in found}, "a scalar point that is a node")
-    return placed(sorted(found))
+    places = placed(sorted(found))
+    sets = [(f"SET1 {int(words[0])}", words[1:]) for name, words in cards if name == b"SET1" and words[0].isdigit()]
+    sets = [(name, set_of(words, places)) for name, words in [*sets_of_case(case), *sets]]
+    return with_sets(places, sets)
+
+
+def sets_of_case(text):
+    """Name and words of the sets of a case control of which nothing is asked for."""
+    text = re.sub(rb"\$[^\n]*", b"", text)
+    asked = re.findall(rb"(?m)^(?![ \t]*SET)[^\n]*=[ \t]*(\d+)", text)
+    found = re.findall(rb"(?m)^[ \t]*SET[ \t]+(\d{1,9})[ \t]*=((?:[^\n]*,[ \t\r]*\n)*[^\n]*)", text)
+    return [(f"SET {int(number)}", re.split(rb"[,\s]+", words.strip(b", \t\r\n")) if number not in asked else [])
+            for number, words in found]  # fmt: skip
+
+
+def set_of(words, places):
+    """The nodes of a list of numbers and ranges; none where it is no such list, or one of its numbers is no node."""
+    words, found, excepted, first, last = [word for word in words if word], set(), range(0), 0, 0
+    while words:
+        number = words.pop(0)
+        if number == b"EXCEPT" and not excepted and found:
+            excepted = range(first, last + 1)
+            continue
+        if not re.fullmatch(rb"\d{1,10}", number):
+            return []
+        first = last = int(number)
+        if words[:1] == [b"THRU"]:
+            if len(words) < 2 or not re.fullmatch(rb"\d{1,10}", words[1]) or excepted or int(words[1]) <= first:
+                return []
+            last = int(words[1])
+            del words[:2]
+        if first in excepted:
+            found.discard(first)
+            continue
+        excepted = range(0)
+        if first == last and first not in places:
+            return []
+        found |= {node for node in places if first <= node <= last}
+    return found
 
 
 def systems(cards):

@@ -55,7 +55,7 @@ def test_solutions_and_inertia_are_those_of_dense_matrices(comm, solid, monkeypa
     assert [record.kind for record in records] == 3 * ["LU" if unsymmetric else "LDL^T"]
     assert {record.package for record in records} == {"cudss"} and solver.analyses == 1
     if comm.rank == 0:
-        assert gpu.plans == 1 and gpu.factors == 3
+        assert gpu.analyses == 1 and gpu.factors == 3
     solver.close()
     assert gpu.freed == (comm.rank == 0)
 
@@ -104,7 +104,7 @@ def test_groups_have_a_gpu_each(comm, monkeypatch):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("phase", ["plan", "factorize"])
+@pytest.mark.parametrize("phase", ["analyse", "factorise"])
 @pytest.mark.parametrize("error", [FULL, RuntimeError("CUDSS_STATUS_EXECUTION_FAILED")])
 def test_a_gpu_that_fails_leaves_the_factor_to_mumps_if_it_may(comm, solid, monkeypatch, small, phase, error):
     Gpu(failing=phase, error=error).used_by(monkeypatch)
@@ -179,13 +179,13 @@ def test_single_precision_is_refined(comm, solid, monkeypatch):
 
 def test_without_the_library_one_sentence_says_what_helps(solid, monkeypatch):
     monkeypatch.setattr(cudss, "find_spec", lambda name: None)
-    cudss.unusable.cache_clear()
+    cudss._unusable.cache_clear()
     words = r"solver.package: 'cudss' needs nvmath-python, which is not installed; `pip install 'hpcred\[cuda13\]'`"
     with pytest.raises(InputError, match=words):
         hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by())
     with hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by("auto")) as rom:
         assert rom.record.factorisations[0].package == "mumps"
-    cudss.unusable.cache_clear()
+    cudss._unusable.cache_clear()
 
 
 @pytest.mark.parametrize("count, error, words", [
@@ -195,7 +195,7 @@ def test_without_the_library_one_sentence_says_what_helps(solid, monkeypatch):
     (1, ImportError("libcudss.so.0: cannot open shared object file"), r"cannot be used here \(ImportError: libcudss"),
 ])  # fmt: skip
 def test_a_gpu_or_a_library_that_cannot_be_used(solid, monkeypatch, small, count, error, words):
-    Gpu(failing="plan", error=error).used_by(monkeypatch, count=count)
+    Gpu(failing="analyse", error=error).used_by(monkeypatch, count=count)
     monkeypatch.setattr(cudss, "find_spec", lambda name: object())
     monkeypatch.setattr(cudss, "unusable", REAL_UNUSABLE)
     with pytest.raises(InputError, match=f"solver.package: 'cudss' {words}"):
@@ -205,7 +205,7 @@ def test_a_gpu_or_a_library_that_cannot_be_used(solid, monkeypatch, small, count
         assert rom.record.factorisations[0].package_because.startswith("cuDSS ")
 
 
-REAL_UNUSABLE = cudss.unusable.__wrapped__
+REAL_UNUSABLE = cudss._unusable.__wrapped__
 
 
 @pytest.mark.parametrize("key, value", [("out_of_core", "/tmp"), ("low_rank", 1e-8), ("memory_mb", 100.0)])
@@ -224,7 +224,7 @@ def test_small_models_are_done_before_a_gpu_is_started(solid, monkeypatch):
     gpu = Gpu().used_by(monkeypatch)
     with hpcred.reduce(solid, [Krylov(frequency=100.0)]) as rom:
         record = rom.record.factorisations[0]
-    assert record.package == "mumps" and gpu.plans == 0
+    assert record.package == "mumps" and gpu.analyses == 0
     assert record.package_because == f"{solid.size} rows are done before a GPU is started"
 
 

@@ -34,7 +34,7 @@ from hpcred.linalg.solvers.shifted import ShiftedSolver
 from hpcred.model.frames import apply_frame
 from hpcred.model.node_blocks import NodeBlocks
 from hpcred.parallel.petsc import MPI, free_dropped
-from hpcred.reduction.tolerance.point_solver import ROUGH_LOADS
+from hpcred.reduction.search.point_solver import ROUGH_LOADS
 
 UNFIT = LinearSolver(unfit="multigrid")
 MULTIGRID = Factoring(solver=LinearSolver(kind="multigrid"))

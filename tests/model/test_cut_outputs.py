@@ -6,7 +6,7 @@ import pytest
 import hpcred
 from hpcred import CutOutput, InputError, MotionOutput
 from hpcred.body.units import in_units
-from hpcred.model.cut_outputs import cut_output_of
+from hpcred.model.outputs.cuts import cut_output_of
 from hpcred.model.units import unit_of_response
 from tests.helpers import bar
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hpcred import InputError
-from hpcred.model.expressions import LONGEST, Expression, in_c
+from hpcred.model.parameters.expressions import LONGEST, Expression, in_c
 
 VALUES = {"omega": 3.0, "e": -0.5, "a_1": 2.0}
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from hpcred.model.expressions import Expression
-from hpcred.model.factor_ranges import possible_pole
+from hpcred.model.parameters.expressions import Expression
+from hpcred.model.parameters.factor_ranges import possible_pole
 
 ROOT = 2**0.5  # whose square is no float: x^2 - 2 is 4e-16 at the least
 

@@ -8,8 +8,8 @@ from helpers import bar, block_with_ends, columns_of, dense_model, face, gather,
 
 import hpcred
 from hpcred import Buckens, Interface, Modes, Nodes, StaticCorrection, Tangent
-from hpcred.model.elements import surface_areas
-from hpcred.model.rigid_body_modes import rigid_motions
+from hpcred.fe.elements import surface_areas
+from hpcred.model.rigid_body.modes import rigid_motions
 
 pytestmark = pytest.mark.mpi
 

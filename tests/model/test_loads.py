@@ -22,9 +22,9 @@ from hpcred import (
     Temperature,
     Traction,
 )
-from hpcred.model.elements import FACES
-from hpcred.model.load_columns import loads_of, resultants
-from hpcred.model.rigid_body_modes import rigid_motions
+from hpcred.fe.elements import FACES
+from hpcred.model.loads.columns import loads_of, resultants
+from hpcred.model.rigid_body.modes import rigid_motions
 
 pytestmark = pytest.mark.mpi
 

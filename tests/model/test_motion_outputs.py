@@ -5,7 +5,7 @@ from itertools import product
 import pytest
 
 from hpcred import InputError
-from hpcred.model.motion_outputs import MotionOutput, motion_output_of
+from hpcred.model.outputs.motions import MotionOutput, motion_output_of
 
 GIVEN = {"node": 20, "direction": "z", "dof": 7}
 

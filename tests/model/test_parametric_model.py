@@ -10,8 +10,9 @@ from helpers import columns_of, dense_model, to_dense
 import hpcred
 from hpcred import InputError, Parameter, ParametricModel, SecondOrderModel, Term
 from hpcred.linalg.matrix_estimates import symmetry_defect
-from hpcred.model import parametric_model, second_order_model
-from hpcred.model.parameters import check_terms
+from hpcred.model import second_order_model
+from hpcred.model.parameters import parametric_model
+from hpcred.model.parameters.definitions import check_terms
 from hpcred.parallel.petsc import PETSc
 
 OMEGA = Parameter("omega", (0.0, 8.0), unit="rad/s")

@@ -9,8 +9,8 @@ from helpers import columns_of, dense_model, to_dense  # noqa: F401
 
 import hpcred
 from hpcred import Buckens, Dofs, InputError
-from hpcred.model.rigid_body_modes import misfit_of_nodes, warnings_of_nodes
-from hpcred.model.support import support_of
+from hpcred.model.rigid_body.modes import misfit_of_nodes, warnings_of_nodes
+from hpcred.model.rigid_body.support import support_of
 
 pytestmark = pytest.mark.mpi
 

@@ -5,15 +5,10 @@ import pytest
 from helpers import PLACES, to_dense, truss
 
 import hpcred
+from hpcred.fe.dofs import Dofs
 from hpcred.linalg.blocks import apply, create_block, from_dense, inner, local_rows
-from hpcred.model.dofs import Dofs
-from hpcred.model.rigid_body_modes import (
-    RigidBodyModes,
-    pushed_motions,
-    rigid_body_quantities,
-    rigid_motions,
-)
-from hpcred.model.support import support_of
+from hpcred.model.rigid_body.modes import RigidBodyModes, pushed_motions, rigid_body_quantities, rigid_motions
+from hpcred.model.rigid_body.support import support_of
 from hpcred.parallel.failures import InputError
 
 

@@ -6,7 +6,7 @@ from helpers import columns_of
 
 import hpcred
 from hpcred import InputError, StressOutput
-from hpcred.model.stress_outputs import stress_output_of
+from hpcred.model.outputs.stresses import stress_output_of
 from hpcred.model.units import unit_of_response
 
 TARGETS = [(60, "z"), *(StressOutput(node=node, stress=name) for node, name in ((20, "xx"), (60, "yz"), (20, "zx")))]

@@ -8,9 +8,9 @@ from helpers import Rod, beam_element, to_dense
 
 import hpcred
 from hpcred import Buckens, Dofs, InputError
-from hpcred.model.rigid_body_modes import misfit_of_nodes, remark_on_digits
-from hpcred.model.rows_alone import warnings_of_rows_alone
-from hpcred.model.support import support_of
+from hpcred.model.rigid_body.modes import misfit_of_nodes, remark_on_digits
+from hpcred.model.rigid_body.rows_alone import warnings_of_rows_alone
+from hpcred.model.rigid_body.support import support_of
 
 pytestmark = pytest.mark.mpi
 

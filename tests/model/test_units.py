@@ -11,7 +11,7 @@ from helpers import bar, close, columns_of, refused, to_dense, with_columns
 
 import hpcred
 from hpcred.cli.main import run
-from hpcred.model.dofs import Dofs
+from hpcred.fe.dofs import Dofs
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.model.units import unit_of_response, units_of
 from hpcred.parallel.failures import InputError

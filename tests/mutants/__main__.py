@@ -4,25 +4,26 @@ import argparse
 import json
 import os
 import random
-import shutil
-import signal
-import subprocess
 import sys
 import tempfile
-import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from queue import Queue
 
-from coverage import CoverageData
-from launch import mpi_environment
+import coverage
+import numpy  # noqa: F401  with the others, for the forks
+import pydantic  # noqa: F401
+import pytest
+import scipy.io  # noqa: F401
+import scipy.linalg  # noqa: F401
+import scipy.optimize  # noqa: F401
+import scipy.sparse.linalg  # noqa: F401
 
 from .changes import changes
+from .forks import run_forked
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = "linalg,model,reduction,body,simulation"
-TESTS = [ROOT / "tests" / room for room in (*ROOMS.split(","), "analysis")]
+ROOMS = "linalg,fe,model,reduction,body,simulation,analysis"
 SAME = Path(__file__).with_name("same.txt")
+LIMIT = 1200  # seconds of the tests of a module, measured
 QUICK = "not slow and not ccx and not dolfinx and not chromium and not slurm and not docs and not wheel"
 
 
@@ -37,15 +38,17 @@ def main():
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "mutants", help="for what tests cover")
     given = parser.parse_args()
-    covered = Covered(given.folder, given.jobs)
-    chosen = sample(given.rooms.split(","), given.count, given.seed, covered, given.only)
+    os.chdir(ROOT)
+    rooms = given.rooms.split(",")
+    covered = Covered(given.folder, sorted({room.partition("/")[0] for room in rooms}), given.jobs)
+    chosen = sample(rooms, given.count, given.seed, covered, given.only)
     print(f"{len(chosen)} mutants, seed {given.seed}", flush=True)
-    with tempfile.TemporaryDirectory(prefix="hpcred-mutants-") as name, ThreadPoolExecutor(given.jobs) as pool:
-        places = Queue()
-        for job in range(given.jobs):
-            places.put(scratch(Path(name) / str(job)))
-        found = pool.map(lambda item: survives(item, covered, places, given.seconds, given.everywhere), chosen)
-        survivors = list(filter(None, found))
+    survivors = []
+    with tempfile.TemporaryDirectory(prefix="hpcred-mutants-") as folder:
+        tasks = (task_of(*item, covered, Path(folder), given.seconds, given.everywhere) for item in chosen)
+        for line, status, seconds in run_forked(tasks, given.jobs):
+            print(f"{'killed  ' if status else 'SURVIVED'} {seconds:4.0f} s {line}", flush=True)
+            survivors += [] if status else [line]
     print(f"{len(chosen)} mutants, {len(survivors)} survived")
     print(*survivors, sep="\n")
     return int(bool(survivors))
@@ -82,41 +85,34 @@ def line_of(path, change):
 
 
 class Covered:
-    """Which tests run which lines, and how long they take; measured again where a file is newer."""
+    """Which tests of rooms run which lines, and how long they take; measured again where what they run is newer."""
 
-    def __init__(self, folder, jobs):
+    def __init__(self, folder, rooms, jobs):
         folder.mkdir(parents=True, exist_ok=True)
-        code = max(path.stat().st_mtime for path in (ROOT / "hpcred").rglob("*.py"))
-        files = [path for room in TESTS for path in sorted(room.glob("test_*.py"))]
-        with ThreadPoolExecutor(jobs) as pool:
-            list(pool.map(lambda path: self._measure(path, folder, code), files))
+        files = [path for room in rooms for path in sorted((ROOT / "tests" / room).glob("test_*.py"))]
+        old = [path for path in files if self._is_old(path, *kept_in(folder, path))]
+        tasks = [(path, LIMIT, lambda path=path: measure(path, *kept_in(folder, path))) for path in old]
+        for path, _, seconds in run_forked(tasks, jobs):
+            print(f"measured {path.relative_to(ROOT)} in {seconds:.0f} s", flush=True)
         self._lines, self.seconds, self.every = {}, {}, set()
         for path in files:
-            measured, watched = kept_in(folder, path)
+            data, watched = kept_in(folder, path)
             watched = json.loads(watched.read_text())
             self.seconds |= {test: time for test, time in watched["seconds"].items() if test not in watched["failed"]}
             self.every |= set(watched["every"])
             if watched["failed"]:
                 print(f"left out, as they fail as it is: {' '.join(watched['failed'])}")
-            data = CoverageData(str(measured))
-            data.read()
-            for file in data.measured_files():
-                lines = self._lines.setdefault(Path(file), {})
-                for line, tests in data.contexts_by_lineno(file).items():
+            for file, by_line in lines_of(data):
+                lines = self._lines.setdefault(file, {})
+                for line, tests in by_line.items():
                     lines.setdefault(line, set()).update(tests)
 
-    def _measure(self, path, folder, code):
-        data, watched = kept_in(folder, path)
-        if watched.exists() and watched.stat().st_mtime > max(path.stat().st_mtime, code):
-            return
-        print(f"measure {path.relative_to(ROOT)}", flush=True)
-        data.unlink(missing_ok=True)
-        subprocess.run(
-            [sys.executable, "-m", "coverage", "run", f"--data-file={data}", f"--rcfile={os.devnull}",
-             "--source=hpcred", "-m", "pytest", "-q", "-p", "mutants.watching", "-m", QUICK,
-             "-k", "not 2-ranks and not 3-ranks and not complex", str(path)],
-            cwd=ROOT, stdout=subprocess.DEVNULL, env=environment(ROOT) | {"HPCRED_WATCHED": str(watched)},
-        )  # fmt: skip
+    @staticmethod
+    def _is_old(path, data, watched):
+        since = watched.stat().st_mtime if watched.exists() else 0.0
+        return path.stat().st_mtime > since or any(
+            not file.exists() or file.stat().st_mtime > since for file, _ in lines_of(data)
+        )
 
     def tests(self, path, change):
         """Tests that run a line of a change, else those that run its module; its own first, then the shortest."""
@@ -133,24 +129,31 @@ def kept_in(folder, path):
     return (folder / f"{path.parent.name}-{path.stem}{suffix}" for suffix in (".sqlite", ".json"))
 
 
-def environment(folder):
-    return mpi_environment(PYTHONPATH=f"{folder}:{ROOT / 'tests'}", PYTHONDONTWRITEBYTECODE="1")
+def measure(path, data, watched):
+    """Run the tests of a module on one rank under coverage."""
+    data.unlink(missing_ok=True)
+    watched.unlink(missing_ok=True)
+    os.environ["HPCRED_WATCHED"] = str(watched)
+    measured = coverage.Coverage(data_file=str(data), config_file=False, source=["hpcred"])
+    measured.start()
+    status = pytest.main(["-q", "-p", "no:cacheprovider", "-p", "mutants.watching", "-m", QUICK,
+                          "-k", "not 2-ranks and not 3-ranks and not complex", str(path)])  # fmt: skip
+    measured.stop()
+    measured.save()
+    return status
 
 
-def scratch(folder):
-    """A folder like the repository, with a copy of the package."""
-    folder.mkdir()
-    for path in ROOT.iterdir():
-        if path.name == "hpcred":
-            shutil.copytree(path, folder / "hpcred")
-        elif path.name not in ("build", ".git"):
-            (folder / path.name).symlink_to(path)
-    return folder
+def lines_of(data):
+    """The modules that tests run, each with the tests by line."""
+    kept = coverage.CoverageData(str(data))
+    kept.read()
+    found = ((Path(file), kept.contexts_by_lineno(file)) for file in kept.measured_files())
+    return [(file, by_line) for file, by_line in found if set().union(*by_line.values()) - {""}]
 
 
-def survives(item, covered, places, seconds, everywhere):
-    """A line about a mutant for which no test fails, else None."""
-    path, change = item
+def task_of(path, change, covered, folder, seconds, everywhere):
+    """The line of a mutant, the time (s) that its tests may take, and a function that runs them: its exit status is 0
+    where no test fails."""
     tests, took = [], 0.0
     for test in covered.tests(path, change):
         took += covered.seconds[test]
@@ -159,33 +162,15 @@ def survives(item, covered, places, seconds, everywhere):
         tests.append(test)
     elsewhere = [test.replace("1-rank", suffix) for test in tests for suffix in ("3-ranks", "1-rank-complex")]
     elsewhere = [test for test in elsewhere if everywhere and test in covered.every and test not in tests]
-    place, start = places.get(), time.monotonic()
-    target = place / path.relative_to(ROOT)
-    try:
-        target.write_text(change.source())
-        dead = run(tests, place, 60 + 4 * took) or (elsewhere and run(elsewhere, place, 120 + 12 * took))
-    finally:
-        shutil.copy2(path, target)
-        places.put(place)
     line = line_of(path, change)
-    print(f"{'killed  ' if dead else 'SURVIVED'} {time.monotonic() - start:4.0f} s {line}", flush=True)
-    return None if dead else f"{line} | {len(tests)} tests"
 
+    def run():
+        source = folder / str(os.getpid())
+        source.write_text(change.source())
+        os.environ |= {"HPCRED_MUTANT": f"{path}={source}", "PYTEST_PLUGINS": "mutants.changed"}
+        return pytest.main(["-x", "-q", "-p", "no:cacheprovider", *tests, *elsewhere])
 
-def run(tests, place, limit):
-    """Whether one of the tests fails, or they do not end."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests], cwd=place,
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment(place), start_new_session=True,
-    )  # fmt: skip
-    try:
-        return process.wait(limit) != 0
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGTERM)
-        return True
-    finally:
-        if process.poll() is None:
-            process.wait()
+    return f"{line} | {len(tests)} tests", 60 + 4 * took + 16 * took * bool(elsewhere), run
 
 
 if __name__ == "__main__":

@@ -143,3 +143,22 @@ def test_frequencies_that_are_none_are_refused(solid, frequencies, message):
             hpcred.frequency_response(rom, 1.0, Buckens())
     with pytest.raises(hpcred.InputError, match=message):
         hpcred.full_response(solid, frequencies)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: hpcred.Pressure(name="oil", on=(3, 3)), "^load 'oil': on: expected at least one number of a node, an"),
+        (lambda: hpcred.Pressure(name="oil", on=(0,)), "^load 'oil': on: found 0, expected 1 to 2.14748e"),
+        (lambda: hpcred.Pressure(name="oil", on="BORE", value=0), "^load 'oil': value: found 0.0, which is no load"),
+        (lambda: hpcred.ModalDamping(table=((1.0, 0.1), (2.0, -1.0))), "^damping.table: found -1, expected 0 to 1000$"),
+        (lambda: hpcred.Chord(nodes=(1, "a", 0)), "^frame.nodes: found 0, expected 1 to"),
+        (lambda: hpcred.LineSpring(node=1, at=(0, 0, 0), stiffness=-1), "^spring.stiffness: found -1.0, expected noth"),
+        (lambda: hpcred.Nodes(sphere=((0, 0, 1e99), 1)), r"^nodes.sphere: found 1e\+99, expected -1e\+09 to 1e\+09 m$"),
+    ],
+)
+def test_checks_in_annotations_are_those_of_the_kind_that_a_value_has(make, message):
+    """Also of items of tuples; a name of a set is no list of nodes."""
+    hpcred.Pressure(name="oil", on="BOOK")
+    with pytest.raises(hpcred.InputError, match=message):
+        make()

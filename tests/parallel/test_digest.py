@@ -6,7 +6,7 @@ import scipy.sparse
 from xxhash import xxh3_128
 
 import hpcred as package
-from hpcred.model.interfaces import Interface
+from hpcred.model.interfaces.nodes import Interface
 from hpcred.parallel.digest import ROWS_OF_DIGEST, digest, digest_of_block
 from hpcred.parallel.petsc import MPI
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from foreign import gathered, write
 
-from hpcred.model.materials import Material
+from hpcred.fe.materials import Material
 from hpcred.readers.abaqus.input_file import read
 
 pytestmark = pytest.mark.mpi(build="real")

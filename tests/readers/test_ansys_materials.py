@@ -6,7 +6,7 @@ from foreign import gathered, write
 from shared_data import unpacked
 
 import hpcred
-from hpcred.model.materials import Material
+from hpcred.fe.materials import Material
 from hpcred.readers.ansys import cdb
 
 pytestmark = pytest.mark.mpi(build="real")

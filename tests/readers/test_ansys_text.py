@@ -427,8 +427,8 @@ def sets_in(path, comm):
 
 
 def test_components_are_sets(comm, folder, monkeypatch):
-    """Numbers and ranges, over lines and pieces; of elements the nodes of those; also of the input of Workbench."""
-    many = [1, -3, 5, 6]
+    """Numbers and ranges, over lines and pieces, of nodes that are there; of elements the nodes of those."""
+    many = [1, -3, 5, 6, -99999999]
     text = QUADS + components(("BEARING", "NODE", many), ("Plate 2", "ELEM", [9]), ("ALL", "ELEMENTS", [8, -9]))
     expected = {"BEARING": [1, 2, 3, 5, 6], "elements of Plate 2": [2, 3, 5, 6], "elements of ALL": [1, 2, 3, 4, 5, 6]}
     for size in (2**21, 16):

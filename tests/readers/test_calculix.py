@@ -12,7 +12,7 @@ from helpers import to_dense
 
 import hpcred
 from hpcred import Buckens, InputError, Modes
-from hpcred.model.dofs import SCALAR
+from hpcred.fe.dofs import SCALAR
 from hpcred.parallel.petsc import is_complex
 from hpcred.readers.calculix.matrix_storage import begins, files_of
 from hpcred.readers.model_source import load_export, load_source

@@ -9,8 +9,8 @@ from calculix_runs import input_lines, run_calculix
 from foreign import gathered
 from solid_meshes import mesh
 
-from hpcred.model.element_rules import CALCULIX, rule_of
-from hpcred.model.strain_matrices import elasticity, nodal_stress_matrices
+from hpcred.fe.element_rules import CALCULIX, rule_of
+from hpcred.fe.strain_matrices import elasticity, nodal_stress_matrices
 from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import MPI
 from hpcred.readers.stresses.source import read_answers

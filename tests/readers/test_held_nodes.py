@@ -7,8 +7,8 @@ import scipy.sparse
 from foreign import gathered, write
 from solid_meshes import mass, mesh, stiffness
 
-from hpcred.model.element_rules import B_BAR, FULL
-from hpcred.model.solids import Solids
+from hpcred.fe.element_rules import B_BAR, FULL
+from hpcred.fe.solids import Solids
 from hpcred.readers.model_source import load_export, load_source
 from hpcred.settings.source import Source
 

@@ -12,7 +12,7 @@ from helpers import columns_of
 
 import hpcred
 from hpcred import Buckens, Modes
-from hpcred.readers.abaqus.export import abaqus_source
+from hpcred.readers.input_file import abaqus_source
 from hpcred.readers.model_source import load_export, load_source
 from hpcred.settings.source import Source
 

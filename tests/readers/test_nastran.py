@@ -9,8 +9,8 @@ from helpers import to_dense
 
 import hpcred
 from hpcred import Buckens, InputError, Modes
-from hpcred.model.dofs import DIRECTIONS
-from hpcred.model.rigid_body_modes import warnings_of_nodes
+from hpcred.fe.dofs import DIRECTIONS
+from hpcred.model.rigid_body.modes import warnings_of_nodes
 from hpcred.readers.assembly import assemble
 from hpcred.readers.model_source import load_export, load_source
 from hpcred.readers.nastran import exports as nastran

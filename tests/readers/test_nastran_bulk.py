@@ -5,8 +5,8 @@ import pytest
 from foreign import gathered, write
 
 from hpcred import InputError
+from hpcred.fe.dofs import OWN
 from hpcred.files import text as text_module
-from hpcred.model.dofs import OWN
 from hpcred.parallel.shares import row_range
 from hpcred.readers.entries import Entries
 from hpcred.readers.nastran import bulk as nastran_bulk
@@ -425,3 +425,20 @@ def test_sets_of_points(comm, folder, monkeypatch):
     }  # fmt: skip
     (remark,) = deck.remarks
     assert remark.startswith(f"{folder / 'a.bdf'}: SET 7, SET 11, SET 14, SET 15, SET1 30: no sets of points alone")
+
+
+def test_case_control_in_files_of_its_own_is_the_same(comm, folder):
+    """What is included for the solution is none of it."""
+    head, _, case = SETS.format("\n".join(f"GRID,{number}" for number in range(1, 8))).partition("CEND\n")
+    case, _, bulk = case.partition("BEGIN BULK\n")
+    deck = f"{head}CEND\n{case}SPC = 3\nBEGIN BULK\n{bulk}"
+    whole = nastran_bulk.read_deck(write(folder / "a.bdf", deck, comm), comm)
+    write(folder / "case.inc", f"{case}include 'spc.inc'\n", comm)
+    write(folder / "spc.inc", "SPC = 3\n", comm)
+    deck = f"{head}INCLUDE 'of_the_solution'\nCEND\nINCLUDE 'case.inc'\nBEGIN BULK\n{bulk}"
+    apart = nastran_bulk.read_deck(write(folder / "b.bdf", deck, comm), comm)
+    assert whole.case == apart.case and whole.case["SPC"] == {3}
+    assert gathered(comm, whole.label)[0].tolist() == gathered(comm, apart.label)[0].tolist()
+    assert {name: points.tolist() for name, points in whole.sets.items()} == {
+        name: points.tolist() for name, points in apart.sets.items()
+    }

@@ -6,8 +6,8 @@ from foreign import gathered, write
 from helpers import to_dense
 
 from hpcred import InputError
+from hpcred.fe.dofs import DIRECTIONS, SCALAR
 from hpcred.files import text as text_module
-from hpcred.model.dofs import DIRECTIONS, SCALAR
 from hpcred.readers.model_source import load_export, load_source
 from hpcred.readers.nastran import dmig as nastran_dmig
 from hpcred.settings.source import Source

@@ -4,7 +4,7 @@ import pytest
 from foreign import gathered, write
 
 from hpcred import InputError
-from hpcred.model.materials import Material
+from hpcred.fe.materials import Material
 from hpcred.readers.nastran import bulk
 
 pytestmark = pytest.mark.mpi(build="real")

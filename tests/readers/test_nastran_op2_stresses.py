@@ -10,8 +10,8 @@ from foreign import gathered
 from op2_files import displaced, op2, stressed
 from shared_data import unpacked
 
-from hpcred.model.element_rules import FULL
-from hpcred.model.strain_matrices import elasticity, nodal_stress_matrices
+from hpcred.fe.element_rules import FULL
+from hpcred.fe.strain_matrices import elasticity, nodal_stress_matrices
 from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import MPI
 from hpcred.readers.nastran.op2 import walk

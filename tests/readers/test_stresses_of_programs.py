@@ -5,8 +5,8 @@ import pytest
 from foreign import gathered
 from shared_data import shared
 
-from hpcred.model.element_rules import rule_of
-from hpcred.model.strain_matrices import elasticity, nodal_stress_matrices
+from hpcred.fe.element_rules import rule_of
+from hpcred.fe.strain_matrices import elasticity, nodal_stress_matrices
 from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import MPI
 from hpcred.readers.ansys import rst

@@ -8,9 +8,9 @@ from helpers import exported
 
 import hpcred
 from hpcred import InputError, Modes
+from hpcred.fe.elements import NODES
 from hpcred.files import text as text_module
 from hpcred.files.result_file import read_result
-from hpcred.model.elements import NODES
 from hpcred.parallel.petsc import MPI
 from hpcred.readers.model_source import load_source
 from hpcred.readers.nodes import uff

@@ -35,11 +35,12 @@ from hpcred import (
     Structural,
 )
 from hpcred.examples.linkage import FRAME, LOAD
-from hpcred.model.dofs import Dofs
+from hpcred.fe.dofs import Dofs
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.petsc import is_complex
-from hpcred.reduction.tolerance.accuracy import Adaptive, measured_damping
-from hpcred.reduction.tolerance.pseudo_modal import Proportional
+from hpcred.reduction.search.goal import Adaptive
+from hpcred.reduction.small.damping import measured_damping
+from hpcred.reduction.small.pseudo_modal import Proportional
 
 BAND = (0.0, 30000.0)  # of the clamped block with 144 dofs: three modes
 CASES = hard_cases()
@@ -314,7 +315,7 @@ def test_too_few_factorisations(comm):
     K, M = chain(80)
     case = Case("70 modes", K, M, unit(80, 3, 37), up_to(K, M, 70))
     adaptive = Adaptive(tolerance=1e-6, band=case.band, factorisations=2, columns=1000)
-    from hpcred.reduction.tolerance import judging as module
+    from hpcred.reduction.search import judging as module
 
     with pytest.MonkeyPatch.context() as patch, case.model(comm) as model:
         patch.setattr(module, "COLUMNS", 12)

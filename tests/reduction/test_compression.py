@@ -7,11 +7,13 @@ import pytest
 from adaptive_models import chain, unit
 
 import hpcred
-from hpcred.reduction.measure import MEASURES
-from hpcred.reduction.tolerance import compression
-from hpcred.reduction.tolerance.compression import TRIALS, compressed, snapshots
-from hpcred.reduction.tolerance.error_estimate import Comparison, grid, measure_over
-from hpcred.reduction.tolerance.pseudo_modal import UNDAMPED, InputsOutputs, Proportional, columns, diagonalised
+from hpcred.reduction.result.measure import MEASURES
+from hpcred.reduction.search import outcome
+from hpcred.reduction.search.outcome import TRIALS
+from hpcred.reduction.small import compression
+from hpcred.reduction.small.compression import compressed, snapshots
+from hpcred.reduction.small.error_estimate import Comparison, grid, measure_over
+from hpcred.reduction.small.pseudo_modal import UNDAMPED, InputsOutputs, Proportional, columns, diagonalised
 
 BAND = (0.0, 10.0)
 
@@ -97,8 +99,8 @@ def test_the_uncompressed_model_is_kept_where_no_compression_reaches_the_goal(mo
     damping, tried = Proportional(eta=2e-3), []
     model = model_of("plain", damping)
     pair = whole(model, "directions")
-    monkeypatch.setattr(compression, "compressed", lambda _, S, *__: (tried.append(len(S)), np.eye(60)[:, :1])[1])
+    monkeypatch.setattr(outcome, "compressed", lambda _, S, *__: (tried.append(len(S)), np.eye(60)[:, :1])[1])
     judge = SimpleNamespace(settings=hpcred.Adaptive(tolerance=1e-2, band=BAND), noise=1e-12)
-    found, _, curve, limited = compression._reach(judge, pair, 1e-3, np.zeros((60, 0)), 0)
+    found, _, curve, limited = outcome._reach(judge, pair, 1e-3, np.zeros((60, 0)), 0)
     assert found.embedding.shape == (60, 60) and curve.max() < 1e-9 and not limited
     assert len(tried) == TRIALS == 8 and tried[1] > tried[0]

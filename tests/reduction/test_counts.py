@@ -120,7 +120,7 @@ class TestStores:
         expected = self.accuracy(comm, tmp_path / "none")
         with monkeypatch.context() as patch:
             if source is None:  # of an earlier version
-                patch.setattr("hpcred.reduction.tolerance.point_solver.asdict", lambda _: None)
+                patch.setattr("hpcred.reduction.search.point_solver.asdict", lambda _: None)
             else:
                 patch.setattr(Mumps, "source_of", lambda *_: source)
             patch.setattr("hpcred.linalg.solvers.base.Factorisation.inertia", property(lambda _: 2))

@@ -7,7 +7,7 @@ from helpers import dense_model
 
 import hpcred
 from hpcred import Caughey, Factoring, GivenDamping, LinearSolver
-from hpcred.examples.beam import Rod, beam_element
+from hpcred.examples.linkage import Rod, beam_element
 from hpcred.parallel.petsc import is_complex
 
 pytestmark = pytest.mark.mpi

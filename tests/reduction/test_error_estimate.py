@@ -5,8 +5,8 @@ import pytest
 from adaptive_models import chain, membrane, unit
 
 from hpcred.linalg.known import ModeCount
-from hpcred.reduction.measure import MEASURES
-from hpcred.reduction.tolerance.error_estimate import (
+from hpcred.reduction.result.measure import MEASURES
+from hpcred.reduction.small.error_estimate import (
     FINE,
     PLACES,
     Comparison,
@@ -22,7 +22,7 @@ from hpcred.reduction.tolerance.error_estimate import (
     resolved,
     unsettled,
 )
-from hpcred.reduction.tolerance.pseudo_modal import Proportional, diagonalised, nested
+from hpcred.reduction.small.pseudo_modal import Proportional, diagonalised, nested
 
 
 def krylov(K, B, f, blocks):

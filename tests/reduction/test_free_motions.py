@@ -8,15 +8,15 @@ import scipy.linalg
 from helpers import close, columns_of, dense_model, gather
 
 import hpcred
-from hpcred.examples.beam import Rod, beam_element
+from hpcred.examples.linkage import Rod, beam_element
+from hpcred.fe.dofs import Dofs
 from hpcred.linalg.blocks import create_block, local_rows
-from hpcred.model.dofs import Dofs
 from hpcred.model.frames import apply_frame
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.failures import ComputationError, InputError, Owned
 from hpcred.parallel.progress import Progress
 from hpcred.reduction.components.modes import _without_rigid
-from hpcred.reduction.run import Run
+from hpcred.reduction.run.run import Run
 
 BAND = (0.0, 300.0)
 WAYS = {

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from hpcred.reduction.tolerance import hidden_modes
-from hpcred.reduction.tolerance.hidden_modes import UNCOUNTED, find_hidden
+from hpcred.reduction.search import hidden_modes
+from hpcred.reduction.search.hidden_modes import UNCOUNTED, find_hidden
 
 
 def rounds(monkeypatch, counts, answers, room):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hpcred.reduction.tolerance.independent_loads import _independent_columns
+from hpcred.reduction.run.independent_loads import _independent_columns
 
 
 @pytest.mark.parametrize("units", [np.ones(7), 10.0 ** np.arange(-9, 12, 3)], ids=["one unit", "many units"])

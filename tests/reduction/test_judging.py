@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hpcred
-from hpcred.reduction.tolerance.judging import Judge, _columns_ahead
+from hpcred.reduction.search.judging import Judge, _columns_ahead
 
 
 def test_columns_ahead_at_the_rate_of_the_last_block():

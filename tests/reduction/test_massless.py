@@ -13,7 +13,7 @@ from hpcred import InputError
 from hpcred.examples.solid import solid
 from hpcred.linalg.pencil import massless_last, modes_of
 from hpcred.reduction.irka import mirrored
-from hpcred.reduction.massless import static_coordinates, with_mass
+from hpcred.reduction.result.massless import static_coordinates, with_mass
 
 KINDS = ("chain-without-mass", "skew-without-mass", "beam-without-inertia", "rotor-without-inertia")
 AT_FEW_VALUES = 4, 7  # seeds of random models with parameters that take little time
@@ -444,3 +444,12 @@ def test_peaks_sharper_than_the_last_digits_of_K(count, damper, warned):
     other = with_other_last_digits(K)
     moved = hpcred.relative_error(exact, np.array([exact_response(other, M, D, rows, at) for at in f])).max()
     assert moved > 1e-3 if warned else moved < 1e-6
+
+
+def test_a_free_motion_below_the_band_has_no_peak_to_warn_of():
+    """Of a chain whose null motion round-off moves to 0.0008 Hz."""
+    K = 1e8 * (2 * np.eye(40) - np.eye(40, k=1) - np.eye(40, k=-1))
+    K[0, 0] = K[-1, -1] = 1e8
+    with hpcred.SecondOrderModel(np.eye(40), 1e-7 * K, K, unit(40, 3)) as model:
+        rom = hpcred.reduce(model, tolerance=1e-4, band=(1.0, 800.0))
+    assert rom.record.accuracy.reached and not any("resonance at" in line for line in rom.record.warnings)

@@ -11,9 +11,9 @@ from pydantic import TypeAdapter
 import hpcred
 from hpcred.analysis.error import errors_of
 from hpcred.analysis.frequency_response import response_and_drive
-from hpcred.reduction.measure import FEELS_NOTHING, NO_INPUT, PAPER, UnknownMeasure, directions, drive_points
-from hpcred.reduction.reduced_model import as_measured
-from hpcred.reduction.tolerance.accuracy import Accuracy
+from hpcred.reduction.result.accuracy import Accuracy
+from hpcred.reduction.result.measure import FEELS_NOTHING, NO_INPUT, PAPER, UnknownMeasure, directions, drive_points
+from hpcred.reduction.result.reduced_model import as_measured
 
 pytestmark = pytest.mark.mpi
 

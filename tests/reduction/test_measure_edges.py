@@ -11,12 +11,12 @@ from hpcred.model.frames import apply_frame
 from hpcred.model.operator import Operator
 from hpcred.parallel.failures import Owned
 from hpcred.parallel.progress import Progress
-from hpcred.reduction.measure import Directions
 from hpcred.reduction.parametric.static_zeros import _opposite
-from hpcred.reduction.run import Run
-from hpcred.reduction.tolerance.error_estimate import Comparison, grid, largest, measure_over
-from hpcred.reduction.tolerance.projections import Projections
-from hpcred.reduction.tolerance.pseudo_modal import InputsOutputs, Proportional, diagonalised
+from hpcred.reduction.result.measure import Directions
+from hpcred.reduction.run.run import Run
+from hpcred.reduction.search.projections import Projections
+from hpcred.reduction.small.error_estimate import Comparison, grid, largest, measure_over
+from hpcred.reduction.small.pseudo_modal import InputsOutputs, Proportional, diagonalised
 
 
 def clamped_beam(n):

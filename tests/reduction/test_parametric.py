@@ -27,7 +27,7 @@ from hpcred import (
     Viscoelastic,
 )
 from hpcred.examples.linkage import FRAME, LOAD, SUPPORTS
-from hpcred.model.interfaces import Nodes
+from hpcred.model.interfaces.nodes import Nodes
 from hpcred.parallel.decisions import shared_out
 from hpcred.parallel.petsc import PETSc
 from hpcred.reduction.parametric import compression
@@ -40,7 +40,7 @@ from hpcred.reduction.parametric.training import (
     points_around,
     training_points,
 )
-from hpcred.reduction.tolerance.pseudo_modal import InputsOutputs, diagonalised
+from hpcred.reduction.small.pseudo_modal import InputsOutputs, diagonalised
 
 
 def bushings(n=60, **more):

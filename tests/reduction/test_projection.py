@@ -8,7 +8,7 @@ import hpcred
 from hpcred import GivenDamping, Krylov, Modes, Rayleigh
 from hpcred.examples import linkage as example
 from hpcred.linalg.blocks import random_block
-from hpcred.reduction.projection import WIDTH, project
+from hpcred.reduction.run.projection import WIDTH, project
 
 pytestmark = pytest.mark.mpi
 

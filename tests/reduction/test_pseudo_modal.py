@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hpcred.model.operator import Operator
-from hpcred.reduction.measure import PAPER
-from hpcred.reduction.tolerance.pseudo_modal import (
+from hpcred.reduction.result.measure import PAPER
+from hpcred.reduction.small.pseudo_modal import (
     UNDAMPED,
     InputsOutputs,
     Proportional,
@@ -140,7 +140,7 @@ def test_poles_without_eigenvectors_are_solved_by_elimination():
 
 
 def test_frequencies_come_in_parts_that_fit(monkeypatch):
-    from hpcred.reduction.tolerance import pseudo_modal
+    from hpcred.reduction.small import pseudo_modal
 
     K, L, D = matrices(4, damped=True)
     outer, inner = diagonalised(K, L, D), diagonalised(K[:5, :5], L[:5], D[:5, :5])

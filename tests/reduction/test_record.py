@@ -11,8 +11,8 @@ from pydantic import TypeAdapter
 
 import hpcred
 from hpcred import GivenDamping, NoDamping
-from hpcred.reduction.record import difference_of
-from hpcred.reduction.tolerance.accuracy import Point
+from hpcred.reduction.result.accuracy import Point
+from hpcred.reduction.result.record import difference_of
 
 
 def test_a_record_knows_the_model_by_what_was_used_of_it():

@@ -8,12 +8,12 @@ from adaptive_models import Case, chain, dashpots, estimated_and_true, fresh, un
 
 import hpcred
 from hpcred.model.operator import Operator
-from hpcred.model.rates import Rates
-from hpcred.reduction.measure import MEASURES
-from hpcred.reduction.tolerance import refinement
-from hpcred.reduction.tolerance.compression import compressed
-from hpcred.reduction.tolerance.error_estimate import Comparison, measure_over
-from hpcred.reduction.tolerance.pseudo_modal import UNDAMPED, InputsOutputs, Proportional, diagonalised
+from hpcred.model.outputs.rates import Rates
+from hpcred.reduction.result.measure import MEASURES
+from hpcred.reduction.small import refinement
+from hpcred.reduction.small.compression import compressed
+from hpcred.reduction.small.error_estimate import Comparison, measure_over
+from hpcred.reduction.small.pseudo_modal import UNDAMPED, InputsOutputs, Proportional, diagonalised
 
 BAND = (0.0, 12.0)
 S = np.linspace(*BAND, 60)

@@ -11,11 +11,13 @@ from hpcred import SecondOrderModel
 from hpcred.analysis.error_check import as_measured
 from hpcred.linalg.solvers.base import SingularMatrix
 from hpcred.parallel.petsc import is_complex
-from hpcred.reduction import basis_reductor, run
-from hpcred.reduction.projection import project
-from hpcred.reduction.tolerance import projections, reductor
-from hpcred.reduction.tolerance.point_solver import PointSolver
-from hpcred.reduction.tolerance.search import Search
+from hpcred.reduction import basis_reductor
+from hpcred.reduction import tolerance_reductor as reductor
+from hpcred.reduction.run import run
+from hpcred.reduction.run.projection import project
+from hpcred.reduction.search import projections
+from hpcred.reduction.search.point_solver import PointSolver
+from hpcred.reduction.search.search import Search
 
 COUNT, STIFF = 24, 2.0**36  # masses of 1 kg, and the springs between them in N/m; the first is held by 1 N/m
 OMEGA = 1 / np.sqrt(COUNT)  # of all masses as one

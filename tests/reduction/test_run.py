@@ -8,14 +8,14 @@ def test_one_factor_at_a_time(comm):
     """A mixture of real and complex points frees the factor of the one before the other is made."""
     from hpcred.model.frames import apply_frame
     from hpcred.parallel.progress import Progress
-    from hpcred.reduction.run import Run
+    from hpcred.reduction.run.run import Run
 
     with package.linkage(comm) as model:
         framed = apply_frame(model, Buckens(), Rayleigh(2.0, 1e-5))
         context = Run(framed, Progress(comm, show=False), 1e-12)
         solver = context.solvers.factored(-1e4, "a point")
         assert solver.factored is not None
-        other = context.solvers.complex
+        other = context.solvers.complex()
         other.factor(-1e4, 100j)
         assert solver.factored is None and other.factored is not None
         assert context.solvers.factored(-1e4, "a point") is solver and other.factored is None
@@ -27,7 +27,7 @@ def test_the_square_of_a_frequency_has_one_key_whatever_the_sign_of_its_zero():
     from hpcred.model.frames import apply_frame
     from hpcred.parallel.progress import Progress
     from hpcred.reduction.components.krylov import ComplexPencilSequence
-    from hpcred.reduction.run import Run
+    from hpcred.reduction.run.run import Run
 
     with package.solid((2, 2, 2)) as model:
         framed = apply_frame(model, None, None)

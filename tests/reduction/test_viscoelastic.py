@@ -9,10 +9,10 @@ from viscoelastic_models import MAXWELL, SPRINGPOT, ZENER, sandwich
 import hpcred
 from hpcred import InputError, Krylov, Maxwell, Modes, SecondOrderKrylov, Viscoelastic
 from hpcred.model.operator import Operator
-from hpcred.reduction.maxwell_states import maxwell_states
-from hpcred.reduction.oscillating_poles import oscillating_poles
-from hpcred.reduction.tolerance.error_estimate import upper_poles
-from hpcred.reduction.tolerance.pseudo_modal import diagonalised, difference
+from hpcred.reduction.result.maxwell_states import maxwell_states
+from hpcred.reduction.result.oscillating_poles import oscillating_poles
+from hpcred.reduction.small.error_estimate import upper_poles
+from hpcred.reduction.small.pseudo_modal import diagonalised, difference
 
 BAND = (0.0, 600.0)
 FRESH = np.sort(np.random.default_rng(8).uniform(*BAND, 60))

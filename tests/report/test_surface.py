@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from bodies import block
 
-from hpcred.model.elements import FACES, NODES, edges
+from hpcred.fe.elements import FACES, NODES, edges
 from hpcred.report.surface import SIDES, surface_of, thinned
 
 CORNERS = {

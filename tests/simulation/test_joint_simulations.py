@@ -26,7 +26,7 @@ from hpcred import (
     SineMoment,
 )
 from hpcred.body.body import body_of
-from hpcred.examples.beam import Rod
+from hpcred.examples.linkage import Rod
 from hpcred.parallel.failures import InputError
 from hpcred.simulation.simulation import simulate
 

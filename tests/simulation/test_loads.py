@@ -25,7 +25,7 @@ from hpcred import (
     TableLoad,
 )
 from hpcred.body.body import body_of
-from hpcred.model.rigid_body_modes import rigid_motions
+from hpcred.model.rigid_body.modes import rigid_motions
 from hpcred.settings.simulation_file import read_simulation
 
 END = Nodes(box=((0.0299, -1.0, -1.0), (0.0301, 1.0, 1.0)))

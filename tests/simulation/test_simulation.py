@@ -30,7 +30,7 @@ from hpcred import (
 )
 from hpcred.body.body import body_of
 from hpcred.parallel.failures import InputError
-from hpcred.reduction.maxwell_states import maxwell_states
+from hpcred.reduction.result.maxwell_states import maxwell_states
 from hpcred.simulation.equations_of_motion import FlexibleBody, rotation
 from hpcred.simulation.simulation import FEW_EVALUATIONS, FEW_STEPS, _Pace, simulate
 

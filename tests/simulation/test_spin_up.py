@@ -11,7 +11,7 @@ import hpcred
 from hpcred import Joint, Material, Modes, RampDrive, Simulation, Tangent
 from hpcred.body.body import body_of
 from hpcred.body.rotations import rotation
-from hpcred.model.element_rules import rule_of
+from hpcred.fe.element_rules import rule_of
 from hpcred.simulation.simulation import simulate
 
 # J. C. Simo and L. Vu-Quoc, J. Appl. Mech. 53 (1986) 849: EI, EA, mass a length and length; 15 s to the full speed

@@ -12,7 +12,7 @@ import hpcred
 from hpcred import Buckens, ConstantForce, Joint, Krylov, Modes, RampDrive, Simulation
 from hpcred.body.body import body_of
 from hpcred.body.node_shapes import interface_nodes
-from hpcred.model.interfaces import Interface, Nodes
+from hpcred.model.interfaces.nodes import Interface, Nodes
 from hpcred.parallel.failures import ComputationError
 from hpcred.parallel.petsc import MPI
 from hpcred.parallel.progress import Progress

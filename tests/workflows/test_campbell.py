@@ -89,7 +89,7 @@ def test_what_info_says_of_the_file_of_a_diagram(blade, capsys):
     assert "poles" in refused(capsys, "info", "c.h5", "--verify") and "poles" in refused(capsys, "info", "c.h5")
 
 
-@pytest.mark.parametrize("error, status", [(OSError(errno.ENOSPC, "No space left on device"), 1), (ValueError(), 1)])
+@pytest.mark.parametrize("error, status", [(OSError(errno.ENOSPC, "No space left on device"), 74), (ValueError(), 1)])
 @pytest.mark.parametrize("name", ["c.csv", "c.h5"])
 def test_both_outputs_or_none(blade, monkeypatch, capsys, name, error, status):
     """The table is written before the picture, of which nothing can be written here; older ones stay as they were."""

@@ -12,7 +12,7 @@ from helpers import CHORD_JOB, refused
 
 import hpcred as package
 from hpcred.cli.main import run
-from hpcred.examples.beam import Rod
+from hpcred.examples.linkage import Rod
 from hpcred.files.names import FileNames
 from hpcred.parallel.petsc import is_complex
 from hpcred.workflows import evaluate, pair_figures

@@ -11,7 +11,7 @@ from helpers import refused
 
 import hpcred
 from hpcred.cli.main import run
-from hpcred.model.load_columns import resultants
+from hpcred.model.loads.columns import resultants
 
 JOB = """
 model = "model.h5"

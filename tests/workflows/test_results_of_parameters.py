@@ -16,7 +16,7 @@ from hpcred import Modes, Parameter, ParametricModel, Preload, Term, read_result
 from hpcred.cli.main import run
 from hpcred.model.damping import GivenDamping, NoDamping
 from hpcred.reduction.parametric.reduced import ParametricReducedModel, projected_parts
-from hpcred.reduction.record import difference_of
+from hpcred.reduction.result.record import difference_of
 from hpcred.settings.simulation_file import read_simulation
 
 OMEGA = Parameter("omega", (0.0, 2000.0), unit="rad/s")

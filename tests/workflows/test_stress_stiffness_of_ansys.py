@@ -7,7 +7,7 @@ from helpers import to_dense
 from solid_meshes import mass, mesh, model_of, stiffness
 
 import hpcred
-from hpcred.model.element_rules import FULL
+from hpcred.fe.element_rules import FULL
 from hpcred.model.rotation import spin_softening
 from hpcred.parallel.failures import InputError
 

@@ -24,7 +24,8 @@ from mpi4py import MPI
 
 import hpcred as package
 from hpcred.cli.main import run
-from hpcred.files.locks import UNDER_WAY
+from hpcred.files.locks import Taken
+from hpcred.files.room import NoRoom
 from hpcred.parallel.stopping import Stopped
 from hpcred.settings.sweep_file import read_sweep
 from hpcred.workflows import sweep
@@ -202,7 +203,7 @@ def test_a_run_that_another_sweep_computes_is_waited_for(swept, finishes):
                     Path("order-0.h5").rename("sweep/order-0.h5")
                 os.close(locked.pop())
 
-    locked.append(os.open("sweep/.order-0.h5.lock", os.O_RDWR | os.O_CREAT))
+    locked.append(os.open("sweep/.order-0.log.lock", os.O_RDWR | os.O_CREAT))
     fcntl.flock(locked[0], fcntl.LOCK_EX)
     os.write(locked[0], b"process 7 on elsewhere")
     report = package.run_sweep("sweep.toml", progress=Other(MPI.COMM_SELF, show=False))
@@ -215,10 +216,10 @@ def test_a_run_that_another_sweep_computes_is_waited_for(swept, finishes):
 def test_a_run_that_is_refused_by_a_lock_is_begun_again(tmp_path):
     """Where two sweeps begin it at the same moment."""
     (tmp_path / "a.sh").write_text(f"if [ -e {tmp_path}/there ]; then exit 0; fi; touch {tmp_path}/there; "
-                                   f"echo 'hpcred: error: output a.h5: {UNDER_WAY} (process 1)'; exit 2")  # fmt: skip
+                                   f"exit {Taken.exit_status}")  # fmt: skip
     child = Child("a", ["sh", str(tmp_path / "a.sh")], tmp_path / "a.log")
     silent = package.Progress(MPI.COMM_SELF, show=False)
-    others = sweep._beside_others(silent, lambda _: False, lambda _: tmp_path / "a.h5")
+    others = sweep._beside_others(silent, lambda _: False)
     ended = []
     run_all([child], ended=ended.append, **others)
     assert child.status == 0 and ended == [child]
@@ -236,12 +237,12 @@ def test_failed_runs_are_listed_with_their_sentence(linkage_folder, capsys):
 
 def test_a_full_disk_ends_a_sweep(linkage_folder):
     """Of three runs the first finds the disk full; the others are not begun, and are no failures."""
-    script = "import sys; print('hpcred: error: output a.h5: the disk is full: it needs 1 MB'); sys.exit(1)"
+    script = f"import sys; sys.exit({NoRoom.exit_status})"
     Path("sweep.toml").write_text(SWEEP.format(last=2, count=3))
     found = read_sweep("sweep.toml")
     children = [Child(run.name, [sys.executable, "-c", script], Path(f"{run.name}.log")) for run in found.runs]
     run_all(children, **sweep._told(package.Progress(MPI.COMM_SELF), 3))
-    assert [child.status for child in children] == [1, None, None]
+    assert [child.status for child in children] == [NoRoom.exit_status, None, None]
     states, ended = sweep.states_of(found), {child.name: child for child in children}
     report = sweep._report(found, found.runs, states, set(), ended)
     assert [row["status"] for row in report["runs"]] == ["failed", "missing", "missing"]

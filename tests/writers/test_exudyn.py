@@ -12,10 +12,10 @@ from hpcred import Buckens, Joint, Krylov, ModalDamping, Modes, Rayleigh, Simula
 from hpcred.body.body import body_of
 from hpcred.body.node_shapes import interface_nodes
 from hpcred.body.rotations import rotation
-from hpcred.examples.beam import Rod
+from hpcred.examples.linkage import Rod
+from hpcred.fe.elements import surface_triangles
 from hpcred.model.damping import Structural
-from hpcred.model.elements import surface_triangles
-from hpcred.model.interfaces import Interface, Nodes
+from hpcred.model.interfaces.nodes import Interface, Nodes
 from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import MPI
 from hpcred.simulation.simulation import simulate

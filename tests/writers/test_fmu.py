@@ -19,8 +19,7 @@ from hpcred.model.damping import GivenDamping
 from hpcred.parallel.failures import ComputationError, InputError
 from hpcred.reduction.parametric.reduced import ParametricReducedModel, ReducedTerm, projected_parts
 from hpcred.writers.arrays import words_on_damping
-from hpcred.writers.fmu import write_fmu
-from hpcred.writers.fmu_parameters import Family
+from hpcred.writers.fmu import Family, write_fmu
 from hpcred.writers.state_space import state_space
 
 pytestmark = pytest.mark.peers("fmpy")

@@ -12,7 +12,7 @@ from hpcred import Buckens, Krylov, Modes
 from hpcred.body.body import body_of
 from hpcred.cli.main import run
 from hpcred.files import result_file
-from hpcred.model.interfaces import Interface, Nodes
+from hpcred.model.interfaces.nodes import Interface, Nodes
 from hpcred.parallel.failures import InputError
 from hpcred.workflows import export
 from hpcred.workflows.export import export_result

@@ -15,7 +15,7 @@ from helpers import interface_model, refused, to_dense
 
 import hpcred
 from hpcred.cli.main import run
-from hpcred.model.dofs import SCALAR
+from hpcred.fe.dofs import SCALAR
 from hpcred.model.units import units_of
 from hpcred.parallel.failures import InputError
 from hpcred.readers.model_source import load_export

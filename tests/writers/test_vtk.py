@@ -13,7 +13,7 @@ from helpers import MODES_JOB, SIMULATION, exported
 import hpcred
 from hpcred import InputError
 from hpcred.cli.main import run
-from hpcred.model.elements import NODES
+from hpcred.fe.elements import NODES
 from hpcred.workflows.export import export_result
 from hpcred.writers import vtk
 

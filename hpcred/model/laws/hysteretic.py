@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
-from ...parallel.declared import as_declared
+from ...parallel.declared import Settings
 from ...parallel.failures import InputError
-from ...parallel.ranges import within
+from ...parallel.ranges import Range
 from ..operator import Law
 
 
 @dataclass(frozen=True)
-class Hysteretic(Law):
+class Hysteretic(Settings, Law):
     """Hysteretic law g(i 2 pi f) = 1 + i eta(f), and 1 at rest; the loss factor eta is linear between the frequencies
     of a table, and constant beyond them.
 
@@ -32,23 +32,22 @@ class Hysteretic(Law):
     """
 
     kind: Literal["hysteretic"] = field(default="hysteretic", kw_only=True, repr=False)
-    frequencies: tuple[float, ...]
-    loss_factors: tuple[float, ...]
+    frequencies: tuple[Annotated[float, Range(0.0, 1e30, "Hz")], ...]
+    loss_factors: tuple[Annotated[float, Range(0.0, 1e3)], ...]
 
     family = "hysteretic"
     nature = "a table of loss factors"
     power = 0.0
     static = 1.0
+    where = "law."
 
     def __post_init__(self):
-        as_declared(self, "law.")
+        super().__post_init__()
         if len(self.frequencies) != len(self.loss_factors) or not self.frequencies:
             raise InputError(
                 f"law: found {len(self.frequencies)} frequencies and {len(self.loss_factors)} loss_factors, expected "
                 "one loss factor for every frequency"
             )
-        within("law.frequencies", self.frequencies, (0.0, 1e30, "Hz"))
-        within("law.loss_factors", self.loss_factors, (0.0, 1e3, ""))
         if (np.diff(self.frequencies) <= 0).any():
             raise InputError(f"law.frequencies: found {self.frequencies}, expected frequencies that ascend")
 

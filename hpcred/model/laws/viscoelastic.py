@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
-from ...parallel.declared import as_declared
+from ...parallel.declared import Settings
 from ...parallel.failures import InputError
-from ...parallel.ranges import within
+from ...parallel.ranges import Range
 from ..operator import Law
 
-FACTOR, TIME, EXPONENT = (0.0, 1e30, ""), (1e-30, 1e30, "s"), (1e-3, 1.0, "")
+Factor = Annotated[float, Range(0.0, 1e30)]
+Time = Annotated[float, Range(1e-30, 1e30, "s")]
+Exponent = Annotated[float, Range(1e-3, 1.0)]
 
 
-class ViscoelasticLaw(Law):
+class ViscoelasticLaw(Settings, Law):
     """A law g(s) of a material, whose coefficient is g(s) - g(0)."""
 
+    where = "law."
     family = "viscoelastic"
     nature = "fractional"
 
@@ -56,20 +59,17 @@ class Maxwell(ViscoelasticLaw):
     """
 
     kind: Literal["maxwell"] = field(default="maxwell", kw_only=True, repr=False)
-    factors: tuple[float, ...]
-    times: tuple[float, ...]
-    constant: float = 0.0
+    factors: tuple[Factor, ...]
+    times: tuple[Time, ...]
+    constant: Factor = 0.0
 
     def __post_init__(self):
-        as_declared(self, "law.")
+        super().__post_init__()
         if len(self.factors) != len(self.times) or not self.factors:
             raise InputError(
                 f"law: found {len(self.factors)} factors and {len(self.times)} times, expected one of each for every "
                 "Maxwell element"
             )
-        within("law.factors", self.factors, FACTOR)
-        within("law.times", self.times, TIME)
-        within("law.constant", self.constant, FACTOR)
 
     @property
     def static(self) -> float:
@@ -141,17 +141,13 @@ class Fractional(FractionalLaw):
     """
 
     kind: Literal["fractional"] = field(default="fractional", kw_only=True, repr=False)
-    low: float
-    high: float
-    time: float
-    exponent: float
+    low: Factor
+    high: Factor
+    time: Time
+    exponent: Exponent
 
     def __post_init__(self):
-        as_declared(self, "law.")
-        within("law.low", self.low, FACTOR)
-        within("law.high", self.high, FACTOR)
-        within("law.time", self.time, TIME)
-        within("law.exponent", self.exponent, EXPONENT)
+        super().__post_init__()
         if self.high < self.low:
             raise InputError(f"law: found low = {self.low:g} above high = {self.high:g}; damped materials stiffen")
 
@@ -188,17 +184,10 @@ class FractionalKelvinVoigt(FractionalLaw):
     """
 
     kind: Literal["fractional_kelvin_voigt"] = field(default="fractional_kelvin_voigt", kw_only=True, repr=False)
-    low: float
-    rise: float
-    time: float
-    exponent: float
-
-    def __post_init__(self):
-        as_declared(self, "law.")
-        within("law.low", self.low, FACTOR)
-        within("law.rise", self.rise, FACTOR)
-        within("law.time", self.time, TIME)
-        within("law.exponent", self.exponent, EXPONENT)
+    low: Factor
+    rise: Factor
+    time: Time
+    exponent: Exponent
 
     def excess(self, s: np.ndarray) -> np.ndarray:
         """Return g(s) - g(0) of s (...) in 1/s."""

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ...fe.elements import NODES, abaqus_kind, abaqus_nodes_more, in_vtk_order
+from ...fe.materials import ElementProperties
 from ...files.included import Included
 from ...files.system_errors import open_input
 from ...files.text import (
@@ -27,8 +29,6 @@ from ...files.text import (
     without_comments,
 )
 from ...files.text_numbers import labels, padded, ragged
-from ...model.elements import NODES, abaqus_kind, abaqus_nodes_more, in_vtk_order
-from ...model.materials import ElementProperties
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, sort_over_ranks

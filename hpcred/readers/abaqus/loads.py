@@ -12,13 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ...fe.elements import SHELLS, abaqus_kind
+from ...fe.shape_functions import corner_kind
 from ...files.text import LARGEST_LABEL, pieces, warnings_of_end, without_comments
-from ...model.elements import SHELLS, abaqus_kind
-from ...model.shape_functions import corner_kind
 from ...parallel.declared import nearest
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import sort_over_ranks
-from ..calculix import matrix_storage as calculix
 from ..deck_loads import DeckLoads, faces_at, find_elements, place_of_face
 from . import input_file
 from .sets import GROUP
@@ -46,10 +45,11 @@ WHOLE = ("GRAV", "CENTRIF")  # loads of the whole body
 WITHOUT_MASS = ("SPRING", "DASHPOT", "GAP", "CONN", "DCOUP", "ITS")  # elements of unknown kinds
 
 
-def read_loads(path, step: int, comm) -> DeckLoads:
-    """Return the loads of a step, counted from 1. Collective. Raises InputError."""
+def read_loads(path, step: int, comm, *, calculix: bool = False) -> DeckLoads:
+    """Return the loads of a step, counted from 1, of an input file of Abaqus or of `calculix`. Collective. Raises
+    InputError."""
     path = Path(path)
-    mesh = input_file.read(path, comm, calculix="K" in calculix.files_of(path), surfaces=True)
+    mesh = input_file.read(path, comm, calculix=calculix, surfaces=True)
     with agreed(comm):
         sections = _of_step(path, mesh.sections, step)
         if "transform" in [section.keyword for section in mesh.sections]:

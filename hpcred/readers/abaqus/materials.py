@@ -6,7 +6,7 @@ a reason. Constants that depend on temperature count with their first line.
 
 import numpy as np
 
-from ...model.materials import MATERIAL, ElementProperties, Material, material_of
+from ...fe.materials import MATERIAL, ElementProperties, Material, material_of
 from ...parallel.lookup import look_up
 
 # what a material may have beside, in models with small strains without plasticity

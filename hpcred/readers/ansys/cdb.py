@@ -5,6 +5,8 @@ elements, components (CMBLOCK) and materials are read. Each rank looks for them 
 the lines of blocks.
 """
 
+from __future__ import annotations
+
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,16 +14,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...fe.materials import ElementProperties, Material, material_of
 from ...files.system_errors import open_input
 from ...files.text import LARGEST_LABEL, Piece, line_number, pieces, require_file, shown
-from ...files.text_numbers import labels, numbers, ragged, whole
-from ...model.materials import ElementProperties
+from ...files.text_numbers import labels, numbers, parse_fortran, ragged, whole
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ..fixed_width import Field, fields_of_format, separated
 from ..nodes.table import elements_of, finite
 from .components import read_components
-from .materials import material_and_options, type_name
 
 COMMAND = re.compile(
     rb"(?im)^[ \t]*(?:(?P<block>[NE]BLOCK)\b|(?P<types>ETBLOCK)\b|(?P<type>ET[ \t]*,)"
@@ -36,6 +37,10 @@ FIRST = 8  # nodes in the first line of an element
 SOLIDS = {45, 46, 64, 65, 73, 92, 95, 148, 185, 186, 187, 190, 285}
 SHELLS = {28, 41, 42, 43, 63, 82, 91, 93, 99, 143, 150, 181, 182, 183, 281}
 BEAMS = {1, 3, 4, 8, 10, 23, 44, 180, 188, 189}
+CONSTANTS = {"EX": "young", "NUXY": "poisson", "PRXY": "poisson", "DENS": "density", "ALPX": "expansion"}
+ORTHOTROPIC = {"EY", "EZ", "NUYZ", "NUXZ", "PRYZ", "PRXZ", "GXY", "GYZ", "GXZ"}
+HARMLESS = ("SDAM", "DENS", "THER")  # tables that change no stiffness, by their first letters
+OPTIONS = (2, 3, 6)  # of SOLID185 to 187: integration, layers, mixed formulation
 
 
 @dataclass(frozen=True)
@@ -103,8 +108,9 @@ def read(path, comm, turned=False) -> Archive:
     tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *tables.get(kind, [])]) for kind in elements}
     properties, remarks = _properties(comm, path, found, types, tables)
     commands = [(position, line) for position, kind, line in found if kind == "set"]
-    sets = read_components(path, comm, commands, elements, {kind: table[:, 0] for kind, table in tables.items()})
-    return Archive(*map(np.concatenate, zip(*nodes, strict=True)), elements, properties, remarks, sets)
+    label, position, angles = map(np.concatenate, zip(*nodes, strict=True))
+    sets = read_components(path, comm, commands, label, elements, {kind: table[:, 0] for kind, table in tables.items()})
+    return Archive(label, position, angles, elements, properties, remarks, sets)
 
 
 def _properties(comm, path, found, types, tables):
@@ -282,7 +288,7 @@ def followed(after: np.ndarray, first: int) -> np.ndarray:
 
 
 def kinds_of(type_: int | None, nodes: np.ndarray):
-    """Yield kinds (see model.elements), which elements of one type are of that kind, and the places of its nodes;
+    """Yield kinds (see fe.elements), which elements of one type are of that kind, and the places of its nodes;
     repeated nodes make wedges."""
     count, every = nodes.shape[1], np.ones(len(nodes), bool)
     if type_ in BEAMS and count >= 2:
@@ -309,3 +315,67 @@ def kinds_of(type_: int | None, nodes: np.ndarray):
                 yield kind, some, corner
             elif some.any():  # without some of the nodes in the middle of edges
                 yield "hexahedron", some, list(range(8))
+
+
+def material_and_options(commands) -> tuple[dict[int, Material], dict[int, dict[int, str]], list[str]]:
+    """Return materials by number, key options by number of the type, and sentences on tables of temperatures.
+
+    `commands`: lines of words between commas, the first in capitals.
+    """
+    known, reasons, options, tables = {}, {}, {}, {}
+    for name, *words in commands:
+        if name.startswith("KEYO"):
+            if len(words) > 2 and words[0].isdecimal() and words[1].isdecimal():
+                options.setdefault(int(words[0]), {})[int(words[1])] = words[2]
+            continue
+        label, number, value, many = _constant(name, words + [""] * 8)
+        if not number.isdecimal():
+            continue
+        found, reason = known.setdefault(int(number), {}), reasons.setdefault(int(number), [])
+        if name == "TB":
+            reason += [] if label[:4] in HARMLESS else [f"found TB,{label}"]
+        elif label in ORTHOTROPIC:
+            reason.append(f"found {label}")
+        elif key := CONSTANTS.get(label):
+            values = parse_fortran(value.encode()) if value else None
+            if values is None or len(values) != 1:
+                reason.append(f"found {label} '{value}', expected a number")
+            elif not (many and key in found):
+                found[key] = float(values[0])
+            if many:
+                tables.setdefault(int(number), set()).add(label)
+    remarks = [f"{', '.join(sorted(labels))} of the material {number} have several temperatures; the first one counts"
+               for number, labels in sorted(tables.items())]  # fmt: skip
+    return {number: _material(number, found, reasons[number]) for number, found in known.items()}, options, remarks
+
+
+def _constant(name, words) -> tuple[str, str, str, bool]:
+    """Return the label of a constant, the number of the material, the value, and whether it is one of a table."""
+    if name == "MPDATA":
+        length, words = ("1", words) if not words[0].upper().startswith("R5") else (words[1], words[2:])
+        label, number, place, value, second = words[:5]
+        many = length not in ("", "1") or place not in ("", "1") or bool(second)
+    elif name == "UIMP":
+        number, label, _, _, value = words[:5]
+        many = False
+    else:  # MP, whose further values are coefficients of powers of the temperature, and TB
+        label, number, value = words[:3]
+        many = name == "MP" and any(words[3:7])
+    return label.upper(), number, value, many
+
+
+def _material(number, known, reasons) -> Material:
+    """Return the material of a number from what is known of it; without Poisson's ratio ANSYS takes 0.3."""
+    name = f"MAT {number}"
+    if not reasons and "young" not in known:
+        reasons = ["found no EX"]
+    if reasons:
+        rest = {key: value for key, value in known.items() if key not in ("young", "poisson")}
+        return material_of(name, **rest, reason="; ".join(dict.fromkeys(reasons)))
+    return material_of(name, **({"poisson": 0.3} | known))
+
+
+def type_name(family: str, number: int, options: dict[int, str]) -> str:
+    """Return the name of an element type, with its key options where they change its stresses: SOLID186 KEYOPT(2)=1."""
+    given = [f"KEYOPT({key})={options[key]}" for key in OPTIONS if options.get(key, "0") not in ("", "0")]
+    return " ".join([f"{family}{number}", *given])

@@ -16,9 +16,10 @@ from ...files.text import LARGEST_LABEL, line_number, pieces
 from ...files.text_numbers import ragged, whole
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import look_up, sort_over_ranks
+from ...parallel.lookup import sort_over_ranks
 from ...parallel.petsc import MPI
 from ..fixed_width import Field, fields_of_format, separated
+from ..nodes.table import in_ranges
 
 OTHER = re.compile(rb"(?m)^(?![ \t\d-]*\r?$)")  # the first line that has no numbers
 KINDS = {"NODE": "node", "NODES": "node", "ELEM": "element", "ELEMENT": "element", "ELEMENTS": "element"}
@@ -37,24 +38,23 @@ class Component(NamedTuple):
     stop: int
 
 
-def read_components(path, comm, commands, elements, numbers) -> dict[str, np.ndarray]:
+def read_components(path, comm, commands, label, elements, numbers) -> dict[str, np.ndarray]:
     """Return node numbers by name of the component, each once over all ranks; of elements as "elements of NAME".
 
-    Collective. `commands`: (byte, line) of each CMBLOCK; `elements`, `numbers`: node numbers (elements of this rank,
-    nodes) and their own numbers (elements,) by kind. Raises InputError.
+    Collective. `commands`: (byte, line) of each CMBLOCK; `label`: nodes of this rank; `elements`, `numbers`: node
+    numbers (elements of this rank, nodes) and their own numbers (elements,) by kind. Raises InputError.
     """
-    sets = {}
+    sets, label = {}, np.unique(sort_over_ranks(comm, label)[0])
     for component in decided(comm, _components, path, commands):
         with agreed(comm):
-            found = _numbers(path, comm, component)
-        found = np.unique(sort_over_ranks(comm, found)[0])
-        name = component.name
+            ranges = _ranges(path, component)
         if component.kind == "element":
-            name = f"elements of {name}"
-            of_kinds = [look_up(comm, found, [], numbers[kind])[0] for kind in elements]
-            nodes = [part[inside].ravel() for part, inside in zip(elements.values(), of_kinds, strict=True)]
+            name = f"elements of {component.name}"
+            nodes = [elements[kind][in_ranges(numbers[kind], ranges)].ravel() for kind in elements]
             nodes = np.concatenate([np.zeros(0, np.int64), *nodes])
             found = np.unique(sort_over_ranks(comm, nodes[nodes > 0])[0])
+        else:
+            name, found = component.name, label[in_ranges(label, ranges)]
         if comm.allreduce(len(found)):
             sets[name] = found
     return sets
@@ -97,24 +97,20 @@ def _end(file, start) -> int:
     return at
 
 
-def _numbers(path, comm, component) -> np.ndarray:
-    """Return this rank's share of the numbers of a component. Raises InputError."""
-    refusal = f"{path}, line {component.line}: found "
-    parts, last, total = [np.zeros(0, np.int64)], np.zeros(0, np.int64), 0
+def _ranges(path, component) -> np.ndarray:
+    """Return the first and last number (n, 2) of the ranges of a component. Raises InputError."""
+    refusal, numbers = f"{path}, line {component.line}: found ", [np.zeros(0, np.int64)]
     for piece in pieces(path, MPI.COMM_SELF, component.start, component.stop):
         values, counts, lines = ragged(separated(piece, component.fields), commas=False, expected="whole numbers")
-        numbers = whole(piece, values, np.repeat(lines, counts), "a number", -LARGEST_LABEL, LARGEST_LABEL)
-        total += len(numbers)
-        numbers = np.concatenate([last, numbers]).astype(np.int64)
-        last = numbers[-1:] if numbers[-1:] > 0 else numbers[:0]  # which the next piece may go on from
-        low, high = numbers[:-1], numbers[1:]
-        ends = high < 0
-        if (numbers == 0).any() or (numbers[:1] < 0).any() or (low[ends] < 0).any() or (-high[ends] < low[ends]).any():
-            raise InputError(f"{refusal}a component '{component.name}' with a range that does not ascend, expected "
-                             "positive numbers, and negative ones that end a range")  # fmt: skip
-        parts += [np.arange(a + 1 + comm.rank, b + 1, comm.size) for a, b in zip(low[ends], -high[ends], strict=True)]
-        parts.append(numbers[numbers > 0][comm.rank :: comm.size])
-    if total != component.announced:
-        raise InputError(f"{refusal}{total} numbers of the component '{component.name}', but it announces "
+        found = whole(piece, values, np.repeat(lines, counts), "a number", -LARGEST_LABEL, LARGEST_LABEL)
+        numbers.append(found.astype(np.int64))
+    numbers = np.concatenate(numbers)
+    if len(numbers) != component.announced:
+        raise InputError(f"{refusal}{len(numbers)} numbers of the component '{component.name}', but it announces "
                          f"{component.announced}; the file is cut off or damaged")  # fmt: skip
-    return np.concatenate(parts)
+    low, following = numbers[numbers > 0], np.append(numbers[1:], 0)[numbers > 0]
+    high = np.where(following < 0, -following, low)
+    if len(low) + np.count_nonzero(following < 0) != len(numbers) or (high < low).any():
+        raise InputError(f"{refusal}a component '{component.name}' with a range that does not ascend, expected "
+                         "positive numbers, and negative ones that end a range")  # fmt: skip
+    return np.column_stack([low, high])

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ...fe.materials import ElementProperties
 from ...files.text import first_bytes
-from ...model.materials import ElementProperties
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, require_once

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...fe.elements import NODES
 from ...files.system_errors import open_input, read_numbers
 from ...files.text import Piece, end_to_end, pieces, records, refuse_packed, require_file
 from ...files.text_numbers import labels, numbers, ragged, whole
-from ...model.elements import NODES
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import require_once

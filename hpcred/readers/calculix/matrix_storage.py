@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...fe.dofs import SCALAR
 from ...files.text import Piece, pieces, read_lines
 from ...files.text_numbers import labels, numbers, padded, ragged, whole
-from ...model.dofs import SCALAR
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, repeated_key, sort_over_ranks
 from ...parallel.petsc import MPI

@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 
+from ...fe.point_stresses import MOST_POINTS
 from ...files.text import Piece, pieces
 from ...files.text_numbers import labels, numbers, whole
-from ...model.point_stresses import MOST_POINTS
 from ...parallel.failures import InputError, agreed
 from ..entries import joined
 

@@ -5,23 +5,24 @@ no row (see sets) are read. Each rank reads its share of the lines; the cards of
 which are few, are collected on all ranks.
 """
 
+from __future__ import annotations
+
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ...fe.elements import NODES
+from ...fe.materials import MATERIAL, TYPE, ElementProperties, Material, material_of
 from ...files.included import Included
 from ...files.system_errors import open_input
 from ...files.text import Piece, first_bytes, first_line, line_number, records, refuse_packed, require_file
-from ...model.elements import NODES
-from ...model.materials import ElementProperties
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import require_once, sort_over_ranks
 from ..nodes.table import LARGEST_COORDINATE, elements_of
 from ..nodes.table import VERTICAL_FIRST as VTK
 from .cards import CARD, components, lines_of, number_of, reals, whole_of, wholes
-from .materials import properties_of
 from .point_sets import read_point_sets, sets_of_case
 from .points import CYLINDRICAL, HELD, RECTANGULAR, SPHERICAL, Points, System
 
@@ -55,6 +56,7 @@ WITH_NODES = {"CONM2": (1,), "CONM1": (1,), "CELAS1": (2, 4), "CELAS2": (2, 4), 
 ANY_ELEMENT = re.compile(rb"C(?!ORD[12][RCS]$|SET1?$|SUPER$|REEP$|LOAD$|YJOIN$)[A-Z]+[0-9]*")
 GRID = re.compile(rb"GRID")
 FLUID = -1
+SAME = 1e-2  # relative difference of G and E / (2 (1 + NU)) that rounding explains
 
 
 @dataclass(frozen=True)
@@ -199,30 +201,34 @@ def read_deck(path, comm) -> Deck:
 
 def segments_of(path, comm):
     """Return bytes of bulk data (file, start, stop), in order, and what the case control says. Collective."""
-    included, result = Included(path), []
+    included, bulk, of_case = Included(path), [], []
 
-    def follow(file, including=(), above=()):
-        """Put the bytes of a file into the result, and those of what it includes where that stands."""
+    def follow(file, including=(), above=(), to=bulk):
+        """Append the bytes of a file, and where it includes others theirs, to `to`; those before its BEGIN to the case
+        control."""
         with agreed(comm):
             name = included.add(file, above, lambda text: InputError(f"{including[-1]}: {text}"))
         if name not in included.own:
             included.own[name] = _spans_of(file, comm, main=not including)
-        for start, stop, target in included.own[name][0]:
+        spans, begin = included.own[name]
+        for start, stop, target in spans:
+            here = of_case if start < begin else bulk if begin >= 0 else to
             if start < stop:
-                result.append((str(file), start, stop))
+                here.append((str(file), start, stop))
             if target is not None:
                 with agreed(comm):
                     target = _included(file, target, including)
-                follow(target, (*including, file), (*above, name))
-        return included.own[name][1]
+                follow(target, (*including, file), (*above, name), here)
+        return begin
 
-    case = follow(path)
-    return result, case
+    begin = follow(path)
+    with agreed(comm):
+        return bulk, _case(of_case) if begin >= 0 else None
 
 
 def _spans_of(path, comm, main):
-    """Return bytes of bulk data (start, stop) of one file, each with the name of what is included behind it or None,
-    and what the case control of the main file says. Collective."""
+    """Return bytes of case control and bulk data (start, stop) of one file, each with the name of what is included
+    behind it or None, and where the bulk data begin, -1 where no BEGIN says so. Collective."""
     with agreed(comm):
         require_file(path)
         refuse_packed(path)
@@ -241,15 +247,19 @@ def _spans_of(path, comm, main):
             raise InputError(f"{path}: found CEND but no BEGIN BULK, expected bulk data")
         if begin and b"BULK" in begin[0][2]["begin"].upper() and not any(mark[2]["end"] for mark in marks):
             raise InputError(f"{path}: found BEGIN BULK but no ENDDATA; the file is cut off, or lacks that last line")
-        case = _case(path, begin[0][0]) if begin and main else None
-        at = begin[0][1] if begin else 0
+        first = begin[0][0] if begin else -1
+        at = max((high for _, high, groups in marks if groups["cend"] and high < first), default=0)
         spans = []
         for low, high, groups in marks:
-            if low < at or groups["begin"] or groups["cend"]:
+            if low < at or groups["cend"] or (groups["end"] and low < first):
                 continue
             if groups["end"]:
                 size = low
                 break
+            if groups["begin"]:
+                spans.append((at, low, None))
+                at = high
+                continue
             name = groups["bare"]
             if groups["quote"]:
                 name, high = _name_in_quotes(path, high, groups["quote"])
@@ -257,7 +267,7 @@ def _spans_of(path, comm, main):
             with open_input(path) as text:
                 text.seek(high)
                 at = high + len(text.readline())
-    return [*spans, (at, size, None)], case
+    return [*spans, (at, size, None)], first
 
 
 def _name_in_quotes(path, start, quote):
@@ -282,11 +292,13 @@ def _included(path, name, including):
     raise InputError(f"{path}: found INCLUDE '{name}', which is no file in {path.parent}; put it there")
 
 
-def _case(path, stop):
+def _case(segments):
     """Return numbers of SPC and MPC of the case control, more than one where subcases differ, and its sets."""
-    with open_input(path) as file:
-        text = file.read(stop)
-    text = text[text.upper().rfind(b"CEND") + 4 if b"CEND" in text.upper() else 0 :]
+    text = b""
+    for path, start, stop in segments:
+        with open_input(path) as file:
+            file.seek(start)
+            text += file.read(stop - start)
     found = [(match["word"].decode().upper(), int(match["number"])) for match in CASE.finditer(text) if match["word"]]
     return {**{key: {number for word, number in found if word == key} for key in ("SPC", "MPC")},
             "SET": sets_of_case(text)}  # fmt: skip
@@ -446,3 +458,75 @@ def _definitions(cards):
                 points = [card.whole(start + k, "a grid point") for k in (1, 2, 3)]
                 found.append((card, card.whole(start, "the number of the system"), points))
     return found
+
+
+# Give solids of Nastran their materials: CTETRA, CHEXA, CPENTA name a PSOLID, which names a MAT1.
+
+
+def properties_of(comm, cards, names, tables: dict, mass_unit: float) -> ElementProperties | None:
+    """Return the properties of elements, None where there are none; `cards` with PSOLID and the materials.
+
+    `tables` (elements, 3) by kind: number of the element, place of its type in `names`, and number of its property,
+    which its material replaces here. `mass_unit`: what densities are multiplied by. Collective.
+    """
+    if not tables:
+        return None
+    materials = {}
+    for card in cards:
+        if card.name.startswith("MAT") and card.name[3:].isdigit():
+            materials.setdefault(card.whole(0, "the number of a material"), _material(card, mass_unit))
+    for card in cards:
+        number = card.text(0)
+        if card.name == "MATS1" and number.isdigit() and (item := materials.get(int(number))):
+            materials[int(number)] = Material(name=item.name, density=item.density, expansion=item.expansion,
+                                              reason="found MATS1")  # fmt: skip
+    order = {number: place for place, number in enumerate(materials)}
+    of_property = {}
+    for card in cards:
+        if card.name == "PSOLID":
+            place = order.get(card.whole(1, "the number of a material", 0), -1)
+            of_property.setdefault(card.whole(0, "the number of a property"), place)
+    known = np.array(sorted(of_property), np.int64)
+    places = np.array([*(of_property[number] for number in known.tolist()), -1])
+    for table in tables.values():
+        at = np.searchsorted(known, table[:, MATERIAL])
+        there = np.append(known, -1)[at] == table[:, MATERIAL]
+        table[:, MATERIAL] = places[np.where(there, at, -1)]
+    used = [np.any(comm.allgather(_used(tables, column, size)), axis=0)
+            for column, size in ((TYPE, len(names)), (MATERIAL, len(materials)))]  # fmt: skip
+    for column, kept in zip((TYPE, MATERIAL), used, strict=True):
+        renumbered = np.append(np.cumsum(kept) - 1, -1)
+        for table in tables.values():
+            table[:, column] = renumbered[table[:, column]]
+    types, kept = ([item for item, there in zip(items, mask, strict=True) if there]
+                   for items, mask in zip((names, materials.values()), used, strict=True))  # fmt: skip
+    return ElementProperties("Nastran", tuple(types), tuple(kept), tables)
+
+
+def _used(tables, column, size):
+    """Return which places (size,) stand in a column of the tables."""
+    found = np.zeros(size, bool)
+    for table in tables.values():
+        found[table[table[:, column] >= 0, column]] = True
+    return found
+
+
+def _material(card, mass_unit) -> Material:
+    """Return the material of a card, without constants where it is no MAT1."""
+    name = f"{card.name} {card.text(0)}"
+    if card.name != "MAT1":
+        return Material(name=name, reason=f"found {card.name}")
+    young, shear, poisson, density, expansion = (
+        card.real(k, what) if card.text(k) else None for k, what in (
+            (1, "Young's modulus"), (2, "the shear modulus"), (3, "Poisson's ratio"), (4, "a density"),
+            (5, "a coefficient of expansion")))  # fmt: skip
+    rest = {"density": None if density is None else density * mass_unit, "expansion": expansion}
+    if young and shear and poisson is None:
+        poisson = young / (2 * shear) - 1
+    elif shear and poisson is not None and not young:
+        young = 2 * (1 + poisson) * shear
+    elif young and shear and abs(2 * (1 + poisson) * shear / young - 1) > SAME:
+        return material_of(name, **rest, reason=f"found E {young:g}, G {shear:g} and NU {poisson:g}, which do not fit")
+    if not young or poisson is None:
+        return material_of(name, **rest, reason="found a MAT1 without two of E, G and NU")
+    return material_of(name, young=young, poisson=poisson, **rest)

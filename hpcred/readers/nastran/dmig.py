@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...fe.dofs import SCALAR
 from ...files.system_errors import open_input
 from ...files.text import first_bytes, first_line, line_number, records, refuse_packed, shown
-from ...model.dofs import SCALAR
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, number_over_ranks, repeated_key

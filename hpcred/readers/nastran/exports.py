@@ -5,13 +5,16 @@ beside them (USET, BGPDT), or from the input file. Rows in displacement systems 
 x, y, z.
 """
 
+from __future__ import annotations
+
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from ...files.text import first_bytes
-from ...model.dofs import OWN, SCALAR
+from ...fe.dofs import OWN, SCALAR
+from ...files.text import first_bytes, open_unpacked
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, number_over_ranks
@@ -21,7 +24,7 @@ from ..nodal_systems import turned_entries
 from ..nodes.table import NodeTable
 from ..parts import Parts, common_size, labels_in_order
 from . import bulk, dmig, op2, op4
-from .mass import compare_mass
+from .bulk import beside
 from .names import STRUCTURAL, Choice, letter_of, named, none_found, pairs
 from .points import HELD, SETS, Points, present, refined, turn_of
 from .sets import hold_rotations_of_solids, mark_sets
@@ -35,6 +38,9 @@ LOOSE = (
     "matrices of the G-set have no supports (SPC) and no rigid elements or constraints (RBE, MPC) applied: what these "
     "join is loose; export {} to have them"
 )
+WEIGHT = re.compile(rb"MASS AXIS SYSTEM \(S\)[^\n]*\n[ \t]*X[ \t]+(?P<mass>[-+\d.]+E[-+]\d+)")  # of GRDPNT in an .f06
+LONGEST = 2**30  # bytes of a listing that is looked at
+SAME = 0.01
 
 
 @dataclass
@@ -518,3 +524,36 @@ class Bulk(Reader):
     name, told_by, named = "Nastran DMIG, or an input file with the matrices beside it", "DMIG or other cards", True
     companions = ".pch or .op4 with the matrices, .bdf or .dat with nodes"
     begins, read_model = staticmethod(begins_bulk), staticmethod(read_bulk)
+
+
+# Read the mass that a Nastran run reports, to check a mass matrix from a file without end mark.
+
+
+def compare_mass(comm, path, deck, M: LabelledEntries) -> list[str]:
+    """Compare the mass of M, without supports, with a listing or point masses; InputError if less. Collective."""
+    same = (M.rows % STRIDE == M.columns % STRIDE) & (M.rows % STRIDE < 3)
+    found = float(max(comm.allreduce(np.bincount(M.rows[same] % STRIDE, M.values[same], 3))))  # in x, y, z
+    told, source = decided(comm, _told, path)
+    exact = told is not None
+    if not exact:
+        told, source = deck.point_mass, f"the CONM2 of {deck.path} sum up to"
+    told *= deck.mass_unit
+    if found < (1 - SAME) * told:
+        raise InputError(
+            f"{path}: found a mass of {found:.6g} in M, while {source} {told:.6g}; the file is cut off, or of another "
+            "run: export it again"
+        )
+    if exact and found > (1 + SAME) * told:
+        return [f"{path}: M has a mass of {found:.6g}, while {source} {told:.6g}; the two are of different runs"]
+    return [f"{path}: the mass of M, {found:.6g}, is what {source}"] if exact else []
+
+
+def _told(path):
+    """Return the mass of the grid point weight generator in a listing of the same name, and words for it, or None."""
+    for file in beside(path):
+        if file.suffix.lower() == ".f06":
+            with open_unpacked(file) as text:
+                masses = {float(match["mass"]) for match in WEIGHT.finditer(text.read(LONGEST))}
+            if len(masses) == 1:
+                return masses.pop(), f"the grid point weight in {file} says"
+    return None, None

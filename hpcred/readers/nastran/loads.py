@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...fe.elements import CORNERS, FACES, NODES, SHELLS
+from ...fe.materials import NUMBER
 from ...files.text import records, warnings_of_end
-from ...model.elements import CORNERS, FACES, NODES, SHELLS
-from ...model.materials import NUMBER
 from ...parallel.failures import InputError, agreed
 from ..deck_loads import DeckLoads, faces_at, find_elements
 from . import bulk

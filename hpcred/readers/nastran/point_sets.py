@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...parallel.lookup import look_up, sort_over_ranks
+from ..nodes.table import in_ranges
 
 CARDS = {"SET1": 1, "SET3": 2, "SET": 2}  # where their numbers begin
 SET = re.compile(rb"(?mi)^[ \t]*SET[ \t]+(?P<number>\d{1,9})[ \t]*=(?P<list>(?:[^\n]*,[ \t\r]*\n)*[^\n]*)")
@@ -45,9 +46,7 @@ def read_point_sets(path, comm, label, cards, of_case) -> tuple[dict[str, np.nda
         if names[item.name] > 1 or not item.ranges or not there.all():
             left.append(item.name)
             continue
-        low, high = np.array(sorted(item.ranges)).T
-        place = np.searchsorted(low, label, side="right") - 1
-        inside = label[(place >= 0) & (label <= np.maximum.accumulate(high)[place])]
+        inside = label[in_ranges(label, item.ranges)]
         if comm.allreduce(len(inside)):
             sets[item.name] = inside
     left = list(dict.fromkeys(left))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...model.dofs import OWN, SCALAR
+from ...fe.dofs import OWN, SCALAR
 from ...parallel.lookup import look_up, number_over_ranks
 from ..entries import label_of
 from ..nodal_systems import Turn

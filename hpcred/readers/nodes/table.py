@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...fe.elements import NODES
 from ...files.text import pieces, read_lines
 from ...files.text_numbers import labels, numbers, ragged, whole
-from ...model.elements import NODES
 from ...parallel.failures import InputError
 from ...parallel.lookup import require_once, sort_over_ranks
 from ...parallel.petsc import MPI
@@ -68,6 +68,16 @@ def require_nodes(comm, label, path, without: str, expected: str):
     if not comm.allreduce(len(label)):
         raise InputError(f"{path}: found no nodes, {without}")
     require_once(comm, label, lambda node: f"{path}: found the node {node} more than once, expected {expected}")
+
+
+def in_ranges(numbers, ranges) -> np.ndarray:
+    """Test which of the numbers are in any of the ranges (n, 2) from the first to the last number."""
+    table = np.reshape(ranges, (-1, 2))
+    if not len(table):
+        return np.zeros(len(numbers), bool)
+    low, high = table[np.argsort(table[:, 0])].T
+    place = np.searchsorted(low, numbers, side="right") - 1
+    return (place >= 0) & (numbers <= np.maximum.accumulate(high)[place])
 
 
 def read_node_numbers(path) -> tuple[int, ...]:

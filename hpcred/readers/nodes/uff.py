@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...fe.elements import NODES
 from ...files.system_errors import open_input
 from ...files.text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, end_to_end, records, refuse_packed, shown
 from ...files.text_numbers import labels, ragged, whole
-from ...model.elements import NODES
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import require_once, sort_over_ranks
 from .table import NodeTable, elements_of, finite

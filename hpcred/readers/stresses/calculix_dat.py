@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...fe.materials import NUMBER
+from ...fe.point_stresses import PointStresses
+from ...fe.shape_functions import SOLIDS, extrapolation
 from ...files.system_errors import open_input
 from ...files.text import end_to_end, pieces
 from ...files.text_numbers import labels, numbers
-from ...model.materials import NUMBER
-from ...model.point_stresses import PointStresses
-from ...model.shape_functions import SOLIDS, extrapolation
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ..abaqus import input_file

@@ -1,29 +1,23 @@
-"""Define a component of a basis: its columns, its checks, its blocks; and write and read it as plain data."""
+"""Define a component of a basis: its columns, its checks, its blocks."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from functools import partial
-from typing import Annotated, ClassVar
-
-from pydantic import PlainSerializer, PlainValidator
+from abc import abstractmethod
+from typing import ClassVar
 
 from ...linalg.basis import Basis
-from ...parallel.failures import InputError
-from ..kinds import UnknownKind, from_table, table_of
-from ..run import Run
+from ..result.record import BasisPart
+from ..run.run import Run
 from .point_blocks import PointBlocks
 
 
-class Component(ABC):
+class Component(BasisPart):
     """Base class; a component is a frozen dataclass with a field `kind`, which names it in a job file.
 
     `per_direction`: how many vectors it has for each direction of the interfaces besides columns(); None for a
     component that needs no interfaces.
     """
 
-    kind: str
     per_direction: ClassVar[int | None] = None
 
     @abstractmethod
@@ -43,20 +37,6 @@ class Component(ABC):
         """Add its vectors to the basis. Collective. Raises InputError or ComputationError."""
 
 
-@dataclass(frozen=True)
-class UnknownComponent(UnknownKind, Component):
-    """A component whose class is not known here, as of a result that another program made."""
-
-    def columns(self, inputs: int, rigid: int) -> int:
-        raise InputError(f"basis: found the kind '{self.kind}', whose class is not known here; import it first")
-
-    def extend(self, basis: Basis, run: Run) -> None:
-        self.columns(0, 0)
-
-
-AnyKind = Annotated[  # in records
-    Component, PlainValidator(partial(from_table, Component, UnknownComponent)), PlainSerializer(table_of)
-]
 
 
 class PointComponent(Component):

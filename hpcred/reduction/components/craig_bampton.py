@@ -16,16 +16,16 @@ from typing import Literal
 
 import numpy as np
 
+from ...fe.dofs import DIRECTIONS
 from ...linalg.basis import Basis
 from ...linalg.blocks import add_product, create_block, dense, from_dense, inner
 from ...linalg.solvers.base import SingularMatrix
-from ...model.dofs import DIRECTIONS
 from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, require_band, within
-from ..run import Run
-from ..store import Entry
+from ..run.run import Run
+from ..run.store import Entry
 from .component import Component
 from .modes import KRYLOV, all_between, kept_modes, lowest_modes_by, require_real_modes
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...fe.dofs import Dofs
 from ...linalg.blocks import View, create_block, dense_matrix, local_rows
-from ...model.dofs import Dofs
 from ...model.frames import FramedModel
-from ...model.rigid_body_modes import RigidBodyModes
+from ...model.rigid_body.modes import RigidBodyModes
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, Owned, agreed, forget
 from ...parallel.petsc import PETSc, free_dropped
@@ -91,7 +91,7 @@ def number_of_groups(wanted, run, points: int) -> int:
     if most < 2 or run.solvers.multigrid:
         return 1
     with run.progress.stage("estimate"):
-        estimate = run.solvers.real.estimate()
+        estimate = run.solvers.real().estimate()
         run.solvers.release()
     if estimate is None:
         run.progress.say("1 group of ranks: what a factor needs is not known")

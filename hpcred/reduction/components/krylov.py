@@ -17,10 +17,10 @@ from ...model.damping import is_proportional
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, within
-from ..points import laplace, point_name
 from .component import PointComponent
 from .krylov_sequence import KrylovSequence
 from .point_blocks import PointBlocks
+from .points import laplace, point_name
 
 
 class PencilSequence(KrylovSequence):
@@ -60,7 +60,7 @@ class ComplexPencilSequence(PencilSequence):
     kind = ComplexBasis
 
     def _factor(self):
-        solver = self.run.solvers.complex
+        solver = self.run.solvers.complex()
         with self.run.progress.stage("factor", self._name, solver.known):
             solver.factor(self._square)
             return solver

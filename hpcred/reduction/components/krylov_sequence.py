@@ -11,7 +11,7 @@ import numpy as np
 from ...linalg.basis import Basis
 from ...linalg.blocks import create_block
 from ...parallel.failures import ComputationError
-from ..store import Entry
+from ..run.store import Entry
 from .point_blocks import Part, PointBlocks
 
 

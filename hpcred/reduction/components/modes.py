@@ -17,9 +17,9 @@ from ...parallel.declared import as_declared
 from ...parallel.failures import ComputationError, InputError
 from ...parallel.petsc import is_complex
 from ...parallel.ranges import COUNT, require_band, within
-from ..projection import diagonalise, project, project_columns
-from ..run_solvers import refusal
-from ..store import Entry
+from ..run.projection import diagonalise, project, project_columns
+from ..run.run_solvers import refusal
+from ..run.store import Entry
 from .component import Component
 
 INDEPENDENT = 1e-6  # weight of a direction of modes found that is not round-off
@@ -145,7 +145,7 @@ def _slices(run):
     """Test whether the factors that SLEPc makes of its own fit; refused where nothing else would do."""
     if not run.solvers.multigrid:
         try:
-            run.solvers.real.estimate()
+            run.solvers.real().estimate()
         except DoesNotFit as error:
             if not run.solvers.give_up_factors(error):
                 raise refusal(error) from error

@@ -19,11 +19,11 @@ from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, within
-from ..points import laplace, point_name
 from .component import PointComponent
 from .krylov import Krylov
 from .krylov_sequence import KrylovSequence
 from .point_blocks import PointBlocks
+from .points import laplace, point_name
 
 SMALL = 1e-13  # singular value below which a direction of the coefficients is dependent
 
@@ -113,7 +113,7 @@ class SecondOrderSequence(KrylovSequence):
         s, run = self._s, self.run
         if self._is_real():
             return run.solvers.factored(s.real**2, point_name(s), s.real)
-        solver = run.solvers.complex
+        solver = run.solvers.complex()
         with run.progress.stage("factor", point_name(s), solver.known):
             solver.factor_at(s)
             return solver

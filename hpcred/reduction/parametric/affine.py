@@ -8,10 +8,10 @@ import numpy as np
 
 from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, inner, times, view_of
 from ...model.operator import NOTHING, Operator
-from ..projection import project_stiffness
-from ..tolerance.independent_loads import independent_columns
-from ..tolerance.projections import extended
-from ..tolerance.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
+from ..run.independent_loads import independent_columns
+from ..run.projection import project_stiffness
+from ..search.projections import extended
+from ..small.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
 from .singular import factor_of_mass
 
 

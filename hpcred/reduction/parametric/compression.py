@@ -13,8 +13,9 @@ import numpy as np
 from ...parallel.decisions import decided, shared_out
 from ...parallel.failures import agreed
 from ...parallel.petsc import MPI
-from ..tolerance.compression import BALANCES, LITTLE, SHOWN, Snapshots, fewest, joined
-from ..tolerance.error_estimate import FINE, UNIFORM, Comparison, grid, largest, measure_over, resolved, upper_poles
+from ..search.outcome import SHOWN
+from ..small.compression import BALANCES, LITTLE, Snapshots, fewest, joined
+from ..small.error_estimate import FINE, UNIFORM, Comparison, grid, largest, measure_over, resolved, upper_poles
 from .affine import AffineProjections
 from .estimate import COARSE, coarsely
 from .training import distances, halfway, points_around
@@ -33,7 +34,7 @@ KEPT = 2**24  # numbers of matrices of points that a rank keeps
 
 
 class RangeSnapshots:
-    """The snapshots of several points, of which each rank has its share (see tolerance.compression.fewest).
+    """The snapshots of several points, of which each rank has its share (see small.compression.fewest).
 
     `fixed` (m, c): orthonormal columns of the coordinates of the basis that are spanned anyway; `count`: of the first
     columns of the basis (m), by default all; `coarse`: at few frequencies. Collective.

@@ -1,6 +1,6 @@
 """Estimate the error of a model over the band and values of parameters, and find what its basis misses.
 
-As at one value (see tolerance.error_estimate) the error of a model is seen from a basis that is a block richer. Here
+As at one value (see small.error_estimate) the error of a model is seen from a basis that is a block richer. Here
 that block is made from the leading directions of the residuals over the band and all training points, solved with the
 factor that there is at the last point: close enough to the inverse at all of them, and one block for all.
 """
@@ -13,9 +13,9 @@ import numpy as np
 
 from ...parallel.decisions import decided, shared_out
 from ...parallel.failures import agreed
-from ..tolerance.error_estimate import UNIFORM, Comparison, grid, measure_over
-from ..tolerance.pseudo_modal import nested
-from ..tolerance.residual_blocks import ResidualSpace, residual_coefficients, row_scale, transposed_times
+from ..search.residual_blocks import ResidualSpace, residual_coefficients, row_scale, transposed_times
+from ..small.error_estimate import UNIFORM, Comparison, grid, measure_over
+from ..small.pseudo_modal import nested
 from .affine import AffineProjections
 
 COARSE = UNIFORM // 4  # frequencies of the band, beside those at poles

@@ -1,6 +1,6 @@
 """Choose values of the parameters at which a model is factored, until a basis serves for the band and all values.
 
-At each of them the search over the band (see tolerance.search) begins with the columns found so far, and first checks
+At each of them the search over the band (see search.search) begins with the columns found so far, and first checks
 the model that was before: its blocks give the exact response there. Blocks for all values follow from the same factor
 (see estimate). The next values are those where the error is estimated to be largest. The end is reached where two new
 points in a row have proven the model, and the estimate is small everywhere.
@@ -19,14 +19,15 @@ from ...linalg.basis import Basis
 from ...linalg.blocks import copy_of
 from ...parallel.decisions import decided, shared_out
 from ...parallel.stopping import stop_if_asked
-from ..run import Run
-from ..tolerance.accuracy import UNDAMPED, Adaptive
-from ..tolerance.compression import compressed, fewest
-from ..tolerance.error_estimate import grid, resonances
-from ..tolerance.judging import Candidate
-from ..tolerance.search import Search, State
-from ..tolerance.search_checks import is_singular
-from .accuracy import ParameterPoint, in_words
+from ..result.parameter_accuracy import ParameterPoint, in_words
+from ..run.run import Run
+from ..search.goal import Adaptive
+from ..search.judging import Candidate
+from ..search.search import Search, State
+from ..search.search_checks import is_singular
+from ..small.compression import compressed, fewest
+from ..small.damping import UNDAMPED
+from ..small.error_estimate import grid, resonances
 from .affine import AffineForm, AffineProjections
 from .compression import RangeSnapshots
 from .estimate import Estimate, estimate, residual_block

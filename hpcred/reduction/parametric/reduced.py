@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 
 from ...linalg.pencil import massless_last
 from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, caughey_terms
-from ...model.expressions import Expression
 from ...model.operator import Operator, in_coordinates
-from ...model.parameters import Parameter, checked_values
-from ..projection import project, project_columns
-from ..reduced_damping import reduced_damping
-from ..reduced_model import ReducedModel
+from ...model.parameters.definitions import Parameter, checked_values
+from ...model.parameters.expressions import Expression
+from ..result.reduced_model import ReducedModel
+from ..run.projection import project, project_columns
+from ..small.damping import reduced_damping
 from .singular import factor_of_mass
 
 
@@ -33,7 +33,7 @@ class ReducedTerm:
         object.__setattr__(self, "expression", Expression(self.factor))
 
 
-@dataclass(repr=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class ParametricReducedModel(ReducedModel):
     """A reduced model for all values of some parameters in their ranges; by itself it is that at the reference values.
 
@@ -42,9 +42,17 @@ class ParametricReducedModel(ReducedModel):
     in the coordinates of the model at the reference. Added terms do not depend on parameters.
     """
 
-    parameters: tuple[Parameter, ...] = ()
-    constant: dict[str, np.ndarray] = field(default_factory=dict)
-    terms: tuple[ReducedTerm, ...] = ()
+    parameters: tuple[Parameter, ...]
+    constant: dict[str, np.ndarray]
+    terms: tuple[ReducedTerm, ...]
+
+    def __init__(
+        self, *args: Any, parameters: tuple[Parameter, ...] = (), constant: dict[str, np.ndarray] | None = None,
+        terms: tuple[ReducedTerm, ...] = (), **known: Any,
+    ) -> None:  # fmt: skip
+        super().__init__(*args, **known)
+        for name, value in (("parameters", parameters), ("constant", constant or {}), ("terms", terms)):
+            object.__setattr__(self, name, value)
 
     @property
     def base(self) -> ReducedModel:
@@ -114,7 +122,7 @@ class ParametricReducedModel(ReducedModel):
             skew = (found["K"] - found["K"].T) / 2  # none of symmetric parts, which are so exactly
             operator = Operator.of(np.diag(modes.masses), X.T @ found["D"] @ X,
                                    np.diag(modes.stiffnesses) + X.T @ skew @ X, self.added.projected(X))  # fmt: skip
-            base, found = base.with_operator(operator), {"B": X.T @ found["B"], **outputs}
+            found = {"operator": operator, "B": X.T @ found["B"], **outputs}
         if any(item.of == "B" for item in self.terms) and checked_values(self.parameters, values) != self.reference:
             found["resultants"] = None  # those of the columns at the reference
         record = base.record
@@ -131,7 +139,7 @@ class ParametricReducedModel(ReducedModel):
 
     def to_pymor(self) -> Any:
         """Return the model for all values of the parameters: see ReducedModel.to_pymor."""
-        from ..to_pymor import parametric_pymor_model
+        from ..result.to_pymor import parametric_pymor_model
 
         return parametric_pymor_model(self)
 

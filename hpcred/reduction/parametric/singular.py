@@ -6,7 +6,7 @@ import numpy as np
 
 from ...parallel.decisions import decided, shared_out
 from ...parallel.failures import InputError
-from .accuracy import in_words
+from ..result.parameter_accuracy import in_words
 from .training import distances, halfway
 
 NO_MASS = 1e-13  # pivots of M over its diagonal at the reference, relative to the largest, that may be round-off

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError
-from .accuracy import in_words
+from ..result.parameter_accuracy import in_words
 from .training import corner_points
 
 CORNERS = 32  # looked at, if there are not more

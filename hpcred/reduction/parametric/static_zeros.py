@@ -12,8 +12,8 @@ from functools import partial
 import numpy as np
 
 from ...parallel.decisions import shared_out
-from ..measure import STATIC
-from ..tolerance.error_estimate import UNIFORM
+from ..result.measure import STATIC
+from ..small.error_estimate import UNIFORM
 from .training import place_of, point_at
 
 BESIDE = (1.05, 1.3, 5.0)  # times STATIC of the median: static responses at the points beside a zero

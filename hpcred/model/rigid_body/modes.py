@@ -1,0 +1,322 @@
+"""Compute the rigid-body modes of a body from the positions of its nodes: an M-orthonormal basis of ker K."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...linalg.basis import Basis
+from ...linalg.blocks import add_product, column_norms, copy_of, create_block, inner, local_rows, multiply, times
+from ...linalg.csr import diagonal_of
+from ...parallel.failures import InputError
+from ...parallel.petsc import MPI, PETSc, SLEPc
+from .differing_nodes import nodes_that_differ
+from .motions import middle, rigid_motions
+from .support import Support, support_of
+
+NO_MASS = 1e-12  # of the largest mass: round-off
+SAME_MASS = 1e-6  # relative difference of the masses in x, y, z that the digits of a text file explain
+ROUND_OFF = 1e-10
+EXACTLY_FREE = 32 * np.finfo(float).eps  # of the entries of a row: what motions that are guessed may meet of force
+SILENT = 1e-6  # sum of a row over that of its absolute values, below which it is zero to the digits of a file
+ON_DIAGONAL = 0.5  # of the diagonal of a mass matrix: less than any element's mass, more than what supports resist
+FEW = 0.02  # share of rows of a mass matrix that may be so
+FEWEST_NODES = 3  # of a body of which something can be said by the rows that resist
+MOST_ROWS = 0.6  # share of rows in which supports are not believed
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """`masses` (3,) in kg that M has in x, y and z, `centre` (3,) of mass in m, `inertia` (3, 3) in kg m^2 about it.
+
+    A direction in which no node can move has no mass. What M then does not contain is NaN: without z the inertia
+    about x and about y and their product; without y and z also the place of the centre along x.
+    """
+
+    masses: np.ndarray
+    centre: np.ndarray
+    inertia: np.ndarray
+
+    @property
+    def mass(self) -> float:
+        """The largest of the masses: dofs that are left out or held take mass away from a direction."""
+        return float(self.masses.max())
+
+    @property
+    def complete(self) -> bool:
+        """Whether there is a mass in each direction."""
+        return bool((self.masses > 0).all())
+
+    @property
+    def uniform(self) -> bool:
+        """Whether the directions that have a mass have the same."""
+        return bool(self.masses[self.masses > 0].min(initial=self.mass) >= (1 - SAME_MASS) * self.mass)
+
+
+def rigid_body_of(gram: np.ndarray) -> RigidBody:
+    """Return Mass, centre and inertia about the reference point, from R^T M R (6, 6) of the motions of
+    rigid_motions."""
+    masses, cross = np.diag(gram)[:3].copy(), gram[:3, 3:]
+    masses[np.abs(masses) <= NO_MASS * np.abs(masses).max()] = 0.0
+    # integral of e_a . (e_b x r) dm is that of r_c in the mass of direction a
+    after, last = np.array([1, 2, 0]), np.array([2, 0, 1])
+    weight = masses[after] + masses[last]
+    moment = cross[after, last] - cross[last, after]
+    centre = np.divide(moment, weight, out=np.full(3, np.nan), where=weight != 0)
+    inertia = gram[3:, 3:].copy()
+    for missing in np.flatnonzero(masses == 0):
+        others = np.delete(np.arange(3), missing)
+        inertia[np.ix_(others, others)] = np.nan
+    return RigidBody(masses, centre, inertia)
+
+
+def rigid_body_quantities(model) -> RigidBody:
+    """Return Mass, centre of mass and inertia about it, from M and the nodes. Collective. Raises InputError without
+    mass."""
+    centre = np.zeros(3)
+    for _ in range(2):
+        found = rigid_body_of(_rigid_gram(model, centre))
+        if found.masses.min() < 0 or found.mass == 0:
+            listed = ", ".join(f"{mass:g}" for mass in found.masses)
+            raise InputError(
+                exchange_of_matrices(model)
+                or f"{model.name}: the translational masses in x, y, z are {listed} kg, expected none negative and not "
+                "all zero; check the mass matrix and the order of its rows"
+            )
+        centre = centre + np.nan_to_num(found.centre)
+    return RigidBody(found.masses, np.where(np.isnan(found.centre), np.nan, centre), found.inertia)
+
+
+def _rigid_gram(model, centre):
+    """Return R^T M R (6, 6) of the rigid motions about `centre`. Collective."""
+    motions = rigid_motions(model, centre)
+    return inner(motions, times(model.M, motions))
+
+
+class RigidBodyModes:
+    """The force-free rigid-body motions of a model, M-orthonormal: R^T M R = I, K R = 0.
+
+    `R` (n, count) and `MR` = M R as blocks. `count`: 0 for a supported body to 6 for a free one. `supports`: global
+    rows of this rank, `count` over all ranks, that leave no rigid motion when held. `support`: how K resists the six
+    motions; `defect`: their largest ||K R|| / (||K|| ||R||). With `soft` those that meet next to no force count as
+    well. Collective throughout.
+    """
+
+    def __init__(self, model, soft=False):
+        self._first, self._k = model.first_row, model.K
+        self.R = self.MR = None
+        self.support = support_of(model)
+        self.defect = float(np.nanmax(self.support.residuals))
+        free = self.support.movable if soft else self.support.free
+        motions = rigid_motions(model, self.support.centre)
+        multiply(motions, free)
+        self.count = free.shape[1]
+        motions.setActiveColumns(0, self.count)
+        basis = Basis(model.M, room=6)
+        basis.extend(motions)
+        if basis.size != self.count:
+            raise InputError(
+                f"{model.name}: the mass matrix is singular for rigid-body motions "
+                f"({basis.size} independent ones of {self.count}); a free body needs mass and inertia"
+            )
+        if self.count:
+            self.R = copy_of(basis.columns, model.M)
+            self.MR = times(model.M, self.R)
+            self.supports = self._determinate_supports(model)
+
+    def equilibrate(self, load: SLEPc.BV):
+        """Replace a load by (I - M R R^T) load, the part that does not accelerate the body as a whole."""
+        add_product(load, self.MR, inner(self.R, load), alpha=-1.0)
+
+    def project(self, block: SLEPc.BV):
+        """Replace a block by (I - R R^T M) block, its M-orthogonal projection onto the elastic space (51)."""
+        add_product(block, self.R, inner(self.MR, block), alpha=-1.0)
+
+    def hold(self, rows):
+        """Use these global rows (from 0) as statically determinate supports of inertia relief. Collective."""
+        mine = [row for row in rows if 0 <= row - self._first < self._k.getLocalSize()[0]]
+        self.supports = np.array(sorted(mine), dtype=PETSc.IntType)
+
+    def _determinate_supports(self, model):
+        """Return `count` rows whose rows of R are as independent as possible: Gram-Schmidt with row pivoting."""
+        with local_rows(self.R) as view:
+            rows = view.real.copy()
+        taken = []
+        for _ in range(self.count):
+            sizes = (rows**2).sum(axis=1)
+            best = int(sizes.argmax()) if sizes.size else -1
+            size = float(sizes[best]) if sizes.size else -1.0
+            sizes = model.comm.allgather(size)
+            owner = int(np.argmax(sizes))
+            pivot = model.comm.bcast(rows[best].copy() if model.comm.rank == owner else None, root=owner)
+            if model.comm.rank == owner:
+                taken.append(best + model.first_row)
+            pivot /= np.linalg.norm(pivot)
+            rows -= np.outer(rows @ pivot, pivot)
+        return np.array(sorted(taken), dtype=PETSc.IntType)
+
+
+def acts_on_free_motions(model, mat) -> bool:
+    """Test whether a matrix (n, n), on the pattern of K, resists or pushes rigid-body motions that K leaves free.
+    Collective."""
+    norm, size = (each.norm(PETSc.NormType.INFINITY) for each in (model.K, mat))
+    if not size or model.dofs is None:
+        return False
+    both = model.K.copy()
+    both.axpy((norm or 1.0) / size, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+    with model.with_fields(K=both) as other:
+        return support_of(other).movable.shape[1] < support_of(model).movable.shape[1]
+
+
+def pushed_motions(model, loads) -> np.ndarray:
+    """Return parts (motions, loads) of the loads on rigid motions that meet no force, which are M-orthonormal.
+    Collective.
+
+    `loads`: a block (n, loads). Parts that are round-off of a load are zero. Without nodes the motions are guessed to
+    be translations of rows that go node by node.
+    """
+    if model.dofs is None:
+        motions = _translations_of_rows(model)
+        free = _exactly_free(model, motions)
+    else:
+        support = support_of(model)
+        motions, free = rigid_motions(model, support.centre), support.free
+    if not free.shape[1]:
+        return np.zeros((0, loads.getActiveColumns()[1]))
+    mass = free.T @ inner(motions, times(model.M, motions)) @ free
+    parts = free.T @ inner(motions, loads)
+    size = np.sqrt(np.diag(free.T @ inner(motions, motions) @ free))[:, None] * column_norms(loads)
+    parts[np.abs(parts) <= ROUND_OFF * size] = 0.0
+    values, vectors = np.linalg.eigh(mass)
+    moving = values > NO_MASS * values[-1]
+    return (vectors[:, moving] / np.sqrt(values[moving])).T @ parts
+
+
+def _translations_of_rows(model) -> SLEPc.BV:
+    """Return translations in each direction, a column each, of nodes with 1, 2, 3 and 6 rows one after the other."""
+    kinds = [(count, direction) for count in (1, 2, 3, 6) for direction in range(min(count, 3))]
+    motions = create_block(model.K, len(kinds))
+    with local_rows(motions) as rows:
+        row = model.first_row + np.arange(model.local_rows)
+        for column, (count, direction) in enumerate(kinds):
+            rows[:, column] = row % count == direction
+    return motions
+
+
+def _exactly_free(model, motions):
+    """Return a selection (columns, count) of the columns that meet no force in any row, but for its round-off.
+    Collective."""
+    with local_rows(times(model.K, motions)) as rows, local_rows(motions) as moved:
+        forced = (np.abs(rows) > EXACTLY_FREE * _sizes_of_rows(model.K)[:, None]).any(axis=0)
+        moves = (moved != 0).any(axis=0)
+    forced, moves = (model.comm.allreduce(part, op=MPI.BOR) for part in (forced, moves))
+    return np.eye(len(forced))[:, moves & ~forced]
+
+
+def _sizes_of_rows(mat):
+    """Return sums of the absolute values of the rows of this rank."""
+    indptr, _, values = mat.getValuesCSR()
+    return np.bincount(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)), np.abs(values), len(indptr) - 1)
+
+
+def warnings_of_nodes(model) -> list[str]:
+    """Return sentences where the nodes seem not to belong to the rows, or the masses in x, y and z differ. Collective.
+
+    A direction in which no node has a dof has no mass to compare. Dofs that are held in some directions only make a
+    difference of masses that is none of the nodes.
+    """
+    misfit, masses = misfit_of_nodes(model), rigid_body_quantities(model).masses
+    found = [misfit] if misfit else []
+    there = masses[masses > 0]
+    held = model.comm.allreduce(0 if model.held is None else len(model.held.node))
+    if there.size and not held and np.ptp(there) > SAME_MASS * there.max():
+        names = _enumerated([name for name, mass in zip("xyz", masses, strict=True) if mass > 0])
+        found.append(
+            f"{model.name}: the masses in {names} are {_enumerated([f'{mass:.6g}' for mass in there])} kg, expected "
+            "the same: nodes or directions are not those of the rows, supports hold some directions only, or the mass "
+            "matrix is not one of a body"
+        )
+    return found
+
+
+def exchange_of_matrices(model) -> str | None:
+    """Return a sentence where M is a stiffness and K a mass matrix, or None. Collective.
+
+    A translation loads a stiffness at supports only, and a mass matrix in all rows of its direction: where it loads K
+    in nearly all and M in few they have been exchanged. Without nodes that is asked of equal displacements of all dofs,
+    which are a translation where dofs are displacements.
+    """
+    known = model.dofs is not None
+    motions = rigid_motions(model, middle(model)) if known else create_block(model.K, 1)
+    with local_rows(motions) as rows:
+        if not known:
+            rows[...] = 1.0
+        moved = rows.real[:, :3] > 0
+    if _weighs(model, motions, moved):
+        return None
+    silent = []
+    for mat in (model.K, model.M):
+        sizes = _sizes_of_rows(mat)
+        with local_rows(times(mat, motions)) as rows:
+            none = np.abs(rows.real[:, :3]) <= SILENT * sizes[:, None]
+            silent.append(int((moved & none & (sizes > 0)[:, None]).sum()))
+    of_k, of_m, total = (model.comm.allreduce(count) for count in (*silent, int(moved.sum())))
+    if of_k > FEW * total or of_m <= (1 - MOST_ROWS) * total:
+        return None
+    return (
+        f"{model.name}: K AND M ARE EXCHANGED: {'a translation' if known else 'an equal displacement of all dofs'} "
+        f"meets nothing in {100 * of_m / total:.0f} % of the rows of M, as in a stiffness matrix, and in "
+        f"{100 * of_k / total:.0f} % of those of K; give each for the other"
+    )
+
+
+def _weighs(model, motions, moved) -> bool:
+    """Test whether M gives translations about the mass that is on its diagonal, which is quick to see. Collective."""
+    with local_rows(times(model.M, motions)) as rows:
+        masses = (rows.real[:, :3] * moved).sum(axis=0)
+    masses, sizes = model.comm.allreduce(np.array([masses, np.abs(diagonal_of(model.M)) @ moved]))
+    return model.comm.bcast(bool((masses >= ON_DIAGONAL * sizes).all()))
+
+
+def _enumerated(words) -> str:
+    """ "x, y and z"."""
+    return f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def misfit_of_nodes(model, support: Support | None = None) -> str | None:
+    """Return a sentence where the nodes seem not to belong to the rows, or None. Collective.
+
+    A rigid motion of the nodes meets no force but at supports. Where K resists rotations and no translation, or resists
+    in most rows, the coordinates or the directions are those of other rows, or of other units than K. Where K has as
+    many motions without force as a free body, these name the nodes that differ.
+    """
+    support = support or support_of(model)
+    moving = np.isfinite(support.residuals)
+    if support.movable.shape[1] == moving.sum() or not support.resisting:
+        return None
+    found = (f"||K R|| / (||K|| ||R||) = {np.nanmax(support.residuals):.1e} for rigid-body motions R of the nodes")
+    if named := nodes_that_differ(model, support):
+        return f"{model.name}: {found}: {named}"
+    if not support.resists_translations:
+        return (
+            f"{model.name}: {found}, though K resists no translation: the nodes are not those of the rows; check the "
+            "order of nodes against that of rows, and that all coordinates are in one unit and one system of axes"
+        )
+    if support.resisting > MOST_ROWS and model.node_count >= FEWEST_NODES:
+        return (
+            f"{model.name}: {found}, in {100 * support.resisting:.0f} % of the rows: the body is held almost "
+            "everywhere, or the nodes or directions are not those of the rows, or K is that of a preloaded or spinning "
+            "body" + ("" if model.is_symmetric("K") else ", or unsymmetric forces act nearly everywhere")
+        )
+    return None
+
+
+def remark_on_digits(support: Support) -> str | None:
+    """Return a sentence where a body is free only to the digits of its nodes, or None."""
+    if not support.by_digits:
+        return None
+    return (
+        f"the coordinates of the nodes have {support.node_digits} digits, which is why rotations meet up to "
+        f"{support.forces[3:].max():.0e} of K; take a list with more digits where rigid-body motions matter"
+    )

@@ -1,0 +1,220 @@
+"""Define the settings of a reduction to a tolerance, and its accuracy: points, proofs and the estimated error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Annotated
+
+import numpy as np
+
+from ...linalg.known import ModeCount, Source
+from ...model.second_order_model import listed
+from ...parallel.as_html import as_html
+from ...parallel.declared import renamed
+from .directions import Direction, rows_of_directions
+from .measure import PAPER, AnyMeasure, Paper
+from .parameter_accuracy import ParameterAccuracy, in_words
+
+ROUND_OFF = "limited by round-off"  # why a search ended
+PERCENT = 1e-6  # tolerance below which errors are not in percent, and percentage below which these have an exponent
+WORST = 5  # directions that are shown where nobody asks for all
+NAMED = 3  # outputs that a warning names
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """An expansion point (Hz) of the search: columns that it brought, the `factors` that were made for it and their
+    seconds, modes below it (by the negative pivots, None where there are none), and the estimate over the band after
+    it, None without one. `factor_of`: the point (Hz) whose factor it was solved with, if not its own. `from_store`: its
+    own would have served, but all was there. `source`: of the count of modes, None in files of earlier versions."""
+
+    frequency: float
+    columns: int
+    factor_seconds: float
+    modes_below: int | None
+    estimate: float | None = None
+    factors: int | None = None
+    from_store: bool = False
+    factor_of: float | None = None
+    source: Source | None = None
+
+    @property
+    def count(self) -> ModeCount | None:
+        """The count of modes below it, None without one whose source is known."""
+        if self.modes_below is None or self.source is None:
+            return None
+        return ModeCount(modes=self.modes_below, below=self.frequency, source=self.source)
+
+    @property
+    def factor_in_words(self) -> str:
+        """Which factor it was solved with."""
+        if self.factors or (self.factors is None and not self.from_store):
+            return f"{self.factor_seconds:.3g} s"
+        return "from the store" if self.from_store or self.factor_of is None else f"that of {self.factor_of:.6g} Hz"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proof:
+    """At a new point (Hz): the error of the model before it, as it was `estimated` and as it is `measured` there, and
+    the `uncertainty` of the measured one."""
+
+    frequency: float
+    estimated: Annotated[float, renamed("estimated", "said")]
+    measured: Annotated[float, renamed("measured", "exact")]
+    uncertainty: Annotated[float, renamed("uncertainty", "own")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accuracy:
+    """How large the error of an automatic reduction is, and how that is known.
+
+    `largest`: the estimated eps over the band, at `worst` (Hz), `mean` its mean Q / (upper - lower), `noise` the
+    round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, as text;
+    `unproven`: why no measured error supports the estimate, "" where one does. `measured`: with which damping, as text;
+    `loss_factor`: that of (1 + i eta) K where the response is not measured with the damping of the model alone, else 0;
+    `beside_damping`: whether the damping matrix counts too. `uncompressed_size`: columns before the compression;
+    `highest`: pseudo-frequency (Hz); `missing_modes`: of the band that inertia counts and the uncompressed model
+    has not, None where nothing was counted; `counted`: how many were counted, up to where, and what counted them.
+    `measure`: what eps is, with its floors; `directions`: of every output, the worst first, against the uncompressed
+    model. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: estimated errors beside measured ones. `points`: in
+    order. `silent`: outputs that no input moves but for round-off, which do not count. `multigrid`: whether there was
+    no factor. `parameters`: of a model that depends on parameters, over whose
+    ranges `largest` holds, while the curve and the directions belong to the reference values.
+    """
+
+    tolerance: float
+    band: tuple[float, float]
+    reached: bool
+    stopped: str
+    largest: float
+    worst: float
+    mean: float
+    noise: float
+    measured: str
+    uncompressed_size: Annotated[int, renamed("uncompressed_size", "big_size")]
+    highest: float
+    missing_modes: int | None
+    points: tuple[Point, ...]
+    proofs: tuple[Proof, ...]
+    frequencies: tuple[float, ...] = field(repr=False)
+    eps: tuple[float, ...] = field(repr=False)
+    loss_factor: float = 0.0
+    beside_damping: bool = False
+    unproven: str = ""
+    multigrid: bool = False
+    measure: AnyMeasure = PAPER
+    directions: tuple[Direction, ...] = ()
+    silent: tuple[str, ...] = ()
+    parameters: ParameterAccuracy | None = None
+    counted: ModeCount | None = None
+
+    def with_noise(self, noise: float) -> Accuracy:
+        """Return the same with so much round-off, which may be more than the claim bears."""
+        if self.reached and not self.largest + noise <= self.tolerance:
+            return replace(self, noise=noise, reached=False, stopped=ROUND_OFF)
+        return replace(self, noise=noise)
+
+    def times(self, inputs: float, outputs: float) -> Accuracy:
+        """Return the same of a model whose inputs and outputs are multiplied by factors."""
+        directions = tuple(replace(item, static=item.static * inputs * outputs) for item in self.directions)
+        return replace(self, measure=self.measure.times(inputs, outputs), directions=directions)
+
+    @property
+    def factorisations(self) -> int:
+        """Factors that were made."""
+        made = (not point.from_store if point.factors is None else point.factors for point in self.points)
+        return 0 if self.multigrid else sum(made)
+
+    @property
+    def modes_in_words(self) -> str:
+        """Which modes were counted, and how many of them are missing."""
+        lack = f"{self.missing_modes or 'none'} missing"
+        if self.parameters is not None:
+            lack += f" at any of {len(self.parameters.points)} values"
+        if self.counted is not None:
+            return f"{self.counted.in_words}, {lack}"
+        return "modes not counted" if self.missing_modes is None else f"modes: {lack}"
+
+    @property
+    def sentence(self) -> str:
+        """What a user reads first."""
+        ranges = "{:g} to {:g} Hz".format(*self.band)
+        if self.parameters is not None:
+            ranges += f" and {self.parameters.ranges_in_words}"
+        by = " by the norm (55)" if isinstance(self.measure, Paper) else ""
+        error, tolerance = (in_percent(value, self.tolerance) for value in (self.largest + self.noise, self.tolerance))
+        if self.reached:
+            claim = f"largest error{by} {error} (tolerance {tolerance}) over {ranges}"
+        else:
+            # responses of round-off are compared with each other; without a measured value nothing bounds an estimate
+            more = " or more" if self.stopped == ROUND_OFF or self.unproven else ""
+            claim = (
+                f"NOT REACHED: largest error{by} about {error}{more} (tolerance {tolerance}) over {ranges}, "
+                f"{self.stopped}"
+            )
+        return claim + self._proof_in_words() + (f"; not confirmed: {self.unproven}" if self.unproven else "")
+
+    def _proof_in_words(self):
+        """Return what full solves say of the estimate; "" without one."""
+        proof = self.proofs[-1] if self.proofs else None
+        if self.multigrid:  # whose first points in the band are no proofs yet
+            proof = max(self.proofs[1:] or self.proofs, key=lambda item: item.measured, default=None)
+        if proof is None:
+            return ""
+        at = f"at {proof.frequency:g} Hz"
+        if self.parameters is not None and proof == self.proofs[-1]:
+            at += f" and {in_words(self.parameters.points[-1].values)}"
+        if self.reached:
+            return f", confirmed by a full solve {at}"
+        return f"; a full solve {at} measured {in_percent(proof.measured, self.tolerance)} before the compression"
+
+    @property
+    def least_accurate(self) -> str:
+        """The WORST least accurate directions as text; "" where nothing is known of them."""
+        named = [f"{item.output} {in_percent(item.largest, self.tolerance)} at {item.frequency:.4g} Hz"
+                 for item in self.directions[:WORST]]  # fmt: skip
+        return f"least accurate directions: {', '.join(named)}" if named else ""
+
+    def _repr_html_(self):
+        """Return the verdict and the least accurate directions for notebooks."""
+        rows = rows_of_directions(self.directions[:WORST], self.band)
+        return as_html(self.sentence, {}, rows, notes=(self.measured,))
+
+    @property
+    def beyond(self) -> tuple[Direction, ...]:
+        """The outputs whose responses by themselves are off by more than the tolerance, the worst first."""
+        return tuple(item for item in self.directions if not item.largest <= self.tolerance)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user of the result has to know: a tolerance that was not reached, and what the measure hides."""
+        found = () if self.reached else (self.sentence,)
+        if self.silent:
+            found += (
+                f"outputs: {listed(self.silent)}: no input moves them but for round-off, so that eps leaves them out",
+            )
+        if isinstance(self.measure, Paper) and self.beyond:
+            named = [f"{item.output} {item.largest:.1g} at {item.frequency:.4g} Hz" for item in self.beyond]
+            found += (
+                f"measure: eps is that of the paper (55), the error of all responses together; by themselves "
+                f"{len(named)} of {len(self.directions)} outputs are off by more than {self.tolerance:g}: "
+                f"{', '.join(named[:NAMED])}{', ...' * (len(named) > NAMED)}; leave measure = \"paper\" out where they "
+                "matter",
+            )
+        return found
+
+
+def in_percent(error: float, tolerance: float) -> str:
+    """Return an error as text: in percent, or as a number where the tolerance is far below one; with as many digits
+    as it takes to tell it from the tolerance."""
+    if not np.isfinite(error):
+        return "not known"
+    small = tolerance < PERCENT
+    for digits in range(2, 7):
+        value, bound = (float(f"{number:.{digits - 1}e}") for number in (error, tolerance))
+        if value != bound or error == tolerance:
+            break
+    if small:
+        return f"{value:g}"
+    text = np.format_float_positional(100 * value, precision=digits, fractional=False, trim="-")
+    return f"{text if 100 * value >= PERCENT or not value else f'{100 * value:.1e}'} %"

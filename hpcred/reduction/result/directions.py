@@ -1,0 +1,69 @@
+"""Tabulate the accuracy of each output by itself, by the measure of directions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .measure import IDLE, TINY, Directions
+
+
+@dataclass(frozen=True, kw_only=True)
+class Direction:
+    """The accuracy of an output: its response to an `input` in SI units at the lowest frequency of the band (`static`),
+    the error of that (`static_error`); and the `largest` error of its responses over the band, its place (`frequency`,
+    Hz) and input (`worst_input`). The `input` acts where the output measures, at the drive point, or else has the
+    largest response."""
+
+    output: str
+    input: str
+    static: float
+    static_error: float
+    largest: float
+    frequency: float
+    worst_input: str
+
+
+def directions_table(by: Directions, parts, outputs, inputs) -> tuple[Direction, ...]:
+    """Return the accuracy of each of the `outputs` under the `inputs` (names), the least accurate output first.
+
+    `parts`: of the band, as frequencies (S,) in Hz, errors by the measure, and responses, both (S, r, p).
+    """
+    first, largest = None, [(-1.0, 0.0, 0)] * len(outputs)
+    for frequencies, each, H in parts:
+        first = first or (each[0], np.abs(H[0]))
+        each = np.where(np.isnan(each), np.inf, each)
+        for j in range(len(outputs)):
+            k, i = np.unravel_index(each[:, j].argmax(), each[:, j].shape)
+            if each[k, j, i] > largest[j][0]:
+                largest[j] = float(each[k, j, i]), float(frequencies[k]), int(i)
+    (errors, sizes), g = first, np.sqrt(np.maximum(by.inputs, TINY))
+    found = []
+    for j, (error, f, worst) in enumerate(largest):
+        i = by.drive[j] if by.drive[j] >= 0 else int((sizes[j] / g).argmax())
+        found.append(Direction(
+            output=outputs[j], input=inputs[i], static=float(sizes[j, i]), static_error=float(min(errors[j, i], IDLE)),
+            largest=min(error, IDLE), frequency=f, worst_input=inputs[worst],
+        ))  # fmt: skip
+    return tuple(sorted(found, key=lambda item: -item.largest))
+
+
+def worst_of_directions(directions) -> str:
+    """Return the least accurate output and its error as text; "" where nothing is known."""
+    return "".join(f"{item.output}: {item.largest:.2g} at {item.frequency:.6g} Hz" for item in directions[:1])
+
+
+def rows_of_directions(directions, band) -> list[dict]:
+    """Return rows of a table, the least accurate output first; `band` (Hz)."""
+    at = "0 Hz" if band[0] == 0 else f"{band[0]:.6g} Hz"
+    rows = []
+    for item in directions:
+        row = {"direction": item.output, f"|H| at {at}": item.static, "error there": item.static_error,
+               "largest error": item.largest, "at (Hz)": item.frequency}  # fmt: skip
+        if any(other.input != other.output for other in directions):
+            row["input"] = item.input
+        if any(other.worst_input != other.input for other in directions):
+            row["worst under"] = item.worst_input
+        rows.append(row)
+    return rows

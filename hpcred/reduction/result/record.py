@@ -1,0 +1,243 @@
+"""Record the origin of a reduced model as one typed value of plain numbers and texts."""
+
+from __future__ import annotations
+
+import platform
+from abc import ABC
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from typing import Annotated, Any
+
+from pydantic import PlainSerializer, PlainValidator
+
+from ...linalg.solvers.base import FactorRecord
+from ...model.damping import Damping
+from ...model.digests import PARTS
+from ...model.frames import Frame, NoFrame
+from ...model.interfaces.nodes import Interface, InterfaceNode
+from ...model.laws.registry import NamedLaw, laws_of
+from ...model.loads.columns import loads_of
+from ...model.loads.kinds import LoadColumn
+from ...parallel import processor
+from ...parallel.declared import renamed
+from ...parallel.petsc import MPI, PETSc, SLEPc, is_complex
+from ...parallel.progress import Timing, counted
+from .accuracy import Accuracy
+from .kinds import UnknownKind, from_table, table_of
+
+TERMS = "terms"  # key of the digest of the terms of parameters
+DIGITS_OF_DIGEST = 32  # hexadecimal
+
+
+class BasisPart(ABC):
+    """Base class of what a basis is made of, as records hold it: components derive from it."""
+
+    kind: str
+
+
+@dataclass(frozen=True)
+class UnknownPart(UnknownKind, BasisPart):
+    """A part of a basis whose class is not known here, as of a result that another program made."""
+
+
+AnyPart = Annotated[BasisPart, PlainValidator(partial(from_table, BasisPart, UnknownPart)), PlainSerializer(table_of)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComponentRecord:
+    """What a part of the basis brought: columns offered and kept, and how clear the decision was.
+
+    `smallest_kept` and `largest_dropped`: weights (see linalg.basis.Extension) of the directions on both sides of the
+    deflation tolerance, None where there are none. For modes their frequencies in Hz, the largest residual, and what
+    dominant ones contribute. `from_store`: it was not computed in this run.
+    """
+
+    where: str
+    columns: int
+    kept: int
+    smallest_kept: float | None = None
+    largest_dropped: float | None = None
+    frequencies_hz: tuple[float, ...] | None = None
+    residual: float | None = None
+    dominance: tuple[float, ...] | None = None
+    from_store: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """What made a reduced model.
+
+    Of the full model: its name, `size` n, `free_size` in the frame, nonzeros, rigid-body modes, inputs and outputs
+    by name, interfaces and their nodes, loads with their sums, and its `digests`, by which it is known again; none in
+    results of earlier versions. Of the reduction: frame, damping, basis and settings; what each component brought;
+    every factorisation, and how many more a store saved; max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings;
+    where the time went, and hints at what would take less; of an automatic one its accuracy. `viscoelastic`: the laws
+    of added terms. `job`: the job file with its overrides, file names absolute, and `contents` of the files that it
+    names, by name. `basis_of`: the result over ranges of parameters whose basis it is at the values `at` of the job, ""
+    for a basis of its own. `units`: from which the numbers of the model were converted to SI, "" where nothing is
+    known of that.
+    """
+
+    date: str
+    versions: dict[str, str]
+    scalar: str
+    ranks: int
+    petsc_options: dict[str, str]
+    model: str
+    size: int
+    free_size: int
+    nonzeros: int
+    rigid_body_modes: int
+    symmetry_defects: dict[str, float]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    frame: Frame
+    damping: Damping
+    basis: tuple[AnyPart, ...]
+    projection: str
+    deflation_tolerance: float
+    drop_above: float | None
+    groups: int
+    components: Annotated[tuple[ComponentRecord, ...], renamed("components", "ingredients")]
+    factorisations: tuple[FactorRecord, ...]
+    symbolic_analyses: int
+    orthonormality_defect: float
+    unstable_poles: tuple[tuple[float, float], ...]
+    warnings: tuple[str, ...]
+    timing: Timing
+    interfaces: tuple[Interface, ...] = ()
+    interface_nodes: tuple[InterfaceNode, ...] = ()
+    loads: tuple[LoadColumn, ...] = ()
+    coordinates: str = "modal"
+    accuracy: Accuracy | None = None
+    factorisations_saved: int = 0
+    job: dict[str, Any] | None = None
+    contents: dict[str, str] | None = None
+    hints: tuple[str, ...] = ()
+    viscoelastic: tuple[NamedLaw, ...] = ()
+    basis_of: str = ""
+    digests: dict[str, str] = field(default_factory=dict)
+    units: str = ""
+
+    def away_from_reference(self) -> Record:
+        """Return the record of the model at other values of its parameters, where of the error over the frequencies no
+        more is known than the largest one over all values."""
+        if self.accuracy is None:
+            return self
+        low, high = self.accuracy.band
+        largest = self.accuracy.largest
+        known = replace(self.accuracy, frequencies=(low, high), eps=(largest, largest), mean=largest, directions=(),
+                        counted=None, missing_modes=None)  # fmt: skip
+        return replace(self, accuracy=known)
+
+    @property
+    def knows_its_model(self) -> bool:
+        """Whether it has digests of the model in the form of today: earlier versions had others, or none."""
+        return bool(self.digests) and all(len(item) == DIGITS_OF_DIGEST for item in self.digests.values())
+
+    @property
+    def ordering(self) -> str:
+        """The fill-reducing ordering of the last factor."""
+        return self.factorisations[-1].ordering if self.factorisations else "none"
+
+    @property
+    def effort(self) -> str:
+        """How often was factored or coarsened, in words."""
+        if self.basis_of:
+            return f"no factorisation, the basis of {self.basis_of}"
+        factors = [item for item in self.factorisations if item.direct]
+        found = counted(len(factors), "factorisation")
+        if self.factorisations_saved:
+            found += f", {self.factorisations_saved} saved by the store"
+        analyses = counted(self.symbolic_analyses, "analysis", "analyses")
+        found += f", {analyses} ({factors[-1].ordering if factors else 'none'})"
+        if len(factors) < len(self.factorisations):
+            most = max(item.iterations for item in self.factorisations)
+            found += (
+                f", {len(self.factorisations) - len(factors)} by conjugate gradients with multigrid (at most {most} "
+                "iterations)"
+            )
+        return found
+
+    @property
+    def interface_rows(self) -> list[dict]:
+        """For a table: name, number, kind, number of nodes and place in m of each interface; empty in older files."""
+        pairs = zip(self.interfaces, self.interface_nodes, strict=False)
+        return [
+            {"interface": found.name, "node": found.node, "kind": asked.kind, "nodes": found.count,
+             **{axis: round(value, 12) + 0.0 for axis, value in zip("xyz", found.position, strict=True)}}
+            for asked, found in pairs
+        ]  # fmt: skip
+
+
+def versions() -> dict[str, str]:
+    """Return versions of everything that can change a number. Collective where PETSc has not been started."""
+    found = {
+        "python": platform.python_version(),
+        "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+        "slepc": ".".join(map(str, SLEPc.Sys.getVersion())),
+        "mpi": MPI.Get_library_version().strip("\x00\n ").split(",")[0],
+        "blas": processor.blas() or "unknown",
+    }
+    return found | {package: version_of(package) for package in ("hpcred", "numpy", "h5py", "mpi4py")}
+
+
+def version_of(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return str(getattr(__import__(package), "__version__", "unknown"))
+
+
+def difference_of(digests: dict[str, str], record) -> str | None:
+    """Return the first part in which the digests of a model differ from those of a record, None where none does.
+
+    D counts where it was used, nodes where a frame or interfaces were made from them, and terms of parameters where
+    both have some.
+    """
+    unused = {"D"} if record.damping.kind != "given" else set()
+    unused |= {"dofs"} if isinstance(record.frame, NoFrame) and not record.interfaces else set()
+    unused |= set() if TERMS in digests and TERMS in record.digests else {TERMS}
+    parts = (key for key in (*PARTS, TERMS) if key not in unused)
+    return next((key for key in parts if digests.get(key) != record.digests.get(key)), None)
+
+
+def difference_between(one, other) -> str | None:
+    """Return the part in which the full models of two records differ, None where they do not."""
+    return difference_of(one.digests, other)
+
+
+def make_record(model, framed, runs, progress, **known) -> Record:
+    """Return the Record of a reduction; `known`: what the caller has at hand. Collective."""
+    notes = [run.recorded for run in runs if run.owns_solvers]
+    record = Record(
+        date=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        versions=versions(),
+        scalar="complex" if is_complex() else "real",
+        ranks=model.comm.size,
+        petsc_options={key: str(value) for key, value in PETSc.Options().getAll().items()},
+        model=model.name,
+        units=model.converted_from,
+        size=model.size,
+        free_size=framed.model.size,
+        nonzeros=framed.model.nonzeros,
+        rigid_body_modes=framed.rigid_size,
+        symmetry_defects=model.symmetry_defects,
+        digests=model.digests,
+        inputs=model.input_names,
+        outputs=model.output_names,
+        interfaces=tuple(item.definition for item in model.interfaces),
+        interface_nodes=tuple(replace(item, definition=None) for item in model.interfaces),
+        loads=loads_of(model),
+        viscoelastic=laws_of(model.added),
+        components=tuple(notes[0].components),
+        factorisations=tuple(record for item in notes for record in item.factorisations),
+        factorisations_saved=sum(item.factorisations_saved for item in notes),
+        symbolic_analyses=sum(item.analyses for item in notes),
+        timing=progress.timing(),
+        hints=processor.hints(model.comm),
+        **known,
+    )
+    return model.comm.bcast(record)

@@ -1,0 +1,225 @@
+"""Compress the basis that a search ends with, and state the accuracy of its model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...parallel.decisions import decided
+from ...parallel.failures import InputError
+from ...parallel.progress import counted
+from ..result.accuracy import Accuracy
+from ..result.directions import Direction, directions_table
+from ..result.measure import MEASURES
+from ..small.compression import LITTLE, compressed
+from ..small.error_estimate import (
+    FINE,
+    SHARPEST,
+    UNIFORM,
+    Comparison,
+    grid,
+    largest,
+    measure_over,
+    resolved,
+    resonances,
+)
+from .judging import Judge
+from .projections import Projections
+from .search import Search
+
+UNPROVEN = "measured errors above 0 Hz need a factor, or a basis with all modes below, and there was neither"
+ENDED = "the search ended before a second point"
+MIXING = 1e-12  # round-off of K on the columns of a basis at sharp resonances, relative to the highest eigenvalue
+SHARP = 5e-4  # damping ratio of these
+PASSES = 4  # of projections
+TRIALS = 8  # compressions, each with the frequencies where the one before was too bad, until nothing is compressed
+SHOWN = 1e-6  # of the tolerance: what a curve that is kept shows
+TOGETHER = 2**22  # errors of single responses that are held at a time
+
+
+class Outcome(NamedTuple):
+    """What a search comes to: the `factor` (m, k) from its basis to the columns that the tolerance asks for, the
+    accuracy of their model, and the projections by which it is known."""
+
+    factor: np.ndarray
+    accuracy: Accuracy
+    projections: Projections
+
+
+def outcome_of(search: Search, drop_above=None, kept=range(0), beside=0) -> Outcome:
+    """Return what a search comes to. Collective.
+
+    The columns `kept` of the basis stay in the span. Pseudo-modes above `drop_above` (Hz) are left out, and what
+    that does to the error counts. `beside`: coordinates of rigid-body motion that come later.
+    """
+    kept = np.eye(search.projections.basis.size)[:, list(kept)]
+    with search.run.progress.stage("project"):
+        kept = _project_again(search, kept)
+    with search.run.progress.stage("compress"):
+        factor, accuracy = decided(search.run.model.comm, _compressed, search, drop_above, kept, beside)
+    return Outcome(factor, accuracy, search.projections)
+
+
+def _compressed(search, drop_above, kept, beside):
+    judge = search.judge
+    found = compress(judge, search.reason, drop_above, kept, beside)
+    rest = judge.estimate if found.reason else min(judge.estimate, 3 * judge.floor)
+    return found.factor, accuracy_of(
+        search, found.reason, found.pair, found.frequencies, found.curve, largest=float(found.curve.max()) + rest,
+        noise=found.noise,
+    )  # fmt: skip
+
+
+class Compressed(NamedTuple):
+    """What a search ends with: the `factor` (m, k) from the basis to the columns of the reduced model; that model
+    in the uncompressed one (`pair`), and its error (`curve`, (S,)) at frequencies (S,) in Hz; the noise; and why
+    the tolerance is not reached, or ""."""
+
+    factor: np.ndarray
+    pair: Comparison
+    frequencies: np.ndarray
+    curve: np.ndarray
+    noise: float
+    reason: str
+
+
+def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarray, beside: int) -> Compressed:
+    """Return the few combinations of a basis that the tolerance asks for, after a search; local.
+
+    `reason`: why the search ended before the tolerance was reached, or "". The columns `kept` (m, c), in terms of
+    those of the basis, stay in the span. Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the
+    error counts. `beside`: coordinates that join the model later, and count for the size. Raises InputError.
+    """
+    eps, est, noise = judge.settings.tolerance, judge.estimate, max(judge.noise, judge.lost)
+    outer = judge.projections.model()
+    whole = judge.compare(outer, outer, np.eye(len(outer)))
+    goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
+    fixed = np.linalg.qr(outer.coordinates_of(kept))[0] if kept.shape[1] else kept
+    found, frequencies, curve, limited = _reach(judge, whole, goal, fixed, beside)
+    reason = reason or limited
+    if drop_above is not None and found.inner.frequencies[-1] > drop_above:
+        found, frequencies, curve = _without_modes_above(drop_above, found, frequencies, goal)
+        if not reason and curve.max() + est + noise > eps:
+            reason = f"without the pseudo-frequencies above {drop_above:g} Hz (drop_above)"
+    noise = max(noise, float(found.noise(frequencies).max()))
+    return Compressed(outer.vectors @ found.embedding, found, frequencies, curve, noise, reason)
+
+
+def _reach(judge, whole: Comparison, goal, fixed, beside):
+    """Return the smallest model whose error stays below the goal between the frequencies as well, in the uncompressed
+    one; a grid and its error on it; and why the size that was asked for does not let it, or ""; `fixed`: see
+    compressed(), `beside`: see compress()."""
+    settings, outer = judge.settings, whole.outer
+    S, limited, most = grid([outer], settings.band), "", settings.size
+    if most is not None:
+        most -= beside
+    for trial in range(TRIALS + 1):
+        U = compressed(whole, S, goal, fixed) if trial < TRIALS else np.eye(len(outer))
+        if most is not None and U.shape[1] > most:
+            limited = f"with {settings.size} coordinates"
+            U = compressed(whole, S, 0.0, fixed, most=most)
+        found = whole.within(U)
+        fine, curve = largest(found, grid([outer, found.inner], settings.band, 2 * UNIFORM, FINE), LITTLE * goal)
+        if curve.max() <= 1.02 * goal or (most is not None and U.shape[1] >= most):
+            break
+        S = np.unique(np.concatenate([S, fine[curve > 0.8 * goal]]))
+    return found, *resolved(found, fine, curve, max(3 * judge.noise, SHOWN * settings.tolerance)), limited
+
+
+def _without_modes_above(limit, found: Comparison, frequencies, goal):
+    kept = found.inner.frequencies <= limit
+    if not kept.any():
+        raise InputError(f"drop_above: no pseudo-frequency lies below {limit:g} Hz")
+    inner, turn = found.inner.restricted(np.eye(len(kept))[:, kept])
+    fewer = replace(found, inner=inner, embedding=found.embedding @ turn)
+    return fewer, *largest(fewer, frequencies, LITTLE * goal)
+
+
+def _project_again(search, kept) -> np.ndarray:
+    """Project on the pseudo-modes of the basis where its models lack digits (see ask_for_digits), until that changes
+    nothing: what it changes last is the noise of the models that follow, in place of that of the search. Returns the
+    columns `kept` in terms of the new basis. Collective."""
+    projections, judge, comm = search.projections, search.judge, search.run.model.comm
+    before = decided(comm, projections.model)
+    if not (ask_for_digits(search.run, judge, before) or projections.io.quiet):
+        return kept
+    for _ in range(PASSES):
+        projections.rotate(before.vectors)
+        kept = before.coordinates_of(kept)
+        judge.noise = decided(comm, _changed, judge, before)
+        if judge.noise <= LITTLE * judge.goal:
+            break
+        before = decided(comm, projections.model)
+    search.expansion.look_at_outputs_again()
+    return kept
+
+
+def _sharper(model, band) -> float:
+    """Return by how much resonances of a band (Hz) are sharper than SHARP, at least 1."""
+    f, ratios = resonances(model)
+    return max(1.0, SHARP / max(ratios[(f >= band[0]) & (f <= band[1])].min(initial=SHARP), SHARPEST))
+
+
+def _changed(judge, before) -> float:
+    """Return how far responses of the model of all columns are from those of one projected before; local."""
+    pair = judge.compare(before, judge.projections.model(), np.eye(len(before)))
+    return changed(before, pair, judge.settings.band)
+
+
+def ask_for_digits(run, judge, model) -> bool:
+    """Have the projections that follow keep more digits of K where resonances are sharp; return whether they are, or
+    whether round-off of K on the stiffest columns of a model may have mixed the soft ones. Collective."""
+    sharper = decided(run.model.comm, _sharper, model, judge.settings.band)
+    run.cancels *= sharper
+    return sharper > 1 or not MIXING * model.eigenvalues[-1] <= judge.goal * model.eigenvalues[0]
+
+
+def changed(before, pair, band) -> float:
+    """Return how far responses of `pair.outer` are from those of a model of the same columns that were projected
+    before; local."""
+    S = grid([before, pair.outer], band)
+    H, drive = pair.outer.responses(S)
+    return float(pair.measure.eps(H - before.response(S), H, drive).max())
+
+
+def accuracy_of(search: Search, reason, pair, frequencies, curve, *, largest, noise) -> Accuracy:
+    """Return the accuracy of the model that a search ends with, for a `reason` where the tolerance is not reached;
+    local.
+
+    `pair`: it and what its error is seen from; `curve` (S,): its error at frequencies (S,) in Hz, with the `largest` to
+    be claimed.
+    """
+    settings, expansion = search.settings, search.expansion
+    counted_modes = expansion.highest_count
+    missing = None if counted_modes is None else max(search.missing_modes, 0)
+    multigrid, unproven = expansion.solver.multigrid, []
+    if not search.proofs and (multigrid or reason):  # no measured error stands behind the estimate
+        unproven.append(UNPROVEN if multigrid else ENDED)
+    if reason and missing:
+        unproven.append(f"{counted(missing, 'mode')} of the band not found")
+    low, high = settings.band
+    found = Accuracy(
+        tolerance=settings.tolerance, band=settings.band, reached=not reason, stopped=reason or "reached",
+        largest=largest, worst=float(frequencies[curve.argmax()]), noise=noise, measured=expansion.measured,
+        highest=float(pair.inner.frequencies.max()),
+        mean=float(((curve[1:] + curve[:-1]) / 2 * np.diff(frequencies)).sum() / (high - low)),
+        uncompressed_size=search.projections.basis.size, missing_modes=missing,
+        counted=counted_modes, points=tuple(expansion.points), proofs=tuple(search.proofs),
+        frequencies=tuple(frequencies.tolist()), eps=tuple(curve.tolist()),
+        loss_factor=pair.outer.damping.eta, beside_damping=search.projections.damped, multigrid=multigrid,
+        unproven="; ".join(unproven), measure=pair.measure,
+        silent=tuple(search.run.model.output_names[j] for j in pair.measure.silent),
+        directions=directions_of(pair, frequencies, settings.band, search.run.model) if np.isfinite(largest) else (),
+    )  # fmt: skip
+    return found.with_noise(noise)
+
+
+def directions_of(pair, frequencies, band, model) -> tuple[Direction, ...]:
+    """Return the accuracy of each output, the least accurate first; local."""
+    by = measure_over(MEASURES["directions"], band, pair.outer)
+    parts = np.array_split(frequencies, 1 + len(frequencies) * len(by.outputs) * len(by.inputs) // TOGETHER)
+    pair = replace(pair, measure=by)
+    return directions_table(by, ((part, pair.each(part), pair.outer.responses(part)[0]) for part in parts),
+                            model.output_names, model.input_names)  # fmt: skip

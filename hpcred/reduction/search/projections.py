@@ -1,0 +1,136 @@
+"""Extend a basis block by block, and project the matrices on what is new each time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...linalg.basis import Basis
+from ...linalg.blocks import inner
+from ...model.operator import Operator
+from ..run.projection import project, project_stiffness
+from ..run.run import Run
+from ..small.pseudo_modal import Proportional, PseudoModal, diagonalised
+
+HELD_BACK = 3  # columns at least that an estimate sees the model from
+
+
+def extended(small, mat, new, columns, symmetric=True) -> np.ndarray:
+    """Return V^T A V (m, m) of `columns` V, of which the last are the block `new`, from that of the others, `small`;
+    exactly symmetric where A is `symmetric` but for round-off. Collective."""
+    start = len(small)
+    right = project(mat, new, columns)
+    left = right[:start].T if symmetric or not start else project(mat, columns.between(0, start), new)
+    corner = right[start:]
+    corner = (corner + corner.T) / 2 if symmetric else corner
+    return np.block([[small, right[:start]], [left, corner]])
+
+
+class Projections:
+    """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
+
+    `operator`: V^T A V (m, m) of the terms of the model: K, which may be `symmetric`, D where `damped`, M where V^T M V
+    does not count as the identity or is `measured`, and added terms; `L` (m, l) = V^T L for the block `loads` L of the
+    run: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `io`: inputs and outputs
+    in terms of L; `damping`: the proportional damping of the models. Raises InputError (see io).
+    """
+
+    def __init__(self, run: Run, basis: Basis, damping: Proportional, damped: bool, measured=False):
+        self.run, self.basis, self.damping, self.damped = run, basis, damping, damped
+        self.loads, self.io = run.independent_loads
+        self.symmetric = run.model.is_symmetric("K")
+        self.full = run.model.operator.with_matrices(run.model.operator.matrices | {
+            "M": run.mass if run.tau or measured else None, "D": run.model.D if damped else None})  # fmt: skip
+        self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
+        self._project_all()
+        self._starts: list[int] = []  # first columns of the blocks
+
+    def extend(self, block, mass_images=None) -> int:
+        """Add the span of a block to the basis; returns how many columns are new. `mass_images`: M block if known."""
+        start = self.basis.size
+        with self.run.progress.stage("orthogonalise"):
+            self.run.notes.massless |= self.basis.extend(block, mass_images).massless > 0
+        self._project(start)
+        if self.basis.size > start:
+            self._starts.append(start)
+        return self.basis.size - start
+
+    def add_loss_factor(self, eta: float):
+        """Measure responses with a loss factor besides the damping matrix; local."""
+        self.damping = self.damping._replace(eta=eta)
+
+    def note_silent(self, columns: tuple[int, ...], quiet: bool):
+        """Keep which columns of C^T have responses that are round-off, and whether others are quiet; local."""
+        self.io = self.io._replace(silent=columns, quiet=quiet)
+
+    def rotate(self, turn):
+        """Replace the basis by its combinations `turn` (m, m), orthonormal like itself, and project on these."""
+        self.basis.multiply(turn)
+        # the round-off of the product is measured
+        self.full = self.full.with_matrices(self.full.matrices | {"M": self.run.mass})
+        self._project_all()
+
+    def replace(self, block):
+        """Replace the basis by the span of a block."""
+        self.basis.clear()
+        self.basis.extend(block)
+        self._project_all()
+
+    def _project_all(self):
+        self._starts, self.L = [0], self.L[:0]
+        self.operator = self.full.map(lambda _: np.zeros((0, 0)))
+        self._project(0)
+
+    @property
+    def beside(self) -> Operator:
+        """The terms of the model that are not proportional to M and K: a given D, and added ones; local."""
+        return Operator({key: term for key, term in self.full.terms.items() if key not in "MK"})
+
+    @property
+    def is_damped(self) -> bool:
+        """Whether A(s) has such terms; local."""
+        return bool(self.beside)
+
+    @property
+    def blocks(self) -> list[tuple[int, int]]:
+        """First column and end of each block that extended the basis; local."""
+        return list(zip(self._starts, [*self._starts[1:], self.basis.size], strict=False))
+
+    @property
+    def first_held_back(self) -> int:
+        """Where the newest blocks begin that are held back, to see the model of the columns before them; local."""
+        return next((start for start in reversed(self._starts) if self.basis.size - start >= HELD_BACK), 0)
+
+    def _project(self, start):
+        """Take in the columns of the basis from `start` on."""
+        stop = self.basis.size
+        if stop == start:
+            return
+        with self.run.progress.stage("project"):
+            new = self.basis.columns_between(start, stop)
+            self.L = np.vstack([self.L, inner(new, self.loads)])
+            mats = {key: self._extended(key, mat, new) for key, mat in self.full.matrices.items()}
+            self.operator = self.operator.with_matrices(mats)
+
+    def _extended(self, key, mat, new):
+        """Return V^T A V of a term from that of the columns before the block `new`."""
+        small, symmetric = self.operator[key], key not in "KD" or self.run.model.is_symmetric(key)
+        if key == "K" and symmetric and not len(small):
+            K = project_stiffness(mat, new, self.run.cancels)
+            return (K + K.T) / 2
+        return extended(small, mat, new, self.basis.columns, symmetric)
+
+    def dynamic_stiffness(self, mass: float) -> np.ndarray:
+        """Return V^T (K + mass M) V (m, m); local."""
+        K, M = self.operator["K"], self.operator.get("M")
+        return K + mass * (np.eye(len(K)) if M is None else M)
+
+    def model(self, columns=None) -> PseudoModal:
+        """Return the model of `columns` (places) of the basis, by default of all; local."""
+        k = np.arange(self.basis.size) if columns is None else columns
+        return self.model_of(self.operator.map(lambda matrix: matrix[np.ix_(k, k)]), self.L[k])
+
+    def model_of(self, operator: Operator, L: np.ndarray) -> PseudoModal:
+        """Return the model of a small operator and its loads L, with the damping and the outputs of these; local."""
+        M = operator.get("M")
+        given = operator["K"], L, operator.get("D"), self.damping, self.io, operator.added, self.symmetric
+        return diagonalised(*given, M, self.run.tau) if self.run.tau else diagonalised(*given, gram=M)

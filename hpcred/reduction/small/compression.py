@@ -1,0 +1,157 @@
+"""Compress a projected model to the few combinations of its coordinates that the tolerance asks for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...model.operator import times
+from ..result.measure import Measure
+from . import refinement
+from .error_estimate import Comparison
+from .pseudo_modal import PseudoModal, columns
+
+LARGE = 1e6  # error that counts as any other above it
+BALANCES = (1.0, 0.1, 10.0, 0.01, 100.0)  # of the states of inputs beside those of outputs, where these are others
+LITTLE = 1e-3  # of the goal: errors that are no matter
+WIDE = 0.1  # of the goal: error of the columns that a refinement combines
+TIE = 0.01  # by how much the first input or output counts less than the last, so that equal directions have an order
+
+
+def snapshots(model: PseudoModal, frequencies, measure: Measure) -> np.ndarray:
+    """Return states A^-1 L Lb / g and A^-T L Lc / h with the scales of a measure, (S, m, p + r); with C = B^T and
+    symmetric A only the first."""
+    right = model.solve(frequencies, model.B)
+    h, g = measure.scales(*model.responses(frequencies))
+    right *= _inverse(g)[:, None, :]
+    if model.is_reciprocal and not model.io.rates:
+        return right
+    left = model.io.rates.transposed(2j * np.pi * frequencies, model.solve(frequencies, model.Ct, transposed=True))
+    left *= _inverse(h)[:, None, :]
+    # only the product of the two scales has a meaning: equal parts, unless there is nothing of one
+    sizes = np.linalg.norm(left), np.linalg.norm(right)
+    balance = (sizes[0] / sizes[1]) ** 0.5 if all(sizes) else 1.0
+    return np.concatenate([right * balance, left / balance], axis=2)
+
+
+def _inverse(scales):
+    """Return 1 / scales; a scale of 0 counts as the largest of its column."""
+    scales = np.where(scales > 0, scales, np.where((top := scales.max(axis=0)) > 0, top, 1.0))
+    return 1 / scales
+
+
+class Snapshots:
+    """What columns have to span: states of `pair.outer` at frequencies (S,), weighted where the error is large.
+
+    The columns `fixed` (m, c) are spanned anyway. Inputs and outputs begin with slightly different weights: singular
+    values of a symmetric body come in equal pairs, of which round-off would choose the directions where the number of
+    columns parts them. Local.
+    """
+
+    def __init__(self, pair: Comparison, frequencies, fixed):
+        self.pair, self.fixed = pair, fixed
+        self.frequencies = frequencies
+        states = snapshots(pair.outer, frequencies, pair.measure)
+        self._states = states - times(fixed, times(fixed.T, states))
+        self._known = pair.outer.responses(frequencies)
+        self._ties = 1 + TIE * np.linspace(0.0, 1.0, states.shape[2])
+        self.balances = BALANCES if states.shape[2] > self._inputs else BALANCES[:1]
+        self.reset()
+
+    @property
+    def size(self) -> int:
+        return len(self.pair.outer)
+
+    @property
+    def _inputs(self) -> int:
+        return self.pair.outer.io.inputs.shape[1]
+
+    def reset(self, balance=1.0):
+        """Weight all frequencies alike, and the states of inputs by `balance` of those of outputs."""
+        self._weights = np.tile(self._ties, (len(self.frequencies), 1, 1))
+        self._weights[:, :, : self._inputs] *= balance
+
+    def gram(self) -> np.ndarray:
+        """Return the Gram matrix of the rows (m, m) of the weighted states."""
+        flat = columns(self._states * self._weights)
+        return flat @ flat.T
+
+    def leading(self) -> np.ndarray:
+        """Return all directions (m, m), the leading ones first."""
+        return np.linalg.eigh(self.gram())[1][:, ::-1]
+
+    def error(self, U) -> float:
+        """Return the largest error of a model on the columns that are fixed and U."""
+        inside = self.pair.within(joined(self.fixed, U))
+        self._each = np.minimum(self.pair.measure.each(inside.difference(self.frequencies), *self._known), LARGE)
+        return self.pair.measure.total(self._each).max()
+
+    def largest_part(self) -> float:
+        """Return the largest error of an input or output, of the model whose error was asked for last."""
+        return self._parts().max()
+
+    def weight(self, largest: float):
+        """Give weight to where that error is large, compared with the `largest`."""
+        self._weights *= np.sqrt(0.05 + self._parts() / max(largest, 1e-300))[:, None, :]
+
+    def _parts(self):
+        of_inputs, of_outputs = self._each.max(axis=1), self._each.max(axis=2)
+        return of_inputs if self._states.shape[2] == self._inputs else np.hstack([of_inputs, of_outputs])
+
+
+def fewest(snapshots, goal: float, rounds=8, most=None) -> np.ndarray:
+    """Return orthonormal columns U (m, k), as few as `goal` allows for the largest error, beside the columns that are
+    fixed, which are in the span of U.
+
+    Leading left singular vectors of the snapshots. First k is found by bisection; then one column less is tried again
+    and again, with the snapshots weighted anew (at most `rounds` times) where the error is large. The error is a
+    product of what the columns leave of the states of inputs and of outputs: where these differ, either may take the
+    larger part (BALANCES). With `most` so many columns, whatever error they have.
+    """
+    fixed, even = snapshots.fixed, snapshots.leading()
+    if most is not None:
+        return joined(fixed, even[:, : max(most - fixed.shape[1], 0)])
+    best = _first(snapshots, even, goal)
+    while best.shape[1] > 1 and (fewer := _weighted(snapshots, best.shape[1] - 1, goal, rounds)) is not None:
+        best = fewer
+    return joined(fixed, best)
+
+
+def _first(snapshots, directions, goal):
+    """Return the first of the directions (m, m), as many as `goal` asks for, by bisection."""
+    low, high = 0, snapshots.size - snapshots.fixed.shape[1]
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if snapshots.error(directions[:, :middle]) <= goal else (middle, high)
+    return directions[:, :high]
+
+
+def _weighted(snapshots, count, goal, rounds):
+    """Return so many columns whose error is within the goal, by snapshots weighted where it is large; None without
+    success."""
+    for balance in snapshots.balances:
+        snapshots.reset(balance)
+        for _ in range(rounds):
+            U = snapshots.leading()[:, :count]
+            if snapshots.error(U) <= goal:
+                return U
+            snapshots.weight(snapshots.largest_part())
+    return None
+
+
+def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8, most=None) -> np.ndarray:
+    """Return orthonormal columns U (m, k) of the coordinates of `pair.outer`, as few as `goal` allows for the largest
+    error over the frequencies (S,); the orthonormal columns `fixed` (m, c) are in their span (see fewest). They are
+    refined where A(s) is not diagonal, unless `rounds` is 0 or `most` is given."""
+    fixed = np.zeros((len(pair.outer), 0)) if fixed is None else fixed
+    snapshots = Snapshots(pair, frequencies, fixed)
+    best = fewest(snapshots, goal, rounds, most)
+    if most is not None or not rounds or not refinement.is_for(pair.outer):
+        return best
+    snapshots.reset()
+    wide = joined(fixed, _first(snapshots, snapshots.leading(), WIDE * goal))
+    return refinement.refined(snapshots, wide, best, goal)
+
+
+def joined(first, others) -> np.ndarray:
+    """Return orthonormal columns that span two blocks of them, orthogonal to each other but for round-off."""
+    return np.linalg.qr(np.hstack([first, others]))[0] if first.shape[1] else others

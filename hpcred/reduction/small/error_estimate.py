@@ -1,0 +1,366 @@
+"""Estimate the error of a model from a richer one that contains it, and choose frequencies to look at.
+
+The error curve is smooth but for the poles of the two models: between two frequencies of a grid nothing is hidden where
+their distance is a fraction of that to the nearest pole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...linalg.known import ModeCount
+from ...linalg.pencil import LEAST_MASS
+from ..result.measure import Measure, Paper, drive_points
+from ..result.oscillating_poles import oscillating_poles
+from .pseudo_modal import Keeping, Proportional, PseudoModal, difference, kept
+
+UNIFORM = 200  # frequencies of a band, beside those around resonances
+APART = 0.02  # of the band between points
+GAP = 2e-3  # of a frequency between a point and pseudo-frequencies, but at most
+NARROW = 0.1  # of the band
+ROUNDOFF = 1e-14  # of the measure: what two computers need not agree on
+STEP, FINE = 1.0, 0.4  # between frequencies of a grid, in distances from the nearest pole
+SAME_POLE = 0.3  # of its distance from the axis, within which a pole needs no frequencies of its own
+SHARPEST = 1e-9  # of its frequency: the least distance of a pole from the axis that a grid resolves
+SILENT = 1e-12  # see quietness: below it a response counts as round-off where that was not computed
+SMALL = 0.1  # of the static stiffness: what added terms add to it where the response is linear in that
+LOWEST = 200  # decades below the band, in which that is sought
+WIDE = 4.0  # ratio of the ends of an interval that is parted on a logarithmic scale
+PLACES = 1000  # of a curve that are refined at once; one of round-off has maxima everywhere, and grids must end
+
+
+@dataclass(frozen=True)
+class Comparison(Keeping):
+    """A model `inner` inside of a richer one, `outer`, by its `embedding` (see pseudo_modal.nested), and the measure of
+    how far its responses are from those of that. Local."""
+
+    inner: PseudoModal
+    outer: PseudoModal
+    embedding: np.ndarray
+    measure: Measure
+
+    def within(self, U) -> Comparison:
+        """Return the comparison of the model on orthonormal columns U (m, k) of the coordinates of `outer` with that.
+        """
+        inner, embedding = self.outer.restricted(U)
+        return replace(self, inner=inner, embedding=embedding)
+
+    def difference(self, frequencies) -> np.ndarray:
+        """Return H_outer - H_inner (S, r, p), which is kept as there is room."""
+
+        def compute(some):
+            return (difference(self.inner, self.outer, self.embedding, some),)
+
+        io = self.outer.io
+        return kept(self, "difference", frequencies, compute, io.output_count * io.inputs.shape[1])[0]
+
+    def curve(self, frequencies) -> np.ndarray:
+        """Return the error eps (S,) of the inner model."""
+        return self.measure.total(self.each(frequencies))
+
+    def curve_and_dips(self, frequencies) -> tuple[np.ndarray, np.ndarray]:
+        """Return curve(), and the largest error that may be beside each frequency (S,), 0 unless a scale has a minimum
+        there."""
+        E, known = self.difference(frequencies), self.outer.responses(frequencies)
+        each = self.measure.each(E, *known)
+        curve = self.measure.total(each)
+        most, floors = np.zeros_like(curve), self.measure.floors
+        if floors is None:
+            return curve, most
+        for scale, floor, error in zip(self.measure.scales(*known), floors, (each.max(2), each.max(1)), strict=True):
+            low = maxima(-scale) & (scale > floor) & (floor > 0) & np.isfinite(scale)
+            grows = np.divide(scale, floor, out=np.ones_like(scale), where=floor > 0) ** 2
+            most = np.maximum(most, np.where(low, error * grows, 0.0).max(axis=1))
+        return curve, most
+
+    def each(self, frequencies) -> np.ndarray:
+        """Return the error of every response (S, r, p)."""
+        return self.measure.each(self.difference(frequencies), *self.outer.responses(frequencies))
+
+    def noise(self, frequencies) -> np.ndarray:
+        """Return the noise (S,) of the two models: what plain subtraction of their responses differs by. A Caughey
+        series of more than two terms has no other difference to compare with."""
+        H, drive = self.outer.responses(frequencies)
+        inner = self.inner.response(frequencies)
+        return self.measure.eps(H - inner - self.difference(frequencies), H, drive)
+
+    def with_damping(self, damping: Proportional) -> Comparison:
+        """Return the same with another proportional damping."""
+        inner, outer = (replace(model, damping=damping) for model in (self.inner, self.outer))
+        return replace(self, inner=inner, outer=outer)
+
+
+def measure_over(measure: Measure, band, model: PseudoModal, uniform=UNIFORM) -> Measure:
+    """Return a measure with what it takes from the responses of a model at `uniform` points of a band (Hz), such as
+    floors."""
+    if isinstance(measure, Paper):
+        return measure
+    frequencies = np.linspace(*band, uniform)
+    of = drive_points(model.io.inputs, model.io.rates.static(model.io.outputs))
+    silent = _silent(model, band) if (of[0] < 0).any() else ()
+    return measure.over(frequencies, *model.responses(frequencies), of, silent)
+
+
+def _silent(model, band) -> list[int]:
+    """Return the outputs whose responses over a band (Hz) are round-off: as it is known of the model, or by a bound
+    that serves any."""
+    columns = model.io.silent
+    if columns is None:
+        columns = np.flatnonzero(quietness(model, grid([model], band, UNIFORM // 4, None)).max(axis=(0, 2)) < SILENT)
+    return model.io.rates.outputs_of_only(columns)
+
+
+def quietness(model: PseudoModal, frequencies) -> np.ndarray:
+    """Return |c^T x| / (||y|| ||x||) (S, k, p) of the columns c of C^T and the states x = A^-1 b and y = A^-T c, in the
+    norm of the energies of the band: by how much more responses may change than A does; 0 for 0 / 0.
+
+    Free of units, as pseudo-modal coordinates are.
+    """
+    energy = np.sqrt(np.abs(model.eigenvalues) + (2 * np.pi * frequencies[-1]) ** 2)[:, None]
+    found = []
+    for part in model.parts_of(frequencies):
+        x, y = model.solve(part, model.B), model.solve(part, model.Ct, transposed=True)
+        size = np.linalg.norm(energy * y, axis=1)[:, :, None] * np.linalg.norm(energy * x, axis=1)[:, None, :]
+        response = np.abs(model.Ct.T @ x)
+        found.append(np.divide(response, size, out=np.zeros_like(size), where=(size > 0) & np.isfinite(size)))
+    return np.concatenate(found)
+
+
+def upper_poles(model: PseudoModal) -> np.ndarray:
+    """Return the poles (k,) of a model that are not below the real axis, in rad/s."""
+    if model.masses is not None:
+        model = model.with_unit_masses(1 / np.sqrt(np.maximum(model.masses, LEAST_MASS)))
+    if model.added:
+        D = np.diag(model.damping.at(model.eigenvalues)) + (0.0 if model.D is None else model.D)
+        return oscillating_poles(model.eigenvalues, D, model.added, model.damping.eta)
+    if model.poles is not None:
+        poles = model.poles.values
+    else:
+        given = 0.0 if model.D is None else np.diag(model.D)
+        half = (model.damping.at(model.eigenvalues) + given) / 2
+        root = np.sqrt(half**2 - (1 + 1j * model.damping.eta) * model.eigenvalues + 0j)
+        poles = np.concatenate([-half + root, -half - root])
+    return poles[poles.imag >= 0]
+
+
+def resonances(model: PseudoModal) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies (k,) in Hz, ascending, where the response may peak, and their damping ratios (k,)."""
+    return at_poles(upper_poles(model))
+
+
+def at_poles(poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies (k,) in Hz, ascending, and damping ratios (k,) of the poles (m,) above the real axis, in
+    rad/s."""
+    poles = poles[poles.imag > 0]
+    poles = poles[np.argsort(poles.imag)]
+    return poles.imag / (2 * np.pi), np.abs(poles.real) / np.abs(poles)
+
+
+def grid(models, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray:
+    """Return S: `uniform` points over the band (Hz), and around every pole of the models as many as let the distance of
+    two frequencies be `step` times that to the nearest pole; without a step the places of the poles alone. With
+    added terms also points towards 0 Hz (see towards_zero)."""
+    low, high = band
+    points = [np.linspace(low, high, uniform)]
+    for model in models:
+        if model.added:
+            points.append(towards_zero(model, high, step or STEP))
+        poles = upper_poles(model) / (2 * np.pi)
+        poles = poles[np.argsort(poles.imag)]
+        at, width = poles.imag, np.maximum(np.abs(poles.real), SHARPEST * np.abs(poles))
+        near = np.flatnonzero((at > low - 0.1 * high) & (at < 1.1 * high) & (width > 0) & (width < high))
+        own, last = [], -np.inf
+        for j in near:  # in ascending order
+            if at[j] - last > SAME_POLE * width[j]:
+                own.append(j)
+                last = at[j]
+        if not own:
+            continue
+        middles = (at[own][1:] + at[own][:-1]) / 2
+        for j, left, right in zip(own, np.append(low, middles), np.append(middles, high), strict=True):
+            if step is None:
+                points.append(at[[j]])
+                continue
+            ends = np.arcsinh(np.array([left, right] - at[j]) / width[j]) / step
+            points.append(at[j] + width[j] * np.sinh(step * np.arange(np.ceil(ends[0]), np.floor(ends[1]) + 1)))
+    points = np.unique(np.concatenate(points))
+    points = points[(points >= low) & (points <= high)]
+    return points[np.diff(points, prepend=-1.0) > 1e-13 * points]
+
+
+def towards_zero(model: PseudoModal, high: float, step: float) -> np.ndarray:
+    """Return frequencies (k,) from close to 0 up to `high` Hz on a logarithmic scale, for a model with added
+    terms.
+
+    Of these the real poles, which oscillating_poles leaves out, and the branch point at 0 Hz of fractional laws are at
+    and below 0 on the axis of (i omega)^exponent, where the response is analytic otherwise. The lowest frequency is
+    that below which what is added to the static stiffness is SMALL, so that the response is linear in it.
+    """
+    added = model.added.where(lambda law: law.power > 0)
+    if not added:
+        return np.zeros(0)
+    # every term over the static stiffness, mode by mode
+    least = model.eigenvalues[model.eigenvalues > 0].min(initial=np.inf)
+    scale = 1 / np.sqrt(np.maximum(model.eigenvalues, least))
+    sizes = np.array([np.linalg.norm(scale[:, None] * term.matrix * scale) for term in added])
+    D = np.diag(model.damping.at(model.eigenvalues)) + (0.0 if model.D is None else model.D)
+    # the highest decade in which their sum is small
+    decades = high * 10.0 ** -np.arange(LOWEST)
+    omega = 2 * np.pi * decades
+    total = sizes @ np.abs(added.coefficients(1j * omega))
+    total += omega * np.linalg.norm(scale[:, None] * D * scale)
+    lowest = decades[min(int((total > SMALL).sum()), LOWEST - 1)]
+    exponent = max(term.law.power for term in added)
+    return np.geomspace(lowest, high, 1 + int(np.ceil(exponent * np.log(high / lowest) / step)))
+
+
+def beside(frequencies: np.ndarray, places, parts=4) -> np.ndarray:
+    """Return new frequencies in the two intervals beside the frequencies at `places`."""
+    intervals = np.unique(np.concatenate([places - 1, places]))
+    intervals = intervals[(intervals >= 0) & (intervals < len(frequencies) - 1)]
+    lower, upper = frequencies[intervals, None], frequencies[intervals + 1, None]
+    return between(lower, upper, np.arange(1, parts) / parts).ravel()
+
+
+def between(lower, upper, part):
+    """Return frequencies that part intervals; where one is wide beside its lower end, on a logarithmic scale."""
+    wide = (lower > 0) & (upper > WIDE * lower)
+    ratio = np.divide(upper, lower, out=np.ones_like(upper), where=wide)
+    return np.where(wide, lower * ratio**part, lower + (upper - lower) * part)
+
+
+def maxima(values: np.ndarray) -> np.ndarray:
+    """Return for each of the values (S, ...) whether it is a maximum along the first axis."""
+    end = np.full((1, *values.shape[1:]), -np.inf)
+    padded = np.concatenate([end, values, end])
+    return (values >= padded[:-2]) & (values >= padded[2:])
+
+
+def largest(pair: Comparison, frequencies, little=0.0, rounds=4):
+    """Return grid and error of a model on it, refined `rounds` times around the highest maxima, and where a scale of
+    the measure dips, as at zeros of a response, if the error may grow to be one of them there.
+
+    What is below `little` is not looked at again: the error of a complete model is round-off, with maxima everywhere.
+    """
+    curve, dips = pair.curve_and_dips(frequencies)
+    for _ in range(rounds):
+        high = max(curve.max() / 3, little)
+        places = np.flatnonzero((maxima(curve) & (curve > high)) | (dips > high))
+        places = places[np.argsort(-np.maximum(curve, dips)[places], kind="stable")[:PLACES]]
+        more = np.setdiff1d(beside(frequencies, places), frequencies)
+        if not more.size:
+            break
+        frequencies = np.union1d(frequencies, more)
+        curve, dips = pair.curve_and_dips(frequencies)
+    return frequencies, curve
+
+
+def resolved(pair: Comparison, frequencies, curve, above: float, step=1.5, rounds=5):
+    """Return the curve (S,) with more frequencies, so that it can be interpolated: intervals are halved, at most
+    `rounds` times, where it changes by more than the factor `step`, and beside its extrema; all where it is `above`."""
+    for _ in range(rounds):
+        height = np.log(np.maximum(curve, max(above, 1e-300)))
+        change = np.diff(height)
+        extremum = np.flatnonzero(change[:-1] * change[1:] < 0)
+        halved = np.abs(change) > np.log(step)
+        halved[extremum] = halved[extremum + 1] = True
+        halved &= np.diff(frequencies) > SHARPEST * frequencies[1:]
+        if halved.sum() > PLACES:  # those that change most
+            halved[np.argsort(np.where(halved, np.abs(change), -1.0), kind="stable")[:-PLACES]] = False
+        if not halved.any():
+            break
+        more = between(frequencies[:-1], frequencies[1:], 0.5)[halved]
+        frequencies, curve = np.append(frequencies, more), np.append(curve, pair.curve(more))
+        order = np.argsort(frequencies)
+        frequencies, curve = frequencies[order], curve[order]
+    return frequencies, curve
+
+
+def apart(frequencies, taken, band) -> np.ndarray:
+    """Return which of the frequencies (S,) are APART of the band from all points that are taken."""
+    return (np.abs(np.subtract.outer(frequencies, taken)) >= APART * (band[1] - band[0])).all(axis=1)
+
+
+def next_point(frequencies, curve, taken, model: PseudoModal, band) -> float | None:
+    """Return the frequency of the largest estimate, APART of the band from other points and off pseudo-frequencies.
+    Estimates below ROUNDOFF tell nothing: there it is the one farthest from other points and the ends of the band."""
+    free = np.flatnonzero(apart(frequencies, taken, band))
+    distance = np.abs(np.subtract.outer(frequencies[free], [*taken, *band])).min(axis=1) / (band[1] - band[0])
+    height = np.where(curve[free] > ROUNDOFF, curve[free], 0.0)
+    for k in free[np.lexsort((-np.round(distance, 6), -height))]:
+        if (f := off_poles(frequencies[k], model, band)) is not None:
+            return f
+    return None
+
+
+def off_poles(f: float, model: PseudoModal, band, outwards=0) -> float | None:
+    """Return f, or the nearest frequency of the band that is GAP f away from all pseudo-frequencies, less in narrow
+    bands; or one out of it in the direction `outwards` (1, -1)."""
+    gap = min(GAP, NARROW * (band[1] - band[0]) / band[1])
+    poles = model.frequencies
+    steps = np.array([0, 1, -1, 2, -2, 3, -3, 5, -5, 8, -8])
+    for trial in f * (1 + gap * (np.unique(np.abs(steps)) * outwards if outwards else steps)):
+        free = trial > 0 and (np.abs(poles - trial) >= 0.999 * gap * trial).all()
+        if free and (outwards or band[0] <= trial <= band[1]):
+            return float(trial)
+    return None
+
+
+def rounded(f: float, band, inside=True) -> float:
+    """Return a frequency that a search chose, to six digits, of the band (Hz) if that is narrow: the same on any number
+    of ranks, whose last digits differ; `inside` of the band."""
+    low, high = band
+    digits = 6 + max(0, int(np.ceil(-np.log10((high - low) / high))))
+    found = float(f"{f:.{digits}g}")
+    return float(np.clip(found, low, high)) if inside else found
+
+
+def missing(model: PseudoModal, counts: list[ModeCount], band, before: Callable[[], PseudoModal]) -> int:
+    """Return the number of modes of the band (Hz) that are counted below points and the model misses; 0 or less where
+    it misses none.
+
+    Pseudo-frequencies lie above the frequencies that they stand for, one by one. Where modes below the band may be
+    missing, counted up to its lower end, those of the band are pseudo-frequencies that the model `before()` has too.
+    """
+    poles, (low, high) = model.frequencies, band
+    end = min((item.below for item in counts if item.below >= high), default=high)
+    counts = [item for item in counts if item.below <= end]
+    found = max((item.modes - int((poles < item.below).sum()) for item in counts), default=0)
+    bottom = max((item for item in counts if item.below <= low), key=lambda item: item.below, default=None)
+    if found <= 0 or bottom is None:
+        return found
+    moving = unsettled(model, before(), end, len(poles))
+    poles = poles[(poles >= bottom.below) & ~np.isin(np.arange(len(poles)), moving)]
+    return max(item.modes - bottom.modes - int((poles < item.below).sum()) for item in counts)
+
+
+def is_free(model: PseudoModal, frequencies, zero: float) -> bool:
+    """Test whether the response at the first of the frequencies, 0 Hz, is infinite but for round-off.
+
+    `zero`: eigenvalues below it, relative to the largest, count as round-off.
+    """
+    if not model.eigenvalues[0] < zero * model.eigenvalues[-1]:
+        return False
+    size = np.linalg.norm(model.response(np.array([0.0, frequencies[-1] / 200])), axis=(1, 2))
+    return not size[0] < 1e6 * size[1]
+
+
+def is_silent(model: PseudoModal, band) -> bool:
+    """Test whether the outputs do not feel the inputs over a band (Hz)."""
+    return len(_silent(model, band)) == model.io.output_count
+
+
+def unsettled(model: PseudoModal, before: PseudoModal, top: float, most=4, bottom=0.0, still=2e-5) -> np.ndarray:
+    """Return up to `most` pseudo-modes (indices) from `bottom` to `top` Hz whose frequency was not there before.
+
+    Those whose relative change is above `still`, the largest first; rigid-body modes and others far below the top are
+    judged by their absolute change.
+    """
+    f, old = model.frequencies, before.frequencies
+    f = f[f < top]
+    moved = np.abs(f[:, None] - old).min(axis=1, initial=np.inf) / np.maximum(f, 0.01 * top)
+    order = np.argsort(-moved, kind="stable")
+    return order[(moved[order] > still) & (f[order] >= bottom)][:most]
