@@ -191,7 +191,7 @@ def test_a_free_body_at_rest_has_a_picture(made):
     """No node, joint or spring to draw: the energies, all zero."""
     path = made()
     path.write_text('body = "result.h5"\nend = 0.01\nsteps = 2\n')
-    simulate_file(path)
+    assert any("of the shapes and of no node; observe = [...]" in line for line in simulate_file(path)["notes"])
     assert path.with_name("simulation.png").read_bytes()[:4] == b"\x89PNG"
 
 
