@@ -1,5 +1,5 @@
 # make demo | install | test | test-slow | test-wheel | test-ccx | test-dolfinx | test-chromium | test-slurm | test-peers | test-cuda |
-#      test-docs | test-linalg | test-pip | test-debian12 | test-debian13 | test-kernels | fuzz | mutants | kills | faults | coverage | docs | bench | bench-peers | lint
+#      test-docs | test-linalg | test-pip | test-pip-complex | test-debian12 | test-debian13 | test-kernels | fuzz | mutants | kills | faults | coverage | docs | bench | bench-peers | lint
 #
 # On Debian 12 and 13, and systems with the same packages, `install` brings the missing system packages (as root or by
 # sudo) and a virtual environment on top of them. For another PETSc (cluster module, conda) see docs/install.md.
@@ -22,11 +22,14 @@ export PRTE_MCA_rmaps_default_mapping_policy := :oversubscribe
 export OMPI_MCA_pml ?= ob1
 export OMPI_MCA_btl ?= ^tcp
 export OPENBLAS_NUM_THREADS := 1
+# mpiexec adds ten lines to the message of a rank that fails, in Open MPI 4 and 5
+QUIET := OMPI_MCA_orte_execute_quiet=1 PRTE_MCA_prte_execute_quiet=1
+$(foreach word,$(QUIET),$(eval export $(word)))
 # else each process of the tests, and each rank, compiles all modules again
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: install demo test fuzz mutants kills faults coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm test-peers test-cuda docs test-docs \
-        test-packages test-kernels test-linalg test-pip test-debian12 test-debian13 bench bench-peers lint
+        test-packages test-kernels test-linalg test-pip test-pip-complex test-debian12 test-debian13 bench bench-peers lint
 
 # $(call apt,packages) installs those that are missing
 define apt
@@ -58,6 +61,7 @@ PURE     := import re, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["
 	.venv/bin/python -m pip install -q --no-deps scipy_dae pyyeti pyNastran  # they ask for another numpy or h5py than they need
 	.venv/bin/python -m pip install -q --no-deps --config-settings editable_mode=compat -e .
 	.venv/bin/python -m compileall -q hpcred
+	@echo "export $(QUIET)" >> .venv/bin/activate
 	@[ "$$(id -u)" != 0 ] || echo "export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1" >> .venv/bin/activate
 	@touch $@
 
@@ -81,12 +85,14 @@ test-wheel: install
 	$(PYTHON) -m pytest -m wheel
 
 # the numerical rooms with other kernels of OpenBLAS, whose round-off differs: those of processors without AVX-512, and
-# the oldest
+# the oldest. Each test runs with one of them, as a checksum of its name decides; with `SHARE=` it runs with both
 test-kernels: install
 	$(MAKE) -j2 -O $(addprefix test-kernel-,$(KERNELS))
 
+SHARE = --share $(if $(filter Haswell,$*),1,2)/2
+
 test-kernel-%:
-	OPENBLAS_CORETYPE=$* $(PYTHON) -m pytest -q -m $(QUICK) -k "not 2-ranks and not 3-ranks and not complex" \
+	OPENBLAS_CORETYPE=$* $(PYTHON) -m pytest -q $(SHARE) -m $(QUICK) -k "not 2-ranks and not 3-ranks and not complex" \
 	    tests/linalg tests/reduction tests/analysis tests/fe tests/model
 
 # the quickest that tells whether hpcred works with the PETSc of a system
@@ -96,6 +102,9 @@ test-linalg: test-packages
 # the wheel with what pip alone brings, where Python is 3.12 or later; tests/systems/pip.sh says why it leaves out a system
 test-pip:
 	tests/systems/pip.sh
+
+test-pip-complex:
+	tests/systems/pip.sh petsc-complex
 
 # a bare system in build/, as a new user has it
 test-debian12:

@@ -9,7 +9,13 @@ from ..linalg.free_motions import ZERO
 from ..linalg.solvers.base import SingularMatrix
 from ..linalg.solvers.settings import Factoring
 from ..linalg.solvers.shifted import ShiftedSolver
-from ..model.definiteness import check_definite, growing_in_words, warnings_of_definiteness, zero_of
+from ..model.definiteness import (
+    check_definite,
+    growing_in_words,
+    is_mass_indefinite,
+    warnings_of_definiteness,
+    zero_of,
+)
 from ..model.loads.columns import loads_of
 from ..model.order_of_matrices import questions_on_order
 from ..model.rigid_body.modes import RigidBodyModes, remark_on_digits, rigid_body_quantities
@@ -74,8 +80,8 @@ def inspect(
         "symmetry_defects": model.symmetry_defects,
     }
     with progress.stage("signs of M and K"):
-        signs = warnings_of_definiteness(model)
-    if any(": M is" in sentence for sentence in signs):
+        signs, indefinite = warnings_of_definiteness(model), is_mass_indefinite(model)
+    if indefinite:
         report["mass_matrix"] = "indefinite"
     elif verify:
         with progress.stage("factor", "M"):
@@ -93,7 +99,7 @@ def inspect(
         report["sets"] = sets
     if loads := loads_of(model):
         report["loads"] = [item.row for item in loads]
-    if report["mass_matrix"] == "indefinite" and not any("M is" in sentence for sentence in signs):
+    if report["mass_matrix"] == "indefinite" and not indefinite:
         signs.append(f"{model.name}: M is indefinite by the inertia of its factor, which no mass matrix is")
     if frequencies or band_top or modes is not None:
         check_definite(model)

@@ -132,8 +132,12 @@ def graded_eigenpairs(matrix: np.ndarray, eigenpairs=np.linalg.eigh):
     soft motions beside stiff ones, and of parts that hardly couple, with as many digits as its entries have. Local.
 
     `eigenpairs` has errors of 1e-16 of the largest eigenvalue. Groups of coordinates that hardly couple are therefore
-    taken one by one; to first order their coupling turns only the eigenvectors.
+    taken one by one; to first order their coupling turns only the eigenvectors. Raises ComputationError for NaN and
+    Inf, whose couplings no comparison sees.
     """
+    if not np.isfinite(matrix).all():
+        raise ComputationError("a projected matrix has entries that are NaN or Inf: numbers of the model, or of a "
+                               "solve, are out of range")  # fmt: skip
     group = _groups(_coupled(matrix, np.diag(matrix)))
     while group.any():
         values, vectors = _by_groups(matrix, group, eigenpairs)

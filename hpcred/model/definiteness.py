@@ -26,6 +26,11 @@ def warnings_of_definiteness(model) -> list[str]:
     return [sentence for sentence in (_of_stiffness(model), _of_mass(model)) if sentence]
 
 
+def is_mass_indefinite(model) -> bool:
+    """Return whether a direction was found in which M is negative."""
+    return _signs(model, "M")[0] < 0
+
+
 def growing(model, eigenvalues: np.ndarray) -> str | None:
     """Return a sentence where one of these eigenvalues omega^2 of (K, M), in (rad/s)^2, is negative, or None."""
     negative = eigenvalues < -zero_of(model)

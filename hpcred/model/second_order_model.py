@@ -294,6 +294,7 @@ class SecondOrderModel:
             known, shared = getattr(self, name), getattr(other, name)
             other_parts = {*changed, "labels" if "dofs" in changed else "", "interfaces" if "Gt" in changed else ""}
             other_parts |= {*ORDERS, ADDED} if "operator" in changed else set()
+            other_parts |= {ADDED} if changed.keys() & self.added.terms.keys() else set()
             shared.update({key: value for key, value in known.items()
                            if key not in other_parts and not key.startswith(KEY)})  # fmt: skip
         return other

@@ -109,7 +109,6 @@ class BasisReductor(Reductor):
     def reduced(self, model) -> ReducedModel:
         """Reduce a model in usual units: again, where M has turned out not to see all motions that count."""
         self.progress.expect(model.size)
-        self.factoring.prepare(model.size, model.comm)
         with self.progress.stage("check"):
             warnings = self.check(model)
         with self.progress.stage("frame"):

@@ -149,6 +149,25 @@ def test_options_that_make_no_sense(options, says):
         replace(Factoring(), **options)
 
 
+def test_the_folder_for_factors_is_made_with_the_first_one(tmp_path):
+    factoring = Factoring(out_of_core=str(tmp_path / "new" / "folder"))
+    assert not (tmp_path / "new").exists()
+    with hpcred.solid((3, 2, 2)) as model:
+        solver = ShiftedSolver(model, factoring=factoring)
+        solver.factor(0.0)
+        assert (tmp_path / "new" / "folder").is_dir()
+        solver.close()
+
+
+def test_a_full_response_does_not_name_what_only_reductions_can_do(monkeypatch):
+    monkeypatch.setenv("HPCRED_MEMORY_MB", "2")
+    with hpcred.solid((8, 6, 6), inputs=1) as model:
+        with pytest.raises(ComputationError, match="does not fit.*out_of_core: about [0-9]+ MB a rank[)]$"):
+            hpcred.frequency_response(model, [10.0])
+        with pytest.raises(ComputationError, match="out_of_core.*solver.unfit = 'multigrid'"):
+            hpcred.reduce(model, [hpcred.Krylov(frequency=0.0)])
+
+
 @pytest.mark.parametrize(
     "version, libraries, refused",
     [("5.5", "scotch", True), ("5.5", "scotch metis_kway", False), ("5.5", "", False), ("5.6.0", "scotch", False)],

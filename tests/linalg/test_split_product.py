@@ -10,6 +10,7 @@ import hpcred
 from hpcred.linalg.blocks import create_block, local_rows
 from hpcred.linalg.eigensolver import graded_eigenpairs
 from hpcred.linalg.split_product import split_product
+from hpcred.parallel.failures import ComputationError
 
 pytestmark = pytest.mark.mpi
 
@@ -69,3 +70,13 @@ def test_parts_that_hardly_couple_keep_what_they_feel_of_each_other():
     assert np.abs(vectors[n:, of_one] * signs - felt).max() < 1e-11 * np.abs(felt).max()
     twice, vectors = graded_eigenpairs(np.kron(np.eye(2), one))
     assert twice == pytest.approx(np.repeat(a, 2)) and np.allclose(vectors.T @ vectors, np.eye(2 * n), atol=1e-14)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_numbers_that_are_none_are_refused(wrong):
+    """No comparison of couplings sees them."""
+    for place in ((0, 1), (2, 2)):
+        matrix = np.diag([1.0, 2.0, 3.0])
+        matrix[place] = matrix[place[::-1]] = wrong
+        with pytest.raises(ComputationError, match="NaN or Inf"):
+            graded_eigenpairs(matrix)

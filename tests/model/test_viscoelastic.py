@@ -12,6 +12,7 @@ import hpcred
 from hpcred import Fractional, FractionalKelvinVoigt, InputError, Maxwell, Viscoelastic
 from hpcred.analysis import frequency_response
 from hpcred.model.frames import apply_frame
+from hpcred.model.operator import ADDED
 
 LAWS = (MAXWELL, ZENER, SPRINGPOT)
 FREQUENCIES = np.array([0.0, 3.0, 61.0, 400.0, 2500.0])
@@ -101,6 +102,13 @@ def test_matrices_of_a_model(comm):
         assert close(case.stiffness(0.0), to_dense(model.K)) < 1e-14
         assert close(case.parts[1][0], to_dense(model.viscoelastic[1].matrix)) < 1e-15
         assert "Kv2" in str(model)
+        twice = model.viscoelastic[0].matrix.copy()
+        twice.scale(2.0)
+        digests = model.digests
+        with model.with_fields(Kv1=twice) as changed:  # another model, also for stores
+            assert changed.digests[ADDED] != digests[ADDED]
+        with model.with_fields(name="other") as same:
+            assert same.digests == digests
         with pytest.raises(InputError, match="has viscoelastic parts already"):
             model.with_viscoelastic([Viscoelastic(np.eye(40), ZENER)])
         with model.with_inputs([1]) as other:

@@ -1,5 +1,6 @@
 """Small projected models against dense matrices: solves, responses, and the exact difference of nested models."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -180,3 +181,6 @@ def test_responses_are_computed_once_at_each_frequency(monkeypatch):
         expected = model.Ct.T @ np.linalg.solve(A, np.broadcast_to(model.B.astype(complex), (len(f), *model.B.shape)))
         assert np.allclose(H, expected, rtol=1e-10) and np.allclose(drive, np.einsum("spp->sp", expected), rtol=1e-10)
     assert sorted(asked) == [0.05, 0.1, 0.2, 0.3, 0.7]
+    sent = pickle.loads(pickle.dumps(model))  # without what it has computed
+    assert model.memory and not sent.memory and not replace(model, tau=0.0).memory
+    assert np.array_equal(sent.response(first), model.response(first))

@@ -1,9 +1,10 @@
 #!/bin/sh
-# pip.sh: the wheel of hpcred with its extra `all`, in a new environment without system packages (build/pip): the demo
-# on 2 ranks, the ten lines of README, and tests on 1 and 2 ranks. A user's PETSc and MPI have no part in it.
+# pip.sh [petsc-complex]: the wheel of hpcred with its extra `all`, or with the complex PETSc in place of the real one, in
+# a new environment without system packages (build/pip): the demo on 2 ranks, the ten lines of README, and tests on 1 and
+# 2 ranks. A user's PETSc and MPI have no part in it.
 set -eu
 cd "$(dirname "$0")/../.."
-folder=$PWD/build/pip
+folder=$PWD/build/pip${1:+-$1} extras=${1:-petsc},plots,simulate,fast
 
 for name in ${PYTHON312:-python3.14 python3.13 python3.12 python3}; do
     python=$(command -v "$name") && "$python" -c 'import ensurepip, sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null &&
@@ -22,7 +23,7 @@ unset PYTHONPATH PIP_PYTHON PIP_TARGET PETSC_DIR PETSC_ARCH SLEPC_DIR PETSC_OPTI
 export PATH="$folder/bin:$PATH"
 tar cf - --exclude=__pycache__ hpcred pyproject.toml MANIFEST.in README.md LICENSE | tar xf - -C "$folder/source"
 pip wheel -q --no-deps -w "$folder/dist" "$folder/source"
-pip install -q "$(echo "$folder"/dist/*.whl)[all]" pytest pyyaml
+pip install -q "$(echo "$folder"/dist/*.whl)[$extras]" pytest pyyaml
 
 # beside nothing that could be taken for the package
 rm -rf "$folder/source" && mkdir "$folder/tests"

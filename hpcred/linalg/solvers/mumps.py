@@ -127,8 +127,7 @@ class Mumps(PetscFactorisation):
         return (
             f"the factorisation does not fit: it needs about {rank} MB on one rank and {total} MB in all, and a rank "
             f"has {self._limit} MB; take more ranks on more nodes, fewer groups, or keep factors on a disk "
-            f"(out_of_core: about {on_disk} MB a rank); with solver.unfit = 'multigrid' real points, 0 Hz or decays, "
-            "are solved by multigrid"
+            f"(out_of_core: about {on_disk} MB a rank)"
         )
 
     def _set_up(self, forced=None, **more):
@@ -224,6 +223,7 @@ def orderings() -> tuple[int, ...]:
 def controls(factoring: Factoring) -> dict:
     """What settings mean to MUMPS, once PETSc is loaded. Raises InputError where it cannot do it."""
     found = {}
+    factoring.make_folder()
     if factoring.out_of_core is not None:
         found |= {"icntl_22": 1, "ooc_tmpdir": factoring.out_of_core}
     if factoring.low_rank is not None:

@@ -6,6 +6,7 @@ import os
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator
@@ -85,12 +86,12 @@ class LinearSolver:
 class Factoring:
     """How matrices are factored, wherever it is done.
 
-    `out_of_core`: a folder for the factors, on a fast local disk, instead of memory; it is made. `low_rank`: relative
-    accuracy of block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019); solutions are refined
-    to the residual of full factors, and the run fails if that is not reached; modes are counted where refinement
-    with them converges. `memory_mb`: what a rank may take for a factor, by default what the machine and the batch
-    system leave. These three take MUMPS. `solver`: the package that makes factors, and what a reduction does where
-    there shall be no factor, or where a factor does not fit.
+    `out_of_core`: a folder for the factors, on a fast local disk, instead of memory; it is made with the first one.
+    `low_rank`: relative accuracy of block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019);
+    solutions are refined to the residual of full factors, and the run fails if that is not reached; modes are counted
+    where refinement with them converges. `memory_mb`: what a rank may take for a factor, by default what the machine
+    and the batch system leave. These three take MUMPS. `solver`: the package that makes factors, and what a reduction
+    does where there shall be no factor, or where a factor does not fit.
     """
 
     out_of_core: str | None = None
@@ -106,10 +107,20 @@ class Factoring:
             raise InputError(f"memory_mb: found {self.memory_mb:g}, expected MB of a rank, more than 0")
         self.package.check(self)
         if self.out_of_core is not None:
-            with suppress(OSError):  # on each node, whose own disk it may be on
+            there = Path(self.out_of_core).absolute()
+            there = next(folder for folder in (there, *there.parents) if os.path.exists(folder))
+            self._require_folder(there)
+
+    def _require_folder(self, there):
+        if not (os.path.isdir(there) and os.access(there, os.W_OK | os.X_OK)):
+            raise InputError(f"out_of_core: the folder {self.out_of_core} cannot be made or written; name another")
+
+    def make_folder(self):
+        """Make the folder for factors, on each node, whose own disk it may be on. Local. Raises InputError."""
+        if self.out_of_core is not None:
+            with suppress(OSError):
                 os.makedirs(self.out_of_core, exist_ok=True)
-            if not os.access(self.out_of_core, os.W_OK | os.X_OK):
-                raise InputError(f"out_of_core: the folder {self.out_of_core} cannot be made or written; name another")
+            self._require_folder(self.out_of_core)
 
     @property
     def package(self) -> type:
@@ -142,11 +153,6 @@ class Factoring:
         if self.low_rank is not None:
             return f"low_rank: {{}}; take less than {self.low_rank:g}, or leave it out"
         return "solver.precision: {}; 'single' is not enough for this matrix, take 'double'" if self.single else None
-
-    def prepare(self, size: int, comm):
-        """Begin what takes time before the first factor of `size` rows. Local."""
-        if self.solver.kind != "multigrid":
-            self.package.prepare(self, size, comm)
 
     def limit_mb(self, comm) -> int:
         """MB that a rank may take for factors. Collective."""

@@ -56,12 +56,13 @@ def read_point_sets(path, comm, label, cards, of_case) -> tuple[dict[str, np.nda
 
 
 def sets_of_case(text: bytes) -> list[PointSet]:
-    """Return the sets of a case control but for those of elements; without ranges where one is no list of numbers."""
+    """Return the sets of a case control but for those of elements and of all; without ranges where one is no list of
+    numbers."""
     text = re.sub(rb"\$[^\n]*", b"", text)
     asked = {int(match["number"]) for match in OF_ELEMENTS.finditer(text)}
     found = [(int(match["number"]), match["list"].decode("latin-1")) for match in SET.finditer(text)]
     return [PointSet(f"SET {number}", *_numbers(re.split(r"[,\s]+", words.strip(", \t\r\n"))))
-            for number, words in found if number not in asked]  # fmt: skip
+            for number, words in found if number not in asked and words.strip().upper() != "ALL"]  # fmt: skip
 
 
 def _of_cards(cards):

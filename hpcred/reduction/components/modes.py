@@ -18,6 +18,7 @@ from ...parallel.failures import ComputationError, InputError
 from ...parallel.petsc import is_complex
 from ...parallel.ranges import COUNT, require_band, within
 from ..run.projection import diagonalise, project, project_columns
+from ..run.run_solvers import refusal
 from ..run.store import Entry
 from .component import Component
 
@@ -147,7 +148,7 @@ def _slices(run):
             run.solvers.real().estimate()
         except DoesNotFit as error:
             if not run.solvers.give_up_factors(error):
-                raise
+                raise refusal(error) from error
     if not run.solvers.multigrid:
         run.solvers.release()
     return not run.solvers.multigrid

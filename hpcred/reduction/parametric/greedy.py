@@ -245,8 +245,9 @@ class Greedy:
         return slice(count)
 
     def _spread(self):
-        """Return the visited points, and SPREAD training points far from them and each other."""
-        chosen = list(self.visited)
+        """Return the visited points, those beside zeros of static responses, where errors count most, and SPREAD
+        training points far from them and each other."""
+        chosen = [*self.visited, *self._zeros]
         for _ in range(min(SPREAD, len(self.points))):
             chosen.append(self.points[int(distances(self.parametric.parameters, self.points, chosen).argmax())])
         return list(dict.fromkeys(chosen))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ...linalg.pencil import massless_last
 from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, caughey_terms
-from ...model.operator import Operator
+from ...model.operator import Operator, in_coordinates
 from ...model.parameters.definitions import Parameter, checked_values
 from ...model.parameters.expressions import Expression
 from ..result.reduced_model import ReducedModel
@@ -122,6 +122,12 @@ class ParametricReducedModel(ReducedModel):
             record = record.away_from_reference()
         return replace(base, **matrices, frequencies=modes.frequencies, columns=None, left_columns=None, model=None,
                        record=record)  # fmt: skip
+
+    def in_coordinates(self, T: np.ndarray, **changed) -> ReducedModel:
+        """Return the model in coordinates z (k,) with x = T z, at all values, and further fields."""
+        constant = {of: in_coordinates(of, part, T) for of, part in self.constant.items()}
+        terms = tuple(replace(item, matrix=in_coordinates(item.of, item.matrix, T)) for item in self.terms)
+        return super().in_coordinates(T, **{"constant": constant, "terms": terms} | changed)
 
     def to_pymor(self) -> Any:
         """Return the model for all values of the parameters: see ReducedModel.to_pymor."""

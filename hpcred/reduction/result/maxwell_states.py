@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...model.operator import Operator, in_coordinates
+from ...model.operator import Operator
 from ...parallel.failures import InputError
 
 RANK = 1e-14  # of the largest eigenvalue of K_v, below which it is round-off
@@ -90,15 +90,12 @@ def with_maxwell_states(reduced, where="a state space", from_rest=False):
     states = maxwell_states(reduced.added, where)
     form = states.from_rest if from_rest else states.second_order
     only_x = np.eye(reduced.size, reduced.size + states.size)  # x = [I, 0] (x, w)
+    wide = reduced.in_coordinates(only_x, columns=None, left_columns=None, model=None)
     changed = {}
     if hasattr(reduced, "terms"):
-        constant = {of: in_coordinates(of, part, only_x) for of, part in reduced.constant.items()}
-        changed["constant"] = constant | dict(zip("MDK", form(*map(reduced.constant.get, "MDK")), strict=True))
-        changed["terms"] = tuple(replace(item, matrix=in_coordinates(item.of, item.matrix, only_x))
-                                 for item in reduced.terms)  # fmt: skip
-    square = Operator.of(*form(reduced.M, reduced.D, reduced.K))
-    wide = reduced.in_coordinates(only_x, **changed, columns=None, left_columns=None, model=None)
-    return replace(wide, operator=square), states.size
+        square = dict(zip("MDK", form(*map(reduced.constant.get, "MDK")), strict=True))
+        changed["constant"] = wide.constant | square
+    return replace(wide, operator=Operator.of(*form(reduced.M, reduced.D, reduced.K)), **changed), states.size
 
 
 def _beside(one, other):

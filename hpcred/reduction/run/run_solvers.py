@@ -13,6 +13,11 @@ from ...parallel.failures import InputError
 REAL = "shift_"  # prefix of the PETSc options of factors at real points
 
 
+def refusal(error: DoesNotFit) -> DoesNotFit:
+    """Return the error with the way that reductions have besides those of all factors."""
+    return DoesNotFit(f"{error}; with solver.unfit = 'multigrid' real points, 0 Hz or decays, are solved by multigrid")
+
+
 class RunSolvers:
     """Solvers for A(s) of a framed model, of which one has a factor at a time. Call close(); collective.
 
@@ -68,7 +73,7 @@ class RunSolvers:
                     raise
                 except DoesNotFit as error:
                     if mass < 0 or not may_give_up or not self.give_up_factors(error):
-                        raise
+                        raise refusal(error) from error
                     try:
                         self.real().factor(mass, damping)
                     except TooSlow as slow:
@@ -85,8 +90,7 @@ class RunSolvers:
             return False
         if model.dofs is None or not model.symmetric:
             lacks = "node coordinates (convert it with --nodes)" if model.dofs is None else "symmetric matrices"
-            fits_not = str(error).partition("; with solver.unfit")[0]
-            raise DoesNotFit(f"{fits_not}; {model.name} lacks {lacks}, which multigrid needs in place of it") from error
+            raise DoesNotFit(f"{error}; {model.name} lacks {lacks}, which multigrid needs in place of it") from error
         if self._real is not None:
             self._records_before += self._real.records
             self._analyses_before += self._real.analyses

@@ -15,7 +15,7 @@ from ...linalg.known import ModeCount
 from ...linalg.pencil import LEAST_MASS
 from ..result.measure import Measure, Paper, drive_points
 from ..result.oscillating_poles import oscillating_poles
-from .pseudo_modal import Proportional, PseudoModal, difference, kept
+from .pseudo_modal import Keeping, Proportional, PseudoModal, difference, kept
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
 APART = 0.02  # of the band between points
@@ -33,7 +33,7 @@ PLACES = 1000  # of a curve that are refined at once; one of round-off has maxim
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Keeping):
     """A model `inner` inside of a richer one, `outer`, by its `embedding` (see pseudo_modal.nested), and the measure of
     how far its responses are from those of that. Local."""
 
@@ -55,7 +55,7 @@ class Comparison:
             return (difference(self.inner, self.outer, self.embedding, some),)
 
         io = self.outer.io
-        return kept(self, "_difference", frequencies, compute, io.output_count * io.inputs.shape[1])[0]
+        return kept(self, "difference", frequencies, compute, io.output_count * io.inputs.shape[1])[0]
 
     def curve(self, frequencies) -> np.ndarray:
         """Return the error eps (S,) of the inner model."""

@@ -18,7 +18,7 @@ In a richer basis Q the difference H_Q - H_V is r^T A_Q^-1 r with r = L_Q - A_Q 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -99,7 +99,18 @@ class Poles(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class PseudoModal:
+class Keeping:
+    """What has computed arrays once keeps them, by name, in its `memory` (see kept), which stays behind where it is
+    sent, copied or replaced."""
+
+    memory: dict = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def __getstate__(self):
+        return vars(self) | {"memory": {}}
+
+
+@dataclass(frozen=True, eq=False)
+class PseudoModal(Keeping):
     """A projected model in its pseudo-modal coordinates, V^T M V = I, V^T K V = diag(eigenvalues).
 
     `eigenvalues` (m,): omega^2, ascending; `L` (m, l): the projected loads, of which `io` makes inputs and outputs;
@@ -157,6 +168,16 @@ class PseudoModal:
     def is_diagonal(self) -> bool:
         """Whether A(s) is diagonal."""
         return self.N is None and not self.operator
+
+    @property
+    def idle(self) -> np.ndarray:
+        """Which coordinates (m,) nothing pushes: no load, and no other coordinate."""
+        pushed = self.L.any(axis=1)
+        for matrix in (self.N, *self.operator.matrices.values()):
+            if matrix is not None:
+                beside = (matrix != 0) & ~np.eye(len(self), dtype=bool)
+                pushed = pushed | beside.any(axis=0) | beside.any(axis=1)
+        return ~pushed
 
     def coordinates_of(self, columns: np.ndarray) -> np.ndarray:
         """Return combinations (m, k) of the columns of the basis in these coordinates."""
@@ -250,7 +271,7 @@ class PseudoModal:
 
     def _kept_inverses(self, frequencies):
         """Return A(s)^-1 (S, m, m), which are kept, or None where there is no room for them."""
-        m, (known, inverses) = len(self), vars(self).get("_inverses", (np.zeros(0), None))
+        m, (known, inverses) = len(self), self.memory.get("inverses", (np.zeros(0), None))
         new = np.setdiff1d(frequencies, known)
         if (len(known) + len(new)) * m * m > NUMBERS_KEPT:
             return None
@@ -261,7 +282,7 @@ class PseudoModal:
             order = np.argsort(np.concatenate([known, new]))
             inverses = made if inverses is None else np.concatenate([inverses, made])[order]
             known = np.concatenate([known, new])[order]
-            vars(self)["_inverses"] = known, inverses
+            self.memory["inverses"] = known, inverses
         return inverses if np.array_equal(known, frequencies) else inverses[np.searchsorted(known, frequencies)]
 
     def multiply(self, frequencies: np.ndarray, states: np.ndarray, transposed=False) -> np.ndarray:
@@ -296,7 +317,7 @@ class PseudoModal:
     def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return H (S, r, p), without the factor s^k of rates, and the drive-point responses b_i^T A^-1 b_i
         (S, p) of the inputs; they are kept as there is room."""
-        return kept(self, "_responses", frequencies, self._responses_at, (self.io.output_count + 1) * self.B.shape[1])
+        return kept(self, "responses", frequencies, self._responses_at, (self.io.output_count + 1) * self.B.shape[1])
 
     def _responses_at(self, frequencies):
         left, right = self.Ct.T, self.B
@@ -310,10 +331,10 @@ class PseudoModal:
         return np.concatenate(H), np.concatenate(drive)
 
 
-def kept(owner, name: str, frequencies, compute, size: int) -> tuple[np.ndarray, ...]:
+def kept(owner: Keeping, name: str, frequencies, compute, size: int) -> tuple[np.ndarray, ...]:
     """Return the arrays (S, ...) that `compute` gives at frequencies (S,), of `size` numbers at each: those that an
     object has computed before and keeps, as there is room, and new ones."""
-    known, *arrays = vars(owner).get(name, (np.zeros(0),))
+    known, *arrays = owner.memory.get(name, (np.zeros(0),))
     new = np.setdiff1d(frequencies, known)
     if not len(frequencies) or (len(known) + len(new)) * size > NUMBERS_AT_A_TIME:
         return compute(frequencies)
@@ -323,7 +344,7 @@ def kept(owner, name: str, frequencies, compute, size: int) -> tuple[np.ndarray,
             made = [np.concatenate(pair) for pair in zip(arrays, made, strict=True)]
         known = np.concatenate([known, new])
         order = np.argsort(known)
-        known, *arrays = vars(owner)[name] = [part[order] for part in (known, *made)]
+        known, *arrays = owner.memory[name] = [part[order] for part in (known, *made)]
     at = np.searchsorted(known, frequencies)
     return tuple(part[at] for part in arrays)
 
@@ -344,11 +365,11 @@ def diagonalised(
     else:
         eigenvalues, masses, vectors = with_masses((K + K.T) / 2, (M + M.T) / 2, tau)
     still = np.flatnonzero(np.abs(eigenvalues) <= NEARLY_ZERO * np.abs(eigenvalues).max(initial=0.0))
-    L = _settled(vectors.T @ L, still, np.linalg.norm(L, axis=0))
+    L = _free_of_round_off(vectors.T @ L, still, np.linalg.norm(L, axis=0))
 
     def turned(matrix):
-        own = _settled(congruent(matrix, vectors), still, size := np.linalg.norm(matrix))
-        return _settled(own.T, still, size).T
+        own = _free_of_round_off(congruent(matrix, vectors), still, size := np.linalg.norm(matrix))
+        return _free_of_round_off(own.T, still, size).T
 
     N = None if symmetric else turned((K - K.T) / 2)
     rest = Operator.of(D=D, added=added).map(turned)
@@ -361,7 +382,7 @@ def diagonalised(
         return model
 
 
-def _settled(rows, still, size):
+def _free_of_round_off(rows, still, size):
     """Return rows (m, k) with zeros where those of motions without stiffness are round-off of `size` (k,), or one
     number: nothing but round-off pushes such a motion then, which K does not bound at 0 Hz."""
     if len(still):
@@ -372,19 +393,23 @@ def _settled(rows, still, size):
 def poles_of(model: PseudoModal) -> Poles:
     """Return the poles of a model with a D or N, and the eigenvectors of its first-order form with the state (y, s y).
 
-    What has no mass is given LEAST_MASS: poles at infinity have no eigenvectors.
+    What has no mass is given LEAST_MASS: poles at infinity have no eigenvectors. Those of coordinates that nothing
+    pushes are left out: on the axis, as of free parts, they would make states of round-off.
     """
     if model.masses is not None:
         scale = 1 / np.sqrt(np.maximum(model.masses, LEAST_MASS))
         found = poles_of(model.with_unit_masses(scale))
         return Poles(found.values, scale[:, None] * found.right, found.left * scale)
-    m, damping = len(model), model.damping
-    K = np.diag(model.eigenvalues) if model.N is None else np.diag(model.eigenvalues) + model.N
-    D = damping.alpha * np.eye(m) + damping.beta * K + (0.0 if model.D is None else model.D)
+    damping, pushed = model.damping, np.flatnonzero(~model.idle)
+    m, K = len(pushed), np.diag(model.eigenvalues) if model.N is None else np.diag(model.eigenvalues) + model.N
+    D = damping.alpha * np.eye(len(model)) + damping.beta * K + (0.0 if model.D is None else model.D)
+    K, D = (matrix[np.ix_(pushed, pushed)] for matrix in (K, D))
     below = -(1 + 1j * damping.eta) * K if damping.eta else -K
     matrix = np.block([[np.zeros((m, m)), np.eye(m)], [below, -D]])
     values, vectors = np.linalg.eig(matrix)
-    return Poles(values, vectors[:m], np.linalg.inv(vectors)[:, m:])
+    right, left = np.zeros((len(model), 2 * m), vectors.dtype), np.zeros((2 * m, len(model)), vectors.dtype)
+    right[pushed], left[:, pushed] = vectors[:m], np.linalg.inv(vectors)[:, m:]
+    return Poles(values, right, left)
 
 
 def nested(inner: PseudoModal, outer: PseudoModal, columns=None) -> np.ndarray:
