@@ -36,7 +36,7 @@ from .run.notes import Notes
 from .run.run import Run
 from .search.outcome import PASSES, Outcome, accuracy_of, ask_for_digits, changed
 from .small.compression import LITTLE
-from .tolerance_reductor import Searched, ToleranceReductor
+from .tolerance_reductor import ToleranceReductor
 
 CORNERS = 32  # of the ranges, unless they are more, at which stability is looked at
 
@@ -93,14 +93,13 @@ class ParametricReductor(ToleranceReductor):
         def open_run(point, visited):
             return run_at(self, run, point, [*asked, [list(item) for item in visited]])
 
-        greedy = Greedy(self.parametric, vectors, run, self.goal, self.parameter_search, open_run, len(kept), terms)
+        greedy = Greedy(self.parametric, vectors, run, self.goal, self.parameter_search, open_run, kept, terms)
         greedy.run_to_end()
-        return Searched(greedy, kept)
+        return greedy
 
-    def outcome(self, searched, run):
-        greedy, kept = searched
+    def outcome(self, greedy, run):
         goal, judge, estimated = self.goal, greedy.first.judge, greedy.estimate
-        fixed = np.eye(greedy.basis.size)[:, list(kept)]
+        fixed = np.eye(greedy.basis.size)[:, : greedy.kept]
         with self.progress.stage("project"):
             fixed, noise = _project_again(greedy, fixed)
         # what the estimate and round-off leave of the tolerance is the goal of the compression

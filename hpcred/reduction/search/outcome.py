@@ -48,13 +48,13 @@ class Outcome(NamedTuple):
     projections: Projections
 
 
-def outcome_of(search: Search, drop_above=None, kept=range(0), beside=0) -> Outcome:
+def outcome_of(search: Search, drop_above=None, beside=0) -> Outcome:
     """Return what a search comes to. Collective.
 
-    The columns `kept` of the basis stay in the span. Pseudo-modes above `drop_above` (Hz) are left out, and what
-    that does to the error counts. `beside`: coordinates of rigid-body motion that come later.
+    Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the error counts. `beside`: coordinates of
+    rigid-body motion that come later.
     """
-    kept = np.eye(search.projections.basis.size)[:, list(kept)]
+    kept = np.eye(search.projections.basis.size)[:, : search.kept]
     with search.run.progress.stage("project"):
         kept = _project_again(search, kept)
     with search.run.progress.stage("compress"):
