@@ -40,9 +40,9 @@ def oscillating_poles(eigenvalues: np.ndarray, D: np.ndarray, added: Operator, e
     first = 1j * at * np.sqrt(1 + 1j * np.einsum("ki,kij,kj->k", x, loss, x) / at**2)
     left = np.argsort(at)[:MOST]
     for guess in (first.copy(), 1j * at):  # the damping of a single mode may say too much
-        found = _by_newton(eigenvalues, D, added, eta, guess[left], x[left])
-        near = found != guess[left]
-        first[left[near]], left = found[near], left[~near]
+        poles = _by_newton(eigenvalues, D, added, eta, guess[left], x[left])
+        near = poles != guess[left]
+        first[left[near]], left = poles[near], left[~near]
     return first[np.argsort(first.imag)]
 
 
