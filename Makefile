@@ -84,12 +84,14 @@ test-wheel: install
 	$(PYTHON) -m pytest -m wheel
 
 # the numerical rooms with other kernels of OpenBLAS, whose round-off differs: those of processors without AVX-512, and
-# the oldest
+# the oldest. Each test runs with one of them, as a checksum of its name decides; with `SHARE=` it runs with both
 test-kernels: install
 	$(MAKE) -j2 -O $(addprefix test-kernel-,$(KERNELS))
 
+SHARE = --share $(if $(filter Haswell,$*),1,2)/2
+
 test-kernel-%:
-	OPENBLAS_CORETYPE=$* $(PYTHON) -m pytest -q -m $(QUICK) -k "not 2-ranks and not 3-ranks and not complex" \
+	OPENBLAS_CORETYPE=$* $(PYTHON) -m pytest -q $(SHARE) -m $(QUICK) -k "not 2-ranks and not 3-ranks and not complex" \
 	    tests/linalg tests/reduction tests/analysis tests/fe tests/model
 
 # the quickest that tells whether hpcred works with the PETSc of a system

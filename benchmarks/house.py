@@ -1,4 +1,5 @@
-"""Count what a reader of hpcred/ has to hold in mind: modules that name a term of the operator, lines, arguments.
+"""Count what a reader of hpcred/ has to hold in mind: modules that name a term of the operator, lines, arguments,
+objects that can change, checks written by hand.
 
     python benchmarks/house.py [folder of hpcred]
 
@@ -28,10 +29,16 @@ def main(house):
         named = [path for path, text in texts.items() if term in text]
         lines = sum(term in line for path in named for line in texts[path].splitlines())
         print(f"{term}: {len(named)} modules, {lines} lines")
-    functions = [node for text in texts.values() for node in ast.walk(ast.parse(text))
-                 if isinstance(node, ast.FunctionDef)]  # fmt: skip
+    nodes = [node for text in texts.values() for node in ast.walk(ast.parse(text))]
+    functions = [node for node in nodes if isinstance(node, ast.FunctionDef)]
     wide = [(count, node.name) for node in functions if (count := arguments_of(node)) >= MANY]
     print(f"{MANY} arguments or more: " + ", ".join(f"{name} {count}" for count, name in sorted(wide, reverse=True)))
+    tables = [text for node in nodes if isinstance(node, ast.ClassDef)
+              for text in map(ast.unparse, node.decorator_list) if text.startswith("dataclass")]  # fmt: skip
+    print(f"{sum('frozen=True' in text for text in tables)} of {len(tables)} dataclasses are frozen")
+    checks = [node for node in functions if node.name == "__post_init__"]
+    lines = sum(node.end_lineno - node.lineno + 1 for node in checks)
+    print(f"{len(checks)} classes check what they are made of by themselves, in {lines} lines")
 
 
 def arguments_of(node):

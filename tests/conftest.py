@@ -8,6 +8,7 @@ import sys
 import tempfile
 from importlib.util import find_spec
 from pathlib import Path
+from zlib import crc32
 
 import pytest
 from launch import mpi_environment
@@ -15,6 +16,19 @@ from launch import mpi_environment
 pytest_plugins = ["mpi_items", "item_times"]
 
 DATA = Path(__file__).parent / "data"
+
+
+def pytest_addoption(parser):
+    parser.addoption("--share", metavar="K/N", help="of N shares of the tests the K-th, by checksums of their names")
+
+
+def pytest_collection_modifyitems(config, items):
+    if share := config.getoption("share"):
+        number, count = map(int, share.split("/"))
+        others = [item for item in items if crc32(item.nodeid.encode()) % count != number - 1]
+        config.hook.pytest_deselected(items=others)
+        left = set(items).difference(others)
+        items[:] = [item for item in items if item in left]
 
 
 def pytest_runtest_setup(item):

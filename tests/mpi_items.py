@@ -6,7 +6,7 @@ suffixes [1-rank] (run here), [2-ranks], [3-ranks] and, where there are two buil
 
 Quick are [1-rank] and one more, as the name of the test decides: of eight tests about four run on two ranks, three on
 two ranks of the complex build, and one on three ranks. The others are marked slow, and tests that cost much say
-`mpi(costly=True)`: of them [1-rank] alone is quick.
+`mpi(costly=True)`, and cases of a test `marks=pytest.mark.costly`: of them [1-rank] alone is quick.
 
 The items of one suffix run together in one `mpiexec ... pytest`, the inner session, which starts with the first of
 them. Its ranks append what happens, a line of JSON each time, to a file; the session outside reads its reports there
@@ -89,7 +89,8 @@ def pytest_itemcollected(item):
     job, suffixes = item.callspec.params["job"], launched(mark)
     turn = MORE[crc32(item.nodeid.replace(job, "").encode()) % len(MORE)]
     more = next((name for name in (turn, *MORE, "1-rank-complex") if name in suffixes), HERE)
-    if job not in (HERE, more) or (mark.kwargs.get("costly") and job != suffixes[0]):
+    costly = mark.kwargs.get("costly") or item.get_closest_marker("costly")
+    if job not in (HERE, more) or (costly and job != suffixes[0]):
         item.add_marker("slow")
 
 

@@ -28,7 +28,7 @@ def published(name):
 
 
 @pytest.mark.mpi(build="real", costly=True)
-@pytest.mark.parametrize("name", ["foundation", "concrete", "shaft", "sandwich"])
+@pytest.mark.parametrize("name", ["foundation", pytest.param("concrete", marks=pytest.mark.slow), "shaft", "sandwich"])
 def test_reduced_to_a_tolerance(comm, name):
     made = published(name)
     given = made.matrices()

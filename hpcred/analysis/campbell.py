@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from ..model.rotation import unit_axis
 from ..parallel.decisions import decided
@@ -240,4 +240,4 @@ def _crossing(tracker, before, after, place, factor):
         return part.poles[k].imag - abs(factor * value)
 
     width = after.value - before.value
-    return at(brentq(difference, before.value, after.value, xtol=EXACT * width, rtol=1e-12))
+    return at(scipy.optimize.brentq(difference, before.value, after.value, xtol=EXACT * width, rtol=1e-12))

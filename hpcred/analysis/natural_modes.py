@@ -11,7 +11,7 @@ from ..linalg.free_motions import ZERO
 from ..linalg.refinement import IllConditioned
 from ..linalg.solvers.base import SingularMatrix
 from ..linalg.solvers.settings import Factoring
-from ..model.definiteness import check_definite, growing, warnings_of_definiteness
+from ..model.definiteness import growing, warnings_of_definiteness
 from ..model.digits import warnings_of_digits
 from ..model.frames import Buckens, Frame, NoFrame, apply_frame
 from ..model.rigid_body.modes import RigidBodyModes, rigid_body_quantities, rigid_motions
@@ -96,7 +96,6 @@ def natural_modes(
     if declared("count", count, int) < 1:
         raise InputError(f"modes: found the number {count}, expected at least 1")
     check_symmetric(model)
-    check_definite(model)
     if signs := warnings_of_definiteness(model):
         raise InputError(f"{signs[0]}, which have no natural frequency")
     progress = progress or Progress(model.comm)

@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from scipy.linalg import eigh, polar
-from scipy.optimize import linear_sum_assignment
 
 SURE = 0.8  # of the modal assurance criterion: no second pole has so much
 SAME = 1e-6  # relative distance of poles that count as one
@@ -89,7 +89,7 @@ class PoleTracker:
         alike = np.maximum(direct, turned)
         apart = np.abs(before.poles[:, None] - after.poles)
         apart = np.minimum(apart / np.maximum(np.abs(before.poles)[:, None], 1e-300), 1.0)
-        rows, columns = linear_sum_assignment(0.01 * apart - alike)
+        rows, columns = scipy.optimize.linear_sum_assignment(0.01 * apart - alike)
         places = np.full(len(before.poles), -1)
         places[rows] = columns
         of_before, of_after = _together(before.poles) @ alike, alike @ _together(after.poles)

@@ -65,6 +65,7 @@ def normals_of(faces: Faces, points):
 
 def on_cylinder(faces: Faces, points, normals, cylinder: Cylinder, tolerance: float, inwards: bool) -> np.ndarray:
     """Return which faces (f,) lie on a cylinder, `inwards`: around a hole. Shells have no inside, and lie on both."""
+    # faces with all corners near the cylinder
     corners, middles = faces.corners, faces.middles
     there = corners >= 0
     place = np.where(there, corners, corners[:, :1])
@@ -72,12 +73,14 @@ def on_cylinder(faces: Faces, points, normals, cylinder: Cylinder, tolerance: fl
     hit = near[place].all(axis=1)  # most faces end here
     found = np.zeros(len(corners), bool)
     corners, middles, there, place = corners[hit], middles[hit], there[hit], place[hit]
+    # the cosine of the angle between the ends of each edge, half of it where the middle lies on the cylinder too
     arm = cylinder.outwards(points[place])
     unit = arm / np.maximum(np.linalg.norm(arm, axis=2), 1e-300)[..., None]
     following = np.where(np.roll(there, -1, axis=1)[..., None], np.roll(unit, -1, axis=1), unit[:, :1])
     between = (unit * following).sum(axis=2)
     curved = (middles >= 0) & near[middles]
     between = np.where(curved, np.sqrt((1 + between.clip(-1, 1)) / 2), between)  # of half the angle
+    # how much the normal points to the axis, or from it
     mean, normals = unit.mean(axis=1), normals[hit]
     facing = (mean * normals).sum(axis=1) / np.maximum(np.linalg.norm(mean, axis=1), 1e-300)
     facing = np.where(faces.behind[hit] < 0, np.abs(facing), -facing if inwards else facing)
@@ -88,6 +91,7 @@ def on_cylinder(faces: Faces, points, normals, cylinder: Cylinder, tolerance: fl
 def nodes_on_cylinder(model, ends, radius: float, inwards: bool) -> np.ndarray:
     """Return the numbers (k,), ascending, of the nodes of the surface on a cylinder between two `ends` (2, 3) of its
     axis, the same on all ranks; `inwards`: around a hole. Collective."""
+    # nodes near the cylinder between its ends
     comm, (start, end) = model.comm, np.array(ends)
     length = np.linalg.norm(end - start)
     cylinder = Cylinder(start, (end - start) / length, radius)
@@ -95,13 +99,14 @@ def nodes_on_cylinder(model, ends, radius: float, inwards: bool) -> np.ndarray:
     tolerance = slack_of(radius, comm.allreduce(float(np.abs(position).max(initial=0.0)), op=MPI.MAX))
     along = cylinder.along(position)
     near = cylinder.near(position, tolerance) & (along >= -tolerance) & (along <= length + tolerance)
-    # from here on as large as the set
+    # faces of the elements that have them, of which those between two elements drop out; as large as the set
     nodes = np.unique(np.concatenate(comm.allgather(np.unique(model.dofs.node[near]))))
     beside = {kind: part[np.isin(part, nodes).sum(axis=1) >= 3] for kind, part in model.elements.items()}
     faces = faces_of_elements(beside)
     table = faces.all_nodes[((faces.corners < 0) | np.isin(faces.corners, nodes)).all(axis=1)]
     table = np.concatenate(comm.allgather(table))
     table = table[free(table[:, :4], table[:, 8] >= 0)]
+    # places of their nodes, and which of the faces lie on the cylinder
     nodes = np.unique(table[table >= 0])
     there, points = places_of(model, nodes)
     nodes, points = nodes[there], points[there]

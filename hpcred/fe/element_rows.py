@@ -65,6 +65,7 @@ def element_rows(model, kinds=SOLIDS) -> dict[str, ElementRows]:
 def node_rows(model, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the positions (k, 3) in m of nodes, NaN where they have no displacement in the model, and the global rows
     (k, 3) of x, y, z, -1 where they have none. `numbers` (k,) of this rank, any. Collective."""
+    # displacements of this rank by 3 node + direction; held ones have a place and no row
     keys, row, place = [], [], []
     for dofs in (model.dofs, model.held):
         if dofs is not None:
@@ -73,6 +74,7 @@ def node_rows(model, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             row.append(model.first_row + moved if dofs is model.dofs else np.full(len(moved), -1))
             place.append(dofs.position[moved])
     keys, row, place = (np.concatenate(parts) for parts in (keys, row, place))
+    # what other ranks have of the nodes that this one asks for
     wanted = (3 * np.asarray(numbers, dtype=np.int64)[:, None] + np.arange(3)).ravel()
     found, (row, *place) = look_up(model.comm, keys, [row, *place.T.astype(float)], wanted)
     found, row = found.reshape(-1, 3), np.where(found, row, -1).reshape(-1, 3)

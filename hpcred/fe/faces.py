@@ -48,13 +48,15 @@ def faces_of_elements(elements: dict) -> Faces:
 
 def surface_faces(comm, elements: dict) -> Faces:
     """Return this rank's part of the surface; `elements`: node numbers by kind, of this rank. Collective."""
-    found = faces_of_elements(elements)
-    shells = found.behind < 0
-    found = found.take(free(found.corners, ~shells) | shells)
-    smallest = np.where(found.corners < 0, np.iinfo(np.int64).max, found.corners).min(axis=1, initial=0)
-    table = exchange(comm, smallest % comm.size, list(found.all_nodes.T))
-    found = faces_of(np.stack(table, axis=1))
-    return found.take(free(found.corners, found.behind >= 0))
+    # faces that occur once among the elements of this rank
+    faces = faces_of_elements(elements)
+    shells = faces.behind < 0
+    faces = faces.take(free(faces.corners, ~shells) | shells)
+    # the two ranks of a face that elements of both have meet at its smallest node number
+    smallest = np.where(faces.corners < 0, np.iinfo(np.int64).max, faces.corners).min(axis=1, initial=0)
+    table = exchange(comm, smallest % comm.size, list(faces.all_nodes.T))
+    faces = faces_of(np.stack(table, axis=1))
+    return faces.take(free(faces.corners, faces.behind >= 0))
 
 
 def places_of(model, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,6 +94,7 @@ def gathered_surface(model, more: np.ndarray | tuple = ()) -> ModelSurface | Non
 
     It grows with the surface of the body, not with its volume. `more`: numbers of nodes that are to be there as well.
     """
+    # faces and places of their nodes, gathered
     table = surface_faces(model.comm, model.elements).all_nodes
     mine = np.unique(np.concatenate([table[table >= 0], np.asarray(more, np.int64)]))
     there, points = places_of(model, mine)
@@ -99,6 +102,7 @@ def gathered_surface(model, more: np.ndarray | tuple = ()) -> ModelSurface | Non
     if gathered is None:
         return None
     table, nodes, points = (np.concatenate(part) for part in zip(*gathered, strict=True))
+    # each node once, and faces as indices of them, without those of nodes that have no place
     nodes, first = np.unique(nodes, return_index=True)
     points = points[first]
     index = np.searchsorted(nodes, table).clip(max=max(len(nodes) - 1, 0))

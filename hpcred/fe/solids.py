@@ -59,6 +59,7 @@ class Solids:
     """
 
     def __init__(self, model, nodes: Iterable[int | str] | None = None):
+        # elements that touch a wanted node
         require_dofs(model, "a stress")
         self.model, self.remarks = model, []
         cells = {kind: np.asarray(part, np.int64) for kind, part in model.elements.items()
@@ -66,11 +67,13 @@ class Solids:
         self._require_solids(cells)
         inside = self._elements_at(cells, nodes)
         keys = self._types(cells, inside)
+        # their nodes as local indices, places and rows
         chosen = {kind: cells[kind][mask] for kind, mask in inside.items()}
         every = np.concatenate([NO_NODES, *(part.ravel() for part in chosen.values())])
         self.number, place = np.unique(every, return_inverse=True)
         self.position, self.rows = node_rows(model, self.number)
         self.wanted = self._wanted(self.number)
+        # elements of one kind, rule and material together, without those whose nodes have no place
         self.groups, start = [], 0
         for kind, part in chosen.items():
             local = place.reshape(-1)[start : start + part.size].reshape(part.shape)

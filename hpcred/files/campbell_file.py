@@ -21,7 +21,7 @@ from ..analysis.campbell_diagram import Campbell, CriticalSpeed, FullPoles
 from ..parallel.failures import agreed
 from .checked import Array
 from .hdf5 import atomic_output, reading, texts, writing
-from .outputs import Told, hdf5_kind
+from .outputs import OtherKind, hdf5_kind
 
 FORMAT, VERSION = "hpcred-campbell", 1
 CRITICAL = tuple(item.name for item in fields(CriticalSpeed))
@@ -35,12 +35,12 @@ SCHEMA = {
 }  # fmt: skip
 
 
-def kind_of_campbell(path, parameter: str) -> str | Told:
+def kind_of_campbell(path, parameter: str) -> str | OtherKind:
     """Return what a file of a Campbell diagram with this name will be, see outputs.kind_of."""
     if not str(path).endswith(".csv"):
         return hdf5_kind(FORMAT)
     start = f"{parameter},".encode()
-    return Told(".csv file of a Campbell diagram",
+    return OtherKind(".csv file of a Campbell diagram",
                 lambda found: found.startswith(start) and b"f_1_hz" in found.splitlines()[0])  # fmt: skip
 
 

@@ -51,7 +51,7 @@ class Target(FileIO):
             return size
 
     @contextmanager
-    def heard(self):
+    def refusals_raised(self):
         """Raise what was refused in the block, also in place of what HDF5 made of it. Raises OSError."""
         try:
             yield
@@ -99,7 +99,7 @@ class CheckedWriter:
             if self._target is None:
                 yield None
             else:
-                with self._target.heard():
+                with self._target.refusals_raised():
                     yield self._file
 
     def attribute(self, name, value):
@@ -231,7 +231,7 @@ def atomic_output(path, comm, kind=None):
     In a block of `together` it does so at the end of that one.
 
     Raises InputError before the block where the file cannot be written, and after it where what is there is of another
-    kind than what was written, or than a `kind` of outputs.Told.
+    kind than what was written, or than a `kind` of outputs.OtherKind.
     """
     check_writable(path, comm)
     name, path = path, Path(os.path.realpath(path))

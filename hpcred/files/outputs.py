@@ -57,7 +57,7 @@ _keep = False
 
 
 @dataclass(frozen=True)
-class Told:
+class OtherKind:
     """A kind of files that is not known here: its `name`, and whether a file is of it, by its first bytes."""
 
     name: str
@@ -205,14 +205,14 @@ def is_of_another_user(path) -> bool:
     return bool(folder.st_mode & stat.S_ISVTX) and os.geteuid() not in (0, folder.st_uid, os.lstat(path).st_uid)
 
 
-def check_kind(path, kind: str | Told | None):
+def check_kind(path, kind: str | OtherKind | None):
     """Raise InputError where an existing file is of another kind; an empty one may become anything. On one rank.
 
     Archives without names, as they are known before they are written, are compared again when they are there; None is
     any kind that hpcred writes.
     """
     found = kind_of(path)
-    if isinstance(kind, Told):
+    if isinstance(kind, OtherKind):
         with open_input(path) as file:
             found, kind = kind.name if kind.begins(file.read(4096)) else found, kind.name
     alike = kind is not None and (found == kind or (kind in (ZIP, MATLAB) and found.startswith(kind)))

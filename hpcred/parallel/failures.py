@@ -38,7 +38,7 @@ ENDING = 1  # tag of the message to rank 0 by which a rank that ends the job say
 
 unfinished: set = set()  # files and folders that must not stay when the job is ended
 
-_unheard: list = []
+_left_open: list = []
 _private: list = []  # duplicates of communicators, for messages of this module only
 
 
@@ -169,11 +169,11 @@ def _meet(private, word: int, patience: float | None):
     request = private.Iallgather(said, told)
     start = time.monotonic()
     if patience is not None:
-        patience += 0.1 * min(private.rank, 10)  # of several that fail, one speaks
+        patience += 0.1 * min(private.rank, 10)  # of several that fail, one reports
     while not request.Test():
         waited = time.monotonic() - start
         if patience is not None and waited > patience:
-            _unheard.append((request, said, told))  # what MPI may still write to
+            _left_open.append((request, said, told))  # what MPI may still write to
             return None
         if waited > 1e-3:
             time.sleep(min(waited / 10, 0.005))
@@ -188,8 +188,8 @@ def _end_by_one(told, comm, error):
 
 
 def common_to(comm, error: BaseException):
-    """Mark an error that all ranks of `comm` raise, so that one of them speaks; returns it."""
-    error.failed_ranks, error.speaks = comm.size, comm.rank == 0
+    """Mark an error that all ranks of `comm` raise, so that one of them reports it; returns it."""
+    error.failed_ranks, error.reported_here = comm.size, comm.rank == 0
     return error
 
 
@@ -242,7 +242,7 @@ def exit_status(error: BaseException) -> int:
 def end_job(error: BaseException):
     """Say the error of this rank and end all ranks; does not return."""
     try:
-        if not getattr(error, "speaks", True):
+        if not getattr(error, "reported_here", True):
             time.sleep(GRACE)  # the first rank of the group says it
         elif not (isinstance(error, Terminated) and _others_say_it()):
             _say(error, f" (rank {MPI.COMM_WORLD.rank})" if MPI.COMM_WORLD.size > 1 else "")

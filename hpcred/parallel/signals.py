@@ -47,7 +47,7 @@ def hear():
 
 
 @contextmanager
-def heard_by(handler, numbers):
+def signals_to(handler, numbers):
     """Have the handler hear the signals in the block, however long what it asks for takes."""
     mouth = signal.set_wakeup_fd(-1)
     before = {number: signal.signal(number, handler) for number in numbers}

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from mpi4py import MPI
 
 from .failures import HpcredError, common_to
-from .signals import heard_by
+from .signals import signals_to
 
 SIGNALS = (signal.SIGTERM, signal.SIGUSR1)
 
@@ -33,7 +33,7 @@ def listening(wanted: bool = True):
         return
     _listeners += 1
     try:
-        with heard_by(_note, SIGNALS):
+        with signals_to(_note, SIGNALS):
             yield
     finally:
         _listeners -= 1

@@ -109,7 +109,6 @@ class BasisReductor(Reductor):
     def reduced(self, model) -> ReducedModel:
         """Reduce a model in usual units: again, where M has turned out not to see all motions that count."""
         self.progress.expect(model.size)
-        self.factoring.prepare(model.size, model.comm)
         with self.progress.stage("check"):
             warnings = self.check(model)
         with self.progress.stage("frame"):
@@ -228,6 +227,7 @@ class BasisReductor(Reductor):
             output_names=model.output_names, interfaces=projection.interfaces,
             columns=everywhere(model, framed, V), left_columns=None if W is None else everywhere(model, framed, W),
         )  # fmt: skip
+        # what is known of its stability and of its error
         poles = decided(model.comm, reduced.unstable_poles)
         if len(poles) and self.projection == "two_sided":
             self._tell_unstable(poles, run)

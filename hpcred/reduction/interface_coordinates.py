@@ -108,6 +108,7 @@ def transformation(motion, M, K, interfaces, tau=0.0):
     """Return [Psi, Phi] (m, m) from G V (6k, m) and V^T M V, V^T K V; `tau`: where M may be singular, see Run. Raises
     InputError for a rank-deficient G V."""
     count, size = motion.shape
+    # G V = U S W^T with scaled rows: of full rank, where every direction of the interfaces moves by itself
     sizes = np.linalg.norm(motion, axis=1)
     scaled = motion / np.maximum(sizes, 1e-300)[:, None]
     left, values, right = np.linalg.svd(scaled)
@@ -121,12 +122,14 @@ def transformation(motion, M, K, interfaces, tau=0.0):
             "component of kind 'constraint_modes', or all directions of the interfaces to the inputs; if drop_above "
             "cut them off, leave it out"
         )
+    # N with G V N = 0, and Psi with G V Psi = I
     N = right[count:].T
     psi = right[:count].T @ ((left.T / sizes) / values[:, None])
     if N.shape[1] == 0:
         return psi
+    # Phi = N X with Phi^T K Phi = omega^2, Phi^T M Phi = I; Psi without its part that K couples to Phi
     inside = symmetric_part(N.T @ K @ N), symmetric_part(N.T @ M @ N)
-    eigenvalues, X, without = massless_last(*inside, tau) if tau else (*_eigh(*inside), 0)
+    eigenvalues, X, without = massless_last(*inside, tau) if tau else (*modes_of(*inside), 0)
     if without:
         eigenvalues[-without:] = tau**-2
     if eigenvalues[0] <= 1e-12 * eigenvalues.max():
@@ -147,9 +150,3 @@ def elastic_part(reduced: ReducedModel, count: int | None = None) -> ReducedMode
         return reduced
     X = modes_of(reduced.K, reduced.M)[1][:, count:]
     return reduced.in_coordinates(X, frequencies=reduced.frequencies[count:], interfaces=(), columns=None)
-
-
-def _eigh(K, M):
-    from scipy.linalg import eigh  # which most reductions do without
-
-    return eigh(K, M)

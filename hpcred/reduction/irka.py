@@ -108,6 +108,7 @@ class IRKA(Reductor):
         if model.added:
             raise InputError(f"irka: {model.name} has {model.added.plural}, and poles that are not those of a "
                              "quadratic form; reduce to a tolerance")  # fmt: skip
+        # points and directions of the next model are mirrored poles and residues of the last one, until they stay
         two_sided = {"projection": "two_sided", "allow_unstable": True} if model.Ct is not None else {}
         points, inputs, outputs = self._first(model)
         reduced, moved = None, np.inf

@@ -29,7 +29,7 @@ from .parametric.compression import at_ends_of_band, compress, turned
 from .parametric.greedy import Greedy
 from .parametric.reduced import ParametricReducedModel, projected_parts
 from .parametric.settings import ParameterSearch
-from .parametric.stability import warnings_of_stability
+from .parametric.training import corner_points
 from .result.parameter_accuracy import ParameterAccuracy, in_words
 from .result.record import TERMS
 from .run.notes import Notes
@@ -37,6 +37,8 @@ from .run.run import Run
 from .search.outcome import PASSES, Outcome, accuracy_of, ask_for_digits, changed
 from .small.compression import LITTLE
 from .tolerance_reductor import Searched, ToleranceReductor
+
+CORNERS = 32  # of the ranges, unless they are more, at which stability is looked at
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,9 +103,11 @@ class ParametricReductor(ToleranceReductor):
         fixed = np.eye(greedy.basis.size)[:, list(kept)]
         with self.progress.stage("project"):
             fixed, noise = _project_again(greedy, fixed)
+        # what the estimate and round-off leave of the tolerance is the goal of the compression
         eps, noise = goal.tolerance, max(noise, *(search.judge.lost for search in greedy.searches))
         fine = max(0.9 * eps - estimated - noise, 0.3 * eps, noise)
         aim = fine if not greedy.reason else max(0.9 * eps, min(0.5 * estimated, 1.0))
+        # the fewest columns that reach it at all points
         points = [*greedy.visited, *greedy.points]
         with self.progress.stage("compress"):
             points += at_ends_of_band(greedy.projections, points, goal.band)
@@ -111,6 +115,7 @@ class ParametricReductor(ToleranceReductor):
             found = compress(
                 greedy.projections, goal, greedy.reference, greedy.visited, points, aim, fixed, self.rigid_beside(run)
             )
+        # the accuracy at the reference, with the largest error over all values in its place
         reason = greedy.reason or found.limited
         rest = estimated if reason else min(estimated, 3 * judge.floor)
         worst = int(found.errors.argmax())
@@ -124,6 +129,7 @@ class ParametricReductor(ToleranceReductor):
             reference=self.parametric.reference, points=tuple(greedy.known), checked=len(found.points),
             worst=dict(zip(names, found.points[worst], strict=True)),
         )  # fmt: skip
+        # points, proofs and counts of all values
         searches = greedy.searches
         counted_modes = missing = None
         if all(search.expansion.highest_count for search in searches):
@@ -168,6 +174,29 @@ def reduced_with_terms(reductor, model) -> ParametricReducedModel:
     warnings = (*found.record.warnings, *warnings_of_stability(found, model.comm))
     digests = found.record.digests | {TERMS: digest_of_plain(digests_of_terms(model))}
     return replace(found, record=replace(found.record, warnings=warnings, digests=digests))
+
+
+def warnings_of_stability(reduced, comm) -> tuple[str, ...]:
+    """Return a sentence on the first value with poles in the right half-plane, of the reference, those at which the
+    model was factored, and the corners of the ranges. Collective."""
+    accuracy = reduced.record.accuracy
+    visited = [point.values for point in accuracy.parameters.points] if accuracy is not None else []
+    corners = [dict(zip(reduced.reference, point, strict=True)) for point in corner_points(reduced.parameters, CORNERS)]
+
+    def first():
+        for values in (reduced.reference, *visited, *corners):
+            try:
+                count = len(reduced.at(**values).unstable_poles())
+            except InputError:  # no mass, which is refused where that value is asked for
+                continue
+            if count:
+                return (
+                    f"the reduced model is unstable at {in_words(values)}: {count} pole{'s' * (count > 1)} in the "
+                    "right half-plane, so that motion grows in time; a Campbell diagram tells from where on",
+                )
+        return ()
+
+    return decided(comm, first)
 
 
 def check_reference(parametric, reference):
@@ -222,6 +251,7 @@ def check_parametric(model, frame, damping, coordinates):
     """Refuse a parametric model that cannot be reduced: unsymmetric terms, terms that the frame or the damping leaves
     out. Collective."""
     declared("model", model, ParametricModel)
+    # each term by itself
     known = zip(model.terms, model.symmetry_defects, model.symmetric_terms, strict=True)
     for item, defect, symmetric in known:
         unsymmetric = item.of in ("M", "K") and not symmetric

@@ -116,6 +116,7 @@ def reduce(
     -----
     Equations (20), (32), (41-50) and (52-54) of Lehner and Eberhard (2006); the error is (55) or that of docs/theory.
     """
+    # every argument as its declared type, or refused
     refuse_file("model", model, "reduce_job")
     parametric = isinstance(model, ParametricModel)
     require_model(model.model if parametric else model)
@@ -147,6 +148,7 @@ def reduce(
                        ("parameter_points", points or None)):  # fmt: skip
         if value is not None and not parametric:
             raise InputError(f"{key}: found it for a model without parameters; leave it out")
+    # the reductor of the kind of model and goal
     progress = progress or Progress(model.comm)
     asked = {"basis": basis, "frame": frame, "damping": damping, "settings": settings,
              "factoring": factoring or Factoring(), "store": store,

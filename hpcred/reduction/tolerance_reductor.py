@@ -26,9 +26,9 @@ from .search.outcome import Outcome, outcome_of
 from .search.round_off import with_round_off
 from .search.search import Search, deflation_of_search
 
-CANCELS = 1e4  # x^T diag(M) x of a motion with x^T M x = 1, above which its mass is round-off; of meshes a few hundred
-ROOM = 96  # columns that a search is expected to need,
-ROOM_WITHOUT_FACTORS = 192  # and by multigrid, which has more blocks of a few columns
+CANCELS = 1e4  # of x^T diag(M) x where x^T M x = 1: masses of parts cancel to round-off; meshes have a few hundred
+ROOM = 96  # columns that a search is expected to need
+ROOM_WITHOUT_FACTORS = 192  # the same by multigrid, whose points have more blocks of a few columns
 
 
 class Searched(NamedTuple):

@@ -96,6 +96,7 @@ def _show(widths, rows):
     for row in rows:
         table.add_row(*(_cell(row[column]) for column in widths))
     wide = sum(widths.values()) + 2 * len(widths) + 2  # with blanks beside each
+    sys.stdout.flush()  # else rich does so, and ends the process where nobody reads it any more
     console = Console(file=sys.stdout, width=wide, highlight=False, markup=False, emoji=False)
     with console.capture() as captured:
         console.print(table)

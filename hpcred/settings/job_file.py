@@ -75,8 +75,8 @@ class Job:
     [node, direction], and of names of interfaces, for all of their directions; among the outputs also velocities and
     accelerations, {node = 20, direction = "z", quantity = "acceleration"}, stresses at nodes, {node = 20, stress =
     "xx"}, and the forces of a cut, {cut = "TIP", about = [0.1, 0.0, 0.0]}; without them those of the model are taken,
-    or all directions of all interfaces. `interface`: see Interface; its name stands for a node in
-    inputs, outputs and frames. `load`: further inputs, behind `inputs`.
+    or all directions of all interfaces. `interface`: see model.interfaces.nodes.Interface; its name stands for
+    a node in inputs, outputs and frames. `load`: further inputs, behind `inputs`.
     `viscoelastic`: parts with a stiffness that depends on frequency.
     `circulatory`: whether K, and its terms, may be unsymmetric, as with damping that turns with a shaft, oil films or
     friction; without it they are refused, since damaged files look like that too. A skew-symmetric term needs no

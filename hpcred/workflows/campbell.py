@@ -56,6 +56,7 @@ def campbell_file(
         raise InputError(f"points: found {points}, expected at least 2")
     if solves < 1:
         raise InputError(f"solves: found {solves}, expected at least 1")
+    # the model over the parameter, at values of it, with the nodes that tell the whirl
     axis = axis_of(found.reduced.record) or "z" if axis is None else axis
     model = parametric_of(found, over, axis)
     if at and not model.parameters:
@@ -65,6 +66,7 @@ def campbell_file(
         values = np.linspace(*declared("range", range, tuple[float, float]), points)
     with agreed(comm):
         shapes = found.nodes if nodes is None else found.body(nodes).nodes
+    # the poles, and those of the full model at some of the values
     with progress.stage("poles"):
         diagram = campbell(model, over, values, at=at, nodes=shapes, axis=axis, orders=orders, highest=highest)
     if full is not None:

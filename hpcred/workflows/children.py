@@ -18,7 +18,7 @@ from ..files.locks import begin
 from ..files.room import NoRoom, free_bytes
 from ..files.system_errors import open_input, writing_to
 from ..parallel.failures import HpcredError, InputError
-from ..parallel.signals import heard_by
+from ..parallel.signals import signals_to
 from ..parallel.stopping import Stopped
 
 # Has Linux send SIGTERM when the parent is gone, whatever it died of, and becomes the command. Not done between fork
@@ -145,7 +145,7 @@ def _noted():
     """Collect the signals that come meanwhile."""
     noted = set()
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
-    with heard_by(lambda number, _: noted.add(number), numbers):
+    with signals_to(lambda number, _: noted.add(number), numbers):
         yield noted
 
 

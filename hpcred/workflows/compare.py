@@ -49,6 +49,7 @@ def compare_results(
     symmetric, as `notes` say. `at`: values of the parameters of all results, by default those of reference. `output`:
     a .csv of eps over the frequencies; `figure`: its picture. Raises InputError.
     """
+    # results that can be compared, and the frequencies
     results = [str(path) for path in results]
     labels = short_names(results)
     found = [result_at(path, at, comm) for path in results]
@@ -57,6 +58,7 @@ def compare_results(
     _check_alike(results, reduced)
     first = reduced[0].record
     grid, output, figure = grid.over(band_of(reduced[0], reduced[1:])), files.output, files.figure
+    # what cannot be written is refused before anything is computed
     written = {output: CSV_OF_RESPONSES}
     if figure is not None:
         written |= {Path(figure).with_suffix(suffix): PICTURES[suffix] for suffix in (".png", ".svg")}
@@ -64,6 +66,7 @@ def compare_results(
     reduced, dampings, _ = zip(*(as_compared(item, (grid[0], grid[-1])) for item in reduced), strict=True)
     if dampings.count(dampings[0]) < len(dampings):
         raise InputError("compare: found results with different modal damping; compare those of one damping")
+    # the full model once, for all
     with full_of_record(
         full, first, results[0], damping=dampings[0], factoring=solving.factoring, at=found[0].values, comm=comm
     ) as full_model:
@@ -73,6 +76,7 @@ def compare_results(
             shapes = _modes(full_model, modes, results, labels, found, reduced, progress)
         else:
             notes.append(f"{full}: K is not symmetric, so that the model has no real modes to compare with")
+    # errors of each result
     rows, curves = [], []
     for label, given, item in zip(labels, whole, reduced, strict=True):
         response = frequency_response(item, grid)

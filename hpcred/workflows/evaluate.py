@@ -52,9 +52,11 @@ def evaluate_result(
     """
     if preload is not None and full is not None:
         raise InputError("--preload: cannot be combined with --full, which is without load; leave one of them out")
+    # the reduced model at the values and the load
     found = result_at(result, at, comm)
     reduced = elastic_part((found if preload is None else found.at_preload(preload)).reduced)
     record = reduced.record
+    # what cannot be written is refused before anything is computed
     grid, output, figure = grid.over(band_of(reduced)), files.output, files.figure
     given = [(record.job or {}).get(key) for key in ("inputs", "outputs")]
     reads = [result, full, *(name for name in given if isinstance(name, str))]
@@ -66,11 +68,13 @@ def evaluate_result(
     if preload is not None:
         report |= {"preload": asdict(preload), "pseudo_frequencies_hz": reduced.frequencies.tolist()}
         report["warnings"] = [text for text in [warning_of_basis(found.body(), preload)] if text]
+    # both responses, with a damping that both have
     damping, words = record.damping, ""
     if full is not None:
         reduced, damping, words = as_compared(reduced, (grid[0], grid[-1]))
     arrays = {"frequencies": grid, "reduced": frequency_response(reduced, grid)}
     report["reduced_norm"] = np.linalg.norm(arrays["reduced"], axis=(1, 2)).tolist()
+    # eps(f) (55) and Q (57) against full solves
     if full is not None:
         with full_of_record(
             full, record, result, damping=damping, factoring=solving.factoring, at=found.values, comm=comm

@@ -73,7 +73,7 @@ def export_result(
     if not Path(result).name:
         raise absent(result)
     path = Path(path) if path else Path(result).with_name(Path(result).stem + writer.suffix)
-    told = None if writer.kind else outputs.Told(f"file of format '{kind}'", writer.begins)
+    told = None if writer.kind else outputs.OtherKind(f"file of format '{kind}'", writer.begins)
     outputs.check_outputs({path: told or writer.kind}, comm, [result])
     if guessed and path.suffix.lower() != _ending(writer):
         known = ", ".join(dict.fromkeys(_ending(WRITERS.load(entry)) for entry in WRITERS.own))

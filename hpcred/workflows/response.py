@@ -47,6 +47,7 @@ def response_file(
     if grid.band is None and not len(grid.frequencies):
         raise InputError("response: no frequencies; give the band in Hz, such as 0,6000")
     chosen, output, figure = grid.over(), files.output, files.figure
+    # a job file has defaults of what is not given
     with agreed(comm):
         job = read_job(model) if str(model).endswith(".toml") else None
         if at and (job is None or not job.parameter):
@@ -54,14 +55,17 @@ def response_file(
         if job is not None:
             job = replace(job, at=job.at | checked_values(job.parameter, job.at | (at or {})))
             frame, damping = frame or job.frame, damping or job.damping
+    # what cannot be written is refused before anything is computed
     reads = [model, *(job.files if job else ()), *(item for item in (inputs, outputs) if isinstance(item, str))]
     files.check(comm, reads, progress, needed=len(chosen) * 16)
+    # the model with the inputs, outputs and load that are asked for
     solving.start()
     with progress.stage("read", str(model)):
         loaded = read_model(model, comm) if job is None else model_of_job(job, comm)
     for key, targets in (("input", inputs), ("output", outputs)):
         loaded = with_targets(loaded, key, targets)
     loaded = at_preload(loaded, preload, frame, solving.factoring)
+    # the response, and files of it
     with loaded:
         found = full_response(
             loaded, chosen, frame, damping, tolerance=tolerance, band=grid.band, check=check, seed=seed,

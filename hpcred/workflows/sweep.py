@@ -110,6 +110,7 @@ def run_sweep(
 
 def _run(sweep, chosen, left, before, skipped, at_once, progress) -> dict:
     """Run what is `left` of the `chosen` runs; see run_sweep."""
+    # what stands in the way is refused before a run begins
     for run in left:
         for path in (run.output, run.beside(".not-reached.h5")):
             check_kept(path)
@@ -117,6 +118,7 @@ def _run(sweep, chosen, left, before, skipped, at_once, progress) -> dict:
     for run in left:
         if before[run.name].file is not None:
             progress.say(f"{before[run.name].file}: {before[run.name].word}, made again")
+    # bases over ranges of parameters that several runs share
     shared, content = _shared_bases(sweep), _contents()
     bases = {basis.name: basis for run in left if (basis := shared.get(run.name))}
     known = {name: _state(basis, content) for name, basis in bases.items()}
@@ -124,11 +126,13 @@ def _run(sweep, chosen, left, before, skipped, at_once, progress) -> dict:
     _, by_others = _reduced(sweep, wanted, {}, at_once, progress)
     known |= {basis.name: _state(basis, content) for basis in wanted}
     mine = [known[basis.name] for basis in wanted if basis.name not in by_others]
+    # the runs, with such a basis where it has reached its tolerance
     proven = {run.name: known[shared[run.name].name] for run in left if run.name in shared}
     given = {name: ["--basis", str(state.file.absolute())] for name, state in proven.items()
              if state.word == "finished"}  # fmt: skip
     children, by_others = _reduced(sweep, left, given, at_once, progress)
     skipped |= by_others
+    # the responses of the full model that they are compared with
     after = states_of(sweep)
     ended = {child.name: child for child in children}
     if not any(child.met_full_disk for child in children):

@@ -86,7 +86,7 @@ class UserElement(SuperelementWriter):
                 lines += [f"*MATRIX INPUT, NAME={name}, TYPE=SYMMETRIC", *_entries(matrix, labels)]
                 lines += [f"*MATRIX ASSEMBLE, {what}={name}"]
         return "\n".join(lines) + "\n", {}, [
-            *element.modal_points_said(modal),
+            *element.remark_on_modal_points(modal),
             f"the body is element {number}, and no other element may have this number",
             *(["structural damping is that of *STEADY STATE DYNAMICS, DIRECT"] * bool(element.loss_factor)),
             *element.remarks,

@@ -69,7 +69,7 @@ class Matrix50(SuperelementWriter):
         lines += ["TYPE,HPC_T", f"SE,{stem}", "FINISH"]
         files = {f"_{key}.mtx": _matrix_market(matrix) for key, (_, matrix) in matrices.items()}
         return "\n".join(lines) + "\n", files, [
-            *element.modal_points_said(modal),
+            *element.remark_on_modal_points(modal),
             "the input follows the manuals and was not tried in the program: compare SELIST and a first modal analysis",
             *element.remarks,
         ]

@@ -29,7 +29,7 @@ def _ascending(element):
 
 
 def _said(element, labels):
-    yield from element.modal_points_said(_modal_points(element, labels))
+    yield from element.remark_on_modal_points(_modal_points(element, labels))
     if element.loss_factor:
         yield "structural damping (K42GG) is that of frequency responses; in time it needs PARAM,W4"
 

@@ -64,7 +64,7 @@ class Superelement:
         own = np.stack([np.repeat(nodes, 6), np.tile(np.arange(1, 7), len(nodes))], axis=1)
         return np.concatenate([own, np.stack([first + k // directions, 1 + k % directions], axis=1)])
 
-    def modal_points_said(self, points) -> list[str]:
+    def remark_on_modal_points(self, points) -> list[str]:
         """The remark on the numbers of points that carry modal coordinates."""
         said = "modal coordinates: points {} to {}; the model that takes the file may not use these numbers for others"
         return [said.format(points[0], points[-1])] if len(points) else []

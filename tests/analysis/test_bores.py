@@ -38,7 +38,7 @@ def bores_of(points, cells, comm, **keywords):
 
 @pytest.mark.mpi(build="real")
 @pytest.mark.parametrize("quadratic", [False, True])
-@pytest.mark.parametrize("size, digits", [(1.0, None), (1e-3, None), (1e3, None), (1.0, 6)])
+@pytest.mark.parametrize("size, digits", [(1.0, None), (1e-7, None), (1e7, None), (1.0, 6)])
 @pytest.mark.parametrize("around", [8, 30])
 def test_a_turned_ring_has_a_hole_and_a_pin(comm, quadratic, size, digits, around):
     points, cells = ring(0.3, 0.5, 0.4, (2, around, 3), quadratic=quadratic)
@@ -57,6 +57,11 @@ def test_a_turned_ring_has_a_hole_and_a_pin(comm, quadratic, size, digits, aroun
         assert np.isclose(abs(turned.apply([0, 0, 1.0]) @ found.axis), 1.0, atol=near)
         assert found.nodes == tuple(np.flatnonzero(np.isclose(radius, r)) + 1)
     assert (bore.name, bore.kind, pin.name, pin.kind) == ("bore1", "bore", "pin1", "pin")
+
+
+def test_radii_have_seven_digits(comm):
+    bore, pin = bores_of(*ring(0.31234567891, 5.12345678912, 0.4, (2, 24, 2)), comm)
+    assert (bore.radius, pin.radius) == (0.3123457, 5.123457)
 
 
 @pytest.mark.parametrize("turn, found", [(100.0, 0), (150.0, 2), (350.0, 2)])

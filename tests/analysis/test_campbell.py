@@ -380,6 +380,21 @@ def test_a_full_rotor_beside(comm):
     assert (np.diff(forward) > 0).all()
 
 
+def test_full_models_have_as_many_modes_as_there_are_at_each_value():
+    """Oscillators that stiffen with the parameter, so that fewer and fewer are below the highest frequency."""
+    K = np.diag(np.arange(1.0, 13.0) ** 2)
+    found = hpcred.campbell(Family(lambda p: (np.eye(12), 0.0 * K, (1 + 99.0 * p) * K)), "p", np.linspace(0, 1, 5),
+                            highest=11.0 / (2 * np.pi))  # fmt: skip
+    model = hpcred.SecondOrderModel.from_scipy(K, np.eye(12))
+    with model, hpcred.ParametricModel(model, [hpcred.Parameter("p", (0.0, 1.0))],
+                                       [hpcred.Term("K", 99.0 * K, "p")]) as whole:  # fmt: skip
+        beside = found.with_full(whole, values=[0.0, 1.0])
+    for item, below in zip(beside.full, (11, 1), strict=True):
+        omega = np.sqrt(1 + 99.0 * item.value) * np.arange(1, 13)
+        assert below <= len(item.poles) and item.poles.imag == pytest.approx(omega[: len(item.poles)], rel=1e-8)
+        assert len(item.poles) <= below + 3
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_coarse_values_give_the_modes_of_fine_ones(seed):
     """Random gyroscopic, softened and damped models: each mode ends where small steps lead it."""

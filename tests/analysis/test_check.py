@@ -7,6 +7,7 @@ from conftest import DATA
 from helpers import PLACES, truss
 
 import hpcred
+from hpcred.analysis.check import _on_signs, fitting_units
 from hpcred.fe.dofs import Dofs
 from hpcred.fe.elements import solid_volume
 from hpcred.model.second_order_model import SecondOrderModel
@@ -223,6 +224,19 @@ def test_a_density_in_other_units_than_the_rest(comm, density, name, times, word
                     assert sum(words in line for line in report["warnings"]) == 1 and report["units"] is None
         with scaled(model, *units.sizes) as right, hpcred.in_si(right, units) as read:
             assert not any("would explain it" in line for line in hpcred.check(read)["warnings"])
+
+
+def test_a_light_material_fits_the_units_that_it_has(comm):
+    """Wood along its fibres."""
+    with hpcred.solid((8, 2, 2), size=(4.0, 1.0, 1.0), young=1e10, density=500.0, clamped=False, comm=comm) as model:
+        assert "m, kg, s" in [units.name for units in fitting_units(model, 2000.0, np.array([4.0, 1.0, 1.0]))]
+
+
+@pytest.mark.parametrize("trace", [-2.0, -1e-9, 1e-9, 0.5])
+def test_a_damping_matrix_of_the_other_sign(comm, trace):
+    """By its trace, in any units."""
+    with hpcred.SecondOrderModel.from_scipy(np.eye(2), np.eye(2), np.diag([trace, 0.0]), comm) as model:
+        assert any("negative trace, -D" in line for line in _on_signs(model)) == (trace < 0)
 
 
 def test_soft_and_heavy_materials_are_no_mistakes(comm):

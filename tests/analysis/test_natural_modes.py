@@ -48,6 +48,17 @@ def test_a_free_body_shows_its_rigid_body_modes_at_zero(linkage, frame):
         assert found.effective_masses[6:].max() < 1e-12 * found.masses.min()
 
 
+@pytest.mark.parametrize("key", ["K", "M"])
+def test_matrices_of_both_signs_have_no_natural_frequency(comm, key):
+    mats = {"K": np.eye(4), "M": np.eye(4)}
+    mats[key][0, 1] = mats[key][1, 0] = 2.0
+    with (
+        SecondOrderModel.from_scipy(**mats, comm=comm) as model,
+        pytest.raises(hpcred.InputError, match="which have no natural frequency"),
+    ):
+        hpcred.natural_modes(model, 2)
+
+
 def test_null_vectors_that_no_node_tells_of(comm):
     """A free chain without nodes, and a count of rigid-body modes only."""
     K = 2 * np.eye(9) - np.eye(9, k=1) - np.eye(9, k=-1)

@@ -41,6 +41,18 @@ def test_a_mass_matrix_that_its_digits_made_negative_is_singular(comm, eigenvalu
         assert hpcred.inspect(model, verify=True)["mass_matrix"] == said
 
 
+@pytest.mark.parametrize("key, said", [("M", "indefinite"), ("K", "no negative direction found")])
+def test_what_is_told_without_a_factor(comm, monkeypatch, key, said):
+    """Two rows whose sum or difference has the other sign; nothing is factored that nobody asks for."""
+    monkeypatch.setattr("hpcred.analysis.summary.ShiftedSolver", None)
+    mats = {"K": np.eye(3), "M": np.eye(3)}
+    mats[key][0, 1] = mats[key][1, 0] = 2.0
+    with hpcred.SecondOrderModel.from_scipy(**mats, comm=comm) as model:
+        report = hpcred.inspect(model)
+    assert report["mass_matrix"].startswith(said)
+    assert [line for line in report["warnings"] if f": {key} " in line]
+
+
 def test_mass_and_inertia_of_a_block(comm):
     with hpcred.solid((4, 3, 2), (0.4, 0.2, 0.1), 3, clamped=False, comm=comm) as model:
         report = hpcred.inspect(model)

@@ -8,7 +8,7 @@ from solid_meshes import mesh, model_of, stiffness
 
 import hpcred
 from hpcred import InputError, Material, Preload
-from hpcred.body.stress_equilibrium import SAME, sign_of_stress_stiffness
+from hpcred.body.loaded_states import LUMPED, sign_of_stress_stiffness
 from hpcred.fe.element_rules import FULL
 
 STEEL = Material(name="steel", young=2.1e11, poisson=0.3)
@@ -36,7 +36,7 @@ def pulled(comm, cells, force=250.0):
 @pytest.mark.parametrize(("sign", "force"), [(1.0, 250.0), (-1.0, 250.0), (1.0, 0.5)])  # squares far from 1
 def test_a_stiffness_that_is_off_by_less_than_the_limit(comm, sign, force):
     """K_sigma is linear in the load, so that of a K_sigma the share |a - 1| of its forces is left."""
-    assert SAME == 0.02
+    assert LUMPED == 0.02
     with pulled(comm, 4, force) as (model, stress, target):
         for factor in (1.0, 0.985, 1.015):
             assert sign_of_stress_stiffness(model, sign * factor * stress, target, force, "x.full") == sign

@@ -7,7 +7,7 @@ import pytest
 
 import hpcred
 from hpcred.files.campbell_file import kind_of_campbell
-from hpcred.files.outputs import Told, kind_of
+from hpcred.files.outputs import OtherKind, kind_of
 from hpcred.files.response_file import FORMAT as RESPONSES
 
 
@@ -55,7 +55,7 @@ def test_csv(diagram, tmp_path, comm):
     assert np.array_equal(table["f_1_hz"], diagram.frequencies[:, 0]) and np.isnan(table["f_2_hz"][0])
     assert np.array_equal(table["damping_1"], diagram.damping_ratios[:, 0])
     kind = kind_of_campbell(path, "omega")
-    assert isinstance(kind, Told) and kind.begins(path.read_bytes()) and not kind.begins(b"omega,depth\n1,2\n")
+    assert isinstance(kind, OtherKind) and kind.begins(path.read_bytes()) and not kind.begins(b"omega,depth\n1,2\n")
 
 
 def test_other_files_are_refused(tmp_path, comm):

@@ -133,8 +133,9 @@ def test_damage_to_every_dataset_is_refused(files, name):
     assert len(datasets) == 2 * len(own)
     (files / "bad").mkdir()
     bad, unseen = files / "bad" / name, []
-    for key in datasets:
-        for kind in DAMAGES if key in own else ("flipped", "missing"):
+    for turn, key in enumerate(datasets):
+        # each kind of damage meets every other dataset
+        for kind in [*DAMAGES][turn % 2 :: 2] if key in own else ("flipped", "missing"):
             shutil.copy(files / name, bad)
             with h5py.File(bad, "a") as file:
                 if not file[key].size:

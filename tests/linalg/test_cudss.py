@@ -179,13 +179,13 @@ def test_single_precision_is_refined(comm, solid, monkeypatch):
 
 def test_without_the_library_one_sentence_says_what_helps(solid, monkeypatch):
     monkeypatch.setattr(cudss, "find_spec", lambda name: None)
-    cudss._unusable.cache_clear()
+    cudss.unusable.cache_clear()
     words = r"solver.package: 'cudss' needs nvmath-python, which is not installed; `pip install 'hpcred\[cuda13\]'`"
     with pytest.raises(InputError, match=words):
         hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by())
     with hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by("auto")) as rom:
         assert rom.record.factorisations[0].package == "mumps"
-    cudss._unusable.cache_clear()
+    cudss.unusable.cache_clear()
 
 
 @pytest.mark.parametrize("count, error, words", [
@@ -205,7 +205,7 @@ def test_a_gpu_or_a_library_that_cannot_be_used(solid, monkeypatch, small, count
         assert rom.record.factorisations[0].package_because.startswith("cuDSS ")
 
 
-REAL_UNUSABLE = cudss._unusable.__wrapped__
+REAL_UNUSABLE = cudss.unusable.__wrapped__
 
 
 @pytest.mark.parametrize("key, value", [("out_of_core", "/tmp"), ("low_rank", 1e-8), ("memory_mb", 100.0)])

@@ -132,7 +132,7 @@ def test_nodes_in_other_axes_are_named(comm, turned):
         assert misfit_of_nodes(model) is None and support_of(model).free.shape[1] == 3
 
 
-@pytest.mark.parametrize("way", ["scipy", "dense", "petsc", "file"])
+@pytest.mark.parametrize("way", [pytest.param("scipy", marks=pytest.mark.costly), "dense", "petsc", "file"])
 def test_supports_on_the_diagonal_are_warned_of(comm, folder, way):
     """Rows with 1 on the diagonal of K and M are modes at 1 / (2 pi) Hz, which the chain does not have."""
     n, held = 30, 4

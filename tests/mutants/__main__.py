@@ -137,7 +137,7 @@ def measure(path, data, watched):
     measured = coverage.Coverage(data_file=str(data), config_file=False, source=["hpcred"])
     measured.start()
     status = pytest.main(["-q", "-p", "no:cacheprovider", "-p", "mutants.watching", "-m", QUICK,
-                          "-k", "not 2-ranks and not 3-ranks and not complex", str(path)])  # fmt: skip
+                          "-k", "not 2-ranks and not 3-ranks and not rank-complex", str(path)])  # fmt: skip
     measured.stop()
     measured.save()
     return status

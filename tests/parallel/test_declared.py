@@ -1,5 +1,7 @@
 """Values from Python: plain ones of the declared types, or one sentence that names the key."""
 
+from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,7 @@ from hpcred import (
     Rayleigh,
     StaticCorrection,
 )
+from hpcred.parallel.declared import Keywords, flattened, spelled
 
 
 @pytest.mark.parametrize(
@@ -162,3 +165,25 @@ def test_checks_in_annotations_are_those_of_the_kind_that_a_value_has(make, mess
     hpcred.Pressure(name="oil", on="BOOK")
     with pytest.raises(hpcred.InputError, match=message):
         make()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grid(Keywords):
+    points: int = 3
+    band: tuple[float, float] | None = None
+
+
+@spelled
+@flattened
+def over(model, *, grid: Grid, last: bool = False):
+    return model, grid, last
+
+
+def test_fields_of_keywords_are_keywords_of_a_function():
+    """With their names, types and defaults, before and behind others."""
+    assert over("a") == ("a", Grid(), False)
+    assert over("a", last=True, points=5) == ("a", Grid(points=5), True)
+    assert list(signature(over).parameters) == ["model", "points", "band", "last"]
+    assert signature(over).parameters["points"].default == 3
+    with pytest.raises(hpcred.InputError, match=r"over: unknown keyword 'point' \(did you mean 'points'\?\)"):
+        over("a", point=5)

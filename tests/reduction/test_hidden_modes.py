@@ -26,9 +26,11 @@ def rounds(monkeypatch, counts, answers, room):
     monkeypatch.setattr(hidden_modes, "_extend_by_modes", extend("modes"))
     monkeypatch.setattr(hidden_modes, "_moving", lambda *_: next(answers, (None, 1)))
     monkeypatch.setattr(hidden_modes, "_change", lambda *_: 0.0)
+    monkeypatch.setattr(hidden_modes, "doubtful_modes", lambda *_: None)
     run = SimpleNamespace(note=lambda *_: None, model=SimpleNamespace(comm=SimpleNamespace(size=1)))
-    solver = SimpleNamespace(projections=SimpleNamespace(basis=basis), run=run)
-    find_hidden(solver, None, (0.0, 10.0), (lambda _: first) if counts else None, lambda: basis.size >= room)
+    solver = SimpleNamespace(projections=SimpleNamespace(basis=basis), run=run, multigrid=False)
+    judge = SimpleNamespace(settings=SimpleNamespace(band=(0.0, 10.0)))
+    find_hidden(solver, judge, (0.0, 10.0), (lambda _: first) if counts else None, lambda: basis.size >= room)
     return taken
 
 

@@ -157,9 +157,13 @@ def test_a_complete_model_has_few_frequencies():
         assert rom.size == 4 and len(rom.record.accuracy.frequencies) < 1500
 
 
+SLOW = ("silent", 89), ("signs", 1040), ("signs", 6022)
+
+
 @pytest.mark.parametrize("kind, seed", [
     ("silent", 1), ("silent", 4), ("silent", 28), ("vanishing", 1), ("signs", 2), ("soft-mounts", 7),
-    ("hidden-modes", 0), *(pytest.param(*case, marks=pytest.mark.slow) for case in (("silent", 89), ("signs", 1040))),
+    ("soft-mounts", 7010), ("soft-mounts", 7012), ("silent", 6011), ("silent", 7016), ("free-parts", 6020),
+    ("hidden-modes", 0), *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW),
 ])  # fmt: skip
 def test_random_models(kind, seed):
     """A few of benchmarks/hunt.py."""

@@ -125,17 +125,17 @@ def rubber(n, laws):
             for k, law in enumerate(laws)]  # fmt: skip
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(costly=True)
 @pytest.mark.parametrize("make, law", [
     (bushings, Fractional(low=0.0, high=4.0, time=0.05, exponent=0.6)),
     (rotor, Maxwell(factors=[1.0, 0.5], times=[0.3, 0.02])),
 ], ids=["fractional", "maxwell"])  # fmt: skip
 def test_viscoelastic_parts_beside_parameters(make, law, comm):
-    case = make(25)
+    case = make(16)
     case.parts = rubber(len(case.K), [law])
     if make is bushings:
-        case.terms.append(("M", np.diag(np.arange(25) % 4 == 0) * 0.3, "a"))
-    with reduced(case, 1e-3, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
+        case.terms.append(("M", np.diag(np.arange(16) % 4 == 0) * 0.3, "a"))
+    with reduced(case, 1e-3, comm, parameter_search=hpcred.ParameterSearch(points=5)) as rom:
         check(case, rom, 1e-3)
         assert "viscoelastic parts of the model" in rom.record.accuracy.measured
         values = {item.name: item.range[1] for item in case.parameters}
@@ -146,7 +146,7 @@ def test_viscoelastic_parts_beside_parameters(make, law, comm):
         assert np.allclose((2 * np.pi * at.frequencies) ** 2, squares, rtol=1e-9, atol=1e-9 * squares.max())
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [2, pytest.param(0, marks=pytest.mark.slow)])
 def test_random_models_with_viscoelastic_parts(seed, comm):
     case, tolerance = random_viscoelastic(seed, 25)
     with reduced(case, tolerance, comm) as rom:
@@ -163,7 +163,7 @@ def test_viscoelastic_parts_that_leave_modes_undamped_at_other_values(comm):
     case.terms.append(("M", np.diag(np.arange(n + 1) == n) * 1e3, "a"))
     case.B, case.band = np.vstack([case.B, [1.0, 1.0]]), (1.0, 4.0)
     case.parts = rubber(n + 1, [Maxwell(factors=[1.0], times=[0.05])])
-    with reduced(case, 1e-2, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
+    with reduced(case, 1e-2, comm, parameter_search=hpcred.ParameterSearch(points=5)) as rom:
         assert rom.record.accuracy.loss_factor == 2e-3
         assert "since the viscoelastic parts leave modes of the band" in rom.record.accuracy.measured
 
@@ -178,7 +178,7 @@ def test_the_terms_are_those_of_the_full_model(comm):
     case = AffineCase("all", K, M, unit(n, 3), (0.0, 3.0), [Parameter("p", (0.0, 1.0))],
                       [(of, parts[of], factors[of]) for of in parts], D=0.1 * M, Ct=unit(n, 15),
                       damping=GivenDamping())  # fmt: skip
-    with reduced(case, 1e-6, comm) as rom:
+    with reduced(case, 1e-6, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
         V = np.vstack(comm.allgather(rom.columns.getMat().getDenseArray().real)) if comm.size == 1 else None
         values = {"p": 0.83}
         full, small = case.matrices(values), rom.matrices(values)
@@ -203,8 +203,8 @@ def test_the_terms_are_those_of_the_full_model(comm):
 @pytest.mark.parametrize("damping", [Rayleigh(0.1, 1e-4), ModalDamping(ratio=0.02)], ids=lambda item: item.kind)
 def test_damping_that_follows_the_matrices(damping, comm):
     """D of the reduced model at other values is what its M and K make of it there."""
-    case = bushings(30, damping=damping)
-    with reduced(case, 1e-3, comm) as rom:
+    case = bushings(20, damping=damping)
+    with reduced(case, 1e-2, comm, parameter_search=hpcred.ParameterSearch(points=5)) as rom:
         at = rom.at(a=1.7, b=3.0)
         omega = 2 * np.pi * at.frequencies
         expected = 0.1 + 1e-4 * omega**2 if damping.kind == "rayleigh" else 0.04 * omega
@@ -310,12 +310,13 @@ def test_components_at_several_values(comm):
 def test_a_store_serves_again(comm, tmp_path):
     """And another model with the same matrices at the reference is another one."""
     folder = comm.bcast(str(tmp_path))
-    case, others = bushings(30), bushings(30)
+    case, others = bushings(20), bushings(20)
     others.parameters[0] = Parameter("a", (0.0, 2.0))
     others.terms[0] = ("K", others.terms[0][1], "2*a - 1")  # the same at 1
     responses = []
     for each in (case, case, others):
-        with reduced(each, 1e-4, comm, store=hpcred.PointStore(folder, comm)) as rom:
+        more = {"store": hpcred.PointStore(folder, comm), "parameter_search": hpcred.ParameterSearch(points=9)}
+        with reduced(each, 1e-4, comm, **more) as rom:
             responses.append(rom.transfer_function(3j, a=1.5))
             made = len(rom.record.factorisations)
             assert case is not each or made == 0 or len(responses) == 1
@@ -325,10 +326,11 @@ def test_a_store_serves_again(comm, tmp_path):
 
 
 def test_limits_end_it_honestly(comm):
-    case = bushings()
+    case = bushings(40)
+    search = hpcred.ParameterSearch(points=16)
     with case.model(comm) as model:
         adaptive = hpcred.Adaptive(tolerance=1e-8, band=case.band, columns=20)
-        with hpcred.reduce(model, adaptive=adaptive) as rom:
+        with hpcred.reduce(model, adaptive=adaptive, parameter_search=search) as rom:
             accuracy = rom.record.accuracy
             assert not accuracy.reached and "with 20 columns" in accuracy.stopped
             assert case.eps(rom, fresh_pairs(case)).max() <= 3 * accuracy.largest
@@ -339,18 +341,20 @@ def test_limits_end_it_honestly(comm):
 
 
 def test_a_size_that_was_asked_for(comm):
-    case = bushings()
+    case = bushings(40)
+    search = hpcred.ParameterSearch(points=16)
     with case.model(comm) as model:
         adaptive = hpcred.Adaptive(tolerance=1e-4, band=case.band, size=8)
-        with hpcred.reduce(model, adaptive=adaptive) as rom:
+        with hpcred.reduce(model, adaptive=adaptive, parameter_search=search) as rom:
             assert rom.size == 8 and "with 8 coordinates" in rom.record.accuracy.sentence
             true = case.eps(rom, fresh_pairs(case)).max()
             assert true <= 1.05 * rom.record.accuracy.largest
 
 
 def test_what_is_refused(comm):
-    case = bushings(20)
-    skew = np.triu(np.ones((20, 20)))
+    n = 8
+    case = bushings(n)
+    skew = np.triu(np.ones((n, n)))
     with case.model(comm) as model:
         for more, message in [
             ({}, "the list of components is empty, and no tolerance is asked for"),
@@ -367,10 +371,10 @@ def test_what_is_refused(comm):
     for of, matrix, more, message in [
         ("K", skew, {}, "the term of K with the factor 'a' is not symmetric"),
         ("M", skew, {}, "the term of M with the factor 'a' is not symmetric"),
-        ("M", np.eye(20), {"frame": Buckens()}, "in the Buckens frame, whose rigid-body modes depend on M"),
-        ("D", np.eye(20), {"damping": Rayleigh(1.0)}, "found 'rayleigh', which replaces D and so the 1 term of D"),
+        ("M", np.eye(n), {"frame": Buckens()}, "in the Buckens frame, whose rigid-body modes depend on M"),
+        ("D", np.eye(n), {"damping": Rayleigh(1.0)}, "found 'rayleigh', which replaces D and so the 1 term of D"),
     ]:
-        other = bushings(20)
+        other = bushings(n)
         other.terms.append((of, matrix, "a"))
         with other.model(comm) as model, pytest.raises(InputError, match=message):
             hpcred.reduce(model, tolerance=1e-3, band=case.band, **more)
@@ -378,7 +382,7 @@ def test_what_is_refused(comm):
         ("K", Maxwell(factors=[1.0], times=[0.1]), "viscoelastic parts beside an unsymmetric term of K with"),
         ("D", Fractional(low=0.0, high=1.0, time=0.1, exponent=0.5), "the law of Kv1 is fractional, and M, D and K"),
     ]:
-        other = bushings(20, D=0.1 * np.eye(20), damping=GivenDamping(), parts=rubber(20, [law]))
+        other = bushings(n, D=0.1 * np.eye(n), damping=GivenDamping(), parts=rubber(n, [law]))
         other.terms.append((of, skew - skew.T, "a - 1"))  # nothing at the reference
         with other.model(comm) as model, pytest.raises(InputError, match=message):
             hpcred.reduce(model, tolerance=1e-3, band=case.band, damping=GivenDamping())

@@ -41,11 +41,11 @@ def test_any_number_of_ranks(comm):
 ])  # fmt: skip
 def test_tolerance_against_truth(comm, laws, more):
     case = sandwich(laws, **more)
-    with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-5, band=BAND) as rom:
+    with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-4, band=BAND) as rom:
         accuracy = rom.record.accuracy
         assert accuracy.reached and "viscoelastic parts of the model" in accuracy.measured
         true, estimated = errors(case, rom)
-        assert true.max() <= 1e-5
+        assert true.max() <= 1e-4
         assert ((true <= 2 * estimated) & (estimated <= 2 * true)).mean() > 0.9
         assert rom.size < len(case.K) and not rom.unstable_poles().size
         assert [item.law for item in rom.record.viscoelastic] == list(laws)

@@ -64,14 +64,15 @@ def momenta(body, motion):
 def test_a_free_spinning_body_keeps_energy_and_momentum(linkage_body, stiffness):
     body = linkage_body if stiffness is None else made_up_stiffness(linkage_body, stiffness)
     setup = Simulation(
-        end=0.2, velocity=(1.0, -0.5, 0.2), angular_velocity=(3.0, 8.0, -5.0), rotation=(0.2, 0.1, 0.5),
+        end=0.1, velocity=(1.0, -0.5, 0.2), angular_velocity=(3.0, 8.0, -5.0), rotation=(0.2, 0.1, 0.5),
         elastic=(1e-3, -2e-3, 1e-3, 0.0, 0.0, 0.0), steps=50, relative_tolerance=1e-8, absolute_tolerance=1e-11,
     )  # fmt: skip
     motion = simulate(body, setup)
     assert motion.balance < 1e-8
     kept = momenta(body.stiffened(), motion)
     assert np.abs(kept - kept[0]).max() < 1e-7 * np.abs(kept).max()
-    without = simulate(body, replace(setup, geometric_stiffness=False)).elastic
+    rough = replace(setup, geometric_stiffness=False, relative_tolerance=1e-5, absolute_tolerance=1e-8)
+    without = simulate(body, rough).elastic
     assert (np.abs(motion.elastic - without).max() > 1e-2 * np.abs(without).max()) == (stiffness is not None)
     assert np.ptp(motion.elastic[:, 0]) > 3e-4 and np.ptp(motion.angular_velocity, axis=0).max() > 1
     assert motion.drift == 0.0 and motion.constraint_force.shape == (51, 0)

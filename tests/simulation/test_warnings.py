@@ -81,7 +81,7 @@ def test_turning_faster_than_the_first_frequency_is_told_while_it_runs_and_noted
         speed, first, most = map(float, re.search(
             r"turns by ([\d.]+) rad/s.*hold it, ([\d.]+) rad/s \(0\.381 Hz\).*\(largest: ([\d.]+) rad/s\)", warnings[-2]
         ).groups())  # fmt: skip
-        assert first < speed < 1.5 * first and most >= speed
+        assert first <= speed < 1.5 * first and most >= speed  # printed in three digits
         place = re.search(r"node hub is ([\d.e+]+) m from .* size is ([\d.]+) m", warnings[-1])
         moved, size = map(float, place.groups())
         assert moved >= size == 1.0  # as printed, to three digits

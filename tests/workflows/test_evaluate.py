@@ -161,7 +161,7 @@ def automatic(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", LAWS)
 def test_fresh_frequencies_bear_out_what_was_said(automatic, capsys, name):
-    """Never above eps, and within a factor of 2 of what was said where that is well above what else is unknown."""
+    """Never above eps, and within a factor of 2 of what was said, or what else is unknown."""
     damping, measured = LAWS[name]
     accuracy = automatic(damping)
     assert run(["evaluate", "result.h5", "--full", "model.h5", "--check", "12", "--seed", "3", "--json", "c.json"]) == 0
@@ -170,8 +170,9 @@ def test_fresh_frequencies_bear_out_what_was_said(automatic, capsys, name):
     rows = report["rows"]
     assert 12 < len(rows) <= 15 and max(row["measured"] for row in rows) <= 1e-4
     unknown = max(10 * accuracy.noise, 0.03 * accuracy.largest, accuracy.points[-1].estimate)
-    compared = [row for row in rows if row["estimated"] > unknown]
-    assert compared and all(0.5 < row["measured"] / row["estimated"] < 2 for row in compared)
+    pairs = [(row["estimated"], row["measured"]) for row in rows]
+    assert max(said for said, _ in pairs) > 0.1 * accuracy.largest
+    assert all(abs(true - said) <= unknown or 0.5 < true / said < 2 for said, true in pairs)
     assert ": largest error" in capsys.readouterr().out
 
 

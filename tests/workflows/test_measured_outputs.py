@@ -89,7 +89,7 @@ def test_convert_reads_them(tmp_path, form):
         assert close(hpcred.frequency_response(model, FREQUENCIES), dense(*given, FREQUENCIES), 1e-10)
     source = {key[1:]: name for key, name in zip(options[::2], options[1::2], strict=True)}
     text = "\n".join(f'{key} = "{name}"' for key, name in source.items())
-    (tmp_path / "job.toml").write_text(f"band = [0.0, 12.0]\ntolerance = 1e-3\noutput = 'r.h5'\n[model]\n{text}\n")
+    (tmp_path / "job.toml").write_text(f"output = 'r.h5'\nbasis = [{{kind = 'modes', count = 2}}]\n[model]\n{text}\n")
     hpcred.reduce_job(tmp_path / "job.toml")
     with hpcred.read_result(tmp_path / "r.h5").reduced as reduced:
         assert reduced.Cv is not None and reduced.Ca is not None

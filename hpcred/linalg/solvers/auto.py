@@ -43,11 +43,6 @@ class Auto(Factorisation):
         Mumps.check(factoring)
 
     @classmethod
-    def prepare(cls, factoring, size, comm):
-        if not _against_asking(factoring, size):
-            Cudss.prepare(factoring, size, comm)
-
-    @classmethod
     def counts(cls):
         return Mumps.counts()
 
@@ -111,17 +106,10 @@ class Auto(Factorisation):
 
 def _against_gpu(factoring, size=None) -> str | None:
     """Why factors of `size` rows are not made on a GPU; None where they can be."""
-    if against := _against_asking(factoring, size):
-        return against
-    reason = cudss.unusable()
-    return reason and f"cuDSS {reason}"
-
-
-def _against_asking(factoring, size) -> str | None:
-    """The same whether there is a GPU or not."""
     for key in ("out_of_core", "low_rank", "memory_mb"):
         if getattr(factoring, key) is not None:
             return f"{key} is for MUMPS"
     if size is not None and size <= SMALL:
         return f"{size} rows are done before a GPU is started"
-    return None
+    reason = cudss.unusable()
+    return reason and f"cuDSS {reason}"

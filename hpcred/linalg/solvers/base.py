@@ -200,11 +200,6 @@ class Factorisation(ABC):
         return
 
     @classmethod
-    def prepare(cls, factoring: Factoring, size: int, comm):
-        """Begin what takes time before the first factor of `size` rows, in another thread. Local."""
-        return
-
-    @classmethod
     def counts(cls) -> bool:
         """Whether negative eigenvalues of symmetric matrices are counted."""
         return cls.tells_inertia and not is_complex()

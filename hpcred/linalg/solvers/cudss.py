@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import socket
-import threading
 import time
 from contextlib import contextmanager
 from functools import cache
@@ -32,7 +31,6 @@ WIDTH = 24  # columns of a solve at most
 HELP = "`pip install 'hpcred[cuda13]'` (cuda12 for older drivers) brings nvmath-python and cuDSS; or take 'mumps'"
 NO_MEMORY = ("alloc_failed", "out of memory", "out_of_memory", "memory_allocation")  # in errors of the library
 PERTURBED = Source(kind="approximate factor", accuracy=1e-8)  # with pivots that were too small
-_LOOKS = threading.Lock()  # held while a GPU is started
 SPARE_MB = 512  # of the GPU, beside what the analysis says that the factor takes
 
 
@@ -60,11 +58,6 @@ class Cudss(Factorisation):
     def source_of(cls, factoring, prefix):
         accuracy = float(np.finfo(np.float32).eps)
         return Source(kind="approximate factor", accuracy=accuracy) if factoring.single else EXACT
-
-    @classmethod
-    def prepare(cls, factoring, size, comm):
-        if comm.rank == 0:
-            threading.Thread(target=unusable, daemon=True).start()
 
     def approximate(self):
         return super().approximate() or "solver.package: {} by cuDSS; take 'mumps', whose pivots are more stable"
@@ -257,14 +250,9 @@ def _failures():
         raise ComputationError(f"cuDSS failed: {type(error).__name__}: {text}") from error
 
 
-def unusable() -> str | None:
-    """Why this process cannot factor by cuDSS, found once by a system of two equations; None where it can."""
-    with _LOOKS:
-        return _unusable()
-
-
 @cache
-def _unusable():
+def unusable() -> str | None:
+    """Why this process cannot factor by cuDSS, found by a system of two equations; None where it can."""
     if find_spec("nvmath") is None:
         return "needs nvmath-python, which is not installed"
     try:

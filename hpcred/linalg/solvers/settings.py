@@ -154,11 +154,6 @@ class Factoring:
             return f"low_rank: {{}}; take less than {self.low_rank:g}, or leave it out"
         return "solver.precision: {}; 'single' is not enough for this matrix, take 'double'" if self.single else None
 
-    def prepare(self, size: int, comm):
-        """Begin what takes time before the first factor of `size` rows. Local."""
-        if self.solver.kind != "multigrid":
-            self.package.prepare(self, size, comm)
-
     def limit_mb(self, comm) -> int:
         """MB that a rank may take for factors. Collective."""
         return max(int(self.memory_mb or available_mb(comm)), 1)

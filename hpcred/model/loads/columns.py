@@ -38,15 +38,17 @@ def with_loads(model, loads, given, read):
 
     `read(model, load)` returns what _column does for a load vector of a file."""
     loads, given = declared("loads", loads, tuple[AnyLoad, ...]), dict(given or {})
+    # names are those of inputs, each once
     names = [*model.input_names, *(name for item in loads for name in input_names(item)), *given]
     twice = min((name for name, count in Counter(names).items() if count > 1), default=None)
     if twice is not None:
         raise InputError(f"load '{twice}': found two inputs of this name, expected each once; give it another name")
     if not loads and not given:
         return model.shared()
+    # a column of each, with the sums of its forces and moments
     made = []
-    for item in loads:
-        made += _moving(model, item) if item.kind == "moving" else [_column(model, item, read)]
+    for load in loads:
+        made += _moving(model, load) if load.kind == "moving" else [_column(model, load, read)]
     for name, column in given.items():
         local, _ = named_columns(model.comm, model.local_rows, np.reshape(column, (-1, 1)), [name], f"load '{name}'")
         made.append((local[:, 0], sums_of_column(model, local[:, 0], name, "given")))
@@ -56,6 +58,7 @@ def with_loads(model, loads, given, read):
                 f"load '{name}': every force of it acts on held dofs or is zero, so that it deforms nothing; leave it "
                 "out, or export the body without these supports"
             )
+    # beside the columns that the model has
     before = np.zeros((model.local_rows, 0)) if model.B is None else model.B.getDenseArray().real
     B = np.column_stack([before, *(local for local, _ in made)])
     with model.with_input_columns(B, names) as loaded:

@@ -43,7 +43,7 @@ def read_loads(path, sid: int, comm) -> DeckLoads:
         for name in UNREAD:
             for piece, table, lines in cards[name]:
                 piece.require(~np.isin(table[:, 0], texts), lines, "only FORCE, MOMENT, PLOAD4, GRAV, LOAD of this set")
-    systems = _systems(path, comm, cards)
+    systems = _coordinate_systems(path, comm, cards)
     counts = dict.fromkeys(wanted, 0)
     pressed = []
     with agreed(comm):
@@ -123,7 +123,7 @@ def _scales(path, sid, combined) -> dict[int, float]:
     return scales
 
 
-def _systems(path, comm, cards):
+def _coordinate_systems(path, comm, cards):
     """Return the coordinate systems, if any card may name one: only the basic one is known without."""
     column = {"FORCE": 2, "MOMENT": 2, "GRAV": 1, "PLOAD4": 8}
     named = any(bool(np.isin(table[:, place], [b"", b"0"], invert=True).any())

@@ -9,7 +9,6 @@ import numpy as np
 from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, inner, times, view_of
 from ...model.operator import NOTHING, Operator
 from ..run.independent_loads import independent_columns
-from ..run.projection import project_stiffness
 from ..search.projections import extended
 from ..small.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
 from .singular import factor_of_mass
@@ -142,10 +141,8 @@ class AffineProjections:
         new, columns = form.in_all_dofs(new), form.in_all_dofs(self.basis.columns)
         made: list[dict] = [{} for _ in self.small]
         for key, place, mat, symmetric in form.matrices:
-            if key == "K" and symmetric and not start:
-                made[place][key] = project_stiffness(mat, new, form.run.cancels)
-                continue
-            made[place][key] = extended(self.small[place][key], mat, new, columns, symmetric)
+            cancels = form.run.cancels if key == "K" else None
+            made[place][key] = extended(self.small[place][key], mat, new, columns, symmetric, cancels)
         self.small = [small.with_matrices(mats) for small, mats in zip(self.small, made, strict=True)]
 
     def rotate(self, turn: np.ndarray):

@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...parallel.decisions import decided, shared_out
-from ...parallel.failures import agreed
-from ..search.residual_blocks import ResidualSpace, residual_coefficients, row_scale, transposed_times
+from ...parallel.decisions import shared_out
+from ..search.residual_blocks import ResidualSpace, residual_coefficients, row_scale
 from ..small.error_estimate import UNIFORM, Comparison, grid, measure_over
 from ..small.pseudo_modal import nested
 from .affine import AffineProjections
@@ -62,63 +61,16 @@ def residual_block(projections: AffineProjections, framed, points, settings, wid
         framed.model, framed.rigid, form.loads, projections.basis.columns, matrices, row_scale(framed.model),
         form.restore,
     )  # fmt: skip
-    return space.leading(_Samples(projections, points, settings), width)
+    seeds = [[projections.basis.size, place] for place in range(len(points))]
+    return space.leading(seeds, lambda place: _coefficients(projections, points[place], settings), width)
 
 
-class _Samples:
-    """Residuals at points, of which each rank has its share (see ResidualSpace)."""
-
-    def __init__(self, projections, points, settings):
-        self._projections, self._points, self._settings = projections, points, settings
-        self._comm = projections.form.parametric.comm
-
-    def take(self, count):
-        places = list(range(len(self._points)))[self._comm.rank :: self._comm.size]
-        with agreed(self._comm):
-            self._factors = [self._coefficients(place) for place in places]
-        seeds = [[self._projections.basis.size, place] for place in places]
-        draws = [np.random.default_rng(seed).standard_normal((factors[0].shape[1], count))
-                 for seed, factors in zip(seeds, self._factors, strict=True)]  # fmt: skip
-        return self._summed(draws, count)
-
-    def power(self, products):
-        factors = [transposed_times(factors, products) for factors in self._factors]
-        return self._summed(factors, products[0].shape[1])
-
-    def directions(self, products, width):
-        """Return the leading left singular vectors of Y^T R, by its Gram matrix."""
-        parts = [transposed_times(factors, products) for factors in self._factors]
-        gram = sum((part.T @ part for part in parts), np.zeros((products[0].shape[1],) * 2))
-        gram = self._sum([gram])[0]
-        return decided(self._comm, lambda: np.linalg.eigh(gram)[1][:, ::-1][:, :width])
-
-    def _summed(self, factors, width):
-        """Return the sum over points of their coefficients times a factor of each."""
-        form, basis = self._projections.form, self._projections.basis
-        shapes = [form.loads.getActiveColumns()[1]]
-        shapes += [basis.size] * (len(form.matrices) + (not form.has_mass))
-        found = [np.zeros((rows, width)) for rows in shapes]
-        for own, factor in zip(self._factors, factors, strict=True):
-            for target, part in zip(found, own, strict=True):
-                target += part @ factor
-        return self._sum(found)
-
-    def _sum(self, arrays):
-        """Return the sums over ranks of arrays, the same on all."""
-        gathered = self._comm.gather(arrays)
-        found = None if gathered is None else [sum(each) for each in zip(*gathered, strict=True)]
-        return self._comm.bcast(found)
-
-    def _coefficients(self, place):
-        """Return the coefficients of the residuals at a point, of the loads and of all parts."""
-        projections, settings = self._projections, self._settings
-        form = projections.form
-        theta = form.theta(self._points[place])
-        models = projections.at(self._points[place])
-        model = models.model()
-        S = grid([model], settings.band, RESIDUALS, None)
-        loads, *by_matrix = residual_coefficients(model, settings, S)
-        there = dict.fromkeys(["M", *form.operators[0].terms])
-        by_matrix = dict(zip(there, [models.turn @ part for part in by_matrix], strict=True))
-        found = [loads] if form.has_mass else [loads, by_matrix["M"]]
-        return found + [theta[place] * by_matrix[key] for key, place, _, _ in form.matrices]
+def _coefficients(projections, point, settings):
+    """Return the coefficients of the residuals at a point, of the loads and of all parts; local."""
+    form, models = projections.form, projections.at(point)
+    theta, model = form.theta(point), models.model()
+    loads, *by_term = residual_coefficients(model, settings, grid([model], settings.band, RESIDUALS, None))
+    terms = dict.fromkeys(["M", *form.operators[0].terms])
+    by_term = dict(zip(terms, [models.turn @ part for part in by_term], strict=True))
+    mass = [] if form.has_mass else [by_term["M"]]
+    return [loads, *mass, *(theta[place] * by_term[key] for key, place, _, _ in form.matrices)]

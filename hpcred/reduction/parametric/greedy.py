@@ -37,14 +37,14 @@ from .static_zeros import beside_static_zeros
 from .training import corner_points, distances, fresh_points, training_points
 
 WIDTH = 16  # columns of a block for all values
-BLOCKS = 4  # of them with one factor, while each makes the error so much smaller:
-FASTER = 3.0
-FRESH = 8  # further points at which the error is estimated after each factor, and
-CHECKS = {1: 32, 2: 64}  # in the end, for so many parameters, and
-MANY = 256  # for more
-CORNERS = 32  # beside corners, if they are not more
-TRIM = 0.1  # of the goal: error that is made to have fewer columns after each point, at
-SPREAD = 12  # training points, besides those visited
+BLOCKS = 4  # blocks for all values with one factor, at most
+FASTER = 3.0  # by which each of them has to reduce the error, for another to follow
+FRESH = 8  # new points at which the error is estimated after each factor
+CHECKS = {1: 32, 2: 64}  # new points of the last estimate, by the number of parameters
+MANY = 256  # the same for more parameters
+CORNERS = 32  # corners of the ranges join the last estimate, unless they are more
+TRIM = 0.1  # part of the goal that leaving out columns after each factor may cost
+SPREAD = 12  # training points at which that is measured, beside the visited ones
 INDEPENDENT = 1e-3  # of modes at several points
 PROOFS = 2  # new points in a row that have to prove the model
 
@@ -125,6 +125,7 @@ class Greedy:
 
     def _visited(self, search, point, before):
         """Take over what a search found at a point, and make blocks for all values with its factor."""
+        # how many new points in a row have proven the model, and how far measured errors exceed estimated ones
         self.searches.append(search)
         proofs, fine = search.proofs, search.judge.is_fine
         proven = search.state is State.PROVEN and all(fine(proof.measured) for proof in proofs)
@@ -133,6 +134,7 @@ class Greedy:
         checked = proofs[0] if proofs and before else None
         if checked is not None and checked.estimated > 0.01 * search.judge.goal:
             self.ratio = max(1.0, checked.measured / checked.estimated)
+        # the new columns, and blocks for all values
         self._join(search, before)
         self.visited.append(point)
         self._look_at_zeros()
@@ -143,6 +145,7 @@ class Greedy:
             columns=self.basis.size - before,
             estimated=checked and checked.estimated, measured=checked and checked.measured,
         ))  # fmt: skip
+        # new points to estimate at, and fewer columns
         with self.run.progress.stage("parameters"):
             check_static(self.projections, self.points, self.goal.band)
             self._add_points(self._count)
@@ -242,8 +245,9 @@ class Greedy:
         return slice(count)
 
     def _spread(self):
-        """Return the visited points, and SPREAD training points far from them and each other."""
-        found = list(self.visited)
+        """Return the visited points, those beside zeros of static responses, where errors count most, and SPREAD
+        training points far from them and each other."""
+        found = [*self.visited, *self._zeros]
         for _ in range(min(SPREAD, len(self.points))):
             found.append(self.points[int(distances(self.parametric.parameters, self.points, found).argmax())])
         return list(dict.fromkeys(found))

@@ -33,7 +33,7 @@ class ReducedTerm:
         object.__setattr__(self, "expression", Expression(self.factor))
 
 
-@dataclass(frozen=True, eq=False, init=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ParametricReducedModel(ReducedModel):
     """A reduced model for all values of some parameters in their ranges; by itself it is that at the reference values.
 
@@ -42,17 +42,9 @@ class ParametricReducedModel(ReducedModel):
     in the coordinates of the model at the reference. Added terms do not depend on parameters.
     """
 
-    parameters: tuple[Parameter, ...]
-    constant: dict[str, np.ndarray]
-    terms: tuple[ReducedTerm, ...]
-
-    def __init__(
-        self, *args: Any, parameters: tuple[Parameter, ...] = (), constant: dict[str, np.ndarray] | None = None,
-        terms: tuple[ReducedTerm, ...] = (), **known: Any,
-    ) -> None:  # fmt: skip
-        super().__init__(*args, **known)
-        for name, value in (("parameters", parameters), ("constant", constant or {}), ("terms", terms)):
-            object.__setattr__(self, name, value)
+    parameters: tuple[Parameter, ...] = ()
+    constant: dict[str, np.ndarray] = field(default_factory=dict)
+    terms: tuple[ReducedTerm, ...] = ()
 
     @property
     def base(self) -> ReducedModel:

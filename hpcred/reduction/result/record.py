@@ -211,6 +211,7 @@ def difference_between(one, other) -> str | None:
 
 def make_record(model, framed, runs, progress, **known) -> Record:
     """Return the Record of a reduction; `known`: what the caller has at hand. Collective."""
+    # the notes of all runs are one; numbers of this rank become those of the first rank for all
     notes = [run.recorded for run in runs if run.owns_solvers]
     record = Record(
         date=datetime.now(timezone.utc).isoformat(timespec="seconds"),

@@ -86,25 +86,10 @@ class ReducedModel:
         for item in fields(ReducedModel):
             object.__setattr__(self, item.name, known[item.name])
 
-    @property
-    def M(self) -> np.ndarray:
-        """The mass matrix (m, m)."""
-        return self.operator["M"]
-
-    @property
-    def D(self) -> np.ndarray:
-        """The damping matrix (m, m)."""
-        return self.operator["D"]
-
-    @property
-    def K(self) -> np.ndarray:
-        """The stiffness matrix (m, m), at rest."""
-        return self.operator["K"]
-
-    @property
-    def viscoelastic(self) -> tuple[Term, ...]:
-        """The terms that are added to K."""
-        return tuple(self.added)
+    M = property(lambda self: self.operator["M"], doc="The mass matrix (m, m).")
+    D = property(lambda self: self.operator["D"], doc="The damping matrix (m, m).")
+    K = property(lambda self: self.operator["K"], doc="The stiffness matrix (m, m), at rest.")
+    viscoelastic = property(lambda self: tuple(self.added), doc="The terms that are added to K.")
 
     @property
     def added(self) -> Operator:

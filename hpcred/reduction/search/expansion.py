@@ -232,10 +232,9 @@ class Expansion:
 
     def look_at_outputs_again(self):
         """Find others whose responses are round-off by models that have more digits."""
-        projections = self.projections
-        if projections.io.quiet:
-            silent, _ = silent_columns(projections, self.settings.band)
-            projections.note_silent(tuple(sorted({*projections.io.silent, *silent})), True)
+        projections, known = self.projections, self.projections.io
+        silent, quiet = silent_columns(projections, self.settings.band)
+        projections.note_silent(tuple(sorted({*known.silent, *silent})), known.quiet or quiet)
 
     def _has_undamped(self):
         low, high = self.settings.band

@@ -19,10 +19,10 @@ from .goal import Adaptive
 from .projections import HELD_BACK, Projections
 from .search_checks import check_response
 
-MARGIN = 0.1  # of the tolerance that the basis is made for; the rest is for the compression
-COLUMNS = 128  # columns of a point at most, and
-AHEAD = 32  # as many more when the estimate promises to arrive with them
-LITTLE = 1e-2  # of that: estimates that are no matter
+MARGIN = 0.1  # part of the tolerance that the uncompressed basis may use; the rest is left to the compression
+COLUMNS = 128  # columns of a point at most
+AHEAD = 32  # columns beyond that, where the rate of the last block promises the goal within them
+LITTLE = 1e-2  # of the goal: where estimates are smaller, their grid is not refined
 HAS_MODES = 1e-2  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
 
 

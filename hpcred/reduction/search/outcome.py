@@ -138,21 +138,22 @@ def _without_modes_above(limit, found: Comparison, frequencies, goal):
 
 
 def _project_again(search, kept) -> np.ndarray:
-    """Project on the pseudo-modes of the basis where its models lack digits (see ask_for_digits), until that changes
-    nothing: what it changes last is the noise of the models that follow, in place of that of the search. Returns the
-    columns `kept` in terms of the new basis. Collective."""
+    """Project on the pseudo-modes of the basis where its models lack digits (see ask_for_digits) or have noise that
+    matters, until that changes nothing: what it changes last is the noise of the models that follow, in place of that
+    of the search. Returns the columns `kept` in terms of the new basis. Collective."""
     projections, judge, comm = search.projections, search.judge, search.run.model.comm
     before = decided(comm, projections.model)
-    if not (ask_for_digits(search.run, judge, before) or projections.io.quiet):
+    lacks = ask_for_digits(search.run, judge, before) or projections.io.quiet or judge.noise > judge.goal
+    if not lacks:
         return kept
     for _ in range(PASSES):
         projections.rotate(before.vectors)
         kept = before.coordinates_of(kept)
+        search.expansion.look_at_outputs_again()  # before the noise of one that is nothing else counts
         judge.noise = decided(comm, _changed, judge, before)
         if judge.noise <= LITTLE * judge.goal:
             break
         before = decided(comm, projections.model)
-    search.expansion.look_at_outputs_again()
     return kept
 
 

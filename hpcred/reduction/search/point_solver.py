@@ -87,9 +87,11 @@ class PointSolver:
             self.nearby = nearby
         if self.projections.basis.size:
             f = decided(run.model.comm, self._off_poles, f)
+        # the factor of another point serves, and counts nothing here
         if self.nearby:
             self.go_to(f)
             return float(f), None
+        # a factor of its own, of the first place beside f that is no eigenfrequency
         outwards = self._outwards(f)
         for steps in [outwards * k for k in OUTWARDS] if outwards else TRIES:
             trial = f * (1 + steps * POLE_GAP)

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...linalg.basis import Basis
 from ...linalg.blocks import inner
+from ...linalg.eigensolver import symmetric_part
 from ...model.operator import Operator
 from ..run.projection import project, project_stiffness
 from ..run.run import Run
@@ -14,10 +15,13 @@ from ..small.pseudo_modal import Proportional, PseudoModal, diagonalised
 HELD_BACK = 3  # columns at least that an estimate sees the model from
 
 
-def extended(small, mat, new, columns, symmetric=True) -> np.ndarray:
+def extended(small, mat, new, columns, symmetric=True, cancels=None) -> np.ndarray:
     """Return V^T A V (m, m) of `columns` V, of which the last are the block `new`, from that of the others, `small`;
-    exactly symmetric where A is `symmetric` but for round-off. Collective."""
+    exactly symmetric where A is `symmetric` but for round-off. `cancels`: of K, see project_stiffness, which the first
+    columns are projected by. Collective."""
     start = len(small)
+    if cancels is not None and symmetric and not start:
+        return symmetric_part(project_stiffness(mat, new, cancels))
     right = project(mat, new, columns)
     left = right[:start].T if symmetric or not start else project(mat, columns.between(0, start), new)
     corner = right[start:]
@@ -108,16 +112,12 @@ class Projections:
         with self.run.progress.stage("project"):
             new = self.basis.columns_between(start, stop)
             self.L = np.vstack([self.L, inner(new, self.loads)])
-            mats = {key: self._extended(key, mat, new) for key, mat in self.full.matrices.items()}
+            mats = {}
+            for key, mat in self.full.matrices.items():
+                symmetric = key not in "KD" or self.run.model.is_symmetric(key)
+                cancels = self.run.cancels if key == "K" else None
+                mats[key] = extended(self.operator[key], mat, new, self.basis.columns, symmetric, cancels)
             self.operator = self.operator.with_matrices(mats)
-
-    def _extended(self, key, mat, new):
-        """Return V^T A V of a term from that of the columns before the block `new`."""
-        small, symmetric = self.operator[key], key not in "KD" or self.run.model.is_symmetric(key)
-        if key == "K" and symmetric and not len(small):
-            K = project_stiffness(mat, new, self.run.cancels)
-            return (K + K.T) / 2
-        return extended(small, mat, new, self.basis.columns, symmetric)
 
     def dynamic_stiffness(self, mass: float) -> np.ndarray:
         """Return V^T (K + mass M) V (m, m); local."""

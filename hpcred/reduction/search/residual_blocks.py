@@ -23,6 +23,7 @@ from ...linalg.blocks import (
 )
 from ...linalg.csr import diagonal_of
 from ...parallel.decisions import decided
+from ...parallel.failures import agreed
 from ...parallel.petsc import PETSc
 from ..small.error_estimate import measure_over
 from ..small.pseudo_modal import columns
@@ -81,25 +82,69 @@ class ResidualSpace(NamedTuple):
             self.restore.transposeMatMult(source).copy(target)
         return result
 
-    def leading(self, samples, width, power=True):
+    def leading(self, seeds, coefficients, width, power=True):
         """Return the `width` leading directions of residuals, as a block (n, width): randomised, with one `power` step;
         without it those of the random combinations alone, for a quarter of the products.
 
-        `samples` of the residuals: take(2 width) gives factors of as many random combinations, power(products) those of
-        R R^T Y and directions(products, width) the turn of Y to the leading ones, all the same on all ranks.
+        `coefficients(place)`: of the residuals of one of several models, each computed by one rank; `seeds` of their
+        random combinations, by place.
         """
-        comm = self.model.comm
-        block = self.combined(samples.take(2 * width))
+        comm, samples = self.model.comm, _Samples(self, seeds, coefficients)
+        # Y <- random combinations of R, then R R^T Y
+        block = self.combined(samples.combinations(2 * width))
         _orthonormalise(block, comm, 2 * width if power else width)
         if power:
             block = self.combined(samples.power(self.products_with(block)))
             _orthonormalise(block, comm, 2 * width)
+            # Y <- Y U with the left singular vectors U of Y^T R
             turn = samples.directions(self.products_with(block), width)
             multiply(block, turn)
             block.setActiveColumns(0, turn.shape[1])
         with local_rows(block) as rows:
             rows /= self.scale[:, None]
         return block
+
+
+class _Samples:
+    """Residuals R = L c_L - A_1 V c_1 - ... of several models as coefficients c, of which each rank has its share.
+
+    Methods are collective, and give the same on all ranks.
+    """
+
+    def __init__(self, space: ResidualSpace, seeds, coefficients):
+        self._comm = space.model.comm
+        first, last = space.columns.getActiveColumns()
+        self._rows = [space.loads.getActiveColumns()[1], *[last - first] * len(space.matrices)]
+        mine = range(len(seeds))[self._comm.rank :: self._comm.size]
+        with agreed(self._comm):
+            self._factors = [coefficients(place) for place in mine]
+        self._randoms = [np.random.default_rng(seeds[place]) for place in mine]
+
+    def combinations(self, count):
+        """Return coefficients of `count` random combinations."""
+        widths = [factors[0].shape[1] for factors in self._factors]
+        draws = [random.standard_normal((width, count)) for random, width in zip(self._randoms, widths, strict=True)]
+        return self._summed(draws, count)
+
+    def power(self, products):
+        """Return coefficients of R R^T Y from L^T Y and V^T A_k^T Y."""
+        return self._summed([transposed_times(own, products) for own in self._factors], products[0].shape[1])
+
+    def directions(self, products, width):
+        """Return the leading left singular vectors of Y^T R."""
+        parts = [transposed_times(own, products) for own in self._factors]
+        mine = np.vstack([np.zeros((0, products[0].shape[1])), *parts])
+        gathered = self._comm.gather(np.linalg.qr(mine, mode="r") if len(parts) > 1 else mine)  # fewer rows of many
+        return decided(self._comm, lambda: np.linalg.svd(np.vstack(gathered).T, full_matrices=False)[0][:, :width])
+
+    def _summed(self, combinations, width):
+        """Return the sum over models and ranks of their coefficients times a matrix of each."""
+        total = [np.zeros((rows, width)) for rows in self._rows]
+        for factors, combination in zip(self._factors, combinations, strict=True):
+            for target, part in zip(total, factors, strict=True):
+                target += part @ combination
+        gathered = self._comm.gather(total)
+        return decided(self._comm, lambda: [sum(each) for each in zip(*gathered, strict=True)])
 
 
 def residual_block(projections, settings, f, width, power=True):
@@ -110,7 +155,9 @@ def residual_block(projections, settings, f, width, power=True):
     see ResidualSpace.leading.
     """
     S = np.unique([*np.linspace(*settings.band, RESIDUALS), f])
-    return _space(projections).leading(_Samples(projections, settings, S), width, power)
+    return _space(projections).leading(
+        [projections.basis.size], lambda _: _coefficients(projections, settings, S), width, power
+    )
 
 
 def largest_residual(projections, frequencies, damped=True) -> float:
@@ -126,45 +173,12 @@ def largest_residual(projections, frequencies, damped=True) -> float:
     return float(decided(model.comm, lambda: np.divide(rest, whole, out=np.zeros_like(rest), where=whole > 0).max()))
 
 
-class _Samples:
-    """Residuals R as the coefficients c of L c_L - M V c_M - K V c_K - ..., which the rank that decides has alone."""
-
-    def __init__(self, projections, settings, S):
-        self._projections, self._known = projections, (projections, settings, S)
-
-    def take(self, count):
-        """Return coefficients of `count` random combinations of the residuals at S (Hz)."""
-        return self._decided(self._taken, count)
-
-    def power(self, products):
-        """Return coefficients of R R^T Y from L^T Y and V^T A^T Y."""
-        return self._decided(lambda: self._times(transposed_times(self._factors, products)))
-
-    def directions(self, products, width):
-        """Return the leading left singular vectors of Y^T R."""
-        return self._decided(lambda: self._leading(transposed_times(self._factors, products).T, width))
-
-    def _decided(self, function, *arguments):
-        return decided(self._projections.run.model.comm, function, *arguments)
-
-    def _taken(self, count):
-        self._factors = _coefficients(*self._known)
-        random = np.random.default_rng(self._projections.basis.size)
-        return self._times(random.standard_normal((self._factors[0].shape[1], count)))
-
-    def _leading(self, products, width):
-        return np.linalg.svd(products, full_matrices=False)[0][:, :width]
-
-    def _times(self, factor):
-        return [part @ factor for part in self._factors]
-
-
 def transposed_times(factors, products):
     """Return R^T Y (N, k) for the coefficients of residuals R and the products L^T Y, V^T A_k^T Y."""
-    found = factors[0].T @ products[0]
+    total = factors[0].T @ products[0]
     for part, product in zip(factors[1:], products[1:], strict=True):
-        found = found - part.T @ product
-    return found
+        total = total - part.T @ product
+    return total
 
 
 def _space(projections, damped=True) -> ResidualSpace:

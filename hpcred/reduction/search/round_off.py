@@ -38,16 +38,20 @@ def projected_again(projections: Projections) -> Iterator[PseudoModal]:
 
 
 def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Projections) -> Accuracy:
-    """Return the accuracy of a reduced model, of its `elastic` part, by the projections of its search on the basis that
-    the model has, which changes its lengths; its noise is at least the difference from models that were projected
-    again. Collective."""
+    """Return the accuracy of a reduced model with the round-off of its projection in the noise. Collective.
+
+    The noise is at least the largest difference between responses of its `elastic` part and those of models that are
+    projected again from the same basis, by the `projections` of its search. The columns of the basis are scaled then.
+    """
     measured = as_measured(elastic, accuracy)
     comm, noise = projections.run.model.comm, accuracy.noise
+    # responses of the model at the frequencies of this rank, in parts that fit
     mine = np.array(accuracy.frequencies)[comm.rank :: comm.size]
     parts = np.array_split(mine, 1 + len(mine) * measured.size**2 // CHUNK) if len(mine) else []
-    H = [measured.measured_response(2j * np.pi * part, projections.io.rates) for part in parts]
+    responses = [measured.measured_response(2j * np.pi * part, projections.io.rates) for part in parts]
+    # their differences from models with other round-off
     for again in projected_again(projections):
-        for part, values in zip(parts, H, strict=True):
-            found, drive = again.responses(part)
-            noise = max(noise, float(accuracy.measure.eps(found - values, found, drive).max()))
+        for part, H in zip(parts, responses, strict=True):
+            other, drive = again.responses(part)
+            noise = max(noise, float(accuracy.measure.eps(other - H, other, drive).max()))
     return accuracy.with_noise(comm.allreduce(noise, op=MPI.MAX))

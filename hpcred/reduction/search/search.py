@@ -33,7 +33,7 @@ from ..run.run import Run
 from ..small.error_estimate import apart, rounded
 from .expansion import Expansion
 from .goal import Adaptive
-from .hidden_modes import find_hidden
+from .hidden_modes import doubtful_modes, find_hidden
 from .judging import Candidate, Judgement
 from .point_solver import NoRegularPoint
 from .rounds import take_round
@@ -87,6 +87,7 @@ class Search:
             # multigrid begins at 0 Hz, where all its models are exact
             self.state = State.SEEKING if self._solver.multigrid else State.PROVING
         self._next = self._first_points()
+        self._doubtful = None  # pseudo-modes of the band that are no modes, as combinations of the basis
         self._sought_unmoved = False  # whether modes that no load moves were looked for without a count
 
     def _first_points(self):
@@ -131,6 +132,7 @@ class Search:
         judge, proving = self.judge, self.state is State.PROVING
         fine = judge.is_fine(judged.estimate)
         proven = proving and fine and judge.is_fine(judged.measured)
+        # modes that inertia counts and the basis misses, once it is good else
         hidden = self._seeks_hidden(fine, proven)
         if hidden and self._lacks_lower_count():
             hidden, proven = False, False
@@ -142,6 +144,7 @@ class Search:
                 lack, are = counted(self.missing_modes, "mode"), "is" if self.missing_modes == 1 else "are"
                 self._end(f"since {lack} of the band {are} missing {self._columns_or_time_met()}".rstrip())
                 return
+        # not proven, or not twice where nothing is counted: another point
         again = proven and not self.expansion.is_counted and not self._is_proven_twice()
         if not proven or again:
             self.state = State.PROVING if fine else State.SEEKING
@@ -261,20 +264,25 @@ class Search:
     # modes that no load moves, or no mass
 
     def _seeks_hidden(self, fine, proven):
-        """Test whether modes are missing and it is time to look for them: where the model is good else, or before the
-        first proof, which then takes no factor."""
+        """Test whether modes are missing, or pseudo-modes are none, and it is time to look for them: where the model is
+        good else, or before the first proof, which then takes no factor."""
         before_proof = fine and self.state is State.SEEKING and self._may_prove_nearby()
-        return self.missing_modes > 0 and (proven or before_proof)
+        if not (proven or before_proof):
+            return False
+        if not self._solver.multigrid:  # whose first point sees the lowest modes
+            self._doubtful = doubtful_modes(self.projections, self.settings.band)
+        return self.missing_modes > 0 or self._doubtful is not None
 
     def _find_hidden(self) -> bool:
         """Add modes that no load moves until none is missing; whether the model stays what it was."""
-        found, low = self.expansion.highest_count, self.settings.band[0]
+        found, (low, high) = self.expansion.highest_count, self.settings.band
+        below, lack_of = (high, None) if found is None else (found.below, self.expansion.missing_modes)
         if self._groups > 1:  # whose factors are gone
-            self._solver.go_to(found.below)
+            self._solver.go_to(below)
             self.run.notes.needs(str(self._solver.factored), "0.0", again=True)
-        band = (low if any(item.below <= low for item in self.expansion.counts) else 0.0, found.below)
+        band = (low if any(item.below <= low for item in self.expansion.counts) else 0.0, below)
         self.missing_modes, change = find_hidden(
-            self._solver, self.judge, band, self.expansion.missing_modes, self._is_over
+            self._solver, self.judge, band, lack_of, self._is_over, self._doubtful
         )
         self.expansion.account()
         return self.judge.is_fine(change)
@@ -282,7 +290,8 @@ class Search:
     def _lacks_lower_count(self) -> bool:
         """Test whether the missing modes may lie below the band, where a point at its lower end would tell."""
         low = self.settings.band[0]
-        return not self.expansion.few_below and all(point.frequency > low for point in self._points)
+        uncounted = not self.expansion.few_below and all(point.frequency > low for point in self._points)
+        return self.missing_modes > 0 and uncounted
 
     def _check_massless(self):
         """Refuse a basis that has lost solutions on dofs without mass; one that can hold nothing more is smoothed."""

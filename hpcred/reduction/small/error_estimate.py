@@ -168,6 +168,7 @@ def grid(models, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray
     for model in models:
         if model.added:
             points.append(towards_zero(model, high, step or STEP))
+        # poles of the band (Hz), those that lie in the resonance of the one before left out
         poles = upper_poles(model) / (2 * np.pi)
         poles = poles[np.argsort(poles.imag)]
         at, width = poles.imag, np.maximum(np.abs(poles.real), SHARPEST * np.abs(poles))
@@ -179,6 +180,7 @@ def grid(models, band, uniform=UNIFORM, step: float | None = STEP) -> np.ndarray
                 last = at[j]
         if not own:
             continue
+        # around each, as far as the middle to the next: f = at + width sinh(step k)
         middles = (at[own][1:] + at[own][:-1]) / 2
         for j, left, right in zip(own, np.append(low, middles), np.append(middles, high), strict=True):
             if step is None:

@@ -169,6 +169,16 @@ class PseudoModal(Keeping):
         """Whether A(s) is diagonal."""
         return self.N is None and not self.operator
 
+    @property
+    def idle(self) -> np.ndarray:
+        """Which coordinates (m,) nothing pushes: no load, and no other coordinate."""
+        pushed = self.L.any(axis=1)
+        for matrix in (self.N, *self.operator.matrices.values()):
+            if matrix is not None:
+                beside = (matrix != 0) & ~np.eye(len(self), dtype=bool)
+                pushed = pushed | beside.any(axis=0) | beside.any(axis=1)
+        return ~pushed
+
     def coordinates_of(self, columns: np.ndarray) -> np.ndarray:
         """Return combinations (m, k) of the columns of the basis in these coordinates."""
         return self.vectors.T @ columns if self.masses is None else np.linalg.solve(self.vectors, columns)
@@ -383,19 +393,23 @@ def _free_of_round_off(rows, still, size):
 def poles_of(model: PseudoModal) -> Poles:
     """Return the poles of a model with a D or N, and the eigenvectors of its first-order form with the state (y, s y).
 
-    What has no mass is given LEAST_MASS: poles at infinity have no eigenvectors.
+    What has no mass is given LEAST_MASS: poles at infinity have no eigenvectors. Those of coordinates that nothing
+    pushes are left out: on the axis, as of free parts, they would make states of round-off.
     """
     if model.masses is not None:
         scale = 1 / np.sqrt(np.maximum(model.masses, LEAST_MASS))
         found = poles_of(model.with_unit_masses(scale))
         return Poles(found.values, scale[:, None] * found.right, found.left * scale)
-    m, damping = len(model), model.damping
-    K = np.diag(model.eigenvalues) if model.N is None else np.diag(model.eigenvalues) + model.N
-    D = damping.alpha * np.eye(m) + damping.beta * K + (0.0 if model.D is None else model.D)
+    damping, pushed = model.damping, np.flatnonzero(~model.idle)
+    m, K = len(pushed), np.diag(model.eigenvalues) if model.N is None else np.diag(model.eigenvalues) + model.N
+    D = damping.alpha * np.eye(len(model)) + damping.beta * K + (0.0 if model.D is None else model.D)
+    K, D = (matrix[np.ix_(pushed, pushed)] for matrix in (K, D))
     below = -(1 + 1j * damping.eta) * K if damping.eta else -K
     matrix = np.block([[np.zeros((m, m)), np.eye(m)], [below, -D]])
     values, vectors = np.linalg.eig(matrix)
-    return Poles(values, vectors[:m], np.linalg.inv(vectors)[:, m:])
+    right, left = np.zeros((len(model), 2 * m), vectors.dtype), np.zeros((2 * m, len(model)), vectors.dtype)
+    right[pushed], left[:, pushed] = vectors[:m], np.linalg.inv(vectors)[:, m:]
+    return Poles(values, right, left)
 
 
 def nested(inner: PseudoModal, outer: PseudoModal, columns=None) -> np.ndarray:
