@@ -22,9 +22,8 @@ export PRTE_MCA_rmaps_default_mapping_policy := :oversubscribe
 export OMPI_MCA_pml ?= ob1
 export OMPI_MCA_btl ?= ^tcp
 export OPENBLAS_NUM_THREADS := 1
-# mpiexec adds ten lines to the message of a rank that fails, in Open MPI 4 and 5
-QUIET := OMPI_MCA_orte_execute_quiet=1 PRTE_MCA_prte_execute_quiet=1
-$(foreach word,$(QUIET),$(eval export $(word)))
+# mpiexec of Open MPI 4 adds no lines to the message of a rank that fails; in 5 nothing keeps it from that
+export OMPI_MCA_orte_execute_quiet := 1
 # else each process of the tests, and each rank, compiles all modules again
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -61,7 +60,7 @@ PURE     := import re, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["
 	.venv/bin/python -m pip install -q --no-deps scipy_dae pyyeti pyNastran  # they ask for another numpy or h5py than they need
 	.venv/bin/python -m pip install -q --no-deps --config-settings editable_mode=compat -e .
 	.venv/bin/python -m compileall -q hpcred
-	@echo "export $(QUIET)" >> .venv/bin/activate
+	@echo "export OMPI_MCA_orte_execute_quiet=1" >> .venv/bin/activate
 	@[ "$$(id -u)" != 0 ] || echo "export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1" >> .venv/bin/activate
 	@touch $@
 

@@ -200,6 +200,7 @@ def nearest(word, words) -> str:
     """Words in brackets that ask whether the one of some words was meant that is most alike; empty for none."""
     asked, by_lower = str(word).lower(), {str(item).lower(): item for item in words}
     close = get_close_matches(asked, by_lower, n=5, cutoff=0.55)
+    close += [item for item in by_lower if len(asked) > 2 and item.startswith(asked) and item not in close]
     # two letters that changed places come first, and what begins so
     close.sort(key=lambda item: sorted(item) != sorted(asked) and not item.startswith(f"{asked}_"))
     return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""

@@ -89,7 +89,8 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
 
 def _on_nodes(motion) -> str:
     """Return a sentence on what the result of a simulation has that observes no node."""
-    nodes = f"nodes {', '.join(motion.node_names)}" if motion.node_names else "no node"
+    names = motion.node_names
+    nodes = f"node{'s' * (len(names) > 1)} {', '.join(names)}" if names else "no node"
     return f"the result has the motion of the body frame, of the shapes and of {nodes}; observe = [...] adds nodes"
 
 

@@ -7,6 +7,7 @@ from scipy.sparse import coo_array
 import hpcred
 from hpcred.model.order_of_matrices import questions_on_order
 
+pytestmark = pytest.mark.mpi
 RAYLEIGH = {"both": (10.0, 1e-5), "mass": (10.0, 0.0), "stiffness": (0.0, 1e-4)}
 
 

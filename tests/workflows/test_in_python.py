@@ -69,6 +69,7 @@ def test_damping_may_be_left_out_but_not_the_stiffness():
 
 
 @pytest.mark.parametrize(("make", "says"), [
+    (lambda: hpcred.reduce(None, tol=1e-3), r"reduce: unknown keyword 'tol' \(did you mean 'tolerance'\?\)"),
     (lambda: hpcred.Rayleigh(alfa=2.0), r"Rayleigh: unknown keyword 'alfa' \(did you mean 'alpha'\?\)"),
     (lambda: hpcred.Krylov(freqency=1.0), "did you mean 'frequency'"),
     (lambda: hpcred.Interface(name="a", nodes=(1,), kimd="rigid"), "did you mean 'kind'"),

@@ -17,6 +17,7 @@ from ...model.outputs.rates import Rates, combined
 from ...model.second_order_model import SecondOrderModel, listed
 from ...parallel.as_html import as_html
 from ...parallel.failures import InputError, settle
+from ...parallel.progress import counted
 from .accuracy import Accuracy
 from .massless import first_order, static_coordinates
 from .maxwell_states import maxwell_states, with_maxwell_states
@@ -115,7 +116,8 @@ class ReducedModel:
     def size_in_words(self) -> str:
         """The number of coordinates, such as 26 coordinates (6 rigid-body, 20 elastic)."""
         rigid = self.rigid_size
-        return f"{self.size} coordinates" + (f" ({rigid} rigid-body, {self.size - rigid} elastic)" if rigid else "")
+        parts = f" ({rigid} rigid-body, {self.size - rigid} elastic)" if rigid else ""
+        return counted(self.size, "coordinate") + parts
 
     def __str__(self):
         """Describe the model in a few lines; one that was reduced to a tolerance begins with its error."""
