@@ -28,6 +28,7 @@ from .base import DoesNotFit, Factorisation
 from .gpu_factor import GpuFactor, runtime
 
 WIDTH = 24  # columns of a solve at most
+COPIES = 4  # of them on the GPU: right-hand sides and solutions, residuals and corrections of their refinement
 HELP = "`pip install 'hpcred[cuda13]'` (cuda12 for older drivers) brings nvmath-python and cuDSS; or take 'mumps'"
 NO_MEMORY = ("alloc_failed", "out of memory", "out_of_memory", "memory_allocation")  # in errors of the library
 PERTURBED = Source(kind="approximate factor", accuracy=1e-8)  # with pivots that were too small
@@ -120,7 +121,7 @@ class Cudss(Factorisation):
         """Order and analyse for the GPU; for the memory of the host too where the factor is larger than the GPU.
         Raises DoesNotFit."""
         self._plan(hybrid=False)
-        factor, columns = self._held, 2 * WIDTH * (len(self._pattern[0]) - 1) * self._scalar.itemsize // MB
+        factor, columns = self._held, COPIES * WIDTH * (len(self._pattern[0]) - 1) * self._scalar.itemsize // MB
         self._need, free = factor.need // MB, free_mb(self._gpu)
         if self._need + columns + SPARE_MB <= free:
             return
