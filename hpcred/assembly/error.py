@@ -13,7 +13,7 @@ docs/theory/assembly.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -152,7 +152,8 @@ def accuracy_of_machine(machine: Machine, tau: float, band, tolerance: float | N
     if why := why_not_known(machine, band):
         raise InputError(f"tolerance: {why}")
     measured = machine.as_measured()
-    found = sensitivity(measured, measured.model(tau)[0], band)
+    reduced = measured.model(tau)[0]
+    found = sensitivity(measured, reduced, band)
     eps = np.array([part.eps for part in machine.parts.values()])
     curve = found.curve()
     largest = float(curve.max())
@@ -162,10 +163,12 @@ def accuracy_of_machine(machine: Machine, tau: float, band, tolerance: float | N
         {"body": name, "error": e, "in the machine": a} | ({} if tolerance is None else {"needs": n})
         for name, e, a, n in zip(machine.parts, eps.tolist(), found.shares().tolist(), needed.tolist(), strict=True)
     ]  # fmt: skip
+    # a machine that moves freely has no response at 0 Hz
+    over = (found.frequencies[0], band[1]) if (reduced.frequencies == 0).any() else band
     finite = np.where(np.isfinite(curve), curve, 1e30)
     again = [f"'{row['body']}' to {row['needs']:.1e}" for row in rows if tolerance and row["needs"] < row["error"]]
     accuracy = Accuracy(
-        tolerance=asked if np.isfinite(asked) else 1e30, band=tuple(map(float, band)),
+        tolerance=asked if np.isfinite(asked) else 1e30, band=tuple(map(float, over)),
         reached=bool(tolerance is None or largest <= tolerance),
         stopped="" if not again else f"reduce {', '.join(again)}",
         largest=float(finite.max()), worst=float(found.frequencies[finite.argmax()]), mean=float(finite.mean()),
@@ -175,8 +178,3 @@ def accuracy_of_machine(machine: Machine, tau: float, band, tolerance: float | N
         unproven="an estimate from the errors of the bodies", measure=found.measure,
     )  # fmt: skip
     return accuracy, rows
-
-
-def with_accuracy(reduced: ReducedModel, accuracy: Accuracy) -> ReducedModel:
-    """Return a model whose record has an accuracy."""
-    return replace(reduced, record=replace(reduced.record, accuracy=accuracy))

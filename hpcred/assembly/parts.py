@@ -30,6 +30,7 @@ from ..reduction.tolerance.accuracy import Accuracy
 from .joints import GROUND, SIX, MachineBody, matrix_of
 
 ROUND_OFF = 1e-9  # of direction cosines, and of C - B^T
+FASTEST = 1e5  # m/s: lengths times frequencies are below the speed of waves, 1.8e4 at most
 UNFELT = 1e100  # scales that measures give to inputs and outputs without response
 
 
@@ -189,6 +190,7 @@ def part_of(body: MachineBody, found: Any) -> Part:
     if not any(node in places for node in map(_label, inputs)):
         raise InputError(f"{where}: has no interfaces or nodes among its inputs ({listed(reduced.input_names)}), which "
                          "joints and axes need; reduce a model with node coordinates and [[interface]]")  # fmt: skip
+    _check_units(reduced, places, where)
     # rigid-body motions, put before the coordinates of a free body whose frame has taken them out
     motions, origin = _free_motions(reduced, found.floating_frame, where)
     warnings = []
@@ -224,6 +226,16 @@ def part_of(body: MachineBody, found: Any) -> Part:
         shift=np.array(body.position), labels=labels, elastic=elastic,
         accuracy=accuracy, rigid_motions=motions, origin=origin, warnings=tuple(warnings),
     )  # fmt: skip
+
+
+def _check_units(reduced, places, where):
+    """Raise InputError where lengths and frequencies are those of no material: of a model that was not in SI."""
+    points = np.array(list(places.values()))
+    length = np.linalg.norm(points[:, None] - points[None], axis=2).max(initial=0.0)
+    elastic = reduced.frequencies[reduced.frequencies > 0]
+    if len(elastic) and elastic.min() * length > FASTEST:
+        raise InputError(f"{where}: units: found interfaces {length:g} m apart in a body of {elastic.min():.4g} Hz, as "
+                         "of no material; convert its model with --units, such as mm,t,s")  # fmt: skip
 
 
 def _names(body, found, where):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +11,7 @@ from pydantic import Field
 from ..assembly.joints import BushingJoint, MachineBody, PointMass, RigidJoint
 from ..parallel.failures import InputError
 from ..parallel.ranges import require_band
-from .toml_file import CONFIG, check_file_names, parse, read_table, require_kind
+from .toml_file import CONFIG, check_file_names, parse, read_table
 
 AnyJoint = Annotated[RigidJoint | BushingJoint, Field(discriminator="kind")]
 
@@ -37,7 +37,6 @@ class MachineJob:
     inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None
     write_basis: bool = True
-    files: tuple[str, ...] = field(default=(), init=False, repr=False)
 
     __pydantic_config__ = CONFIG
 
@@ -58,13 +57,11 @@ def check_machine(band, tolerance):
 def read_machine(path, overrides=()) -> MachineJob:
     """Read and check the file of a machine; `overrides` as for read_job. Raises InputError."""
     path, table = Path(path), read_table(path, overrides)
-    require_kind(path, table, "body")
-    folder = path.parent
     try:
         job = parse(MachineJob, table)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    bodies = tuple(replace(item, result=str(folder / item.result)) for item in job.body)
-    joints = tuple(replace(item, table=str(folder / item.table)) if getattr(item, "table", None) else item
+    bodies = tuple(replace(item, result=str(path.parent / item.result)) for item in job.body)
+    joints = tuple(replace(item, table=str(path.parent / item.table)) if getattr(item, "table", None) else item
                    for item in job.joint)  # fmt: skip
-    return replace(job, body=bodies, joint=joints, output=str(folder / job.output))
+    return replace(job, body=bodies, joint=joints, output=str(path.parent / job.output))

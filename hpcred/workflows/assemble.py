@@ -120,16 +120,11 @@ class Assembly:
         accuracy = None if self.reduced is None else self.reduced.record.accuracy
         if accuracy is None:
             return "the error of the machine is not estimated"
-        again = f"; {accuracy.stopped}" if accuracy.stopped else ""
         size = f"about {accuracy.largest:.1e}" if accuracy.largest < 1 else "not known"
-        over = "{:g} to {:g} Hz".format(*accuracy.band)
-        asked = "" if accuracy.reached and not self._asked else f" (tolerance {accuracy.tolerance:g})"
-        mark = "" if accuracy.reached else "NOT REACHED: "
-        return f"{mark}largest error of the machine {size}{asked} over {over}, estimated from its bodies{again}"
-
-    @property
-    def _asked(self) -> bool:
-        return any("needs" in row for row in self.budget)
+        asked = f" (tolerance {accuracy.tolerance:g})" if "needs" in self.budget[0] else ""
+        again = f"; {accuracy.stopped}" if accuracy.stopped else ""
+        return (f"{'' if accuracy.reached else 'NOT REACHED: '}largest error of the machine {size}{asked} over "
+                f"{accuracy.band[0]:g} to {accuracy.band[1]:g} Hz, estimated from its bodies{again}")  # fmt: skip
 
 
 @workflow
@@ -214,6 +209,11 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
     tau = _tau(parts, band)
     reduced, T = machine.model(tau)
     warnings = list(machine.warnings)
+    units = {part.name: result.reduced.record is not None and result.reduced.record.units
+             for part, result in zip(parts, results, strict=True)}  # fmt: skip
+    if any(units.values()) and not all(units.values()):
+        unknown = next(name for name, known in units.items() if not known)
+        warnings.append(f"body '{unknown}': the units of its model are not known, and are taken for SI")
     still = int((reduced.frequencies == 0).sum())
     if still:
         warnings.append(f"the machine has {still} rigid-body motions without force: it has no response at 0 Hz")
@@ -221,6 +221,8 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
     why = why_not_known(machine, band) if band else "no body was reduced to a tolerance"
     if not why or tolerance is not None:
         accuracy, budget = accuracy_of_machine(machine, tau, band, tolerance)
+        if machine.parameters:
+            warnings.append("the error of the machine is estimated at the reference values of its parameters")
     else:
         warnings.append(f"the error of the machine is not estimated: {why}")
     return machine, reduced, T, accuracy, budget, warnings

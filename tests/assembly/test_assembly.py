@@ -207,6 +207,15 @@ def test_what_a_body_lacks_is_refused(machine, comm):
                         [hpcred.RigidJoint(bodies=("a.left", "ground"), directions="xyz")])  # fmt: skip
     found = hpcred.assemble([MachineBody(name="a", result="xy.h5", turn=hpcred.Turn(axis="x", degrees=30.0))])
     assert found.reduced.input_names == ("a.left:x", "a.left:y of the body")
+    with hpcred.solid((6, 2, 3), (60.0, 20.0, 30.0), young=2.1e5, density=7.85e-9, clamped=False) as plain:  # mm, t, s
+        boxes = {"left": ((-1, -1, -1), (1, 99, 99)), "right": ((59, -1, -1), (61, 99, 99))}
+        ends = [hpcred.Interface(name=name, nodes=hpcred.Nodes(box=box)) for name, box in boxes.items()]
+        with plain.with_interfaces(ends) as marked, marked.with_inputs(list(boxes)) as model:
+            rom = hpcred.reduce(model, [hpcred.Modes(count=8)], hpcred.Buckens())
+            hpcred.write_result("mm.h5", rom, model)
+            rom.close()
+    with pytest.raises(hpcred.InputError, match="units: found interfaces 60 m apart"):
+        hpcred.assemble([MachineBody(name="a", result="mm.h5")])
     K = np.diag([1.0, 2.0, 3.0])
     with (
         hpcred.SecondOrderModel(np.eye(3), None, K, np.eye(3)[:, :1]) as model,
@@ -306,6 +315,60 @@ def test_parameters_of_bodies_are_those_of_the_machine(machine, comm):
         H = machine.outputs.matrix @ machine.coupled(s, Y)[0] @ Y @ machine.inputs.matrix.T
         assert np.abs(read.transfer_function(s, e=value) - H).max() < 1e-6 * np.abs(H).max()
     assert run(["campbell", "machine.h5", "--over", "e", "--points", "3", "--highest", "9000", "--quiet"]) == 0
+
+
+@pytest.mark.slow
+def test_two_solids_and_a_crank_are_those_of_the_full_models(made, machine, comm):
+    """A held block, a connecting rod of 800 dofs and a free block in a row, with a bushing to the ground."""
+    band = (0.0, 3000.0)
+    eyes = [hpcred.Interface(name=name, nodes=hpcred.Nodes(set=name)) for name in ("BIG_EYE", "SMALL_EYE")]
+    with hpcred.crank(800) as plain, plain.with_interfaces(eyes) as model:
+        rod = dense_model(model)
+        with hpcred.reduce(model, tolerance=1e-4, band=band, frame=hpcred.Buckens()) as rom:
+            hpcred.write_result("rod.h5", rom, model)
+    # interfaces that meet, so that no joint has a lever
+    big, small = (node.position for node in hpcred.read_result("rod.h5").nodes)
+    at = np.array([0.06, 0.01, 0.015]) - big
+    bodies = [MachineBody(name="bed", result="held.h5"), MachineBody(name="rod", result="rod.h5", position=at),
+              MachineBody(name="arm", result="free.h5", position=at + small - [0.0, 0.01, 0.015])]  # fmt: skip
+    bodies = [bodies[0], bodies[2], bodies[1]]
+    joints = [hpcred.RigidJoint(bodies=("bed.right", "rod.BIG_EYE")),
+              hpcred.RigidJoint(bodies=("rod.SMALL_EYE", "arm.left"), directions=("x", "y", "z", "rx", "ry")),
+              hpcred.BushingJoint(bodies=("arm.right", "ground"), stiffness=(1e6, 2e6, 3e6), damping=(10.0, 10.0, 5.0))]
+    found = hpcred.assemble(bodies, joints, band=band)
+    measured = found.machine.as_measured()
+    reduced = measured.model(1 / (2 * np.pi * band[1]))[0]
+    curve = sensitivity(measured, reduced, band)
+    some = np.unique(np.r_[0 : len(curve.frequencies) : 40, curve.curve().argmax()])
+    s = 2j * np.pi * curve.frequencies[some]
+    # dense, with multipliers
+    K, M, B = (block_diag(*parts) for parts in zip(made[1]["held"], made[1]["free"], rod, strict=True))
+    G = np.vstack([(B[:, :6] - B[:, 18:24]).T, (B[:, 24:29] - B[:, 6:11]).T])
+    end = B[:, 12:15]
+    zeros, true = np.zeros((len(G), len(G))), []
+    for value in s:
+        A = value**2 * M + (1 + 0.002j) * K
+        A = A + end @ np.diag([1e6 + 10 * value, 2e6 + 10 * value, 3e6 + 5 * value]) @ end.T
+        whole = np.block([[A, G.T], [G, zeros]])
+        true.append(B.T @ np.linalg.solve(whole, np.vstack([B, np.zeros((len(G), B.shape[1]))]))[: len(K)])
+    error = curve.measure.total(np.abs(np.array(true) - reduced.transfer_function(s)) / curve.scale[some])
+    assert (curve.curve()[some] >= 0.5 * error).all() and error.max() < 0.05
+
+
+def test_interface_coordinates_make_the_same_machine(machine, comm):
+    """A free body whose rigid-body motions are in its result, and one whose frame took them out."""
+    with block_with_ends(comm) as model:
+        results = []
+        for coordinates in ("modal", "interface"):
+            settings = hpcred.Reduction(coordinates=coordinates)
+            basis = [hpcred.Modes(count=20), hpcred.Krylov(frequency=0.0, order=0)]
+            with hpcred.reduce(model, basis, hpcred.Buckens(), settings=settings) as rom:
+                hpcred.write_result(f"{coordinates}.h5", rom, model)
+            bodies = [MachineBody(name="bed", result="held.h5"), MachineBody(name="arm", result=f"{coordinates}.h5")]
+            found = hpcred.assemble(bodies, [hpcred.RigidJoint(bodies=("bed.right", "arm.left"))], band=BAND)
+            assert "the error of body 'arm' is not known" in found.warnings[-1]
+            results.append(found.reduced.frequency_response([500.0, 3000.0, 9000.0, 17000.0]))
+    assert np.abs(results[0] - results[1]).max() < 1e-7 * np.abs(results[0]).max()
 
 
 def block(one, other):
