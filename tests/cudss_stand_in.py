@@ -81,3 +81,4 @@ class Factor:
         self.gpu.freed += 1
         self.unlock()
         self.factor = None
+        self.gpu.enters("free")

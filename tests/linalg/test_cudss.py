@@ -125,6 +125,13 @@ def test_a_gpu_that_fails_in_a_solve(comm, solid, monkeypatch):
 
 
 @pytest.mark.mpi
+def test_a_gpu_that_frees_nothing_any_more(comm, solid, monkeypatch):
+    Gpu(failing="free", error=RuntimeError("cudaFree: an illegal memory access was encountered")).used_by(monkeypatch)
+    with hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by()) as rom:
+        assert rom.size == 3
+
+
+@pytest.mark.mpi
 def test_memory_is_looked_at_before_the_factor(comm, solid, monkeypatch, small):
     """In the memory of the host if that of the GPU is too small; refused if both are."""
     gpu = Gpu(free_mb=900.0, need_mb=800, least_mb=50).used_by(monkeypatch)

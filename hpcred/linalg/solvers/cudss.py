@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import socket
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -214,13 +214,15 @@ class Cudss(Factorisation):
     def _free(self):
         """Free the GPU. Local."""
         if self._on_gpu is not None:
-            self._on_gpu.free()
+            with suppress(Exception):  # after an error of a GPU nothing can be freed, and that error counts
+                self._on_gpu.free()
         self._on_gpu = None
 
     def _forget_columns(self):
         """Free the memory of columns on the host."""
         if self._on_gpu is not None:
-            self._on_gpu.unlock()
+            with suppress(Exception):
+                self._on_gpu.unlock()
         if self._columns is not None:
             self._columns.close()
         self._columns = None
