@@ -93,7 +93,7 @@ def random_bodies(rng, count):
                                  interface_nodes=())  # fmt: skip
         full = reduced_model(M, D, K, C, names, np.eye(size), record)
         small = reduced_model(M, D, K, C, names, V, record)
-        small.record = SimpleNamespace(**vars(record) | {"accuracy": truth_of(full, small, s)})
+        small = replace(small, record=SimpleNamespace(**vars(record) | {"accuracy": truth_of(full, small, s)}))
         found.append([SimpleNamespace(reduced=item, floating_frame=None, nodes=node) for item in (full, small)])
     return found
 
