@@ -1,5 +1,7 @@
 """Models with circulatory forces, whose K is not symmetric, against dense solves and closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.io
@@ -309,5 +311,4 @@ def test_a_slow_growth_beside_high_frequencies_is_unstable():
         output_names=("out",),
     )  # fmt: skip
     assert rom.unstable_poles().real == pytest.approx(1 / np.sqrt(1e3) - 5e-3, rel=1e-3)
-    rom.K = np.diag(np.diag(K))
-    assert not rom.unstable_poles().size
+    assert not replace(rom, K=np.diag(np.diag(K))).unstable_poles().size
