@@ -41,7 +41,8 @@ def test_one_place_is_changed_at_a_time():
 
 def test_forks_end_with_a_status_and_in_their_time():
     tasks = {
-        "good": lambda: 0, "fails": lambda: 3, "raises": lambda: 1 / 0, "hangs": lambda: subprocess.run(["sleep", "60"]),
+        "good": lambda: 0, "fails": lambda: 3, "raises": lambda: 1 / 0,
+        "hangs": lambda: subprocess.run(["sleep", "60"]),
         "crashes": lambda: os.kill(os.getpid(), signal.SIGKILL),
     }  # fmt: skip
     limited = [(key, 1 if key == "hangs" else 9, task) for key, task in tasks.items()]
