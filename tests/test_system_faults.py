@@ -234,8 +234,8 @@ def contents(folder):
 
 
 def plain(file):
-    """The name of an output by that of its lock, or of what becomes it; of a folder's file also that of the folder."""
-    return re.sub(r"^\.(.*)\.lock$", r"\1", re.sub(r"\.tmp-.*", "", file.name))
+    """The name of an output by that of its lock, of what becomes it, or of an instant of its series."""
+    return re.sub(r"^\.(.*)\.lock$|^(.*)_vtu_\d+\.vtu$", r"\1\2", re.sub(r"\.tmp-.*", "", file.name))
 
 
 def whole(path, before):

@@ -125,7 +125,7 @@ class Coordinates:
                        "none")  # fmt: skip
         return np.gradient(values, self.t, axis=0, edge_order=2)
 
-    def thinned(self, path, first=None, last=None, every=1) -> Coordinates:
+    def thinned(self, path, first, last, every) -> Coordinates:
         """Return one of `every` instants from `first` to `last` (s). Raises InputError where none is left."""
         slack = SAME_TIME * np.abs(self.t).max()
         low = -np.inf if first is None else first - slack

@@ -1,6 +1,7 @@
 """Bodies: what body_of puts together, and which bodies cannot move in time."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from helpers import block_from, gather
 
 import hpcred
 from hpcred import Buckens, CraigBampton, Interface, Krylov, Modes, Nodes
-from hpcred.body.body import body_of, check_elastic, check_moving, inputs_without_node, remarks
+from hpcred.body.body import body_of, check_elastic, check_moving, has_no_inertia, inputs_without_node, remarks
 from hpcred.body.floating_frame import floating_frame
 from hpcred.model.damping import Structural
 from hpcred.parallel.failures import InputError
@@ -156,3 +157,9 @@ def test_coordinates_that_are_nearly_parallel_are_elastic_none_the_less():
         body.floating_frame = floating_frame(model, columns)
         columns.destroy()
     check_elastic(body)
+
+
+@pytest.mark.parametrize("about, none", [(0.0, True), (1e-14, True), (1e-3, False)])
+def test_masses_on_a_line_have_no_inertia_about_it(about, none):
+    frame = SimpleNamespace(J=np.diag([about, 1.0, 1.0]), mc=np.zeros(3), mass=1.0)
+    assert has_no_inertia(SimpleNamespace(floating_frame=frame)) == none

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from hpcred.fe.elements import CORNERS, EDGES, FACES, NODES, free
+from hpcred.fe.faces import surface_faces
+from hpcred.parallel.petsc import MPI
 
 SOLIDS = [kind for kind in FACES if kind.rstrip("0123456789") in ("tetra", "pyramid", "wedge", "hexahedron")]
 
@@ -62,3 +64,10 @@ def test_faces_of_one_solid_are_free():
     shells = np.array([True, True, False, False])
     faces = np.array([[0, 1, 2, 3], [4, 5, 6, 7], [3, 2, 1, 0], [7, 8, 9, 10]])
     assert free(faces, shells).tolist() == [True, True, False, True]
+
+
+def test_shells_on_each_other_are_one_face():
+    """Unlike faces of solids, of which two on each other are inside."""
+    quads = surface_faces(MPI.COMM_WORLD, {"quad": np.array([[1, 2, 3, 4], [1, 2, 3, 4]])})
+    bricks = surface_faces(MPI.COMM_WORLD, {"hexahedron": np.array([np.arange(1, 9)] * 2)})
+    assert (len(quads.corners), len(bricks.corners)) == (1, 0)

@@ -2,10 +2,12 @@
 
 from itertools import product
 
+import numpy as np
 import pytest
 
 from hpcred import InputError
 from hpcred.model.outputs.motions import MotionOutput, motion_output_of
+from hpcred.model.outputs.rates import Rates
 
 GIVEN = {"node": 20, "direction": "z", "dof": 7}
 
@@ -32,3 +34,8 @@ def test_directions_and_numbers():
             MotionOutput(**keys)
     assert motion_output_of("20:z") is None and motion_output_of("velocity of light") is None
     assert motion_output_of("velocity dof 7") == MotionOutput(dof=7, quantity="velocity")
+
+
+def test_outputs_are_counted_and_not_columns():
+    """Two outputs of five columns, or the columns themselves."""
+    assert (Rates(np.ones((3, 2, 5))).count(5), Rates().count(5)) == (2, 5)

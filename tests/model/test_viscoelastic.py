@@ -28,6 +28,14 @@ def test_laws(law):
     assert np.allclose(law.slope(s), (law.excess(s + step) - law.excess(s - step)) / (2 * step), rtol=1e-7)
 
 
+@pytest.mark.parametrize("law", [*LAWS, hpcred.Hysteretic((1.0, 10.0), (0.1, 0.2)),
+                                 FractionalKelvinVoigt(low=1.0, rise=2.0, time=1.0, exponent=0.5)])  # fmt: skip
+def test_the_power_of_a_law_is_that_with_which_it_begins(law):
+    """What it adds to the static stiffness, at frequencies near zero."""
+    few, many = np.abs(law.coefficient(np.array([1e-14j, 1e-10j])))
+    assert np.log10(many / few) / 4 == pytest.approx(law.power, abs=1e-3)
+
+
 @pytest.mark.parametrize("law, wanted, message", [
     (Maxwell, {"factors": [1.0], "times": []}, "found 1 factors and 0 times"),
     (Maxwell, {"factors": [], "times": []}, "expected one of each"),

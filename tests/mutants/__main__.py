@@ -118,9 +118,9 @@ class Covered:
         """Tests that run a line of a change, else those that run its module; its own first, then the shortest."""
         lines = self._lines.get(path, {})
         found = set().union(*(lines.get(line, ()) for line in range(change.first, change.last + 1)))
-        if change.imported and found:  # by whichever test comes first
-            found = set().union(*lines.values())
         own = f"/test_{path.stem}.py::"
+        if change.imported and found:  # by whichever test comes first; tests of tables run no line
+            found = set().union(*lines.values(), (test for test in self.seconds if own in test))
         return sorted(found & self.seconds.keys(), key=lambda test: (own not in test, self.seconds[test], test))
 
 

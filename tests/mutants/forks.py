@@ -21,10 +21,13 @@ def run_forked(tasks, jobs):
                 running[_fork(function, limit)] = key, time.monotonic()
             if not running:
                 return
-            number, status = os.wait()
-            _end(number)
-            key, since = running.pop(number)
-            yield key, status, time.monotonic() - since
+            for number in list(running):
+                ended, status = os.waitpid(number, os.WNOHANG)
+                if ended:
+                    _end(number)
+                    key, since = running.pop(number)
+                    yield key, status, time.monotonic() - since
+            time.sleep(0.02)
     finally:
         for number in running:
             _end(number)

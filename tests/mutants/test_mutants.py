@@ -1,9 +1,13 @@
 """Which changes are made, and that those listed as none still are among them."""
 
 import ast
+import os
+import signal
+import subprocess
 
 from .__main__ import ROOMS, ROOT, SAME, key_of
 from .changes import changes
+from .forks import run_forked
 
 SOURCE = '''
 """A module."""
@@ -33,6 +37,17 @@ def test_one_place_is_changed_at_a_time():
     assert "def f(x, k=3):" in made and "LIMIT, STEPS = (0.0, 9)" in made
     assert not [line for line in made if "raise" in line or "say" in line or '"""' in line]
     assert [change.imported for change in found] == [change.first < 6 for change in found]
+
+
+def test_forks_end_with_a_status_and_in_their_time():
+    tasks = {
+        "good": lambda: 0, "fails": lambda: 3, "raises": lambda: 1 / 0,
+        "hangs": lambda: subprocess.run(["sleep", "60"]),
+        "crashes": lambda: os.kill(os.getpid(), signal.SIGKILL),
+    }  # fmt: skip
+    limited = [(key, 1 if key == "hangs" else 9, task) for key, task in tasks.items()]
+    ended = {key: status for key, status, _ in run_forked(limited, 2)}
+    assert ended.keys() == tasks.keys() and [key for key in ended if not ended[key]] == ["good"]
 
 
 def test_changes_that_are_none_are_among_those_that_are_made():
