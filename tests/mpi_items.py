@@ -39,6 +39,7 @@ from hpcred.parallel import startup
 
 TIMEOUT = float(os.environ.get("HPCRED_TEST_TIMEOUT", "300"))
 INNER = os.environ.get("HPCRED_TEST_SESSION")  # in an inner session: its folder
+ITS_SUFFIX = os.environ.get("HPCRED_TEST_SUFFIX")  # and that of its items
 
 HERE = "1-rank"
 LAUNCHED = {HERE: (1, ""), "1-rank-complex": (1, "complex"), "2-ranks": (2, ""), "3-ranks": (3, ""),
@@ -66,11 +67,25 @@ def pytest_configure():
 # collection
 
 
+@cache
+def asked():
+    """File and name of the functions and classes of the items of this inner session."""
+    names = (name.partition("[")[0].split("::") for name in json.loads(Path(INNER, "items.json").read_text()))
+    return {(file, first) for file, first, *_ in names}
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pycollect_makeitem(collector, name):
+    """Of the thousands of items of its files an inner session makes those of the functions that it was asked for."""
+    left_out = INNER and isinstance(collector, pytest.Module) and (collector.nodeid, name) not in asked()
+    return [] if left_out else None
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_generate_tests(metafunc):
     if (mark := metafunc.definition.get_closest_marker("mpi")) is None:
         return
-    suffixes = [f"{world().size}-ranks"] if world().size > 1 and not INNER else launched(mark)
+    suffixes = [ITS_SUFFIX] if INNER else [f"{world().size}-ranks"] if world().size > 1 else launched(mark)
     metafunc.fixturenames.append("job")
     metafunc.parametrize("job", suffixes)
 
@@ -170,7 +185,8 @@ class Session:
         self.ranks, build = LAUNCHED.get(suffix, (1, ""))
         options = ["-q", "--color=no", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={TIMEOUT:g}"]
         files = dict.fromkeys(str(item.path) for item in items)
-        more = {"HPCRED_TEST_SESSION": str(self._folder), **({"HPCRED_SCALAR": build} if build else {})}
+        more = {"HPCRED_TEST_SESSION": str(self._folder), "HPCRED_TEST_SUFFIX": suffix,
+                **({"HPCRED_SCALAR": build} if build else {})}  # fmt: skip
         more["OMPI_MCA_hwloc_base_binding_policy"] = "none"  # several sessions would take the same cores
         launcher = ["mpiexec", "-n", str(self.ranks)] if suffix in LAUNCHED else []
         with open(self._folder / "output", "w") as output:
