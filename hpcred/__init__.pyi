@@ -17,6 +17,11 @@ from .analysis.full_response import full_response as full_response
 from .analysis.natural_modes import NaturalModes as NaturalModes
 from .analysis.natural_modes import natural_modes as natural_modes
 from .analysis.summary import inspect as inspect
+from .assembly.joints import BushingJoint as BushingJoint
+from .assembly.joints import MachineBody as MachineBody
+from .assembly.joints import PointMass as PointMass
+from .assembly.joints import RigidJoint as RigidJoint
+from .assembly.joints import Turn as Turn
 from .body.body import Body as Body
 from .body.body import body_of as body_of
 from .body.floating_frame import FloatingFrame as FloatingFrame
@@ -147,6 +152,9 @@ from .simulation.simulation import Simulation as Simulation
 from .simulation.simulation import simulate as simulate
 from .simulation.springs import Bushing as Bushing
 from .simulation.springs import LineSpring as LineSpring
+from .workflows.assemble import Assembly as Assembly
+from .workflows.assemble import assemble as assemble
+from .workflows.assemble import assemble_file as assemble_file
 from .workflows.batch import write_script as write_script
 from .workflows.bench import bench as bench
 from .workflows.bores import bores_of_file as bores_of_file

@@ -15,7 +15,7 @@ import hpcred
 
 HOUSE = Path(hpcred.__file__).parent
 FLOORS = ["cli", "workflows", "report", "writers", "readers", "settings", "files"]
-FLOORS += ["examples", "simulation", "body", "analysis", "reduction", "model", "fe", "linalg", "parallel"]
+FLOORS += ["examples", "simulation", "assembly", "body", "analysis", "reduction", "model", "fe", "linalg", "parallel"]
 ROOMS = {"reduction": ["", "parametric", "search", "components", "run", "small", "result"]}  # "": modules in no room
 PEERS = {"control", "exudyn", "fmpy", "meshio", "pymor", "pyNastran", "pyuff", "pyyeti"}
 DOORS = ("", "__main__")  # hpcred/__init__.py, which names everything, and `python -m hpcred`

@@ -43,6 +43,7 @@ ROOMS = {
     "analysis": "Responses and errors",
     "body": "Bodies",
     "simulation": "Simulation in time",
+    "assembly": "Machines of reduced bodies",
     "readers": "Models of other programs",
     "writers": "Exports",
     "files": "Files of hpcred",

@@ -183,7 +183,12 @@ def _reduced(reduced, frequencies, response_at=None, comm=MPI.COMM_WORLD):
     """Solve with the frequencies shared among the ranks."""
     response_at = response_at or reduced.transfer_function
     mine = frequencies[comm.rank :: comm.size]
-    mine = [response_at(2j * np.pi * mine[part]) for part in _parts(len(mine), reduced.size)]
+    with agreed(comm):
+        try:
+            mine = [response_at(2j * np.pi * mine[part]) for part in _parts(len(mine), reduced.size)]
+        except np.linalg.LinAlgError as error:
+            found = "0 Hz, where rigid-body motions have" if not frequencies.all() else "a pole of the model, which has"
+            raise InputError(f"frequencies: found {found} no response; leave it out") from error
     response = np.zeros((len(frequencies), len(reduced.C), reduced.B.shape[1]), dtype=complex)
     for rank, part in enumerate(comm.allgather(mine)):
         if part:

@@ -40,7 +40,7 @@ def evaluate(
     *,
     grid: Grid,
     output: Annotated[
-        str | None, typer.Option("-o", "--output", metavar="FILE", help="Write the responses: a .csv or HDF5 file.")
+        str | None, typer.Option("-o", "--output", metavar="FILE", help="Write the responses: .csv, .h5, .unv, .npz.")
     ] = None,
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="Draw responses: .png, .svg, .pdf.")] = None,
     pairs: Pairs = None,

@@ -13,6 +13,7 @@ import hpcred
 from ..parallel.failures import InputError
 from ..report.tables import show_table
 from . import session
+from .assemble import assemble
 from .bench import bench, paper
 from .campbell import campbell
 from .convert import convert, crank, linkage, solid
@@ -108,7 +109,7 @@ app.add_typer(example, name="example")
 for command in (convert, info, bores, modes, plan, reduce, store, sweep, collect, evaluate, report, response, campbell):
     app.command()(command)
 app.command(cls=ExportCommand, context_settings={"allow_extra_args": True})(export)
-for command in (simulate, recover, paper, bench):
+for command in (assemble, simulate, recover, paper, bench):
     app.command()(command)
 for command in (solid, linkage, crank):
     example.command()(command)

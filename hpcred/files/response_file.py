@@ -21,12 +21,14 @@ import numpy as np
 
 from ..parallel.failures import InputError, agreed
 from .checked import Array
+from .frf_file import write_frf
 from .hdf5 import atomic_output, reading, texts, writing
 from .names import FileNames
-from .outputs import CSV_OF_RESPONSES, hdf5_kind
+from .outputs import CSV_OF_RESPONSES, UFF, ZIP, hdf5_kind
 
 FORMAT, VERSION = "hpcred-response", 1
 RESPONSES = ("response", "reduced", "full")
+FOREIGN = {".unv": UFF, ".uff": UFF, ".npz": ZIP}
 ARRAYS = (*RESPONSES, "drive", "eps")
 SCHEMA = {
     "frequencies": Array("real", ("f",), needed=True), "eps": Array("real", ("f",)),
@@ -38,7 +40,8 @@ SCHEMA = {
 
 @dataclass(eq=False, kw_only=True)
 class Responses:
-    """What a file of responses contains: see the docstring of the module. What is not there is None."""
+    """What a file of responses contains: see the docstring of the module. What is not there is None. `places`: number
+    and position (3,) in m of nodes by name, for files of other programs."""
 
     frequencies: np.ndarray
     input_names: tuple[str, ...]
@@ -49,6 +52,7 @@ class Responses:
     drive: np.ndarray | None = None
     eps: np.ndarray | None = None
     record: dict = field(default_factory=dict)
+    places: dict[str, tuple[int, np.ndarray]] | None = None
 
     @property
     def pairs(self) -> list[tuple[str, int, int]]:
@@ -59,13 +63,14 @@ class Responses:
 
 def check_response_name(path):
     """Raise InputError unless the name ends as one of the formats."""
-    if not str(path).endswith((".csv", ".h5", ".hdf5")):
-        raise InputError(f"output {path}: expected a name that ends in .csv, .h5 or .hdf5")
+    if not str(path).endswith((".csv", ".h5", ".hdf5", *FOREIGN)):
+        raise InputError(f"output {path}: expected a name that ends in .csv, .h5, .hdf5, {' or '.join(FOREIGN)}")
 
 
 def kind_of_responses(path) -> str:
     """What a file of responses with this name will be, see outputs.kind_of."""
-    return CSV_OF_RESPONSES if str(path).endswith(".csv") else hdf5_kind(FORMAT)
+    kinds = {".csv": CSV_OF_RESPONSES, **FOREIGN}
+    return next((kind for ending, kind in kinds.items() if str(path).endswith(ending)), hdf5_kind(FORMAT))
 
 
 def write_responses(path, responses: Responses, comm, polar=False):
@@ -74,6 +79,12 @@ def write_responses(path, responses: Responses, comm, polar=False):
         with atomic_output(path, comm) as temporary, agreed(comm):
             if comm.rank == 0:
                 _write_csv(temporary, responses, polar)
+        return
+    if str(path).endswith(tuple(FOREIGN)):
+        H = next(part for key in RESPONSES if (part := getattr(responses, key)) is not None)
+        with atomic_output(path, comm) as temporary, agreed(comm):
+            if comm.rank == 0:
+                write_frf(temporary, responses, H, str(path).endswith(".npz"))
         return
     with writing(path, comm) as file:
         file.attribute("format", FORMAT)

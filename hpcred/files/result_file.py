@@ -407,14 +407,14 @@ class Shapes:
 
 def write_result(
     path, reduced: ReducedModel, model=None, *, basis=True, origin=(0.0, 0.0, 0.0), lumped=False,
-    geometric_stiffness: GeometricStiffness | None = None, stress: StressModes | None = None,
+    geometric_stiffness: GeometricStiffness | None = None, stress: StressModes | None = None, nodes=None, more=None,
 ):  # fmt: skip
     """Write what `reduce` made of a SecondOrderModel. Collective. Raises InputError when the file cannot be written.
 
     With the `model` come its nodes and elements, and the quantities that multibody programs need (for them the basis of
     `reduced` must not be closed); `origin` (3,) of the body frame in m; `lumped`: see floating_frame.
     `basis`: whether V is written. `geometric_stiffness`: of this basis and this origin. `stress`: of this basis, see
-    stress_modes.
+    stress_modes. `nodes`: NodeShapes of a model that is not at hand; `more`: a function that writes into the open file.
     """
     declared("reduced", reduced, ReducedModel)
     if model is not None:
@@ -456,10 +456,13 @@ def write_result(
             for key, value in body.floating_frame.arrays().items():
                 file.small(f"floating_frame/{key}", value, gaps=True)  # what a body that is held here does not show
             file.small("floating_frame/integrals", body.floating_frame.integrals)
-            if body.nodes:
-                for key in ("node", "position", "phi", "psi", "rotates"):
-                    file.small(f"interface/{key}", np.array([getattr(shape, key) for shape in body.nodes]))
-                file.small("interface/name", [shape.name for shape in body.nodes])
+            nodes = body.nodes
+        if nodes:
+            for key in ("node", "position", "phi", "psi", "rotates"):
+                file.small(f"interface/{key}", np.array([getattr(shape, key) for shape in nodes]))
+            file.small("interface/name", [shape.name for shape in nodes])
+        if more is not None:
+            more(file)
         if geometric_stiffness is not None:
             geometric_stiffness.check(reduced.size, origin)
             file.small("geometric_stiffness/state", list(geometric_stiffness.states))

@@ -34,15 +34,17 @@ def symmetry_defect(mat: PETSc.Mat, skew=False) -> float:
         pattern.data[:] = 1.0
         indptr, indices = pattern.tocsr().indptr, pattern.col
         ours, theirs = (np.asarray(part[pattern.row, pattern.col]).ravel() for part in (one, two))
-    # the diagonal entries of the row and of the column of each
+    # entries that differ, which are few of most matrices, and the diagonal entries of the row and of the column of each
+    difference = np.abs(ours + theirs if skew else ours - theirs)
+    unequal = np.flatnonzero(difference > 0)
+    difference, ours, theirs = difference[unequal], ours[unequal], theirs[unequal]
     root = mat.getDiagonal()
     root.setArray(np.sqrt(np.abs(root.getArray(readonly=True).real)))
-    scale = np.repeat(root.getArray(readonly=True).real, np.diff(indptr))
-    scale *= entries_of(root, indices)
+    rows = np.searchsorted(indptr, unequal, side="right") - 1
+    scale = root.getArray(readonly=True).real[rows] * entries_of(root, indices[unequal])
     # the comparison
     scale = np.maximum(np.maximum(np.abs(ours), np.abs(theirs)), OF_DIAGONAL * scale)
-    difference = np.abs(ours + theirs if skew else ours - theirs)
-    largest = np.divide(difference, scale, out=np.zeros(len(scale)), where=difference > 0).max(initial=0.0)
+    largest = (difference / scale).max(initial=0.0)
     return float(max(mat.comm.tompi4py().allgather(largest)))
 
 

@@ -132,8 +132,7 @@ class BasisReductor(Reductor):
         """Reduce by bases that are orthonormal in M + tau^2 K; `notes` of the run, empty."""
         with Owned(setup.model.comm) as owned:
             spaces = self._opened(setup, tau, notes, owned)
-            search = self.fill(spaces)
-            outcome = self.compress(spaces, search)
+            outcome = self.compress(spaces, self.fill(spaces))  # a search has blocks, and is let go of here
             for run in spaces.runs:
                 notes.massless |= run.notes.massless
                 run.solvers.release()

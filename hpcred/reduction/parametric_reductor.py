@@ -36,7 +36,7 @@ from .run.notes import Notes
 from .run.run import Run
 from .search.outcome import PASSES, Outcome, accuracy_of, ask_for_digits, changed
 from .small.compression import LITTLE
-from .tolerance_reductor import Searched, ToleranceReductor
+from .tolerance_reductor import ToleranceReductor
 
 CORNERS = 32  # of the ranges, unless they are more, at which stability is looked at
 
@@ -93,14 +93,13 @@ class ParametricReductor(ToleranceReductor):
         def open_run(point, visited):
             return run_at(self, run, point, [*asked, [list(item) for item in visited]])
 
-        greedy = Greedy(self.parametric, vectors, run, self.goal, self.parameter_search, open_run, len(kept), terms)
+        greedy = Greedy(self.parametric, vectors, run, self.goal, self.parameter_search, open_run, kept, terms)
         greedy.run_to_end()
-        return Searched(greedy, kept)
+        return greedy
 
-    def outcome(self, searched, run):
-        greedy, kept = searched
+    def outcome(self, greedy, run):
         goal, judge, estimated = self.goal, greedy.first.judge, greedy.estimate
-        fixed = np.eye(greedy.basis.size)[:, list(kept)]
+        fixed = np.eye(greedy.basis.size)[:, : greedy.kept]
         with self.progress.stage("project"):
             fixed, noise = _project_again(greedy, fixed)
         # what the estimate and round-off leave of the tolerance is the goal of the compression
@@ -112,22 +111,22 @@ class ParametricReductor(ToleranceReductor):
         with self.progress.stage("compress"):
             points += at_ends_of_band(greedy.projections, points, goal.band)
             points = list(dict.fromkeys([*points, *greedy.checks()]))
-            found = compress(
+            fewest = compress(
                 greedy.projections, goal, greedy.reference, greedy.visited, points, aim, fixed, self.rigid_beside(run)
             )
         # the accuracy at the reference, with the largest error over all values in its place
-        reason = greedy.reason or found.limited
+        reason = greedy.reason or fewest.limited
         rest = estimated if reason else min(estimated, 3 * judge.floor)
-        worst = int(found.errors.argmax())
+        worst = int(fewest.errors.argmax())
         accuracy = accuracy_of(
-            greedy.first, reason, found.pair, found.frequencies, found.curve,
-            largest=float(found.errors.max()) + rest, noise=max(noise, found.noise),
+            greedy.first, reason, fewest.pair, fewest.frequencies, fewest.curve,
+            largest=float(fewest.errors.max()) + rest, noise=max(noise, fewest.noise),
         )  # fmt: skip
         names = list(self.parametric.reference)
         of_parameters = ParameterAccuracy(
             ranges={item.name: item.range for item in self.parametric.parameters},
-            reference=self.parametric.reference, points=tuple(greedy.known), checked=len(found.points),
-            worst=dict(zip(names, found.points[worst], strict=True)),
+            reference=self.parametric.reference, points=tuple(greedy.known), checked=len(fewest.points),
+            worst=dict(zip(names, fewest.points[worst], strict=True)),
         )  # fmt: skip
         # points, proofs and counts of all values
         searches = greedy.searches
@@ -136,12 +135,12 @@ class ParametricReductor(ToleranceReductor):
             counted_modes = greedy.first.expansion.highest_count
             missing = max(0, *(search.missing_modes for search in searches))
         accuracy = replace(
-            accuracy, worst=float(found.worst[worst]), parameters=of_parameters, uncompressed_size=greedy.basis.size,
+            accuracy, worst=float(fewest.worst[worst]), parameters=of_parameters, uncompressed_size=greedy.basis.size,
             points=tuple(point for search in searches for point in search.expansion.points),
             proofs=tuple(proof for search in searches for proof in search.proofs), missing_modes=missing,
             counted=counted_modes,
         )  # fmt: skip
-        return Outcome(found.factor, accuracy, greedy.first.projections)
+        return Outcome(fewest.factor, accuracy, greedy.first.projections)
 
 
 def _project_again(greedy, kept) -> tuple[np.ndarray, float]:
@@ -170,10 +169,10 @@ def reduced_with_terms(reductor, model) -> ParametricReducedModel:
         known = {item.name: getattr(reduced, item.name) for item in fields(reduced)}
         known |= {"resultants": resultants(reference), "model": reference.shared()}
     free_dropped(model.comm)
-    found = ParametricReducedModel(**known, parameters=model.parameters, **parts)
-    warnings = (*found.record.warnings, *warnings_of_stability(found, model.comm))
-    digests = found.record.digests | {TERMS: digest_of_plain(digests_of_terms(model))}
-    return replace(found, record=replace(found.record, warnings=warnings, digests=digests))
+    whole = ParametricReducedModel(**known, parameters=model.parameters, **parts)
+    warnings = (*whole.record.warnings, *warnings_of_stability(whole, model.comm))
+    digests = whole.record.digests | {TERMS: digest_of_plain(digests_of_terms(model))}
+    return replace(whole, record=replace(whole.record, warnings=warnings, digests=digests))
 
 
 def warnings_of_stability(reduced, comm) -> tuple[str, ...]:
@@ -202,7 +201,7 @@ def warnings_of_stability(reduced, comm) -> tuple[str, ...]:
 def check_reference(parametric, reference):
     """Refuse loads or outputs that are all zero at the reference values. Collective."""
     for mat, of, what in ((reference.B, "B", "loads"), (reference.Ct, "C", "outputs")):
-        terms = any(item.of == of for item in parametric.terms)
+        terms = any(term.of == of for term in parametric.terms)
         if terms and mat is not None and not mat.norm(PETSc.NormType.FROBENIUS) > 0:
             raise InputError(
                 f"{parametric.name}: all {what} are zero at the reference values, {in_words(parametric.reference)}, by "
@@ -239,12 +238,12 @@ def run_at(reductor, first, point, asked=()):
 
 def digests_of_terms(parametric) -> list:
     """Return what tells the constant part and the terms of a model from others. Collective."""
-    found: list = [parametric.model.digests]
-    for item in parametric.terms:
-        key = FIELD[item.of]
-        with parametric.model.with_fields(**{key: copy(item.matrix)}) as other:
-            found.append([item.of, item.factor, other.digest_of(key)])
-    return found
+    digests: list = [parametric.model.digests]
+    for term in parametric.terms:
+        key = FIELD[term.of]
+        with parametric.model.with_fields(**{key: copy(term.matrix)}) as other:
+            digests.append([term.of, term.factor, other.digest_of(key)])
+    return digests
 
 
 def check_parametric(model, frame, damping, coordinates):
@@ -253,40 +252,40 @@ def check_parametric(model, frame, damping, coordinates):
     declared("model", model, ParametricModel)
     # each term by itself
     known = zip(model.terms, model.symmetry_defects, model.symmetric_terms, strict=True)
-    for item, defect, symmetric in known:
-        unsymmetric = item.of in ("M", "K") and not symmetric
-        if unsymmetric and not model.model.may_be_unsymmetric(item.of):
+    for term, defect, symmetric in known:
+        unsymmetric = term.of in ("M", "K") and not symmetric
+        if unsymmetric and not model.model.may_be_unsymmetric(term.of):
             more = f" or a skew-symmetric matrix; {SAY_SO}"
             raise InputError(
-                f"{model.name}: the term of {item.of} with the factor '{item.factor}' is not symmetric: "
+                f"{model.name}: the term of {term.of} with the factor '{term.factor}' is not symmetric: "
                 f"max |a_ij - a_ji| / |a_ij| = {defect:.1e}, expected round-off (below {SYMMETRIC_TO:g})"
-                + (more if item.of == "K" else "")
+                + (more if term.of == "K" else "")
             )
         if unsymmetric:
             require_no_frequencies(model, damping)
         if unsymmetric and model.model.added:
             raise InputError(
                 f"{model.name}: found {model.model.added.plural} beside an unsymmetric term of K with the factor "
-                f"'{item.factor}', which no reduction has; leave one of them out"
+                f"'{term.factor}', which no reduction has; leave one of them out"
             )
         if unsymmetric and (isinstance(frame, Buckens) or coordinates == "interface"):
-            found = "the Buckens frame" if isinstance(frame, Buckens) else "interface coordinates"
+            asked = "the Buckens frame" if isinstance(frame, Buckens) else "interface coordinates"
             raise InputError(
-                f"{model.name}: found {found} and an unsymmetric term of K with the factor '{item.factor}', whose "
+                f"{model.name}: found {asked} and an unsymmetric term of K with the factor '{term.factor}', whose "
                 "forces they have no place for; hold the body, in pseudo-modal coordinates"
             )
-        if item.of == "K" and isinstance(frame, Buckens) and acts_on_free_motions(model.model, item.matrix):
+        if term.of == "K" and isinstance(frame, Buckens) and acts_on_free_motions(model.model, term.matrix):
             raise InputError(
-                f"{model.name}: the term of K with the factor '{item.factor}' holds or pushes rigid-body motions, as "
+                f"{model.name}: the term of K with the factor '{term.factor}' holds or pushes rigid-body motions, as "
                 "springs to the ground and spin softening do, and the Buckens frame has none of these; hold the body "
                 "(frame kind 'tangent' or 'chord'), or leave the term out"
             )
-        if item.of == "M" and isinstance(frame, Buckens):
+        if term.of == "M" and isinstance(frame, Buckens):
             raise InputError(
-                f"{model.name}: found a term of M with the factor '{item.factor}' in the Buckens frame, whose "
+                f"{model.name}: found a term of M with the factor '{term.factor}' in the Buckens frame, whose "
                 "rigid-body modes depend on M; hold the body (frame kind 'tangent' or 'chord')"
             )
-        if item.of == "D" and not isinstance(damping, GivenDamping):
+        if term.of == "D" and not isinstance(damping, GivenDamping):
             raise InputError(
                 f"damping.kind: found '{damping.kind}', which replaces D and so the "
                 f"{counted(sum(each.of == 'D' for each in model.terms), 'term')} of D of {model.name}; expected 'given'"

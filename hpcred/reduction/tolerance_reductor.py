@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,13 +30,6 @@ ROOM = 96  # columns that a search is expected to need
 ROOM_WITHOUT_FACTORS = 192  # the same by multigrid, whose points have more blocks of a few columns
 
 
-class Searched(NamedTuple):
-    """A search that has come to its end, and the first columns of its basis that stay in the span."""
-
-    search: Any
-    kept: range
-
-
 @dataclass(frozen=True, kw_only=True)
 class ToleranceReductor(BasisReductor):
     """Reduce until eps(f) <= tolerance over the band is proven (see search). Components of a basis come first.
@@ -63,7 +55,7 @@ class ToleranceReductor(BasisReductor):
         tau = 0.0 if has_powers(self.damping) else 1 / (2 * np.pi * self.goal.band[1])
         return Plan(deflation_of_search(framed.model), tau, columns, framed.model.comm.size)
 
-    def fill(self, spaces) -> Searched:
+    def fill(self, spaces) -> Search:
         (vectors,), (run,), groups = spaces
         kept = self._kept_columns(vectors, run)
         extend_by_all(self.basis, *spaces, last=False)
@@ -75,9 +67,10 @@ class ToleranceReductor(BasisReductor):
                 raise
             return self.search(vectors, run, groups, kept)
 
-    def _kept_columns(self, vectors, run) -> range:
-        """Return the columns, first in the basis, that stay in its span: by which interfaces move in interface
-        coordinates, as the responses may not need it, and the deflections at 0 Hz where these are to be exact."""
+    def _kept_columns(self, vectors, run) -> int:
+        """Begin the basis with the columns that stay in its span, and return how many they are: those by which
+        interfaces move in interface coordinates, as the responses may not need it, and the deflections at 0 Hz where
+        these are to be exact."""
         goal, settings = self.goal, self.settings
         if settings.coordinates == "interface":
             ConstraintModes().extend(vectors, run)
@@ -93,19 +86,19 @@ class ToleranceReductor(BasisReductor):
                 f"adaptive.size: found {goal.size}, expected at least {rigid + vectors.size}, by which the interfaces "
                 "can move, or deflect at 0 Hz (static = 'exact')"
             )
-        return range(vectors.size)
+        return vectors.size
 
     def rigid_beside(self, run) -> int:
         """Return the coordinates of rigid-body motion, which interface coordinates of a free body have besides."""
         return run.framed.rigid_size if self.settings.coordinates == "interface" else 0
 
-    def search(self, vectors, run, groups, kept) -> Searched:
-        """Search for a basis, in whose span the columns `kept` are to stay. Collective."""
-        search = Search(vectors, run, self.goal, groups)
+    def search(self, vectors, run, groups, kept) -> Search:
+        """Search for a basis, whose first columns, `kept` of them, stay in its span. Collective."""
+        search = Search(vectors, run, self.goal, groups, kept=kept)
         search.run_to_end()
         if not run.tau:
             run.notes.massless |= self._has_mass_of_round_off(search)
-        return Searched(search, kept)
+        return search
 
     def compress(self, spaces, search) -> Outcome:
         (vectors,), (run,), _ = spaces
@@ -114,9 +107,9 @@ class ToleranceReductor(BasisReductor):
         vectors.multiply(outcome.factor)
         return outcome
 
-    def outcome(self, searched, run) -> Outcome:
+    def outcome(self, search, run) -> Outcome:
         """Return how the basis of a search is compressed, and how accurate its model is. Collective."""
-        return outcome_of(searched.search, self.settings.drop_above, searched.kept, self.rigid_beside(run))
+        return outcome_of(search, self.settings.drop_above, self.rigid_beside(run))
 
     def _has_mass_of_round_off(self, search) -> bool:
         """Test whether the stiffest motion of a basis is static in the band, being far beyond it, and moves parts whose

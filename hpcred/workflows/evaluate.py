@@ -99,7 +99,8 @@ def evaluate_result(
         if output is not None:
             made = {"result": str(result), "model": record.model, "versions": versions()}
             names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
-            responses = Responses(**arrays, **names, record=made)
+            places = {node.label: (node.node, node.position) for node in found.nodes}
+            responses = Responses(**arrays, **names, record=made, places=places)
             rescued(lambda place: write_responses(place, responses, comm), output, comm)
         if figure is not None:
             names = reduced.output_names, reduced.input_names

@@ -1,6 +1,6 @@
 """Reduced models that were made by hand, with numbers that are none."""
 
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -8,7 +8,9 @@ from helpers import exported
 
 import hpcred
 from hpcred.body.body import body_of
+from hpcred.model.operator import Term
 from hpcred.parallel.failures import InputError
+from hpcred.reduction.result.record import UnknownPart
 from hpcred.writers.arrays import BodyMat, BodyNpz
 from hpcred.writers.exudyn import Exudyn
 from hpcred.writers.mbdyn import MbdynFile
@@ -79,3 +81,26 @@ def test_negative_damping_and_stiffness_make_a_model_unstable():
     for d, k, count in ((-0.1, 1.0, 2), (0.0, -1.0, 1), (0.0, 1.0, 0), (0.1, 1.0, 0)):
         model = hpcred.ReducedModel(one, d * one, k * one, one, one, np.ones(1), 0.0, ("a",), ("a",))
         assert len(model.unstable_poles()) == count
+
+
+def test_a_reduced_model_does_not_change():
+    """Another one with other matrices is made, which has the rest of it: twice K makes poles sqrt(2) times as high."""
+    one, law = np.eye(2), hpcred.Maxwell(factors=(0.5,), times=(0.1,))
+    plain = hpcred.ReducedModel(one, 0 * one, np.diag([1.0, 4.0]), one, one, np.ones(2), 0.0, ("a", "b"), ("a", "b"))
+    for key in ("K", "record", "operator"):
+        with pytest.raises(FrozenInstanceError):
+            setattr(plain, key, None)
+    stiff = replace(plain, K=2 * plain.K)
+    assert np.allclose(np.abs(stiff.poles()), np.sqrt(2) * np.abs(plain.poles()))
+    assert stiff.M is plain.M and stiff.B is plain.B and not plain.viscoelastic
+    damped = replace(stiff, viscoelastic=[Term(one, law, "Kv")])
+    assert damped.K is stiff.K and damped.operator["Kv1"] is one
+    assert not replace(damped, viscoelastic=()).added and replace(damped, operator=plain.operator).K is plain.K
+    expected = np.linalg.inv((2j) ** 2 * one + stiff.K + law.coefficient(2j) * one)
+    assert np.allclose(damped.transfer_function(2j), expected)
+
+
+def test_parts_of_a_basis_that_are_not_known_make_none():
+    """As of a record that another program has made."""
+    with hpcred.linkage() as model, pytest.raises(InputError, match="kind 'theirs', whose class is not known here"):
+        hpcred.reduce(model, (UnknownPart("theirs", {"count": 3}),))

@@ -74,7 +74,7 @@ def test_turning_faster_than_the_first_frequency_is_told_while_it_runs_and_noted
         constraint=(Joint("hub", kind="revolute", axis=(0.0, 0.0, 1.0)),),
         drive=(RampDrive(node="hub", about=(0.0, 0.0, 1.0), rate=rate, duration=1.0),),
     )  # fmt: skip
-    warnings = simulate(block, setup, SimpleNamespace(say=lambda text: None, warn=told.append)).warnings
+    warnings = simulate(block, setup, SimpleNamespace(say=lambda text, **_: None, warn=told.append)).warnings
     assert [text.partition(":")[0] for text in told] == kinds
     assert [re.sub(r" \(largest: .*\)$", "", text) for text in warnings] == told
     if rate == 10.0:

@@ -28,6 +28,7 @@ from .base import DoesNotFit, Factorisation
 from .gpu_factor import GpuFactor, runtime
 
 WIDTH = 24  # columns of a solve at most
+COPIES = 4  # of them on the GPU: right-hand sides and solutions, residuals and corrections of their refinement
 HELP = "`pip install 'hpcred[cuda13]'` (cuda12 for older drivers) brings nvmath-python and cuDSS; or take 'mumps'"
 NO_MEMORY = ("alloc_failed", "out of memory", "out_of_memory", "memory_allocation")  # in errors of the library
 PERTURBED = Source(kind="approximate factor", accuracy=1e-8)  # with pivots that were too small
@@ -48,7 +49,7 @@ class Cudss(Factorisation):
     def __init__(self, matrix, symmetric, prefix, factoring=None, reserved_mb=0.0, inertia=False, null_pivots=False):
         super().__init__(matrix, symmetric, prefix, factoring, reserved_mb, inertia, null_pivots)
         self._comm = matrix.comm.tompi4py()
-        self._held = self._values = self._columns = None
+        self._on_gpu = self._values = self._columns = None
         self._scalar = np.dtype(PETSc.ScalarType)
         if self.factoring.single:
             self._scalar = np.dtype(np.complex64 if self._scalar.kind == "c" else np.float32)
@@ -74,7 +75,7 @@ class Cudss(Factorisation):
         with agreed(self._comm):
             if self._leads:
                 with _failures():
-                    if self._held is None:
+                    if self._on_gpu is None:
                         self._analyse()
                     found = float(self._need), free_mb(self._gpu) * count_of_gpus()
         return self._comm.bcast(found)
@@ -98,13 +99,13 @@ class Cudss(Factorisation):
     def _factored(self):
         """Factor on the GPU, with an analysis before the first factor."""
         seconds = 0.0
-        if new := self._held is None:
+        if new := self._on_gpu is None:
             start = time.perf_counter()
             self._analyse()
             seconds = time.perf_counter() - start
         else:
-            self._held.take(self._values.whole)
-        factor = self._held
+            self._on_gpu.take(self._values.whole)
+        factor = self._on_gpu
         factor.factorise()
         found = {
             "analyses": int(new), "analysis_seconds": round(seconds, 4), "ordering": "METIS",
@@ -120,7 +121,7 @@ class Cudss(Factorisation):
         """Order and analyse for the GPU; for the memory of the host too where the factor is larger than the GPU.
         Raises DoesNotFit."""
         self._plan(hybrid=False)
-        factor, columns = self._held, 2 * WIDTH * (len(self._pattern[0]) - 1) * self._scalar.itemsize // MB
+        factor, columns = self._on_gpu, COPIES * WIDTH * (len(self._pattern[0]) - 1) * self._scalar.itemsize // MB
         self._need, free = factor.need // MB, free_mb(self._gpu)
         if self._need + columns + SPARE_MB <= free:
             return
@@ -135,10 +136,10 @@ class Cudss(Factorisation):
         self._plan(hybrid=True)
 
     def _plan(self, hybrid):
-        self._held = GpuFactor(
+        self._on_gpu = GpuFactor(
             self._gpu, *self._pattern, self._values.whole, self.kind == "LDL^T", self._processors, hybrid
         )
-        self._held.analyse()
+        self._on_gpu.analyse()
 
     def _look_around(self):
         """The first rank has the processors of ranks that sleep beside it, and groups share the GPUs of a node."""
@@ -203,8 +204,8 @@ class Cudss(Factorisation):
         parts = self._columns
         blocks = [(int(first), parts.place(rank, columns)) for rank, first in enumerate(parts.starts[:-1])]
         with _failures():
-            self._held.lock(parts.whole)
-            self._held.solve(blocks)
+            self._on_gpu.lock(parts.whole)
+            self._on_gpu.solve(blocks)
 
     @property
     def _leads(self):
@@ -212,14 +213,14 @@ class Cudss(Factorisation):
 
     def _free(self):
         """Free the GPU. Local."""
-        if self._held is not None:
-            self._held.free()
-        self._held = None
+        if self._on_gpu is not None:
+            self._on_gpu.free()
+        self._on_gpu = None
 
     def _forget_columns(self):
         """Free the memory of columns on the host."""
-        if self._held is not None:
-            self._held.unlock()
+        if self._on_gpu is not None:
+            self._on_gpu.unlock()
         if self._columns is not None:
             self._columns.close()
         self._columns = None

@@ -135,8 +135,8 @@ class ResidualAttachment(Component):
     def extend(self, basis, run) -> None:
         solver = InterfaceSolver(run)
         with run.progress.stage("orthogonalise"):
-            found = basis.extend(solver.flexible)
-        run.note("residual attachment modes", solver.size, found, from_store=solver.from_store)
+            new = basis.extend(solver.flexible)
+        run.note("residual attachment modes", solver.size, new, from_store=solver.from_store)
 
 
 class InterfaceSolver:

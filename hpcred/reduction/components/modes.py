@@ -102,11 +102,11 @@ class Modes(Component):
                 more["dominance"] = tuple(dominance.tolist())
             residual = float(residuals(run, values, block).max(initial=0.0))
         frequencies = tuple((np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)).tolist())
-        found = Extension()
+        new = Extension()
         if block is not None:
             with run.progress.stage("orthogonalise"):
-                found = basis.extend(block)
-        run.note(self._name(), len(values), found, frequencies_hz=frequencies, residual=residual,
+                new = basis.extend(block)
+        run.note(self._name(), len(values), new, frequencies_hz=frequencies, residual=residual,
                  from_store=served, **more)  # fmt: skip
 
     def _name(self):
@@ -296,11 +296,11 @@ def _with_modes(run, vectors, block, solve):
     block span the modes; there may be more of them, dependent ones. They are separated before the step: it
     multiplies what a stiff mode has of a soft one by the quotient of their eigenvalues.
     """
-    found = Basis(run.mass, tolerance=INDEPENDENT, room=block.getSizes()[1])
-    found.extend(block)
-    diagonalise(found, project(run.model.K, found.columns))
-    step = create_block(run.model.K, found.size)
-    solve(run.times_mass(found.columns), step, steps=1)
+    modes = Basis(run.mass, tolerance=INDEPENDENT, room=block.getSizes()[1])
+    modes.extend(block)
+    diagonalise(modes, project(run.model.K, modes.columns))
+    step = create_block(run.model.K, modes.size)
+    solve(run.times_mass(modes.columns), step, steps=1)
     vectors.extend(step)
     return diagonalise(vectors, project(run.model.K, vectors.columns))
 
@@ -350,11 +350,11 @@ def _without_rigid(run, values, block):
     values = np.concatenate([quotients, values[elastic]])
     if not len(values):
         return values, None
-    found = create_block(run.model.K, len(values))
-    with local_rows(vectors.columns) as first, local_rows(block) as others, local_rows(found) as rows:
+    modes = create_block(run.model.K, len(values))
+    with local_rows(vectors.columns) as first, local_rows(block) as others, local_rows(modes) as rows:
         rows[:, : vectors.size], rows[:, vectors.size :] = first, others[:, elastic]
-    run.rigid.project(found)
-    return values, found
+    run.rigid.project(modes)
+    return values, modes
 
 
 def residuals(run, values, block) -> np.ndarray:

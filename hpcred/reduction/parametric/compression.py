@@ -156,8 +156,8 @@ def compress(projections, settings, reference, some, points, goal, fixed, beside
         if not over or limited:
             break
         some = [*some, *(points[k] for k in over[:WORST])]
-    found, S, curve = decided(comm, _at_reference, projections, reference, settings, U)
-    return RangeCompressed(U, points, errors, worst, found, S, curve, noise, limited)
+    pair, S, curve = decided(comm, _at_reference, projections, reference, settings, U)
+    return RangeCompressed(U, points, errors, worst, pair, S, curve, noise, limited)
 
 
 def at_ends_of_band(projections, points, band) -> list[tuple[float, ...]]:
@@ -179,7 +179,7 @@ def at_ends_of_band(projections, points, band) -> list[tuple[float, ...]]:
             fewer, more = (fewer, middle) if above(end, middle) > count else (middle, more)
         return fewer if end == band[1] else more
 
-    found = []
+    ends = []
     for end in (end for end in band if end > 0):
         counts = np.array(shared_out(comm, partial(above, end), points))
         ways = []
@@ -187,8 +187,8 @@ def at_ends_of_band(projections, points, band) -> list[tuple[float, ...]]:
             fewer = [points[k] for k in np.flatnonzero(counts < count)]
             if fewer:
                 ways.append((fewer[int(distances(parameters, fewer, [point]).argmin())], point))
-        found += shared_out(comm, lambda way, end=end: between(end, *way), ways)
-    return found
+        ends += shared_out(comm, lambda way, end=end: between(end, *way), ways)
+    return ends
 
 
 def _over(errors, goal, points, some):
@@ -212,21 +212,21 @@ def _inside(projections, settings, U, kept, point) -> Comparison:
 def _errors(inside, points, band):
     """Return the errors (N,) at the points at few frequencies, and where they are (N,)."""
     comm = inside.args[0].form.parametric.comm
-    found = shared_out(comm, lambda point: coarsely(inside(point), band), points)
-    return tuple(np.array(part) for part in zip(*found, strict=True))
+    pairs = shared_out(comm, lambda point: coarsely(inside(point), band), points)
+    return tuple(np.array(part) for part in zip(*pairs, strict=True))
 
 
 def _look_closely(inside, points, band, errors, worst) -> float:
     """Look at more frequencies at the points with the largest `errors` (N,); returns the largest noise there."""
 
     def finely(point):
-        found = inside(point)
-        S, curve = largest(found, grid([found.outer, found.inner], band), LITTLE * float(errors.max()), rounds=2)
-        return float(curve.max()), float(S[curve.argmax()]), float(found.noise(S).max())
+        pair = inside(point)
+        S, curve = largest(pair, grid([pair.outer, pair.inner], band), LITTLE * float(errors.max()), rounds=2)
+        return float(curve.max()), float(S[curve.argmax()]), float(pair.noise(S).max())
 
     high = [k for k in np.argsort(-errors, kind="stable")[:LOOKED_AT] if errors[k] >= CLOSE * errors.max()]
-    found = shared_out(inside.args[0].form.parametric.comm, finely, [points[k] for k in high])
-    errors[high], worst[high], noise = (np.array(part) for part in zip(*found, strict=True))
+    results = shared_out(inside.args[0].form.parametric.comm, finely, [points[k] for k in high])
+    errors[high], worst[high], noise = (np.array(part) for part in zip(*results, strict=True))
     return float(noise.max())
 
 
@@ -236,11 +236,11 @@ def _look_around(inside, points, errors, band) -> tuple[list, np.ndarray, np.nda
     parameters = inside.args[0].form.parametric.parameters
     centres = _worst_apart(parameters, points, errors)
     highest = [errors[points.index(point)] for point in centres]
-    steps, found = [FIRST_STEP] * len(centres), ([], [], [])
+    steps, looked_at = [FIRST_STEP] * len(centres), ([], [], [])
     for _ in range(STEPS):
         rings = [points_around(parameters, *where) for where in zip(centres, steps, strict=True)]
         here = _errors(inside, [point for ring in rings for point in ring], band)
-        for known, new in zip(found, ([point for ring in rings for point in ring], *here), strict=True):
+        for known, new in zip(looked_at, ([point for ring in rings for point in ring], *here), strict=True):
             known.extend(new)
         ends = np.cumsum([len(ring) for ring in rings])[:-1]
         for k, (ring, around) in enumerate(zip(rings, np.split(here[0], ends), strict=True)):
@@ -248,24 +248,24 @@ def _look_around(inside, points, errors, band) -> tuple[list, np.ndarray, np.nda
                 centres[k], highest[k] = ring[int(around.argmax())], around.max()
             else:
                 steps[k] /= 2
-    return found[0], np.array(found[1]), np.array(found[2])
+    return looked_at[0], np.array(looked_at[1]), np.array(looked_at[2])
 
 
 def _worst_apart(parameters, points, errors):
     """Return the worst of the points, the others no closer than two steps to one before."""
-    found = []
+    chosen = []
     for k in np.argsort(-errors, kind="stable"):
-        if len(found) == STARTS or errors[k] < CLOSE * errors.max():
+        if len(chosen) == STARTS or errors[k] < CLOSE * errors.max():
             break
-        if not found or distances(parameters, [points[k]], found)[0] >= 2 * FIRST_STEP:
-            found.append(points[k])
-    return found
+        if not chosen or distances(parameters, [points[k]], chosen)[0] >= 2 * FIRST_STEP:
+            chosen.append(points[k])
+    return chosen
 
 
 def _at_reference(projections, reference, settings, U):
     pair, _, inward = turned(projections, reference, settings)
-    found = pair.within(np.linalg.qr(inward @ U)[0])
-    grid_of_both = grid([found.outer, found.inner], settings.band, 2 * UNIFORM, FINE)
-    S, curve = largest(found, grid_of_both, LITTLE * settings.tolerance)
-    S, curve = resolved(found, S, curve, max(3 * float(found.noise(S).max()), SHOWN * settings.tolerance))
-    return found, S, curve
+    small = pair.within(np.linalg.qr(inward @ U)[0])
+    grid_of_both = grid([small.outer, small.inner], settings.band, 2 * UNIFORM, FINE)
+    S, curve = largest(small, grid_of_both, LITTLE * settings.tolerance)
+    S, curve = resolved(small, S, curve, max(3 * float(small.noise(S).max()), SHOWN * settings.tolerance))
+    return small, S, curve

@@ -44,8 +44,8 @@ def estimate(projections: AffineProjections, points, count: int, settings) -> Es
         measure = measure_over(settings.error_measure, settings.band, outer, COARSE)
         return coarsely(Comparison(inner, outer, nested(inner, outer), measure), settings.band)
 
-    found = shared_out(projections.form.parametric.comm, at, points)
-    return Estimate(*(np.array(part) for part in zip(*found, strict=True)))
+    largest = shared_out(projections.form.parametric.comm, at, points)
+    return Estimate(*(np.array(part) for part in zip(*largest, strict=True)))
 
 
 def residual_block(projections: AffineProjections, framed, points, settings, width):

@@ -232,12 +232,12 @@ class Greedy:
     def _fixed(self, count):
         """Return columns (count, c) that stay in the span: those that are kept anyway, and the modes of the band at the
         visited points, which factors count; local."""
-        found = [np.eye(count)[:, : self.kept]]
+        columns = [np.eye(count)[:, : self.kept]]
         for point in self.visited:
             models = self.projections.at(point)
             model = models.model(count)
-            found.append(models.turn[:count, :count] @ model.vectors[:, self._counted(model)])
-        return _independent(np.hstack(found))
+            columns.append(models.turn[:count, :count] @ model.vectors[:, self._counted(model)])
+        return _independent(np.hstack(columns))
 
     def _counted(self, model):
         """The modes of the band that factors count."""
@@ -247,19 +247,19 @@ class Greedy:
     def _spread(self):
         """Return the visited points, those beside zeros of static responses, where errors count most, and SPREAD
         training points far from them and each other."""
-        found = [*self.visited, *self._zeros]
+        chosen = [*self.visited, *self._zeros]
         for _ in range(min(SPREAD, len(self.points))):
-            found.append(self.points[int(distances(self.parametric.parameters, self.points, found).argmax())])
-        return list(dict.fromkeys(found))
+            chosen.append(self.points[int(distances(self.parametric.parameters, self.points, chosen).argmax())])
+        return list(dict.fromkeys(chosen))
 
     def _add_points(self, count):
         """Estimate the error at fresh points; those where it is larger than elsewhere, and too large, stay."""
         fresh = fresh_points(self.parametric.parameters, FRESH * len(self.visited), FRESH)
-        found = estimate(self.projections, fresh, count, self.goal)
+        there = estimate(self.projections, fresh, count, self.goal)
         limit = max(float(self.estimated.errors.max()), self.first.judge.goal)
-        more = [k for k in range(FRESH) if found.errors[k] > limit]
+        more = [k for k in range(FRESH) if there.errors[k] > limit]
         self.points += [fresh[k] for k in more]
-        self.estimated = Estimate(*(np.append(old, new[more]) for old, new in zip(self.estimated, found, strict=True)))
+        self.estimated = Estimate(*(np.append(old, new[more]) for old, new in zip(self.estimated, there, strict=True)))
 
     # where it is going
 
@@ -315,10 +315,10 @@ def _independent(columns) -> np.ndarray:
     """Return orthonormal columns for the directions of columns, those that nearly depend on others left out; the first
     ones span what the first of them span."""
     columns = columns / np.linalg.norm(columns, axis=0)
-    found = np.zeros((len(columns), 0))
+    basis = np.zeros((len(columns), 0))
     for column in columns.T:
-        rest = column - found @ (found.T @ column)
-        rest -= found @ (found.T @ rest)
+        rest = column - basis @ (basis.T @ column)
+        rest -= basis @ (basis.T @ rest)
         if np.linalg.norm(rest) > INDEPENDENT:
-            found = np.column_stack([found, rest / np.linalg.norm(rest)])
-    return found
+            basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
+    return basis

@@ -68,25 +68,25 @@ class ParametricReducedModel(ReducedModel):
         Raises InputError for other names, and values outside of the ranges.
         """
         values = checked_values(self.parameters, values)
-        found = dict(self.constant)
-        for item in self.terms:
-            found[item.of] = found[item.of] + item.expression.at(values) * item.matrix
+        matrices = dict(self.constant)
+        for term in self.terms:
+            matrices[term.of] = matrices[term.of] + term.expression.at(values) * term.matrix
         damping = None if self.record is None else self.record.damping
         if _follows_frequencies(damping):
-            modes = _modes(found, values, self.base)
+            modes = _modes(matrices, values, self.base)
             elastic = slice(self.rigid_size, None)  # the others damping models leave alone
             stiffness, mass = (np.diag(part[elastic]) for part in (modes.stiffnesses, modes.masses))
             back = np.linalg.inv(modes.X).T[:, elastic]
-            found["D"] = back @ reduced_damping(damping, stiffness, modes.frequencies[elastic], mass) @ back.T
-        return found
+            matrices["D"] = back @ reduced_damping(damping, stiffness, modes.frequencies[elastic], mass) @ back.T
+        return matrices
 
     def turn(self, values: Mapping[str, float]) -> np.ndarray:
         """Return X (m, m) of the coordinates x = X z of the model at values of the parameters: X^T M X = I, but for
         coordinates without mass, and X^T K X diagonal; the identity in interface coordinates."""
-        found = self.matrices(values)
+        matrices = self.matrices(values)
         if self.interfaces:
             return np.eye(self.size)
-        return _modes(found, checked_values(self.parameters, values), self.base).X
+        return _modes(matrices, checked_values(self.parameters, values), self.base).X
 
     def at(self, **values: float) -> ReducedModel:
         """Return the model at values of the parameters, in pseudo-modal coordinates of its own (see turn).
@@ -106,21 +106,21 @@ class ParametricReducedModel(ReducedModel):
         InputError
             For other names, and values outside of the ranges.
         """
-        found: dict[str, Any] = self.matrices(values)
-        modes, base = _modes(found, checked_values(self.parameters, values), self.base), self.base
+        matrices: dict[str, Any] = self.matrices(values)
+        modes, base = _modes(matrices, checked_values(self.parameters, values), self.base), self.base
         X = modes.X
         if not self.interfaces:
-            outputs = {key: found[key] @ X for key in ("C", "Cv", "Ca") if key in found}
-            skew = (found["K"] - found["K"].T) / 2  # none of symmetric parts, which are so exactly
-            operator = Operator.of(np.diag(modes.masses), X.T @ found["D"] @ X,
+            outputs = {key: matrices[key] @ X for key in ("C", "Cv", "Ca") if key in matrices}
+            skew = (matrices["K"] - matrices["K"].T) / 2  # none of symmetric parts, which are so exactly
+            operator = Operator.of(np.diag(modes.masses), X.T @ matrices["D"] @ X,
                                    np.diag(modes.stiffnesses) + X.T @ skew @ X, self.added.projected(X))  # fmt: skip
-            found = {"operator": operator, "B": X.T @ found["B"], **outputs}
+            matrices = {"operator": operator, "B": X.T @ matrices["B"], **outputs}
         if any(item.of == "B" for item in self.terms) and checked_values(self.parameters, values) != self.reference:
-            found["resultants"] = None  # those of the columns at the reference
+            matrices["resultants"] = None  # those of the columns at the reference
         record = base.record
         if record is not None and checked_values(self.parameters, values) != self.reference:
             record = record.away_from_reference()
-        return replace(base, **found, frequencies=modes.frequencies, columns=None, left_columns=None, model=None,
+        return replace(base, **matrices, frequencies=modes.frequencies, columns=None, left_columns=None, model=None,
                        record=record)  # fmt: skip
 
     def in_coordinates(self, T: np.ndarray, **changed) -> ReducedModel:

@@ -35,8 +35,8 @@ def beside_static_zeros(projections, points, band) -> list[tuple[float, ...]]:
     ways = []
     for k in range(len(known[0])):
         ways += [(points[a], points[b], k) for a, b in _opposite(places, np.array([each[k] for each in known]))]
-    found = shared_out(comm, lambda way: _beside(projections, band, *way), ways) if ways else []
-    return list(dict.fromkeys(point for some in found for point in some))
+    points_beside = shared_out(comm, lambda way: _beside(projections, band, *way), ways) if ways else []
+    return list(dict.fromkeys(point for some in points_beside for point in some))
 
 
 def _static(projections, point, frequencies=(0.0,)) -> list[np.ndarray]:
@@ -46,9 +46,11 @@ def _static(projections, point, frequencies=(0.0,)) -> list[np.ndarray]:
     H, drive = model.responses(np.array(frequencies))
     g = np.sqrt(np.abs(drive))
     over = np.divide(H, g[:, None, :], out=np.zeros_like(H), where=g[:, None, :] > 0)
-    found = [] if model.io.are_same else list(over.transpose(1, 0, 2))
-    found += [drive[:, [i]] for i in range(drive.shape[1])]
-    return found if len(frequencies) > 1 else [np.where(np.isfinite(each[0]), each[0].real, 0.0) for each in found]
+    responses = [] if model.io.are_same else list(over.transpose(1, 0, 2))
+    responses += [drive[:, [i]] for i in range(drive.shape[1])]
+    if len(frequencies) > 1:
+        return responses
+    return [np.where(np.isfinite(each[0]), each[0].real, 0.0) for each in responses]
 
 
 def _opposite(places, values) -> list[tuple[int, int]]:

@@ -56,8 +56,8 @@ def low_discrepancy(number: int, count: int) -> np.ndarray:
 def points_around(parameters, point, step: float) -> list[tuple[float, ...]]:
     """Return the points a `step` away in the unit cube along each axis, as far as they are in the ranges."""
     place, steps = place_of(parameters, point), step * np.eye(len(parameters))
-    found = [point_at(parameters, np.clip(place + one, 0.0, 1.0)) for one in (*steps, *-steps)]
-    return [other for other in dict.fromkeys(found) if other != point]
+    around = [point_at(parameters, np.clip(place + one, 0.0, 1.0)) for one in (*steps, *-steps)]
+    return [other for other in dict.fromkeys(around) if other != point]
 
 
 def halfway(parameters, one, other) -> tuple[float, ...]:

@@ -188,20 +188,20 @@ class Accuracy:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user of the result has to know: a tolerance that was not reached, and what the measure hides."""
-        found = () if self.reached else (self.sentence,)
+        sentences = () if self.reached else (self.sentence,)
         if self.silent:
-            found += (
+            sentences += (
                 f"outputs: {listed(self.silent)}: no input moves them but for round-off, so that eps leaves them out",
             )
         if isinstance(self.measure, Paper) and self.beyond:
             named = [f"{item.output} {item.largest:.1g} at {item.frequency:.4g} Hz" for item in self.beyond]
-            found += (
+            sentences += (
                 f"measure: eps is that of the paper (55), the error of all responses together; by themselves "
                 f"{len(named)} of {len(self.directions)} outputs are off by more than {self.tolerance:g}: "
                 f"{', '.join(named[:NAMED])}{', ...' * (len(named) > NAMED)}; leave measure = \"paper\" out where they "
                 "matter",
             )
-        return found
+        return sentences
 
 
 def in_percent(error: float, tolerance: float) -> str:

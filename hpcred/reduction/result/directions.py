@@ -39,14 +39,14 @@ def directions_table(by: Directions, parts, outputs, inputs) -> tuple[Direction,
             if each[k, j, i] > largest[j][0]:
                 largest[j] = float(each[k, j, i]), float(frequencies[k]), int(i)
     (errors, sizes), g = first, np.sqrt(np.maximum(by.inputs, TINY))
-    found = []
+    table = []
     for j, (error, f, worst) in enumerate(largest):
         i = by.drive[j] if by.drive[j] >= 0 else int((sizes[j] / g).argmax())
-        found.append(Direction(
+        table.append(Direction(
             output=outputs[j], input=inputs[i], static=float(sizes[j, i]), static_error=float(min(errors[j, i], IDLE)),
             largest=min(error, IDLE), frequency=f, worst_input=inputs[worst],
         ))  # fmt: skip
-    return tuple(sorted(found, key=lambda item: -item.largest))
+    return tuple(sorted(table, key=lambda item: -item.largest))
 
 
 def worst_of_directions(directions) -> str:

@@ -100,12 +100,12 @@ def with_mass(reduced, where="a state space") -> WithMass:
         ))  # fmt: skip
     else:
         M = M[:m, :m]
-    found = replace(
+    regular = replace(
         reduced, M=M, D=D, K=K, B=B, C=C, Cv=Cv if Cv.any() else None, Ca=Ca if Ca.any() else None,
         frequencies=np.resize(reduced.frequencies[:m], len(M)), interfaces=(), columns=None,
         left_columns=None, model=None,
     )  # fmt: skip
-    return WithMass(found, feedthrough, damped)
+    return WithMass(regular, feedthrough, damped)
 
 
 def first_order(reduced, where="a state space") -> dict:

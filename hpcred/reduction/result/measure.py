@@ -116,9 +116,9 @@ class Directions(Measure):
     drive: tuple[int, ...] = ()
 
     def over(self, frequencies, H, drive, drive_of, silent=()):
-        found = directions(frequencies, H, drive, drive_of, silent)
+        known = directions(frequencies, H, drive, drive_of, silent)
         # an input that moves nothing elastic, which a warning names, has no response that could be wrong
-        return replace(found, inputs=tuple(value or IDLE for value in found.inputs))
+        return replace(known, inputs=tuple(value or IDLE for value in known.inputs))
 
     def scales(self, H, drive):
         g = np.sqrt(np.maximum(np.abs(drive), self.inputs))
@@ -131,9 +131,9 @@ class Directions(Measure):
 
     def times(self, inputs, outputs):
         at = np.array(self.drive, dtype=int) >= 0
-        found = np.array(self.outputs) * np.where(at, outputs / inputs, outputs)
+        scales = np.array(self.outputs) * np.where(at, outputs / inputs, outputs)
         floors = np.clip(np.array(self.inputs) * inputs * inputs, TINY, IDLE)
-        return replace(self, inputs=tuple(floors.tolist()), outputs=tuple(found.tolist()))
+        return replace(self, inputs=tuple(floors.tolist()), outputs=tuple(scales.tolist()))
 
     @property
     def floors(self):
@@ -214,11 +214,11 @@ def _largest(matrix):
 def _floors(frequencies, size):
     """Return the medians of responses (U, k) over the band, or the values at 0 Hz if smaller and not zero."""
     finite = np.where(np.isfinite(size), size, np.nan)
-    found = np.nan_to_num(np.nanmedian(finite, axis=0))
+    floors = np.nan_to_num(np.nanmedian(finite, axis=0))
     if frequencies[0] == 0:
         static = np.where(np.isfinite(size[0]), size[0], np.inf)
-        found = np.where(static > STATIC * found, np.minimum(found, static), found)
-    return found
+        floors = np.where(static > STATIC * floors, np.minimum(floors, static), floors)
+    return floors
 
 
 def _divided(values, by):

@@ -14,6 +14,7 @@ from ...model.operator import Operator
 NODES, A_DECADE = 16, 6  # frequencies at which eigenvalues are computed, at least
 MOST = 64  # poles, from the lowest, that Newton's method is run for
 STEPS = 6
+STILL = 1e-14  # relative step after which nothing but round-off follows
 FAR = 0.3  # relative step from the first guess, beyond which another pole may have been found
 ZERO = 1e-14  # of the largest eigenvalue: motions without stiffness
 BEYOND = 4.0  # steps by which the range of the poles is looked for
@@ -40,9 +41,11 @@ def oscillating_poles(eigenvalues: np.ndarray, D: np.ndarray, added: Operator, e
     first = 1j * at * np.sqrt(1 + 1j * np.einsum("ki,kij,kj->k", x, loss, x) / at**2)
     left = np.argsort(at)[:MOST]
     for guess in (first.copy(), 1j * at):  # the damping of a single mode may say too much
-        found = _by_newton(eigenvalues, D, added, eta, guess[left], x[left])
-        near = found != guess[left]
-        first[left[near]], left = found[near], left[~near]
+        if not len(left):
+            break
+        poles = _by_newton(eigenvalues, D, added, eta, guess[left], x[left])
+        near = poles != guess[left]
+        first[left[near]], left = poles[near], left[~near]
     return first[np.argsort(first.imag)]
 
 
@@ -80,9 +83,13 @@ def _by_newton(eigenvalues, D, added, eta, first, x):
         except np.linalg.LinAlgError:  # at a pole
             break
         vectors = ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
-        value, size = (np.einsum("ki,kij,kj->k", vectors, matrix, vectors, optimize=True) for matrix in (A, slope))
+        rows = vectors[:, None, :]
+        value, size = ((rows @ matrix @ vectors[:, :, None])[:, 0, 0] for matrix in (A, slope))
+        before = s
         s = s - np.divide(value, size, out=np.zeros_like(size), where=size != 0)
         s = np.where((np.abs(s - first) < FAR * np.abs(first)) & (s.imag > 0), s, first)
+        if (np.abs(s - before) <= STILL * np.abs(s)).all():
+            break
     return s
 
 

@@ -147,41 +147,41 @@ class Record:
         """How often was factored or coarsened, in words."""
         if self.basis_of:
             return f"no factorisation, the basis of {self.basis_of}"
-        factors = [item for item in self.factorisations if item.direct]
-        found = counted(len(factors), "factorisation")
+        factors = [factor for factor in self.factorisations if factor.direct]
+        words = counted(len(factors), "factorisation")
         if self.factorisations_saved:
-            found += f", {self.factorisations_saved} saved by the store"
+            words += f", {self.factorisations_saved} saved by the store"
         analyses = counted(self.symbolic_analyses, "analysis", "analyses")
-        found += f", {analyses} ({factors[-1].ordering if factors else 'none'})"
+        words += f", {analyses} ({factors[-1].ordering if factors else 'none'})"
         if len(factors) < len(self.factorisations):
-            most = max(item.iterations for item in self.factorisations)
-            found += (
+            most = max(factor.iterations for factor in self.factorisations)
+            words += (
                 f", {len(self.factorisations) - len(factors)} by conjugate gradients with multigrid (at most {most} "
                 "iterations)"
             )
-        return found
+        return words
 
     @property
     def interface_rows(self) -> list[dict]:
         """For a table: name, number, kind, number of nodes and place in m of each interface; empty in older files."""
         pairs = zip(self.interfaces, self.interface_nodes, strict=False)
         return [
-            {"interface": found.name, "node": found.node, "kind": asked.kind, "nodes": found.count,
-             **{axis: round(value, 12) + 0.0 for axis, value in zip("xyz", found.position, strict=True)}}
-            for asked, found in pairs
+            {"interface": node.name, "node": node.node, "kind": interface.kind, "nodes": node.count,
+             **{axis: round(value, 12) + 0.0 for axis, value in zip("xyz", node.position, strict=True)}}
+            for interface, node in pairs
         ]  # fmt: skip
 
 
 def versions() -> dict[str, str]:
     """Return versions of everything that can change a number. Collective where PETSc has not been started."""
-    found = {
+    known = {
         "python": platform.python_version(),
         "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
         "slepc": ".".join(map(str, SLEPc.Sys.getVersion())),
         "mpi": MPI.Get_library_version().strip("\x00\n ").split(",")[0],
         "blas": processor.blas() or "unknown",
     }
-    return found | {package: version_of(package) for package in ("hpcred", "numpy", "h5py", "mpi4py")}
+    return known | {package: version_of(package) for package in ("hpcred", "numpy", "h5py", "mpi4py")}
 
 
 def version_of(package: str) -> str:

@@ -227,8 +227,8 @@ class ReducedModel:
 
         import hpcred
 
-        found = hpcred.state_space(self)
-        return StateSpace(*(found[key] for key in "ABCD"))
+        arrays = hpcred.state_space(self)
+        return StateSpace(*(arrays[key] for key in "ABCD"))
 
     def to_pymor(self) -> Any:
         """Return the model as pymor.models.iosys.SecondOrderModel, on this rank alone; from_pymor is the way back.

@@ -30,15 +30,15 @@ def _pymor():
 def pymor_model(reduced, state_space):
     """Return pyMOR's SecondOrderModel of a ReducedModel, by the function `state_space`. Raises InputError."""
     model, *_ = _pymor()
-    found = state_space(reduced)  # which refuses structural damping
+    arrays = state_space(reduced)  # which refuses structural damping
     keys = ("mass", "damping", "stiffness", "input_matrix", "output_matrix")
-    *matrices, Cp = (found[key] for key in keys)
+    *matrices, Cp = (arrays[key] for key in keys)
     if reduced.displaces.all():
         return model.from_matrices(*matrices, Cp)
     # no acceleration of a coordinate without mass comes so far
-    Cv, by_mass = found.get("velocity_matrix", 0.0), reduced.output_parts[2] @ np.linalg.pinv(reduced.M)
+    Cv, by_mass = arrays.get("velocity_matrix", 0.0), reduced.output_parts[2] @ np.linalg.pinv(reduced.M)
     D, K = (mat[: reduced.size] for mat in matrices[1:3])  # states of added terms come after the coordinates
-    return model.from_matrices(*matrices, Cp - by_mass @ K, Cv - by_mass @ D, found["D"])
+    return model.from_matrices(*matrices, Cp - by_mass @ K, Cv - by_mass @ D, arrays["D"])
 
 
 def parametric_pymor_model(reduced):
@@ -53,8 +53,8 @@ def parametric_pymor_model(reduced):
         raise InputError(f"to_pymor: found structural damping, expected viscous or none{at}")
     if reduced.constant.get("Ca") is not None:
         raise InputError(f"to_pymor: found outputs that are accelerations, which are no sum of terms in pyMOR{at}")
-    if found := RESERVED.intersection(names):
-        raise InputError(f"to_pymor: found the parameter '{sorted(found)[0]}', a name that pyMOR uses itself{at}")
+    if taken := RESERVED.intersection(names):
+        raise InputError(f"to_pymor: found the parameter '{sorted(taken)[0]}', a name that pyMOR uses itself{at}")
     if reduced.added:
         reduced, _ = with_maxwell_states(reduced)
     operators = {}

@@ -140,14 +140,14 @@ class Run:
         if not self.tau:
             return None
         model = self.model
-        found = model.K.copy()
+        matrix = model.K.copy()
         if not model.is_symmetric("K"):
-            found.axpy(1.0, model.K.transpose(PETSc.Mat()), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-            found.scale(0.5)
-        found.scale(self.tau**2)
-        found.axpy(1.0, model.M, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        found.stateIncrease()
-        return found
+            matrix.axpy(1.0, model.K.transpose(PETSc.Mat()), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            matrix.scale(0.5)
+        matrix.scale(self.tau**2)
+        matrix.axpy(1.0, model.M, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        matrix.stateIncrease()
+        return matrix
 
     def new_basis(self, room: int, *, tolerance: float | None = None, deflate=True, kind=Basis) -> Basis:
         """Return an empty basis of the run's inner product, with `room` for so many columns; by default without the
@@ -161,21 +161,21 @@ class Run:
         """Return M block as a new block."""
         return times(self.mass, block)
 
-    def note(self, where: str, columns: int, found: Extension | int, minor=False, **more):
+    def note(self, where: str, columns: int, new: Extension | int, minor=False, **more):
         """Record how many of the columns offered were new; shown by the command line, kept in the result; local.
 
         `minor`: see Progress.say."""
         weights = {}
-        if isinstance(found, Extension):
-            if found.kept:
-                weights["smallest_kept"] = found.smallest_kept
-            if found.largest_dropped:
-                weights["largest_dropped"] = found.largest_dropped
-            self.notes.massless |= found.massless > 0
-            found = found.kept
-        self.notes.components.append(ComponentRecord(where=where, columns=columns, kept=found, **weights, **more))
-        dropped = f", {columns - found} dependent dropped" if columns > found else ""
-        self.progress.say(f"{where}: {found} new vectors{dropped}", minor=minor)
+        if isinstance(new, Extension):
+            if new.kept:
+                weights["smallest_kept"] = new.smallest_kept
+            if new.largest_dropped:
+                weights["largest_dropped"] = new.largest_dropped
+            self.notes.massless |= new.massless > 0
+            new = new.kept
+        self.notes.components.append(ComponentRecord(where=where, columns=columns, kept=new, **weights, **more))
+        dropped = f", {columns - new} dependent dropped" if columns > new else ""
+        self.progress.say(f"{where}: {new} new vectors{dropped}", minor=minor)
 
     def remark(self, sentence):
         """Keep a warning in the result; local."""
@@ -184,8 +184,8 @@ class Run:
 
     def identity_of(self, *keys) -> dict:
         """Return the part of the identity that a key of the store takes, with what stands for all columns."""
-        found = {key: self.identity.get(key) for key in ("frame", "nodes", "symmetric", *keys)}
-        return found | ({"tau": self.tau} if self.tau else {})
+        known = {key: self.identity.get(key) for key in ("frame", "nodes", "symmetric", *keys)}
+        return known | ({"tau": self.tau} if self.tau else {})
 
     def stored(self, key, most=None):
         """Return the Entry that a store has under a key, None without one."""
@@ -238,9 +238,9 @@ def identity_of_model(model, framed, **known) -> dict:
     Digests of the framed model would not do: where nodes are turned its last digits depend on the number of ranks.
     """
     of = model.digests.get
-    found = {"M": of("M"), "K": of("K"), "inputs": of("B"), "outputs": [of("Ct"), of(RATES)]}
-    found["D"] = [of("D") if isinstance(framed.damping, GivenDamping) else None, of(ADDED)]
-    found["nodes"] = [of("dofs"), framed.model.digest_of("labels"), of("interfaces")]
-    found["transposed"] = False
-    found["symmetric"] = bool(framed.model.symmetric)
-    return found | {key: asdict(value) if is_dataclass(value) else value for key, value in known.items()}
+    identity = {"M": of("M"), "K": of("K"), "inputs": of("B"), "outputs": [of("Ct"), of(RATES)]}
+    identity["D"] = [of("D") if isinstance(framed.damping, GivenDamping) else None, of(ADDED)]
+    identity["nodes"] = [of("dofs"), framed.model.digest_of("labels"), of("interfaces")]
+    identity["transposed"] = False
+    identity["symmetric"] = bool(framed.model.symmetric)
+    return identity | {key: asdict(value) if is_dataclass(value) else value for key, value in known.items()}

@@ -130,22 +130,22 @@ class Judge:
     def judge(self, blocks: Blocks) -> Judgement:
         """Judge the basis after a block, and decide whether the point is done. Raises InputError."""
         columns = np.arange(self.projections.first_held_back)
-        found = Judgement(noise=self.noise, columns=columns)
+        judged = Judgement(noise=self.noise, columns=columns)
         if not columns.size and blocks.new:
-            return found
+            return judged
         if not blocks.new:  # nothing new at all: the basis is complete
             columns = np.arange(self.projections.basis.size)
         pair = self._compared(columns)
         if blocks.order >= 1:
             rough = self._roughly(pair)
             if rough > 10 * max(self.floor, self._goal_at(blocks)) and self._has_room(blocks):
-                return replace(found, estimate=rough)
+                return replace(judged, estimate=rough)
         S, curve = self._over_band(pair)
-        found = Judgement(estimate=float(curve.max()), noise=float(pair.noise(S).max()), columns=columns)
-        check_response(self.projections, pair.outer, S, found)
+        judged = Judgement(estimate=float(curve.max()), noise=float(pair.noise(S).max()), columns=columns)
+        check_response(self.projections, pair.outer, S, judged)
         if self.candidate is not None:
-            found = replace(found, proofs=(self._proof(blocks.frequency, pair),))
-        return replace(found, done=self._is_done(blocks, found))
+            judged = replace(judged, proofs=(self._proof(blocks.frequency, pair),))
+        return replace(judged, done=self._is_done(blocks, judged))
 
     def _goal_at(self, blocks):
         """Return the error that the blocks of a point have to reach, unless round-off is larger."""
@@ -162,17 +162,17 @@ class Judge:
         new, size = blocks.new, self.projections.basis.size
         return blocks.added + new <= self._limit() and new and size < self.settings.columns
 
-    def _is_done(self, blocks, found):
+    def _is_done(self, blocks, judged):
         """Test whether a point needs no more blocks, or may have none."""
         new = blocks.new
         if blocks.order < 1 and new and not (blocks.proving and new >= HELD_BACK):
             return False
-        goal = max(self._goal_at(blocks), found.noise)
-        good = found.estimate <= goal
-        if good and blocks.proving and found.proofs:  # the measured error has to be nearly exact
-            proof = found.proofs[0]
-            good = proof.uncertainty <= max(proof.measured / 10, self.goal / 100, found.noise)
-        promising = _columns_ahead([*blocks.history, found.estimate], goal, new) <= AHEAD
+        goal = max(self._goal_at(blocks), judged.noise)
+        good = judged.estimate <= goal
+        if good and blocks.proving and judged.proofs:  # the measured error has to be nearly exact
+            proof = judged.proofs[0]
+            good = proof.uncertainty <= max(proof.measured / 10, self.goal / 100, judged.noise)
+        promising = _columns_ahead([*blocks.history, judged.estimate], goal, new) <= AHEAD
         most = self._limit() + (AHEAD if promising else 0)
         full = blocks.added + (0 if promising else new) > most or self.projections.basis.size >= self.settings.columns
         return bool(not new or good or full)

@@ -48,13 +48,13 @@ class Outcome(NamedTuple):
     projections: Projections
 
 
-def outcome_of(search: Search, drop_above=None, kept=range(0), beside=0) -> Outcome:
+def outcome_of(search: Search, drop_above=None, beside=0) -> Outcome:
     """Return what a search comes to. Collective.
 
-    The columns `kept` of the basis stay in the span. Pseudo-modes above `drop_above` (Hz) are left out, and what
-    that does to the error counts. `beside`: coordinates of rigid-body motion that come later.
+    Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the error counts. `beside`: coordinates of
+    rigid-body motion that come later.
     """
-    kept = np.eye(search.projections.basis.size)[:, list(kept)]
+    kept = np.eye(search.projections.basis.size)[:, : search.kept]
     with search.run.progress.stage("project"):
         kept = _project_again(search, kept)
     with search.run.progress.stage("compress"):
@@ -64,11 +64,11 @@ def outcome_of(search: Search, drop_above=None, kept=range(0), beside=0) -> Outc
 
 def _compressed(search, drop_above, kept, beside):
     judge = search.judge
-    found = compress(judge, search.reason, drop_above, kept, beside)
-    rest = judge.estimate if found.reason else min(judge.estimate, 3 * judge.floor)
-    return found.factor, accuracy_of(
-        search, found.reason, found.pair, found.frequencies, found.curve, largest=float(found.curve.max()) + rest,
-        noise=found.noise,
+    small = compress(judge, search.reason, drop_above, kept, beside)
+    rest = judge.estimate if small.reason else min(judge.estimate, 3 * judge.floor)
+    return small.factor, accuracy_of(
+        search, small.reason, small.pair, small.frequencies, small.curve, largest=float(small.curve.max()) + rest,
+        noise=small.noise,
     )  # fmt: skip
 
 
@@ -97,14 +97,14 @@ def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarr
     whole = judge.compare(outer, outer, np.eye(len(outer)))
     goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
     fixed = np.linalg.qr(outer.coordinates_of(kept))[0] if kept.shape[1] else kept
-    found, frequencies, curve, limited = _reach(judge, whole, goal, fixed, beside)
+    pair, frequencies, curve, limited = _reach(judge, whole, goal, fixed, beside)
     reason = reason or limited
-    if drop_above is not None and found.inner.frequencies[-1] > drop_above:
-        found, frequencies, curve = _without_modes_above(drop_above, found, frequencies, goal)
+    if drop_above is not None and pair.inner.frequencies[-1] > drop_above:
+        pair, frequencies, curve = _without_modes_above(drop_above, pair, frequencies, goal)
         if not reason and curve.max() + est + noise > eps:
             reason = f"without the pseudo-frequencies above {drop_above:g} Hz (drop_above)"
-    noise = max(noise, float(found.noise(frequencies).max()))
-    return Compressed(outer.vectors @ found.embedding, found, frequencies, curve, noise, reason)
+    noise = max(noise, float(pair.noise(frequencies).max()))
+    return Compressed(outer.vectors @ pair.embedding, pair, frequencies, curve, noise, reason)
 
 
 def _reach(judge, whole: Comparison, goal, fixed, beside):
@@ -120,20 +120,20 @@ def _reach(judge, whole: Comparison, goal, fixed, beside):
         if most is not None and U.shape[1] > most:
             limited = f"with {settings.size} coordinates"
             U = compressed(whole, S, 0.0, fixed, most=most)
-        found = whole.within(U)
-        fine, curve = largest(found, grid([outer, found.inner], settings.band, 2 * UNIFORM, FINE), LITTLE * goal)
+        pair = whole.within(U)
+        fine, curve = largest(pair, grid([outer, pair.inner], settings.band, 2 * UNIFORM, FINE), LITTLE * goal)
         if curve.max() <= 1.02 * goal or (most is not None and U.shape[1] >= most):
             break
         S = np.unique(np.concatenate([S, fine[curve > 0.8 * goal]]))
-    return found, *resolved(found, fine, curve, max(3 * judge.noise, SHOWN * settings.tolerance)), limited
+    return pair, *resolved(pair, fine, curve, max(3 * judge.noise, SHOWN * settings.tolerance)), limited
 
 
-def _without_modes_above(limit, found: Comparison, frequencies, goal):
-    kept = found.inner.frequencies <= limit
+def _without_modes_above(limit, pair: Comparison, frequencies, goal):
+    kept = pair.inner.frequencies <= limit
     if not kept.any():
         raise InputError(f"drop_above: no pseudo-frequency lies below {limit:g} Hz")
-    inner, turn = found.inner.restricted(np.eye(len(kept))[:, kept])
-    fewer = replace(found, inner=inner, embedding=found.embedding @ turn)
+    inner, turn = pair.inner.restricted(np.eye(len(kept))[:, kept])
+    fewer = replace(pair, inner=inner, embedding=pair.embedding @ turn)
     return fewer, *largest(fewer, frequencies, LITTLE * goal)
 
 
@@ -201,7 +201,7 @@ def accuracy_of(search: Search, reason, pair, frequencies, curve, *, largest, no
     if reason and missing:
         unproven.append(f"{counted(missing, 'mode')} of the band not found")
     low, high = settings.band
-    found = Accuracy(
+    accuracy = Accuracy(
         tolerance=settings.tolerance, band=settings.band, reached=not reason, stopped=reason or "reached",
         largest=largest, worst=float(frequencies[curve.argmax()]), noise=noise, measured=expansion.measured,
         highest=float(pair.inner.frequencies.max()),
@@ -214,7 +214,7 @@ def accuracy_of(search: Search, reason, pair, frequencies, curve, *, largest, no
         silent=tuple(search.run.model.output_names[j] for j in pair.measure.silent),
         directions=directions_of(pair, frequencies, settings.band, search.run.model) if np.isfinite(largest) else (),
     )  # fmt: skip
-    return found.with_noise(noise)
+    return accuracy.with_noise(noise)
 
 
 def directions_of(pair, frequencies, band, model) -> tuple[Direction, ...]:

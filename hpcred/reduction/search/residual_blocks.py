@@ -67,11 +67,11 @@ class ResidualSpace(NamedTuple):
         scaled = copy_of(block, self.model.K)
         with local_rows(scaled) as rows:
             rows *= self.scale[:, None]
-        found = [inner(self.loads, scaled)]
+        products = [inner(self.loads, scaled)]
         for mat, symmetric in self.matrices:
             product = self._times(mat if symmetric else mat.transpose(PETSc.Mat()), scaled)
-            found.append(inner(self.columns, product))
-        return found
+            products.append(inner(self.columns, product))
+        return products
 
     def _times(self, mat, block):
         if self.restore is None:

@@ -65,14 +65,16 @@ class Search:
 
     Its `expansion` is the basis and what is known of it; `proofs`: estimates against measured errors, so far;
     `missing_modes`: of the band, that the basis is known to miss; `reason`: why it ended before the tolerance was
-    reached, or "". With a `candidate`, a model of the columns that the basis has already, the search begins by proving
-    it. Methods are collective, and what depends on small arrays is decided once for all ranks. Raises InputError.
+    reached, or ""; `kept`: how many columns, first in the basis, stay in its span. With a `candidate`, a model of the
+    columns that the basis has already, the search begins by proving it. Methods are collective, and what depends on
+    small arrays is decided once for all ranks. Raises InputError.
     """
 
     def __init__(
-        self, basis: Basis, run: Run, settings: Adaptive, groups: int = 1, candidate: Candidate | None = None
-    ):
-        self.run, self.settings = run, settings
+        self, basis: Basis, run: Run, settings: Adaptive, groups: int = 1, candidate: Candidate | None = None,
+        kept: int = 0,
+    ):  # fmt: skip
+        self.run, self.settings, self.kept = run, settings, kept
         run.cancels = ROUND_OFF_SEEN / settings.tolerance
         self.expansion = Expansion(basis, run, settings)
         self.projections, self.judge = self.expansion.projections, self.expansion.judge

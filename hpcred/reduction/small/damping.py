@@ -38,8 +38,8 @@ def _beside_added(damping, zeta0, band, added):
         return proportional(damping.coefficients), False, f"{words} and its damping"
     if isinstance(damping, NoDamping) or (isinstance(damping, Structural) and not damping.loss_factor):
         return Proportional(), False, words
-    found, given, of_damping = measured_damping(damping, zeta0, band)
-    return found, given, words + of_damping.replace("measured with", " and", 1)
+    proportional_part, given, of_damping = measured_damping(damping, zeta0, band)
+    return proportional_part, given, words + of_damping.replace("measured with", " and", 1)
 
 
 def proportional(coefficients) -> Proportional:

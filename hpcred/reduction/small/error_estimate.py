@@ -120,13 +120,13 @@ def quietness(model: PseudoModal, frequencies) -> np.ndarray:
     Free of units, as pseudo-modal coordinates are.
     """
     energy = np.sqrt(np.abs(model.eigenvalues) + (2 * np.pi * frequencies[-1]) ** 2)[:, None]
-    found = []
+    ratios = []
     for part in model.parts_of(frequencies):
         x, y = model.solve(part, model.B), model.solve(part, model.Ct, transposed=True)
         size = np.linalg.norm(energy * y, axis=1)[:, :, None] * np.linalg.norm(energy * x, axis=1)[:, None, :]
         response = np.abs(model.Ct.T @ x)
-        found.append(np.divide(response, size, out=np.zeros_like(size), where=(size > 0) & np.isfinite(size)))
-    return np.concatenate(found)
+        ratios.append(np.divide(response, size, out=np.zeros_like(size), where=(size > 0) & np.isfinite(size)))
+    return np.concatenate(ratios)
 
 
 def upper_poles(model: PseudoModal) -> np.ndarray:

@@ -1,0 +1,1 @@
+"""Put reduced bodies together, linearly, with joints; small matrices, local, without PETSc."""

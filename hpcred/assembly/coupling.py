@@ -1,0 +1,397 @@
+"""Couple the parts of a machine: one operator, from which rigid joints have eliminated coordinates; or receptances.
+
+A joint has conditions g (one a direction), which are combinations of displacements of its two interfaces. Soft ones
+(bushings, masses) add g^T z(s) g to the operator, by terms of the house: mass, damping, stiffness, laws. Rigid ones
+hold g x = 0: with G of all of them, x = T y for an orthonormal basis of the null space of G, its columns scaled so that
+coordinates of all units count alike. Receptances Y of uncoupled bodies couple as in frequency-based substructuring,
+
+    H = Y - Y G_i W G_o Y,   W = (G_o Y G_i + Z^-1)^-1,   Z^-1 = 0 for rigid conditions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from ..fe.dofs import SAME_PLACE
+from ..linalg.pencil import massless_last, modes_of
+from ..model.laws.tabulated import Tabulated
+from ..model.operator import Law, Power, Term
+from ..model.parameters.definitions import Parameter, checked_values
+from ..parallel.declared import nearest
+from ..parallel.failures import InputError
+from ..reduction.parametric.reduced import ParametricReducedModel, ReducedTerm
+from ..reduction.result.reduced_model import ReducedModel
+from .joints import GROUND, SIX, BushingJoint, PointMass, RigidJoint, matrix_of
+from .parts import ROUND_OFF, Channels, Part, part_and_node, with_terms
+
+REDUNDANT = 1e-9  # of a condition, what is left of it beside those before
+STILL = 1e-13  # of the largest squared frequency: rigid-body motion, but for round-off
+MASSLESS = 1e-12  # of the largest mass, in coordinates that are scaled
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Condition:
+    """A direction of a joint: `rows` of the outputs and of the inputs of the parts that it holds, by name of the part;
+    `laws`: value and law of each spring, damper and mass in it, none of a rigid one."""
+
+    label: str
+    rows: dict[str, tuple[np.ndarray, np.ndarray]]
+    laws: tuple[tuple[float, Law], ...] = ()
+
+    @property
+    def rigid(self) -> bool:
+        return not self.laws
+
+    def impedance(self, s: np.ndarray) -> np.ndarray:
+        """Return z(s) (S,) of a soft one."""
+        return sum(value * (law.coefficient(s) + law.static) for value, law in self.laws)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Machine:
+    """Parts by name, the conditions of its joints, and its inputs and outputs: names, and rows (l, k) of the inputs
+    and outputs of all parts."""
+
+    parts: dict[str, Part]
+    conditions: tuple[Condition, ...]
+    parameters: tuple[Parameter, ...]
+    inputs: Channels
+    outputs: Channels
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def reference(self) -> dict[str, float]:
+        return checked_values(self.parameters, {})
+
+    def as_measured(self) -> Machine:
+        """Return the machine whose bodies have the damping that their errors were measured with."""
+        return replace(self, parts={name: part.as_measured() for name, part in self.parts.items()})
+
+    def conditions_of(self, side: int) -> np.ndarray:
+        """Return G (c, k) on the outputs (side 0) or inputs (1) of all parts."""
+        of = [(part.outputs, part.inputs)[side].names for part in self.parts.values()]
+        names = list(zip(self.parts, of, strict=True))
+        rows = [np.concatenate([item.rows[name][side] if name in item.rows else np.zeros(len(own))
+                                for name, own in names]) for item in self.conditions]  # fmt: skip
+        return np.array(rows).reshape(-1, sum(map(len, of)))
+
+    def coupled(self, s: np.ndarray, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return L = I - Y G_i W G_o (S, r, r), R = I - G_i W G_o Y (S, p, p) and G_i W G_o (S, p, r) of uncoupled
+        receptances Y (S, r, p) of all parts: H = L Y = Y R."""
+        Go, Gi = self.conditions_of(0), self.conditions_of(1).T
+        # rows of soft conditions times z: rigid ones have no z, and soft ones may have none at some frequency
+        z = np.ones((len(s), len(Go)), dtype=complex)
+        soft = np.array([not item.rigid for item in self.conditions], dtype=bool)
+        for k in np.flatnonzero(soft):
+            z[:, k] = self.conditions[k].impedance(s)
+        between = z[:, :, None] * (Go @ Y @ Gi) + np.diag(soft.astype(float))
+        K = Gi @ np.linalg.solve(between, z[:, :, None] * Go)
+        return np.eye(Y.shape[1]) - Y @ K, np.eye(Y.shape[2]) - K @ Y, K
+
+    def receptances(self, s: np.ndarray) -> np.ndarray:
+        """Return Y(s) (S, r, p) of all parts, uncoupled."""
+        return _blocks([part.response(s, self.reference) for part in self.parts.values()])
+
+    def response(self, s: np.ndarray) -> np.ndarray:
+        """Return H(s) (S, r, p) of the machine at s (S,), by receptances."""
+        Y = self.receptances(s)
+        return self.outputs.matrix @ self.coupled(s, Y)[0] @ Y @ self.inputs.matrix.T
+
+    def model(self, tau: float) -> tuple[ReducedModel, np.ndarray]:
+        """Return the model of the machine in pseudo-modal coordinates, with parameters where bodies have some, and T
+        (n, m) from them to the coordinates of all parts; `tau` (s): 1 / (2 pi f) of the frequencies that count. Raises
+        InputError."""
+        whole = self._uncoupled()
+        # what rigid conditions leave free, and its modes at the reference
+        T = self._free(whole[0], tau)
+        at = with_terms(*_in_coordinates(*whole, T)[:2], self.reference)
+        squares, X, without = _modes(at["K"], at["M"], tau)
+        T = T @ X
+        constant, terms, added = _in_coordinates(*whole, T)
+        masses = np.where(np.arange(len(squares)) < len(squares) - without, 1.0, 0.0)
+        known = with_terms(constant, terms, self.reference)
+        K = known["K"]
+        stiffness = np.where(masses > 0, squares, tau**-2)
+        known |= {"M": np.diag(masses), "K": np.diag(stiffness) + (K - K.T) / 2}
+        names = {"input_names": self.inputs.own, "output_names": self.outputs.own,
+                 "frequencies": np.sqrt(squares) / (2 * np.pi)}  # fmt: skip
+        if not terms:
+            return ReducedModel(**known, **names, viscoelastic=added), T
+        return ParametricReducedModel(**known, **names, viscoelastic=added, parameters=self.parameters,
+                                      constant=constant, terms=terms), T  # fmt: skip
+
+    def _uncoupled(self):
+        """Return matrices of all parts with the springs, dampers and masses between them, terms and added terms."""
+        parts = list(self.parts.values())
+        ends = np.cumsum([0, *(part.size for part in parts)])
+        places = [slice(*pair) for pair in zip(ends[:-1], ends[1:], strict=True)]
+        constant = {key: block_diag(*(part.constant[key] for part in parts)) for key in "MDK"}
+        constant["B"] = block_diag(*(part.constant["B"] for part in parts)) @ self.inputs.matrix.T
+        for key in ("C", "Cv", "Ca"):
+            rows = [part.constant.get(key, np.zeros_like(part.constant["C"])) for part in parts]
+            if key == "C" or any(part.any() for part in rows):
+                constant[key] = self.outputs.matrix @ block_diag(*rows)
+        rows_of = {"B": np.cumsum([0, *(len(part.inputs.names) for part in parts)]),
+                   "C": np.cumsum([0, *(len(part.outputs.names) for part in parts)])}  # fmt: skip
+        terms, added = [], []
+        for k, part in enumerate(parts):
+            for item in part.terms:
+                whole = np.zeros_like(constant["M"])
+                if item.of in rows_of:
+                    mine = slice(*rows_of[item.of][k : k + 2])
+                    whole = (np.zeros((ends[-1], rows_of["B"][-1])) if item.of == "B"
+                             else np.zeros((rows_of["C"][-1], ends[-1])))  # fmt: skip
+                    whole[(places[k], mine) if item.of == "B" else (mine, places[k])] = item.matrix
+                    whole = whole @ self.inputs.matrix.T if item.of == "B" else self.outputs.matrix @ whole
+                else:
+                    whole[places[k], places[k]] = item.matrix
+                terms.append(ReducedTerm(item.of, item.factor, whole))
+            for item in part.added:
+                whole = np.zeros_like(constant["M"])
+                whole[places[k], places[k]] = item.matrix
+                added.append(replace(item, matrix=whole))
+        # what soft conditions add: powers of s to M, D and K, laws to terms of their own
+        for item, row in zip(self.conditions, self._rows(), strict=True):
+            for value, law in item.laws:
+                pattern = value * np.outer(row, row)
+                if isinstance(law, Power):
+                    constant["KDM"[law.order]] = constant["KDM"[law.order]] + pattern
+                    continue
+                constant["K"] = constant["K"] + law.static * pattern
+                added.append(Term(pattern, law, item.label))
+        return constant, tuple(terms), tuple(_together(added))
+
+    def _rows(self) -> np.ndarray:
+        """Return the conditions (c, n) in the coordinates of all parts. Raises InputError."""
+        parts = self.parts.values()
+        C, B = (block_diag(*(part.constant[key] for part in parts)) for key in "CB")
+        rows, forces = self.conditions_of(0) @ C, self.conditions_of(1) @ B.T
+        apart = np.abs(rows - forces).max(axis=1, initial=0.0) > ROUND_OFF * np.abs(rows).max(axis=1, initial=0.0)
+        if apart.any():
+            raise InputError(f"{self.conditions[int(apart.argmax())].label}: forces act on the body otherwise than its "
+                             "displacements are measured; reduce one-sided, with interfaces among inputs and outputs")
+        return rows
+
+    def _free(self, constant, tau) -> np.ndarray:
+        """Return an orthonormal basis T (n, k), of scaled coordinates, of what rigid conditions leave free. Raises
+        InputError for conditions that others hold already."""
+        rigid = [k for k, item in enumerate(self.conditions) if item.rigid]
+        size = np.diag(constant["M"]) + tau**2 * np.abs(np.diag(constant["K"]))
+        scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
+        G = self._rows()[rigid] * scale
+        if not len(G):
+            return np.diag(scale)
+        lengths = np.linalg.norm(G, axis=1)
+        Q, R = np.linalg.qr((G / np.maximum(lengths, 1e-300)[:, None]).T, mode="complete")
+        left = np.zeros(len(G))
+        left[: min(R.shape)] = np.abs(np.diag(R))
+        held = [self.conditions[rigid[k]].label for k in np.flatnonzero((left < REDUNDANT) | (lengths == 0))]
+        if held:
+            raise InputError(
+                f"{held[0]}: is held by other rigid joints already, or cannot move ({len(held)} of {len(G)} rigid "
+                "directions: the loop is overdetermined); leave these directions out, or take a bushing"
+            )
+        return scale[:, None] * Q[:, len(G) :]
+
+
+def _blocks(parts) -> np.ndarray:
+    """Return block diagonal matrices (S, r, p) of those of all parts."""
+    rows, columns = (np.cumsum([0, *(part.shape[axis] for part in parts)]) for axis in (1, 2))
+    found = np.zeros((len(parts[0]), rows[-1], columns[-1]), dtype=complex)
+    for k, part in enumerate(parts):
+        found[:, rows[k] : rows[k + 1], columns[k] : columns[k + 1]] = part
+    return found
+
+
+def _in_coordinates(constant, terms, added, T):
+    """Return matrices, terms and added terms in coordinates y, x = T y."""
+    return ({key: _projected(key, part, T) for key, part in constant.items()},
+            tuple(replace(item, matrix=_projected(item.of, item.matrix, T)) for item in terms),
+            tuple(replace(item, matrix=_projected("K", item.matrix, T)) for item in added))  # fmt: skip
+
+
+def _projected(of, matrix, T):
+    """Return a matrix in coordinates y, x = T y; exactly symmetric where it is."""
+    if of == "B":
+        return T.T @ matrix
+    return matrix @ T if of.startswith("C") else _symmetric_as(matrix, T.T @ matrix @ T)
+
+
+def _symmetric_as(matrix, found):
+    return (found + found.T) / 2 if np.array_equal(matrix, matrix.T) else found
+
+
+def _modes(K, M, tau):
+    """Return omega^2 (m,), ascending, X (m, m), and how many of the last coordinates have no mass."""
+    if np.linalg.eigvalsh((M + M.T) / 2).min(initial=1.0) > MASSLESS * np.abs(M).max(initial=0.0):
+        squares, X = modes_of(K, (M + M.T) / 2)
+        without = 0
+    else:
+        squares, X, without = massless_last(K, M, tau)
+    return np.where(np.abs(squares) < STILL * squares.max(initial=0.0), 0.0, squares), X, without
+
+
+def _together(added):
+    """Return added terms, those of one law and joint as one."""
+    found = {}
+    for item in added:
+        key = (item.name.rpartition(":")[0], item.law)
+        before = found.get(key)
+        found[key] = item if before is None else replace(before, matrix=before.matrix + item.matrix, name=key[0])
+    return found.values()
+
+
+def machine_of(parts: list[Part], joints, masses=(), inputs=None, outputs=None, tables=None) -> Machine:
+    """Return the machine of parts, joints and masses; `tables`: by number of the joint from 0, (laws by direction) of
+    those with a table. Raises InputError that names the joint."""
+    by_name: dict[str, Part] = {}
+    for part in parts:
+        if part.name in by_name:
+            raise InputError(f"body.name: found '{part.name}' twice, expected a name of its own for every body")
+        by_name[part.name] = part
+    conditions = []
+    for k, joint in enumerate(joints):
+        conditions += _conditions(by_name, joint, f"joint[{k}]", (tables or {}).get(k, {}))
+    for k, mass in enumerate(masses):
+        conditions += _of_mass(by_name, mass, f"mass[{k}]")
+    machine = Machine(parts=by_name, conditions=tuple(conditions), parameters=_parameters(parts),
+                      inputs=_chosen(parts, "inputs", inputs), outputs=_chosen(parts, "outputs", outputs),
+                      warnings=[text for part in parts for text in part.warnings])  # fmt: skip
+    loose = [part.name for part in parts if len(parts) > 1 and not any(part.name in item.rows for item in conditions)]
+    if loose:
+        machine.warnings.append(f"body '{loose[0]}' has no joint: it moves by itself")
+    return machine
+
+
+def _conditions(parts, joint, key, laws_of_table) -> list[Condition]:
+    """Return the conditions of a joint, at the place of its first interface."""
+    ends = [part_and_node(parts, name, key) for name in joint.bodies if name != GROUND]
+    known = [part.places[node] for part, node in ends if np.isfinite(part.places[node]).all()]
+    place, axes = known[0] if known else np.full(3, np.nan), matrix_of(joint.turn)
+    found = []
+    for d, name in enumerate(SIX):
+        laws: tuple[tuple[float, Law], ...] = ()
+        if isinstance(joint, RigidJoint):
+            if name not in joint.directions:
+                continue
+        else:
+            laws = _laws(joint, d) + tuple((1.0, law) for law in [laws_of_table.get(name)] if law)
+            if not laws:
+                continue
+        rows: dict[str, tuple] = {}
+        for sign, (part, node) in zip((1.0, -1.0), ends, strict=False):
+            # displacement at the place of the joint: u + theta x arm
+            along, about = (axes[:, d], np.zeros(3)) if d < 3 else (np.zeros(3), axes[:, d - 3])
+            if d < 3:
+                arm = place - part.places[node]
+                arm = np.where(np.abs(arm) > SAME_PLACE * np.abs(place).max(), arm, 0.0)  # nor where it is not known
+                about = np.cross(arm, along)
+            new = [sign * part.functional(node, along, about, which, key) for which in (part.outputs, part.inputs)]
+            before = rows.get(part.name, (0.0, 0.0))
+            rows[part.name] = (before[0] + new[0], before[1] + new[1])
+        found.append(Condition(label=f"{key} between {joint.bodies[0]} and {joint.bodies[1]}:{name}", rows=rows,
+                               laws=laws))  # fmt: skip
+    return found
+
+
+def _laws(joint: BushingJoint, d: int) -> tuple:
+    """Return values and laws of a direction of a bushing."""
+    k, c = ((*part, *[0.0] * 6)[d] for part in (joint.stiffness, joint.damping))
+    found = ((k, Power(0)),) * bool(k) + ((c, Power(1)),) * bool(c)
+    if joint.law is not None and k:
+        # `stiffness` is the static one, whatever the law has at rest
+        found += ((k, joint.law), (-k * joint.law.static, Power(0))) if joint.law.static else ((k, joint.law),)
+    return found
+
+
+def _of_mass(parts, mass: PointMass, key) -> list[Condition]:
+    part, node = part_and_node(parts, mass.at, key)
+    found = []
+    for d, value in enumerate((mass.mass,) * 3 + mass.inertia):
+        if value:
+            pair = (np.eye(3)[d % 3], np.zeros(3))
+            rows = [part.functional(node, *pair[:: 1 if d < 3 else -1], which, key)
+                    for which in (part.outputs, part.inputs)]  # fmt: skip
+            found.append(Condition(label=f"{key} at {mass.at}:{SIX[d]}", rows={part.name: tuple(rows)},
+                                   laws=((value, Power(2)),)))  # fmt: skip
+    return found
+
+
+def _parameters(parts) -> tuple[Parameter, ...]:
+    """Return the parameters of all bodies, those of one name as one. Raises InputError where they differ."""
+    found: dict[str, Parameter] = {}
+    for part in parts:
+        for item in part.parameters:
+            if found.setdefault(item.name, item) != item:
+                raise InputError(f"body '{part.name}': parameter '{item.name}': has another range, reference or unit "
+                                 "than that of another body; a parameter of a name is one of the machine")  # fmt: skip
+    return tuple(found.values())
+
+
+def _chosen(parts, side, wanted) -> Channels:
+    """Return the inputs or outputs of the machine; `wanted`: names, or interfaces for all of their directions, None
+    for all. Raises InputError."""
+    own = [name for part in parts for name in getattr(part, side).own]
+    names = [f"{part.name}.{name}" for part in parts for name in getattr(part, side).names]
+    matrix = block_diag(*(getattr(part, side).matrix for part in parts))
+    chosen = own if wanted is None else []
+    for word in wanted or ():
+        there = [name for name in own if word in (name, name.rpartition(":")[0])]
+        if not there:
+            raise InputError(f"{side}: found '{word}'{nearest(word, own)}, expected some of {', '.join(own)}")
+        chosen += [name for name in there if name not in chosen]
+    return Channels(names=tuple(names), own=tuple(chosen), matrix=matrix[[own.index(name) for name in chosen]])
+
+
+def laws_of_table(header, rows, joint: BushingJoint, band, key) -> dict[str, Tabulated]:
+    """Return the laws by direction of a table with a header and rows (k, columns), at the value `at` of its parameter;
+    `band` (Hz) must lie inside. Raises InputError."""
+    known = {f"{part}_{name}" for part in ("re", "im") for name in SIX}
+    more = [name for name in header if name not in known | {"f_hz"}]
+    if "f_hz" not in header or len(more) > 1 or set(more) != set(joint.at) or not known & set(header):
+        raise InputError(f"{key}: found the columns {', '.join(header)}, expected f_hz, re_x, im_x and so on to im_rz, "
+                         f"and one for each parameter in `at` ({', '.join(joint.at) or 'none'}), at most one")
+    columns = dict(zip(header, np.asarray(rows, dtype=float).T, strict=True))
+    groups = [rows_of for _, rows_of in _groups(columns, more)]
+    laws = {}
+    for name in SIX:
+        if f"re_{name}" not in header and f"im_{name}" not in header:
+            continue
+        curves = [_curve(columns, rows_of, name, key) for rows_of in groups]
+        f = curves[0][0]
+        if any(not np.array_equal(curve[0], f) for curve in curves):
+            raise InputError(f"{key}: found other frequencies for other values of {more[0]}, expected the same")
+        if f[0] > band[0] or f[-1] < band[1]:
+            raise InputError(f"{key}: has {f[0]:g} to {f[-1]:g} Hz, which ends inside of the band {band[0]:g} to "
+                             f"{band[1]:g} Hz; measure it over the band, or take a narrower one")  # fmt: skip
+        values = np.array([curve[1] for curve in curves])
+        if more:
+            at, there = joint.at[more[0]], np.unique(columns[more[0]])
+            if not there[0] <= at <= there[-1]:
+                raise InputError(f"{key}: at: found {more[0]} = {at:g}, expected {there[0]:g} to {there[-1]:g}, the "
+                                 "range of the table")  # fmt: skip
+            values = np.array([[np.interp(at, there, column) for column in values.T]])
+        laws[name] = Tabulated(tuple(f.tolist()), tuple(values[0].real.tolist()), tuple(values[0].imag.tolist()))
+    return laws
+
+
+def _groups(columns, more):
+    """Yield the values of the parameter of a table with their rows; one of all rows without one."""
+    if not more:
+        yield None, slice(None)
+        return
+    for value in np.unique(columns[more[0]]):
+        yield value, columns[more[0]] == value
+
+
+def _curve(columns, rows_of, name, key):
+    """Return frequencies and complex stiffness of some rows, in order."""
+    f = columns["f_hz"][rows_of]
+    order = np.argsort(f)
+    parts = [columns.get(f"{part}_{name}", np.zeros(len(columns["f_hz"])))[rows_of][order] for part in ("re", "im")]
+    if not len(f) or (np.diff(f[order]) <= 0).any() or not np.isfinite([f, *parts]).all():
+        raise InputError(f"{key}: found frequencies twice, or numbers that are not finite, expected each once")
+    return f[order], parts[0] + 1j * parts[1]

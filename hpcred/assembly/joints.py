@@ -1,0 +1,215 @@
+"""Define what a machine is made of: bodies and where they stand, rigid joints, bushings, and masses at interfaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ..fe.dofs import DIRECTIONS
+from ..model.laws.registry import AnyLaw
+from ..model.rotation import skew
+from ..parallel.declared import as_declared, declared
+from ..parallel.failures import InputError
+from ..parallel.ranges import COORDINATE, LABEL, within
+
+Vector = tuple[float, float, float]
+SIX = DIRECTIONS[:6]
+GROUND = "ground"
+NOT_NEGATIVE = (0.0, 1e30, "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turn:
+    """A rotation.
+
+    Parameters
+    ----------
+    axis : {"x", "y", "z"} or tuple of three floats
+        Of any length.
+    degrees : float
+        Angle about it.
+    """
+
+    axis: Literal["x", "y", "z"] | Vector
+    degrees: float
+
+    def __post_init__(self):
+        as_declared(self, "turn.")
+        within("turn.degrees", self.degrees, (-1e6, 1e6, "degrees"))
+        within("turn.axis", self.axis, COORDINATE)
+        if not np.any(self.vector):
+            raise InputError(f"turn.axis: found {list(self.axis)}, expected an axis with a length")
+
+    @property
+    def vector(self) -> np.ndarray:
+        """The axis (3,)."""
+        return np.eye(3)["xyz".index(self.axis)] if isinstance(self.axis, str) else np.array(self.axis)
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """The rotation matrix (3, 3); that of multiples of 90 degrees about x, y or z without round-off."""
+        axis = self.vector / np.linalg.norm(self.vector)
+        sine, cosine = np.sin(np.radians(self.degrees % 360)), np.cos(np.radians(self.degrees % 360))
+        if self.degrees % 90 == 0:
+            sine, cosine = round(sine), round(cosine)
+        return cosine * np.eye(3) + sine * skew(axis) + (1 - cosine) * np.outer(axis, axis)
+
+
+def matrix_of(turn: Turn | None) -> np.ndarray:
+    """Return the rotation matrix (3, 3) of a turn, that of none where there is none."""
+    return np.eye(3) if turn is None else turn.matrix
+
+
+@dataclass(frozen=True, kw_only=True)
+class MachineBody:
+    """A body of a machine.
+
+    Parameters
+    ----------
+    name : str
+        By which joints, inputs and outputs call it.
+    result : str
+        Of kind "reduced": result.h5; in Python also a Result. Of kind "measured": a file of responses, .unv, .uff, .mat
+        or .npz, see docs/assembly.md.
+    position : tuple of three floats, default (0, 0, 0)
+        Of the origin of the body in the machine, in m.
+    turn : Turn, optional
+        Of the body about its origin.
+    nodes : dict of str to int
+        Names for nodes by number, such as {foot = 20}.
+    kind : {"reduced", "measured"}, default "reduced"
+        What the file is.
+
+    Raises
+    ------
+    InputError
+        For names that are no words, and values of other types.
+    """
+
+    name: str
+    result: str
+    position: Vector = (0.0, 0.0, 0.0)
+    turn: Turn | None = None
+    nodes: dict[str, int] = field(default_factory=dict)
+    kind: Literal["reduced", "measured"] = "reduced"
+
+    def __post_init__(self):
+        as_declared(self, "body.", keys=("name", "position", "turn", "kind"))
+        if not self.name or set(self.name) & set(".: /") or self.name == GROUND:
+            raise InputError(f"body.name: found '{self.name[:40]}', expected a word without '.', ':', '/' and blanks, "
+                             f"and not '{GROUND}'")  # fmt: skip
+        within("body.position", self.position, COORDINATE)
+        within("body.nodes", tuple(self.nodes.values()), LABEL)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigidJoint:
+    """A rigid joint: the two interfaces move alike in some directions.
+
+    Parameters
+    ----------
+    bodies : tuple of two str
+        The interfaces, such as "bed.guide_left", or "ground" for one of them. Where they lie apart, they are joined
+        rigidly at the first.
+    directions : str or sequence of str, default ("x", "y", "z", "rx", "ry", "rz")
+        Such as "xyz" or ["x", "rz"].
+    turn : Turn, optional
+        Of the axes of the directions; by default those of the machine.
+    """
+
+    bodies: tuple[str, str]
+    directions: str | tuple[str, ...] = SIX
+    turn: Turn | None = None
+    kind: Literal["rigid"] = "rigid"
+
+    def __post_init__(self):
+        as_declared(self, "joint.")
+        check_bodies(self)
+        unknown = [name for name in self.directions if name not in SIX]
+        if unknown or not self.directions or len(set(self.directions)) < len(self.directions):
+            raise InputError(f"joint.directions: found {list(self.directions)}, expected some of {', '.join(SIX)}, "
+                             "each once; letters alone, such as \"xyz\", are displacements")  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class BushingJoint:
+    """Springs and dampers between two interfaces, in x, y, z against displacements and about them against rotations.
+
+    Parameters
+    ----------
+    bodies : tuple of two str
+        The interfaces, as of a rigid joint.
+    stiffness, damping : sequence of three or six floats
+        In N/m and N m/rad, N s/m and N m s/rad; directions that are not given have none.
+    law : law, optional
+        How the stiffness depends on frequency, {kind = "maxwell", factors = [0.5], times = [1e-3]}: what a law adds to
+        its static value multiplies `stiffness`, which is the static one.
+    table : str, optional
+        A .csv with a dynamic stiffness over frequency, beside `stiffness`: columns f_hz, re_x, im_x and so on to im_rz,
+        and perhaps a column for a parameter, such as amplitude.
+    at : dict of str to float
+        The value of the parameter of the table, such as {amplitude = 1e-5}; between its values it is linear.
+    turn : Turn, optional
+        Of the axes x, y, z; by default those of the machine.
+    """
+
+    bodies: tuple[str, str]
+    stiffness: tuple[float, ...] = ()
+    damping: tuple[float, ...] = ()
+    law: AnyLaw | None = None
+    table: str | None = None
+    at: dict[str, float] = field(default_factory=dict)
+    turn: Turn | None = None
+    kind: Literal["bushing"] = "bushing"
+
+    def __post_init__(self):
+        as_declared(self, "joint.", keys=("bodies", "stiffness", "damping", "table", "turn"))
+        check_bodies(self)
+        for key in ("stiffness", "damping"):
+            value = getattr(self, key)
+            within(f"joint.{key}", value, NOT_NEGATIVE)
+            if len(value) not in (0, 3, 6):
+                raise InputError(f"joint.{key}: found {len(value)} numbers, expected three, or six with rotations")
+        if not any(self.stiffness) and not any(self.damping) and self.table is None:
+            raise InputError("joint: a bushing without stiffness, damping and table holds nothing; give one of them")
+        if self.law is not None and not any(self.stiffness):
+            raise InputError("joint.law: multiplies `stiffness`, and there is none; give it")
+        if self.at and self.table is None:
+            raise InputError("joint.at: is the value of the parameter of a table, and there is no table; leave it out")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointMass:
+    """A rigid mass at an interface.
+
+    Parameters
+    ----------
+    at : str
+        The interface, such as "spindle.tool".
+    mass : float
+        In kg.
+    inertia : tuple of three floats, default (0, 0, 0)
+        About x, y and z of the machine through the interface, in kg m^2.
+    """
+
+    at: str
+    mass: float
+    inertia: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self):
+        as_declared(self, "mass.")
+        within("mass.mass", self.mass, NOT_NEGATIVE)
+        within("mass.inertia", self.inertia, NOT_NEGATIVE)
+
+
+def check_bodies(joint):
+    """Raise InputError unless a joint is between two different interfaces, at most one of them the ground."""
+    if joint.bodies[0] == joint.bodies[1]:
+        raise InputError(f"joint.bodies: found '{joint.bodies[0]}' twice, expected two different interfaces")
+    declared("joint.bodies", joint.bodies, tuple[str, str])
+    for name in joint.bodies:
+        if name != GROUND and not all(name.partition(".")):
+            raise InputError(f"joint.bodies: found '{name[:60]}', expected a body and an interface with a dot between "
+                             "them, such as bed.guide, or ground")  # fmt: skip

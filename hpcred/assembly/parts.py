@@ -1,0 +1,379 @@
+"""Take a reduced body as a part of a machine: free, with rigid-body motions, turned and moved, its inputs and outputs
+in the axes of the machine.
+
+Results in pseudo-modal coordinates of a free body (Buckens, tangent and chord frames) get the six rigid-body
+coordinates about the origin of the body frame, whose mass matrix is that of the floating frame at rest (13); results
+in interface coordinates have them already, and bodies without frame are supported.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ..fe.dofs import DIRECTIONS, QUANTITIES, named_quantity, node_of, quantity_name
+from ..model.laws.hysteretic import Hysteretic
+from ..model.operator import Operator, Term
+from ..model.outputs.rates import combined, orders_of
+from ..model.parameters.definitions import Parameter
+from ..model.rotation import skew
+from ..model.second_order_model import listed
+from ..parallel.declared import nearest
+from ..parallel.failures import InputError
+from ..reduction.interface_coordinates import elastic_part
+from ..reduction.parametric.reduced import ParametricReducedModel, ReducedTerm
+from ..reduction.result.accuracy import Accuracy
+from ..reduction.result.measure import Measure
+from ..reduction.result.reduced_model import ReducedModel, as_measured, require_finite
+from .joints import GROUND, SIX, MachineBody, matrix_of
+
+ROUND_OFF = 1e-9  # of direction cosines, and of C - B^T
+FASTEST = 1e5  # m/s: lengths times frequencies are below the speed of waves, 1.8e4 at most
+UNFELT = 1e100  # scales that measures give to inputs and outputs without response
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Channels:
+    """The inputs or outputs (k) of a body by `names`, and those in axes of the machine (l) that are made of them:
+    `own` by name, rows `matrix` (l, k)."""
+
+    names: tuple[str, ...]
+    own: tuple[str, ...]
+    matrix: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Part:
+    """A body in the machine. SI units, `turn` (3, 3) from its axes to those of the machine, `shift` (3,) of its origin;
+    `labels` of its nodes by number.
+
+    `constant`: M, D, K (n, n), B (n, p), C, Cv, Ca (r, n) without the `terms` of `parameters`; `added`: terms of laws.
+    `inputs`, `outputs`: see Channels. `places` of its nodes by label, in the machine. `elastic`: the model that its
+    `accuracy` speaks of; None where there is none. `rigid`: how many of the first coordinates are rigid-body motions
+    that were put before those of the result, by `rigid_motions` (6, rigid) about `origin` in its axes.
+    """
+
+    name: str
+    constant: dict[str, np.ndarray]
+    terms: tuple[ReducedTerm, ...] = ()
+    parameters: tuple[Parameter, ...] = ()
+    added: tuple[Term, ...] = ()
+    inputs: Channels
+    outputs: Channels
+    places: dict[str, np.ndarray]
+    turn: np.ndarray
+    shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    labels: dict[int, str] = field(default_factory=dict)
+    elastic: ReducedModel | None = None
+    accuracy: Accuracy | None = None
+    rigid_motions: np.ndarray = field(default_factory=lambda: np.zeros((6, 0)))
+    origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> int:
+        return len(self.constant["M"])
+
+    def at(self, values) -> dict[str, np.ndarray]:
+        """Return M, D, K, B, C, Cv, Ca at values of the parameters."""
+        return with_terms(self.constant, self.terms, values)
+
+    def functional(self, node: str, along: np.ndarray, about: np.ndarray, which: Channels, key: str) -> np.ndarray:
+        """Return the row (k,) of inputs or outputs that is along . u + about . theta of a node, both (3,) in axes of
+        the machine. Raises InputError where the body has no such direction."""
+        row = np.zeros(len(which.names))
+        for first, vector in ((0, along), (3, about)):
+            own = self.turn.T @ vector
+            for d in np.flatnonzero(np.abs(own) > ROUND_OFF):
+                name = f"{node}:{DIRECTIONS[first + d]}"
+                if name not in which.names:
+                    there = [item.rpartition(":")[2] for item in which.names if item.rpartition(":")[0] == node]
+                    raise InputError(
+                        f"{key}: '{self.name}.{node}' has no direction {DIRECTIONS[first + d]} (axes of the body) "
+                        f"among its inputs and outputs, it has {', '.join(there) or 'none'}; reduce the body with all "
+                        "directions of the interface, or leave the direction out"
+                    )
+                row[which.names.index(name)] += own[d]
+        return row
+
+    def response(self, s: np.ndarray, values) -> np.ndarray:
+        """Return H(s) (S, r, p) of the free body at s (S,), in its own axes."""
+        found = self.at(values)
+        dynamic = Operator.of(*(found[key] for key in "MDK"), self.added).at(s)
+        states = np.linalg.solve(dynamic, np.broadcast_to(found["B"].astype(complex), (len(s), *found["B"].shape)))
+        return combined(self.output_parts(found), s) @ states
+
+    def output_parts(self, found) -> np.ndarray:
+        """Return C, Cv and Ca (3, r, n) of matrices by name."""
+        return np.stack([found.get(key, np.zeros_like(found["C"])) for key in ("C", "Cv", "Ca")])
+
+    @property
+    def eps(self) -> float:
+        """The error that the body is known to have."""
+        return self.accuracy.largest + self.accuracy.noise
+
+    def scales(self, s: np.ndarray, f: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return h (S, r) and g (S, p) at s (S,), |E_ji| <= h_j g_i, over frequencies f (S,) within `reach` (Hz).
+
+        The errors of directions are those of the record, and at no frequency more than its curve: with symmetric
+        matrices |E_ji| is at most the error of either direction, and so at most their geometric mean.
+        """
+        parts, states = self.elastic.output_parts, self.elastic.states(s)
+        orders = orders_of(parts)
+        measure: Measure = self.accuracy.measure
+        scales = measure.scales(combined(parts, s, orders) @ states, np.einsum("ip,sip->sp", self.elastic.B, states))
+        h, g = (np.where(part < UNFELT, part, 0.0) for part in scales)
+        # errors by direction, with what the uncompressed model lacks and with round-off
+        known = {item.output: item.largest for item in self.accuracy.directions}
+        more = max(self.accuracy.largest - max(known.values(), default=0.0), 0.0) + self.accuracy.noise
+        own = np.array([known.get(name, self.accuracy.largest) + more for name in self.elastic.output_names])
+        names = self.elastic.output_names
+        symmetric = all(np.array_equal(item.matrix, item.matrix.T) for item in self.elastic.operator)
+        other = np.array([own[names.index(name)] if symmetric and name in names else self.eps
+                          for name in self.elastic.input_names])  # fmt: skip
+        curve = self._curve(f, reach)[:, None]
+        h = h * np.sqrt(np.minimum(own, curve)) * np.abs(s)[:, None] ** np.maximum(orders, 0)
+        return h, g * np.sqrt(np.minimum(other, curve))
+
+    def _curve(self, f, reach) -> np.ndarray:
+        """Return the largest error (S,) of the record at the frequencies within `reach` of f, and those around."""
+        lines, eps = np.array(self.accuracy.frequencies), np.array(self.accuracy.eps)
+        low = np.maximum(np.searchsorted(lines, f - reach, side="right") - 1, 0)
+        high = np.minimum(np.searchsorted(lines, f + reach), len(lines) - 1)
+        return np.array([eps[i : j + 1].max() for i, j in zip(low, high, strict=True)]) + self.accuracy.noise
+
+    def as_measured(self) -> Part:
+        """Return the body with the damping that its error was measured with."""
+        if self.accuracy is None or not self.accuracy.loss_factor:
+            return self
+        D = self.constant["D"] if self.accuracy.beside_damping else np.zeros_like(self.constant["D"])
+        kept = self.terms if self.accuracy.beside_damping else tuple(item for item in self.terms if item.of != "D")
+        K = self.at({item.name: item.reference for item in self.parameters})["K"]
+        added = tuple(item for item in self.added if not item.name.endswith(LOSS))
+        return replace(self, constant=self.constant | {"D": D}, terms=kept,
+                       added=(*added, hysteretic(self.name, K, self.accuracy.loss_factor)))  # fmt: skip
+
+
+def with_terms(constant, terms, values) -> dict[str, np.ndarray]:
+    """Return matrices by name with their terms at values of the parameters."""
+    found = dict(constant)
+    for item in terms:
+        found[item.of] = found[item.of] + item.expression.at(values) * item.matrix
+    return found
+
+
+LOSS = "structural damping"
+
+
+def hysteretic(name, K, loss_factor) -> Term:
+    """Return structural damping of a matrix as an added term."""
+    return Term(K, Hysteretic((1.0,), (float(loss_factor),)), f"{name}: {LOSS}")
+
+
+def part_of(body: MachineBody, found: Any) -> Part:
+    """Return a body of the machine, of a result as files.result_file.Result or anything with its `reduced`,
+    `floating_frame` and `nodes`. Raises InputError."""
+    where, reduced = f"body '{body.name}'", found.reduced
+    require_finite(reduced)
+    # what the result is: matrices, terms of parameters, and where its nodes are
+    parametric = isinstance(reduced, ParametricReducedModel)
+    constant = dict(reduced.constant) if parametric else {
+        key: part for key in (*"MDKBC", "Cv", "Ca") if (part := getattr(reduced, key)) is not None
+    }  # fmt: skip
+    terms = reduced.terms if parametric else ()
+    names, labels, numbers = _names(body, found, where)
+    inputs, outputs = ([_renamed(item, names) for item in part]
+                       for part in (reduced.input_names, reduced.output_names))  # fmt: skip
+    places = {label: np.array(place) for label, place in numbers.items()}
+    if not any(node in places for node in map(_label, inputs)):
+        raise InputError(f"{where}: has no interfaces or nodes among its inputs ({listed(reduced.input_names)}), which "
+                         "joints and axes need; reduce a model with node coordinates and [[interface]]")  # fmt: skip
+    _check_units(reduced, places, where)
+    # rigid-body motions, put before the coordinates of a free body whose frame has taken them out
+    motions, origin = _free_motions(reduced, found.floating_frame, where)
+    warnings = []
+    if motions.shape[1]:
+        if any(item.of in "MB" for item in terms) or reduced.resultants is None:
+            raise InputError(f"{where}: its mass or loads depend on parameters, and its rigid-body motions are those "
+                             "of the reference; reduce with coordinates = 'interface'")  # fmt: skip
+        rows = [_moved(name, places, origin, where) for name in outputs]
+        constant, terms = _with_motions(constant, terms, motions, found.floating_frame, reduced, rows, origin)
+    damping = None if reduced.record is None else reduced.record.damping
+    if parametric and reduced.damping_follows:
+        warnings.append(f"{where}: damping of kind '{damping.kind}' is that of the reference values at all values of "
+                        "the parameters in the machine")  # fmt: skip
+    # laws, and structural damping as one of them
+    added = tuple(Term(_beside(item.matrix, motions), item.law, f"{body.name}: {item.name}") for item in reduced.added)
+    if reduced.loss_factor:
+        K = constant["K"] + sum(item.expression.at(reduced.reference) * item.matrix for item in terms if item.of == "K")
+        added += (hysteretic(body.name, K, reduced.loss_factor),)
+    # axes of the machine
+    turn = matrix_of(body.turn)
+    accuracy = None if reduced.record is None else reduced.record.accuracy
+    if accuracy is not None and reduced.record.frame.kind not in ("none", "buckens"):
+        warnings.append(f"{where}: its error is known in the {reduced.record.frame.kind} frame, not that of the free "
+                        "body; reduce in the Buckens frame for an estimate of the machine's error")  # fmt: skip
+        accuracy = None
+    elastic = None
+    if accuracy is not None:
+        elastic = elastic_part(as_measured(reduced.base if parametric else reduced, accuracy))
+    return Part(
+        name=body.name, constant=constant, terms=terms, parameters=reduced.parameters if parametric else (),
+        added=added, inputs=_channels(body.name, inputs, turn), outputs=_channels(body.name, outputs, turn),
+        places={node: turn @ place + body.position for node, place in places.items()}, turn=turn,
+        shift=np.array(body.position), labels=labels, elastic=elastic,
+        accuracy=accuracy, rigid_motions=motions, origin=origin, warnings=tuple(warnings),
+    )  # fmt: skip
+
+
+def _check_units(reduced, places, where):
+    """Raise InputError where lengths and frequencies are those of no material: of a model that was not in SI."""
+    points = np.array(list(places.values()))
+    length = np.linalg.norm(points[:, None] - points[None], axis=2).max(initial=0.0)
+    elastic = reduced.frequencies[reduced.frequencies > 0]
+    if len(elastic) and elastic.min() * length > FASTEST:
+        raise InputError(f"{where}: units: found interfaces {length:g} m apart in a body of {elastic.min():.4g} Hz, as "
+                         "of no material; convert its model with --units, such as mm,t,s")  # fmt: skip
+
+
+def _names(body, found, where):
+    """Return new labels of nodes by those of the result and by number, and the places of all labels in axes of the
+    body."""
+    record = found.reduced.record
+    nodes = [(shape.label, shape.node, shape.position) for shape in found.nodes]
+    nodes += [(item.name, item.node, item.position) for item in found.reduced.interfaces]
+    nodes += [] if record is None else [(item.name, item.node, item.position) for item in record.interface_nodes]
+    names = {}
+    for name, number in body.nodes.items():
+        old = next((label for label, node, _ in nodes if node == number), None)
+        if old is None:
+            raise InputError(f"{where}: nodes: found the number {number} for '{name}', which is no node of its inputs "
+                             f"and outputs; they are {', '.join(str(node) for _, node, _ in nodes) or 'none'}")
+        names[old] = name
+    return (names, {number: names.get(label, label) for label, number, _ in nodes},
+            {names.get(label, label): place for label, _, place in nodes})  # fmt: skip
+
+
+def _label(name) -> str:
+    """Return the node of an input or output as a text, "" for none."""
+    node = node_of(name)
+    return "" if node is None else str(node)
+
+
+def _renamed(name, names) -> str:
+    quantity, place = named_quantity(name)
+    node, colon, direction = place.rpartition(":")
+    return quantity_name(quantity, f"{names.get(node, node)}{colon}{direction}")
+
+
+def _free_motions(reduced, frame, where) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rigid-body motions (6, k), and their origin (3,), that a result leaves to its frame."""
+    record = reduced.record
+    kind = "none" if record is None else record.frame.kind
+    if kind == "none" or reduced.interfaces:
+        return np.zeros((6, 0)), np.zeros(3)
+    advice = "reduce with coordinates = 'interface'"
+    if frame is None:
+        raise InputError(f"{where}: the result has no floating-frame quantities, by which its rigid-body motions are "
+                         f"known; {advice}")  # fmt: skip
+    if record.damping.kind == "given" or not np.array_equal(reduced.K, reduced.K.T):
+        raise InputError(f"{where}: how its damping matrix or its unsymmetric K acts on rigid-body motions is not in "
+                         f"the result; {advice}")  # fmt: skip
+    still = frame.masses <= 0
+    gone = [*still, still[1] | still[2], still[2] | still[0], still[0] | still[1]]
+    motions = np.eye(6)[:, ~np.array(gone)]
+    if kind == "buckens" and motions.shape[1] != record.rigid_body_modes:
+        raise InputError(f"{where}: {record.rigid_body_modes} of its rigid-body motions are free, the others are held "
+                         f"in the model; {advice}")  # fmt: skip
+    return motions, frame.origin
+
+
+def _moved(name, places, origin, where) -> tuple[int, np.ndarray]:
+    """Return the order of derivatives of an output, and how rigid-body motions (6,) about the origin move it."""
+    quantity, place = named_quantity(name)
+    node = node_of(name)
+    if node is None:
+        if name.startswith(("stress ", "cut ")):
+            return 0, np.zeros(6)  # which rigid-body motions leave at rest
+        raise InputError(f"{where}: how rigid-body motions move the output '{name}' is not known; reduce with "
+                         "coordinates = 'interface', or leave it out")  # fmt: skip
+    d, arm = DIRECTIONS.index(place.rpartition(":")[2]), places[str(node)] - origin
+    row = np.eye(6)[d]
+    if d < 3:
+        row[3:] = -skew(arm)[d]  # theta x arm
+    return QUANTITIES.index(quantity), row
+
+
+def _with_motions(constant, terms, motions, frame, reduced, rows, origin):
+    """Return matrices and terms with the rigid-body motions before the other coordinates."""
+    k, m = motions.shape[1], reduced.size
+    mass = np.nan_to_num(frame.mass_matrix(np.zeros(m)))
+    T = np.block([[motions, np.zeros((6, m))], [np.zeros((m, k)), np.eye(m)]])
+    moved = {"M": T.T @ mass @ T, "D": _beside(constant["D"], motions), "K": _beside(constant["K"], motions)}
+    # loads act on rigid-body motions by their resultants about the origin of the frame
+    loads = np.hstack([reduced.resultants[:, :3],
+                       reduced.resultants[:, 3:] - np.cross(origin, reduced.resultants[:, :3])])  # fmt: skip
+    moved["B"] = np.vstack([motions.T @ loads.T, constant["B"]])
+    for order, key in enumerate(("C", "Cv", "Ca")):
+        if key in constant:
+            rigid = np.array([row if order == own else np.zeros(6) for own, row in rows])
+            moved[key] = np.hstack([rigid @ motions, constant[key]])
+    empty = {"B": np.zeros((k, len(loads))), "C": np.zeros((len(rows), k))}
+    terms = tuple(replace(item, matrix=_beside(item.matrix, motions) if item.of in "MDK" else np.concatenate(
+        [empty[item.of], item.matrix], axis=0 if item.of == "B" else 1)) for item in terms)  # fmt: skip
+    return moved, terms
+
+
+def _beside(matrix, motions):
+    """Return a matrix (k + m, k + m) with zeros for rigid-body motions."""
+    k = motions.shape[1]
+    return np.pad(matrix, ((k, 0), (k, 0)))
+
+
+def _channels(body, names, turn) -> Channels:
+    """Return inputs or outputs with their names and rows in axes of the machine.
+
+    Displacements of a node, and rotations, are turned; where the body has not all that a direction of the machine is
+    made of, the channel stays as it is, "of the body" in its name.
+    """
+    own, rows, done, unit = [], [], set(), np.eye(len(names))
+    for j, name in enumerate(names):
+        quantity, place = named_quantity(name)
+        node, _, direction = place.rpartition(":")
+        if _label(name) == "":
+            own.append(f"{body}.{name}")
+            rows.append(unit[j])
+            continue
+        first = 0 if DIRECTIONS.index(direction) < 3 else 3
+        if (quantity, node, first) in done:
+            continue
+        done.add((quantity, node, first))
+        place_of = [quantity_name(quantity, f"{node}:{item}") for item in SIX[first : first + 3]]
+        there = [item in names for item in place_of]
+        for d in range(3):
+            uses = np.abs(turn[d]) > ROUND_OFF  # R^T e_d, in axes of the body
+            if (there | ~uses).all() and uses.any():
+                own.append(quantity_name(quantity, f"{body}.{node}:{SIX[first + d]}"))
+                rows.append(sum(turn[d, e] * unit[names.index(place_of[e])] for e in np.flatnonzero(uses)))
+        made = np.array([turn[d] for d in range(3) if (there | (np.abs(turn[d]) <= ROUND_OFF)).all()]).reshape(-1, 3)
+        for e in np.flatnonzero(there):
+            if np.linalg.norm(made[:, e]) < 1 - ROUND_OFF:
+                own.append(f"{body}.{place_of[e]} of the body")
+                rows.append(unit[names.index(place_of[e])])
+    return Channels(names=tuple(names), own=tuple(own), matrix=np.array(rows).reshape(-1, len(names)))
+
+
+def part_and_node(parts: dict[str, Part], name: str, key: str) -> tuple[Part, str]:
+    """Return the part and the node that "bed.guide" names. Raises InputError, with the name that was meant."""
+    body, _, node = name.partition(".")
+    if body not in parts:
+        raise InputError(f"{key}: '{name}': there is no body '{body}'{nearest(body, [*parts, GROUND])}; there are "
+                         f"{', '.join(parts)}")  # fmt: skip
+    part = parts[body]
+    known = [label for label in part.places if any(item.rpartition(":")[0] == label for item in part.inputs.names)]
+    if node not in known:
+        raise InputError(f"{key}: '{name}': body '{body}' has no interface '{node}'{nearest(node, known)}; it has "
+                         f"{', '.join(known) or 'none'}")  # fmt: skip
+    return part, node

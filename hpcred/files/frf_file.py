@@ -1,0 +1,101 @@
+"""Write frequency responses as other programs read them: universal files (dataset 58), and .npz with pyFBS' arrays.
+
+A .npz has frequencies (F) in Hz, H (F, r, p) in m/N, output_names (r) and input_names (p), such as "tip:z" or "20:z",
+and where they are known node_names (k), nodes (k), their numbers, and positions (k, 3) in m. Beside them it has pyFBS'
+form: freq (F), FRF (F, r, p), and the columns of its tables of channels and impacts, chn_Name, chn_Position_1,
+imp_Direction_3 and so on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..fe.dofs import DIRECTIONS, QUANTITIES, named_quantity, node_of
+from ..parallel.failures import InputError
+
+NEEDS = "universal files of responses need pyuff: pip install 'hpcred[measured]'"
+FRF, FREQUENCY, FORCE = 4, 18, 13  # numbers of functions and of quantities in dataset 58
+QUANTITY_NUMBERS = (8, 11, 12)  # displacement, velocity, acceleration
+UNITS = ("m", "m/s", "m/s^2")
+
+
+def universal():
+    """Return pyuff. Raises InputError where it is not installed."""
+    try:
+        import pyuff
+    except ImportError as error:
+        raise InputError(NEEDS) from error
+    return pyuff
+
+
+def write_frf(path, responses, H, arrays: bool):
+    """Write responses H (F, r, p) as `arrays`, a .npz, or as a universal file, on this rank; `responses`: as
+    response_file.Responses. Channels that belong to no node are left out of a universal file. Raises InputError."""
+    if arrays:
+        nodes = responses.places or {}
+        known = {"frequencies": responses.frequencies, "H": H, "input_names": np.array(responses.input_names),
+                  "output_names": np.array(responses.output_names), "freq": responses.frequencies, "FRF": H,
+                  "node_names": np.array(list(nodes), dtype=str),
+                 "nodes": np.array([number for number, _ in nodes.values()], dtype=int),
+                  "positions": np.array([place for _, place in nodes.values()]).reshape(-1, 3)}  # fmt: skip
+        with open(path, "wb") as file:
+            np.savez(file, **known, **_tables(responses))
+        return
+    pyuff = universal()
+    numbers = {name: number for name, (number, _) in (responses.places or {}).items()}
+    names = [*responses.output_names, *responses.input_names]
+    for node in dict.fromkeys(str(node_of(name)) for name in names if node_of(name) is not None):
+        numbers.setdefault(node, int(node) if node.isdecimal() else max(numbers.values(), default=0) + 1)
+    sets = [pyuff.prepare_164(units_code=1, units_description="SI", temp_mode=1, length=1.0, force=1.0, temp=1.0,
+                              temp_offset=273.15)]  # fmt: skip
+    if responses.places:
+        x, y, z = np.array([place for _, place in responses.places.values()]).T
+        there = [number for number, _ in responses.places.values()]
+        sets.append(pyuff.prepare_2411(node_nums=there, def_cs=[0] * len(x), disp_cs=[0] * len(x), color=[11] * len(x),
+                                       x=x, y=y, z=z))  # fmt: skip
+    for j, output in enumerate(responses.output_names):
+        for i, given in enumerate(responses.input_names):
+            if node_of(output) is None or node_of(given) is None:
+                continue
+            quantity, place = named_quantity(output)
+            order = QUANTITIES.index(quantity)
+            (out, d), (into, e) = ((name.rpartition(":")[0], DIRECTIONS.index(name.rpartition(":")[2]) + 1)
+                                   for name in (place, given))  # fmt: skip
+            sets.append(pyuff.prepare_58(
+                binary=1, func_type=FRF, rsp_node=numbers[out], rsp_dir=d, ref_node=numbers[into], ref_dir=e,
+                rsp_ent_name=_entity(out), ref_ent_name=_entity(into), data=H[:, j, i], x=responses.frequencies,
+                id1=f"{output}/{given}"[:80], abscissa_spacing=0, abscissa_spec_data_type=FREQUENCY,
+                ordinate_spec_data_type=QUANTITY_NUMBERS[order], orddenom_spec_data_type=FORCE,
+                abscissa_axis_units_lab="Hz", ordinate_axis_units_lab=UNITS[order], orddenom_axis_units_lab="N",
+            ))  # fmt: skip
+    if not any(item["type"] == 58 for item in sets):
+        raise InputError(f"{path}: found no input and output at nodes, which a universal file has; take .npz")
+    pyuff.UFF(str(path)).write_sets(sets, mode="overwrite")
+
+
+def _entity(node) -> str:
+    """Return the name of a node as an entity, which has ten letters; "NONE" where it does not fit."""
+    return node if not node.isdecimal() and len(node) <= 10 else "NONE"
+
+
+def _tables(responses) -> dict[str, np.ndarray]:
+    """Return the columns of pyFBS' tables of channels and impacts."""
+    found = {}
+    for prefix, names, force in (("chn", responses.output_names, False), ("imp", responses.input_names, True)):
+        rows = []
+        for name in names:
+            quantity, place = named_quantity(name)
+            node, _, direction = place.rpartition(":")
+            d = DIRECTIONS.index(direction) if direction in DIRECTIONS[:6] else None
+            _, at = (responses.places or {}).get(node, (0, np.full(3, np.nan)))
+            unit = "N" if force and (d or 0) < 3 else "N m" if force else UNITS[QUANTITIES.index(quantity)]
+            rows.append((name, "Force" if force else quantity.capitalize(), unit, at,
+                         np.zeros(3) if d is None else np.eye(3)[d % 3]))  # fmt: skip
+        found |= {f"{prefix}_Name": np.array([row[0] for row in rows]),
+                  f"{prefix}_Quantity": np.array([row[1] for row in rows]),
+                  f"{prefix}_Unit": np.array([row[2] for row in rows]),
+                  f"{prefix}_Grouping": np.ones(len(rows), dtype=int)}  # fmt: skip
+        for k in range(3):
+            found[f"{prefix}_Position_{k + 1}"] = np.array([row[3][k] for row in rows])
+            found[f"{prefix}_Direction_{k + 1}"] = np.array([row[4][k] for row in rows])
+    return found

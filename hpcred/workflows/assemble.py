@@ -1,0 +1,310 @@
+"""Put results together to a machine, estimate its error, and write it as a result, or its responses."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import asdict, dataclass, field, replace
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+
+from ..analysis.frequency_response import checked_frequencies
+from ..assembly.coupling import Machine, laws_of_table, machine_of
+from ..assembly.error import accuracy_of_machine, why_not_known
+from ..assembly.measured import MeasuredPart, measured_part
+from ..assembly.parts import Part, part_of
+from ..body.node_shapes import NodeShape
+from ..files.machine_basis import first_numbers, nodes_of_machine, write_basis_of_machine
+from ..files.outputs import check_outputs, hdf5_kind
+from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
+from ..files.result_file import FORMAT, Result, read_result, write_result
+from ..files.text import absent
+from ..files.together import rescued
+from ..model.damping import GivenDamping
+from ..model.frames import NoFrame
+from ..model.interfaces.nodes import InterfaceNode
+from ..parallel import startup
+from ..parallel.failures import InputError, agreed
+from ..parallel.progress import Progress
+from ..readers.frf import read_frf
+from ..reduction.result.record import Record, versions
+from ..reduction.result.reduced_model import ReducedModel
+from ..settings.machine_file import check_machine, read_machine
+from .workflow import workflow
+
+
+@dataclass(eq=False, kw_only=True)
+class Assembly:
+    """A machine: its model, and how it is known.
+
+    Attributes
+    ----------
+    machine : Machine
+        The bodies and the conditions between them.
+    band : tuple of two floats or None
+        Hz.
+    reduced : ReducedModel or None
+        Of the whole, in pseudo-modal coordinates; with `parameters` where bodies have some. Its record has the
+        estimated accuracy, where that of every body is known. None with a measured body.
+    budget : list of dict
+        For each body its error, by how much the machine multiplies it, and with a tolerance the error it would need.
+    warnings : list of str
+    nodes : list of NodeShape
+        The interfaces in the coordinates of `reduced`.
+    """
+
+    machine: Machine
+    band: tuple[float, float] | None = None
+    reduced: ReducedModel | None = None
+    budget: list[dict] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    nodes: list[NodeShape] = field(default_factory=list)
+    T: np.ndarray | None = field(default=None, repr=False)
+    parts: list[Part] = field(default_factory=list, repr=False)
+    results: list[Result] = field(default_factory=list, repr=False)
+
+    @property
+    def lines(self) -> np.ndarray:
+        """The frequencies (F,) in Hz of the first measured body, in the band."""
+        lines = next(part.lines for part in self.machine.parts.values() if isinstance(part, MeasuredPart))
+        return lines if self.band is None else lines[(lines >= self.band[0]) & (lines <= self.band[1])]
+
+    def frequency_response(self, frequencies=None) -> np.ndarray:
+        """Return H(i omega) (F, r, p) at frequencies in Hz, by default at the lines of the first measured body.
+
+        Raises
+        ------
+        InputError
+            At poles, and outside of the lines of measured bodies.
+        """
+        frequencies = self.lines if frequencies is None else checked_frequencies(frequencies)
+        if self.reduced is not None:
+            return self.reduced.frequency_response(frequencies)
+        try:
+            return self.machine.response(2j * np.pi * frequencies)
+        except np.linalg.LinAlgError as error:
+            raise InputError("frequencies: one is a pole of a body, such as 0 Hz; leave it out") from error
+
+    def responses(self, frequencies=None) -> Responses:
+        """Return the same with the names of inputs and outputs, as files of responses have it."""
+        frequencies = self.lines if frequencies is None else checked_frequencies(frequencies)
+        names = {"input_names": self.machine.inputs.own, "output_names": self.machine.outputs.own}
+        return Responses(frequencies=frequencies, response=self.frequency_response(frequencies), **names,
+                         record={"bodies": list(self.machine.parts), "versions": versions()})  # fmt: skip
+
+    def save(self, path, *, basis: bool = True, comm=None) -> None:
+        """Write a result file, which commands read as that of a reduction. Collective.
+
+        Parameters
+        ----------
+        path : str or PathLike
+        basis : bool, default True
+            Whether the shapes of the bodies are written.
+        """
+        if self.reduced is None:
+            raise InputError("save: a machine with a measured body has no coordinates; write_responses writes its "
+                             "responses()")  # fmt: skip
+        comm = comm or startup.start_mpi()
+        numbers = first_numbers(self.results, comm)
+
+        def write(place):
+            write_result(place, self.reduced, nodes=self.nodes, more=lambda file: basis and write_basis_of_machine(
+                file, comm, self.results, self.parts, self.T, numbers))  # fmt: skip
+
+        rescued(write, path, comm)
+
+    @property
+    def sentence(self) -> str:
+        """What is known of the error, and what to do."""
+        accuracy = None if self.reduced is None else self.reduced.record.accuracy
+        if accuracy is None:
+            return "the error of the machine is not estimated"
+        size = f"about {accuracy.largest:.1e}" if accuracy.largest < 1 else "not known"
+        asked = f" (tolerance {accuracy.tolerance:g})" if "needs" in self.budget[0] else ""
+        again = f"; {accuracy.stopped}" if accuracy.stopped else ""
+        return (f"{'' if accuracy.reached else 'NOT REACHED: '}largest error of the machine {size}{asked} over "
+                f"{accuracy.band[0]:g} to {accuracy.band[1]:g} Hz, estimated from its bodies{again}")  # fmt: skip
+
+
+@workflow
+def assemble(
+    bodies, joints=(), masses=(), *, band=None, tolerance: float | None = None, inputs=None, outputs=None, comm=None,
+    progress: Progress | None = None,
+) -> Assembly:  # fmt: skip
+    """Put reduced bodies together to a machine. Collective.
+
+    Parameters
+    ----------
+    bodies : sequence of MachineBody
+        Whose `result` is the name of a result file, or a Result.
+    joints : sequence of RigidJoint or BushingJoint
+    masses : sequence of PointMass
+    band : (float, float), optional
+        Hz, over which the error is estimated; by default that of the bodies.
+    tolerance : float, optional
+        Of the machine's responses, with which the estimate is compared.
+    inputs, outputs : sequence of str, optional
+        Of the machine, such as "spindle.tool:z", or "spindle.tool" for all directions; by default all of the bodies.
+
+    Returns
+    -------
+    Assembly
+
+    Raises
+    ------
+    InputError
+        For names and directions that bodies do not have, rigid loops that are overdetermined, tables that end inside
+        of the band, and with a tolerance where the error of a body is not known.
+    """
+    check_machine(band, tolerance)
+    bodies, joints, masses = list(bodies), list(joints), list(masses)
+    results = [_read(item, comm) for item in bodies]
+    with progress.stage("assemble"), agreed(comm):
+        found = None
+        if comm.rank == 0:
+            found = _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs)
+    machine, reduced, T, accuracy, budget, warnings = comm.bcast(found)
+    parts = list(machine.parts.values())
+    if reduced is None:
+        return Assembly(machine=machine, band=band, warnings=warnings)
+    numbers = first_numbers(results, comm)
+    nodes = nodes_of_machine(results, parts, T, numbers)
+    record = _record(results, parts, numbers, reduced, accuracy, warnings, progress, comm)
+    reduced = replace(reduced, record=record)
+    return Assembly(machine=machine, band=band, reduced=reduced, budget=budget, warnings=list(record.warnings),
+                    nodes=nodes, T=T, parts=parts, results=results)  # fmt: skip
+
+
+def _read(body, comm):
+    """Return the result of a body, or its measured responses. Collective."""
+    if body.kind == "measured":
+        with agreed(comm):
+            return read_frf(body.result)
+    return body.result if isinstance(body.result, Result) else read_result(body.result, comm)
+
+
+def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs):
+    """Return the machine, its model and what is known of its error."""
+    parts = [(measured_part if body.kind == "measured" else part_of)(body, result)
+             for body, result in zip(bodies, results, strict=True)]  # fmt: skip
+    measured = [part for part in parts if isinstance(part, MeasuredPart)]
+    bands = [part.accuracy.band for part in parts if part.accuracy is not None]
+    bands += [(part.lines[0], part.lines[-1]) for part in measured]
+    band = band or ((max(low for low, _ in bands), min(high for _, high in bands)) if bands else None)
+    tables = {}
+    for k, joint in enumerate(joints):
+        if getattr(joint, "table", None):
+            if band is None:
+                raise InputError(f"joint[{k}].table: needs a band, over which it has to reach; give `band`")
+            tables[k] = laws_of_table(*_read_table(joint.table), joint, band, f"joint[{k}]: table {joint.table}")
+    machine = machine_of(parts, joints, masses, inputs, outputs, tables)
+    if measured:
+        if tolerance is not None:
+            raise InputError(f"tolerance: the error of the measured body '{measured[0].name}' is not known")
+        return machine, None, None, None, [], [*machine.warnings, (
+            f"body '{measured[0].name}' is measured: the machine has responses at its lines, and no modes, no state "
+            "space and no estimated error"
+        )]  # fmt: skip
+    tau = _tau(parts, band)
+    reduced, T = machine.model(tau)
+    warnings = list(machine.warnings)
+    units = {part.name: result.reduced.record is not None and result.reduced.record.units
+             for part, result in zip(parts, results, strict=True)}  # fmt: skip
+    if any(units.values()) and not all(units.values()):
+        unknown = next(name for name, known in units.items() if not known)
+        warnings.append(f"body '{unknown}': the units of its model are not known, and are taken for SI")
+    still = int((reduced.frequencies == 0).sum())
+    if still:
+        warnings.append(f"the machine has {still} rigid-body motions without force: it has no response at 0 Hz")
+    accuracy, budget = None, []
+    why = why_not_known(machine, band) if band else "no body was reduced to a tolerance"
+    if not why or tolerance is not None:
+        accuracy, budget = accuracy_of_machine(machine, tau, band, tolerance)
+        if machine.parameters:
+            warnings.append("the error of the machine is estimated at the reference values of its parameters")
+    else:
+        warnings.append(f"the error of the machine is not estimated: {why}")
+    return machine, reduced, T, accuracy, budget, warnings
+
+
+def _tau(parts, band) -> float:
+    """Return the time (s) of the highest frequency that counts."""
+    highest = band[1] if band else max(np.sqrt(np.abs(np.diag(part.constant["K"])).max()) for part in parts) / 2 / np.pi
+    return 1 / (2 * np.pi * (highest or 1.0))
+
+
+def _read_table(path) -> tuple[list[str], np.ndarray]:
+    """Return the header and the rows of a .csv. Raises InputError."""
+    if not Path(path).is_file():
+        raise absent(path)
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            header, *rows = [row for row in csv.reader(file) if row]
+        numbers = np.array([[float(word) for word in row] for row in rows])
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: found {error}, expected a .csv with a header and numbers") from error
+    if numbers.ndim != 2 or numbers.shape[1] != len(header):
+        raise InputError(f"{path}: found rows of other lengths than its header, expected {len(header)} numbers in each")
+    return [word.strip() for word in header], numbers
+
+
+def _record(results, parts, numbers, reduced, accuracy, warnings, progress, comm) -> Record:
+    records = [result.reduced.record for result in results]
+    nodes = tuple(
+        InterfaceNode(f"{part.name}.{part.labels[shape.node]}", shape.node + number,
+                      tuple((part.turn @ shape.position + part.shift).tolist()))
+        for result, part, number in zip(results, parts, numbers, strict=True) for shape in result.nodes
+    )  # fmt: skip
+    unstable = reduced.unstable_poles()
+    if len(unstable):
+        warnings = [*warnings, f"the machine is unstable: {len(unstable)} poles in the right half-plane"]
+    return Record(
+        date=datetime.now(timezone.utc).isoformat(timespec="seconds"), versions=versions(), scalar="real",
+        ranks=comm.size, petsc_options={}, model=f"a machine of {', '.join(part.name for part in parts)}",
+        size=sum(record.size if record else 0 for record in records), free_size=reduced.size,
+        nonzeros=sum(record.nonzeros if record else 0 for record in records),
+        rigid_body_modes=int((reduced.frequencies == 0).sum()), symmetry_defects={}, inputs=reduced.input_names,
+        outputs=reduced.output_names, frame=NoFrame(), damping=GivenDamping(), basis=(), projection="one_sided",
+        deflation_tolerance=0.0, drop_above=None, groups=1, components=(), factorisations=(), symbolic_analyses=0,
+        orthonormality_defect=float(np.abs(np.diag(np.diag(reduced.M)) - reduced.M).max()),
+        unstable_poles=tuple((root.real, root.imag) for root in unstable), warnings=tuple(warnings),
+        timing=progress.timing(), interface_nodes=nodes, accuracy=accuracy,
+    )  # fmt: skip
+
+
+@workflow
+def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = None) -> dict:
+    """Put results together as a file such as machine.toml says, and write the machine as a result. Collective.
+
+    `overrides`: texts "key.path=value" that replace keys of the file. Returns plain numbers for a table or JSON: the
+    file written, the size, the frequencies, the budget of the error, the verdict and warnings. Raises InputError.
+    """
+    with agreed(comm):
+        job = read_machine(path, overrides)
+    reads = [path, *(item.result for item in job.body), *(item.table for item in job.joint if hasattr(item, "table"))]
+    measured = any(item.kind == "measured" for item in job.body)
+    if measured:
+        check_response_name(job.output)
+    check_outputs({job.output: kind_of_responses(job.output) if measured else hdf5_kind(FORMAT)}, comm, reads,
+                  progress=progress)  # fmt: skip
+    made = assemble(job.body, job.joint, job.mass, band=job.band, tolerance=job.tolerance, inputs=job.inputs,
+                    outputs=job.outputs, comm=comm, progress=progress)  # fmt: skip
+    if made.reduced is None:
+        found = made.responses()
+        with progress.stage("write", job.output):
+            rescued(lambda place: write_responses(place, found, comm), job.output, comm)
+        return {"output": job.output, "inputs": list(found.input_names), "outputs": list(found.output_names),
+                "frequencies_hz": found.frequencies.tolist(), "sentence": made.sentence, "reached": True, "budget": [],
+                "warnings": made.warnings, "timing": asdict(progress.timing())}  # fmt: skip
+    with progress.stage("write", job.output):
+        made.save(job.output, basis=job.write_basis, comm=comm)
+    accuracy = made.reduced.record.accuracy
+    return {
+        "output": job.output, "size": made.reduced.size, "pseudo_frequencies_hz": made.reduced.frequencies.tolist(),
+        "inputs": list(made.reduced.input_names), "outputs": list(made.reduced.output_names),
+        "parameters": [asdict(item) for item in getattr(made.reduced, "parameters", ())],
+        "budget": made.budget, "sentence": made.sentence, "reached": accuracy is None or accuracy.reached,
+        "error": None if accuracy is None else accuracy.largest, "warnings": made.warnings,
+        "timing": asdict(progress.timing()),
+    }  # fmt: skip
