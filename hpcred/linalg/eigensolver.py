@@ -187,7 +187,7 @@ def congruent(matrix: np.ndarray, X: np.ndarray) -> np.ndarray:
     return (found + found.T) / 2 if np.array_equal(matrix, matrix.T) else found
 
 
-def settled(K: np.ndarray, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def eigenpairs_with_gram(K: np.ndarray, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return eigenvalues (m,), ascending, of the small symmetric K on columns whose Gram matrix (m, m) is I but for
     round-off, and X (m, m) that makes them diagonal and orthonormal. Local.
 

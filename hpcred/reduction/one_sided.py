@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linalg.eigensolver import congruent, settled, symmetric_part
+from ..linalg.eigensolver import congruent, eigenpairs_with_gram, symmetric_part
 from ..model.definiteness import growing, warnings_of_definiteness
 from ..model.digits import warnings_of_digits
 from ..model.operator import Operator
@@ -63,7 +63,7 @@ def one_sided(model, framed, basis, run, settings) -> Projection:
     # round-off of the product V X couples parts that hardly couple: the small matrices alone are turned once more
     X, again = np.eye(len(mass)), not run.tau and full.is_symmetric("K")
     if again:
-        eigenvalues, X = decided(model.comm, settled, _stiffness(columns, run), mass)
+        eigenvalues, X = decided(model.comm, eigenpairs_with_gram, _stiffness(columns, run), mass)
         mass, modes = congruent(mass, X), PseudoModes(eigenvalues)
     # what the digits of K leave of omega^2, and whether motion grows
     run.notes.remarks += warnings_of_digits(model, full.K, modes.eigenvalues, columns)

@@ -41,7 +41,8 @@ MATRICES = 160  # bytes a nonzero, docs/large.md, "At 10^7 dofs": M and K with t
 # docs/solvers.md, "Time and memory": bytes a nonzero in all, and processor seconds a nonzero, to a tolerance of 1e-4
 # over 38 modes; docs/large.md, "Three million dofs", has the same for three times as many
 MULTIGRID, SECONDS_OF_MULTIGRID = 75, 485 / 79_800_000
-# docs/large.md, "On more ranks": seconds a dof beside factors, on one rank and divided by the root of the ranks
+# docs/large.md, "On more ranks": seconds a dof beside factors, on one rank and divided by the root of the ranks; at
+# 10^5 dofs a reduction to a tolerance takes more
 BESIDE = 80e-6
 CARD = 1.06 * 8  # bytes an entry of a factor on a GPU: docs/large.md, "On a GPU"
 # GFlop/s: of a rank, 12 to 18 on an Intel Xeon, and 15 to 20 on an AMD EPYC (docs/large.md); of an H200, 14 to 20

@@ -106,9 +106,8 @@ MEASURED = (  # cells of a cube an edge, ranks, their GFlop/s, factors, way; GB 
     (100, 2, 20, 2, "kind = multigrid", 17.1, 24 * 60 / 2, "| memory of both ranks | 17.1 GB |"),
     (100, 2, 20, 2, "kind = multigrid", 17.1, 24 * 60 / 2, "| processor time of both ranks | 24 min |"),
     (40, 2, 20, 2, "direct", 5.0, None, "With a factor, a cube of 201,720 dofs takes 5.0 GB in all"),
-    (33, 16, 95, 2, "direct", None, 14.0, "| 114,444 | 1e-4 | `mumps` | 14.0 |"),
-    (69, 16, 160, 2, "package = cudss", None, 28.4, "| 1,014,300 | 1e-4 | `cudss` | 28.4 |"),
-    (100, 16, 160, 2, "package = cudss", None, 109, "| 3,060,300 | 1e-3 | `cudss` | 109 |"),
+    (69, 16, 160, 2, "package = cudss", None, 27.4, "| 1,014,300 | 1e-4 | `cudss` | 27.4 |"),
+    (100, 16, 160, 2, "package = cudss", None, 95.7, "| 3,060,300 | 1e-3 | `cudss` | 95.7 |"),
 )  # fmt: skip
 
 
@@ -120,7 +119,7 @@ def test_plans_against_what_was_measured(cells, ranks, gflops, factors, way, gig
     size = plan._as_cube(3 * cells * (cells + 1) ** 2, 9 * (3 * cells - 2) * (3 * cells + 1) ** 2)
     found = next(item for item in plan._ways(size, ranks, gflops / ranks, factors, None) if item.name == way)
     assert gigabytes is None or 0.95 < found.memory / 2**30 / gigabytes < 1.6
-    assert seconds is None or 0.6 < found.seconds / seconds < 1.3
+    assert seconds is None or 0.85 < found.seconds / seconds < 1.15
 
 
 def test_the_table_of_a_cube_of_1e7_dofs_is_that_of_the_law():

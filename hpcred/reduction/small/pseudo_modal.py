@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...linalg.eigensolver import congruent, graded_eigenpairs, settled
+from ...linalg.eigensolver import congruent, eigenpairs_with_gram, graded_eigenpairs
 from ...linalg.pencil import LEAST_MASS, squared_frequencies, with_masses
 from ...model.operator import NOTHING, Operator, times
 from ...model.outputs.rates import Rates
@@ -361,7 +361,7 @@ def diagonalised(
     io = io or InputsOutputs(*[np.eye(L.shape[1])] * 2)
     masses = None
     if M is None:
-        eigenvalues, vectors = graded_eigenpairs((K + K.T) / 2) if gram is None else settled(K, gram)
+        eigenvalues, vectors = graded_eigenpairs((K + K.T) / 2) if gram is None else eigenpairs_with_gram(K, gram)
     else:
         eigenvalues, masses, vectors = with_masses((K + K.T) / 2, (M + M.T) / 2, tau)
     still = np.flatnonzero(np.abs(eigenvalues) <= NEARLY_ZERO * np.abs(eigenvalues).max(initial=0.0))
