@@ -77,9 +77,13 @@ def doubtful_modes(projections, band) -> np.ndarray | None:
         return None
     parts = np.array_split(which, -(-len(which) // MOST))  # which bounds the memory
     ratio = np.concatenate([_residuals(projections, model, part) for part in parts])
-    worst = np.argsort(-ratio, kind="stable")[:MOST]
-    worst = worst[ratio[worst] > DOUBTFUL]
+    worst = decided(projections.run.model.comm, _largest, ratio)
     return model.vectors[:, which[worst]] if len(worst) else None
+
+
+def _largest(ratio):
+    worst = np.argsort(-ratio, kind="stable")[:MOST]
+    return worst[ratio[worst] > DOUBTFUL]
 
 
 def _residuals(projections, model, which) -> np.ndarray:
