@@ -118,10 +118,10 @@ class Machine:
         known |= {"M": np.diag(masses), "K": np.diag(stiffness) + (K - K.T) / 2}
         names = {"input_names": self.inputs.own, "output_names": self.outputs.own,
                  "frequencies": np.sqrt(squares) / (2 * np.pi)}  # fmt: skip
-        if not terms:
-            return ReducedModel(**known, **names, viscoelastic=added), T
-        return ParametricReducedModel(**known, **names, viscoelastic=added, parameters=self.parameters,
-                                      constant=constant, terms=terms), T  # fmt: skip
+        machine = ReducedModel(**known, **names, viscoelastic=added)
+        if terms:
+            machine = ParametricReducedModel.of(machine, parameters=self.parameters, constant=constant, terms=terms)
+        return machine, T
 
     def _uncoupled(self):
         """Return matrices of all parts with the springs, dampers and masses between them, terms and added terms."""
