@@ -18,7 +18,7 @@ from scipy.linalg import block_diag
 from ..fe.dofs import SAME_PLACE
 from ..linalg.pencil import massless_last, modes_of
 from ..model.laws.tabulated import Tabulated
-from ..model.operator import Law, Operator, Power, Term
+from ..model.operator import Law, Power, Term
 from ..model.parameters.definitions import Parameter, checked_values
 from ..parallel.declared import nearest
 from ..parallel.failures import InputError
@@ -116,13 +116,12 @@ class Machine:
         K = known["K"]
         stiffness = np.where(masses > 0, squares, tau**-2)
         known |= {"M": np.diag(masses), "K": np.diag(stiffness) + (K - K.T) / 2}
-        operator = Operator.of(*(known.pop(key) for key in "MDK"), added)
         names = {"input_names": self.inputs.own, "output_names": self.outputs.own,
                  "frequencies": np.sqrt(squares) / (2 * np.pi)}  # fmt: skip
-        if not terms:
-            return ReducedModel(operator=operator, **known, **names), T
-        return ParametricReducedModel(operator=operator, **known, **names, parameters=self.parameters,
-                                      constant=constant, terms=terms), T  # fmt: skip
+        machine = ReducedModel(**known, **names, viscoelastic=added)
+        if terms:
+            machine = ParametricReducedModel.of(machine, parameters=self.parameters, constant=constant, terms=terms)
+        return machine, T
 
     def _uncoupled(self):
         """Return matrices of all parts with the springs, dampers and masses between them, terms and added terms."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 
 from ..model.parameters.definitions import Parameter
@@ -55,5 +53,4 @@ def with_parameters(file, reduced: ReducedModel, path) -> ReducedModel:
                     if key in SHAPES or f"parameters/constant/{key}" in file}  # fmt: skip
     except (KeyError, StopIteration, ValueError) as error:  # an InputError is a ValueError
         raise InputError(f"{path}: its parameters are damaged: {error}; reduce again") from error
-    known = {item.name: getattr(reduced, item.name) for item in fields(ReducedModel)}
-    return ParametricReducedModel(**known, parameters=parameters, constant=constant, terms=terms)
+    return ParametricReducedModel.of(reduced, parameters=parameters, constant=constant, terms=terms)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -166,10 +166,9 @@ def reduced_with_terms(reductor, model) -> ParametricReducedModel:
         check_reference(model, reference)
         reduced = replace(reductor, parametric=model).reduced(reference)
         parts = projected_parts(model, reduced, reductor.damping)
-        known = {item.name: getattr(reduced, item.name) for item in fields(reduced)}
-        known |= {"resultants": resultants(reference), "model": reference.shared()}
+        reduced = replace(reduced, resultants=resultants(reference), model=reference.shared())
     free_dropped(model.comm)
-    whole = ParametricReducedModel(**known, parameters=model.parameters, **parts)
+    whole = ParametricReducedModel.of(reduced, parameters=model.parameters, **parts)
     warnings = (*whole.record.warnings, *warnings_of_stability(whole, model.comm))
     digests = whole.record.digests | {TERMS: digest_of_plain(digests_of_terms(model))}
     return replace(whole, record=replace(whole.record, warnings=warnings, digests=digests))

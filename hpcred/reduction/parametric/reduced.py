@@ -46,6 +46,11 @@ class ParametricReducedModel(ReducedModel):
     constant: dict[str, np.ndarray] = field(default_factory=dict)
     terms: tuple[ReducedTerm, ...] = ()
 
+    @classmethod
+    def of(cls, reduced: ReducedModel, **parts: Any) -> ParametricReducedModel:
+        """Return the model that is a `reduced` one at the reference values; `parts`: parameters, constant and terms."""
+        return cls(**{item.name: getattr(reduced, item.name) for item in fields(ReducedModel)}, **parts)
+
     @property
     def base(self) -> ReducedModel:
         """The model at the reference values, V^T M V = I and V^T K V diagonal, which shares the basis."""

@@ -57,17 +57,17 @@ class ReducedModel:
     B: np.ndarray
     C: np.ndarray
     frequencies: np.ndarray
-    loss_factor: float = 0.0
-    input_names: tuple[str, ...] = ()
-    output_names: tuple[str, ...] = ()
-    interfaces: tuple[InterfaceNode, ...] = ()
-    resultants: np.ndarray | None = None
-    record: Record | None = None
-    columns: object = None
-    left_columns: object = None
-    model: SecondOrderModel | None = None
-    Cv: np.ndarray | None = None
-    Ca: np.ndarray | None = None
+    loss_factor: float
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    interfaces: tuple[InterfaceNode, ...]
+    resultants: np.ndarray | None
+    record: Record | None
+    columns: object
+    left_columns: object
+    model: SecondOrderModel | None
+    Cv: np.ndarray | None
+    Ca: np.ndarray | None
 
     def __init__(
         self, M: np.ndarray | None = None, D: np.ndarray | None = None, K: np.ndarray | None = None,
