@@ -20,6 +20,7 @@ from ..linalg.pencil import massless_last, modes_of
 from ..model.laws.tabulated import Tabulated
 from ..model.operator import Law, Power, Term
 from ..model.parameters.definitions import Parameter, checked_values
+from ..model.second_order_model import listed
 from ..parallel.declared import nearest
 from ..parallel.failures import InputError
 from ..reduction.parametric.reduced import ParametricReducedModel, ReducedTerm
@@ -341,7 +342,7 @@ def _chosen(parts, side, wanted) -> Channels:
     for word in wanted or ():
         there = [name for name in own if word in (name, name.rpartition(":")[0])]
         if not there:
-            raise InputError(f"{side}: found '{word}'{nearest(word, own)}, expected some of {', '.join(own)}")
+            raise InputError(f"{side}: found '{word}'{nearest(word, own)}, expected some of {listed(own)}")
         chosen += [name for name in there if name not in chosen]
     return Channels(names=tuple(names), own=tuple(chosen), matrix=matrix[[own.index(name) for name in chosen]])
 

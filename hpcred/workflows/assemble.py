@@ -11,7 +11,7 @@ import numpy as np
 
 from ..analysis.frequency_response import checked_frequencies
 from ..assembly.coupling import Machine, laws_of_table, machine_of
-from ..assembly.error import accuracy_of_machine, why_not_known
+from ..assembly.error import UNKNOWN, accuracy_of_machine, why_not_known
 from ..assembly.measured import MeasuredPart, measured_part
 from ..assembly.parts import Part, part_of
 from ..body.node_shapes import NodeShape
@@ -28,6 +28,7 @@ from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..readers.frf import read_frf
+from ..reduction.result.accuracy import Accuracy
 from ..reduction.result.record import Record, versions
 from ..reduction.result.reduced_model import ReducedModel
 from ..settings.machine_file import check_machine, read_machine
@@ -47,6 +48,8 @@ class Assembly:
     reduced : ReducedModel or None
         Of the whole, in pseudo-modal coordinates; with `parameters` where bodies have some. Its record has the
         estimated accuracy, where that of every body is known. None with a measured body.
+    accuracy : Accuracy or None
+        The estimated error.
     budget : list of dict
         For each body its error, by how much the machine multiplies it, and with a tolerance the error it would need.
     warnings : list of str
@@ -57,6 +60,7 @@ class Assembly:
     machine: Machine
     band: tuple[float, float] | None = None
     reduced: ReducedModel | None = None
+    accuracy: Accuracy | None = None
     budget: list[dict] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     nodes: list[NodeShape] = field(default_factory=list)
@@ -117,10 +121,10 @@ class Assembly:
     @property
     def sentence(self) -> str:
         """What is known of the error, and what to do."""
-        accuracy = None if self.reduced is None else self.reduced.record.accuracy
+        accuracy = self.accuracy
         if accuracy is None:
             return "the error of the machine is not estimated"
-        size = f"about {accuracy.largest:.1e}" if accuracy.largest < 1 else "not known"
+        size = f"about {accuracy.largest:.1e}" if accuracy.largest < UNKNOWN else "not known"
         asked = f" (tolerance {accuracy.tolerance:g})" if "needs" in self.budget[0] else ""
         again = f"; {accuracy.stopped}" if accuracy.stopped else ""
         return (f"{'' if accuracy.reached else 'NOT REACHED: '}largest error of the machine {size}{asked} over "
@@ -170,10 +174,11 @@ def assemble(
         return Assembly(machine=machine, band=band, warnings=warnings)
     numbers = first_numbers(results, comm)
     nodes = nodes_of_machine(results, parts, T, numbers)
-    record = _record(results, parts, numbers, reduced, accuracy, warnings, progress, comm)
+    known = None if accuracy is None or accuracy.largest >= UNKNOWN else accuracy
+    record = _record(results, parts, numbers, reduced, known, warnings, progress, comm)
     reduced = replace(reduced, record=record)
-    return Assembly(machine=machine, band=band, reduced=reduced, budget=budget, warnings=list(record.warnings),
-                    nodes=nodes, T=T, parts=parts, results=results)  # fmt: skip
+    return Assembly(machine=machine, band=band, reduced=reduced, accuracy=accuracy, budget=budget,
+                    warnings=list(record.warnings), nodes=nodes, T=T, parts=parts, results=results)  # fmt: skip
 
 
 def _read(body, comm):
@@ -221,6 +226,9 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
     why = why_not_known(machine, band) if band else "no body was reduced to a tolerance"
     if not why or tolerance is not None:
         accuracy, budget = accuracy_of_machine(machine, tau, band, tolerance)
+        if accuracy.largest >= UNKNOWN:
+            warnings.append("the errors of the bodies are too large for an estimate at sharp resonances; "
+                            "reduce them to a smaller tolerance")  # fmt: skip
         if machine.parameters:
             warnings.append("the error of the machine is estimated at the reference values of its parameters")
     else:
@@ -299,12 +307,12 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
                 "warnings": made.warnings, "timing": asdict(progress.timing())}  # fmt: skip
     with progress.stage("write", job.output):
         made.save(job.output, basis=job.write_basis, comm=comm)
-    accuracy = made.reduced.record.accuracy
+    accuracy = made.accuracy
     return {
         "output": job.output, "size": made.reduced.size, "pseudo_frequencies_hz": made.reduced.frequencies.tolist(),
         "inputs": list(made.reduced.input_names), "outputs": list(made.reduced.output_names),
         "parameters": [asdict(item) for item in getattr(made.reduced, "parameters", ())],
         "budget": made.budget, "sentence": made.sentence, "reached": accuracy is None or accuracy.reached,
-        "error": None if accuracy is None else accuracy.largest, "warnings": made.warnings,
+        "error": None if made.reduced.record.accuracy is None else accuracy.largest, "warnings": made.warnings,
         "timing": asdict(progress.timing()),
     }  # fmt: skip
