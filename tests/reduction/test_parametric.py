@@ -619,3 +619,10 @@ def test_places_of_low_discrepancy():
     golden, plastic = (1 + 5**0.5) / 2, 1.32471795724474602596
     assert np.allclose(low_discrepancy(1, 3)[:, 0], [(0.5 + k / golden) % 1 for k in (1, 2, 3)], rtol=1e-12)
     assert np.allclose(low_discrepancy(2, 9)[8], [(0.5 + 9 / plastic**k) % 1 for k in (1, 2)], rtol=1e-12)
+
+
+@pytest.mark.parametrize("key, least", [("points", 2), ("most", 3)])
+def test_the_least_that_a_search_takes(key, least):
+    assert getattr(hpcred.ParameterSearch(**{key: least}), key) == least
+    with pytest.raises(InputError, match=f"parameter_search.{key}: found {least - 1}, expected at least {least}"):
+        hpcred.ParameterSearch(**{key: least - 1})
