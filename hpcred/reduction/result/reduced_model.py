@@ -295,9 +295,12 @@ class ReducedModel:
         return roots[np.argsort(roots.imag)]
 
     def unstable_poles(self) -> np.ndarray:
-        """Return the poles in the right half-plane, beyond round-off; none where M, D and K are symmetric and
-        semidefinite."""
-        if np.array_equal(self.K, self.K.T) and all(map(_semidefinite, self.operator.matrices.values())):
+        """Return the poles in the right half-plane, beyond round-off; none where M, K and the symmetric part of D are
+        semidefinite, since gyroscopic forces take no power."""
+        parts = self.operator.matrices | {"D": (self.D + self.D.T) / 2}
+        if np.array_equal(self.K, self.K.T) and all(
+            _semidefinite(part, np.abs(self.operator[key]).max(initial=0.0)) for key, part in parts.items()
+        ):
             return np.zeros(0, dtype=complex)
         roots = self.poles()
         size = np.abs(roots).max(initial=0.0)
@@ -332,9 +335,8 @@ def as_measured(reduced: ReducedModel, accuracy: Accuracy) -> ReducedModel:
     return replace(reduced, D=D, loss_factor=accuracy.loss_factor, columns=None, left_columns=None, model=None)
 
 
-def _semidefinite(matrix):
-    """Test whether a matrix is symmetric without negative eigenvalues, up to round-off."""
-    size = np.abs(matrix).max(initial=0.0)
+def _semidefinite(matrix, size):
+    """Test whether a matrix is symmetric without negative eigenvalues, up to round-off of entries of a size."""
     return np.abs(matrix - matrix.T).max(initial=0.0) <= ROUND_OFF * size and np.linalg.eigvalsh(matrix).min(
         initial=0.0
     ) >= -ROUND_OFF * len(matrix) * size
