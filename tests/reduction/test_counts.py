@@ -12,6 +12,8 @@ from hpcred import Adaptive, Factoring, PointStore, Rayleigh
 from hpcred.linalg.known import EXACT, ModeCount, Source
 from hpcred.linalg.solvers.mumps import Mumps
 from hpcred.parallel.petsc import is_complex
+from hpcred.reduction.search import search
+from hpcred.reduction.search.expansion import Expansion
 
 SIZE = 30
 ROUGH = Source(kind="approximate factor", accuracy=5e-3)
@@ -53,6 +55,22 @@ def test_hidden_modes_are_found_whatever_their_number(comm, hidden):
     assert accuracy.reached and accuracy.missing_modes == 0
     assert accuracy.counted == ModeCount(modes=below(30.0), below=30.0) and accuracy.counted.source == EXACT
     assert accuracy.modes_in_words == f"{below(30.0)} modes below 30 Hz (exact factor), none missing"
+
+
+@needs_counts
+def test_modes_that_only_a_proof_without_a_factor_shows(comm, monkeypatch):
+    """Beside a basis that lacks soft modes the matrix is indefinite, so that they are looked for by the factor of the
+    point above."""
+    seen = Expansion.missing_modes
+
+    def late(self, among=None):
+        return seen(self, among) if any(point.factor_of for point in self.points) else 0
+
+    monkeypatch.setattr(Expansion, "missing_modes", late)
+    monkeypatch.setattr(search, "doubtful_modes", lambda *_: None)
+    accuracy = reduced(comm, [1.0, 2.0, 3.0], (0.0, 30.0))[0].accuracy
+    assert any(point.factor_of for point in accuracy.points)
+    assert accuracy.reached and accuracy.missing_modes == 0
 
 
 @needs_counts

@@ -277,6 +277,8 @@ class Search:
 
     def _find_hidden(self) -> bool:
         """Add modes that no load moves until none is missing; whether the model stays what it was."""
+        if self._solver.is_nearby:  # beside a basis that lacks modes below the point, the matrix is indefinite
+            self._solver.go_to(self._solver.nearby)
         found, (low, high) = self.expansion.highest_count, self.settings.band
         below, lack_of = (high, None) if found is None else (found.below, self.expansion.missing_modes)
         if self._groups > 1:  # whose factors are gone
