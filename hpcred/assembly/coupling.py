@@ -29,7 +29,7 @@ from .joints import GROUND, SIX, BushingJoint, PointMass, RigidJoint, matrix_of
 from .parts import ROUND_OFF, Channels, Part, part_and_node, with_terms
 
 REDUNDANT = 1e-9  # of a condition, what is left of it beside those before
-STILL = 1e-13  # of the largest squared frequency: rigid-body motion, but for round-off
+STILL = 1e-13  # of the largest squared frequency of coordinates with mass: rigid-body motion, but for round-off
 MASSLESS = 1e-12  # of the largest mass, in coordinates that are scaled
 
 
@@ -229,10 +229,11 @@ def _modes(K, M, tau):
     """Return omega^2 (m,), ascending, X (m, m), and how many of the last coordinates have no mass."""
     if np.linalg.eigvalsh((M + M.T) / 2).min(initial=1.0) > MASSLESS * np.abs(M).max(initial=0.0):
         squares, X = modes_of(K, (M + M.T) / 2)
-        without = 0
+        without, largest = 0, squares.max(initial=0.0)
     else:
         squares, X, without = massless_last(K, M, tau)
-    return np.where(np.abs(squares) < STILL * squares.max(initial=0.0), 0.0, squares), X, without
+        largest = max(squares[: len(squares) - without].max(initial=0.0), tau**-2)
+    return np.where(np.abs(squares) < STILL * largest, 0.0, squares), X, without
 
 
 def _together(added):
