@@ -183,19 +183,23 @@ class Machine:
         size = np.diag(constant["M"]) + tau**2 * np.abs(np.diag(constant["K"]))
         scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
         G = self._rows()[rigid] * scale
-        if not len(G):
-            return np.diag(scale)
-        lengths = np.linalg.norm(G, axis=1)
-        Q, R = np.linalg.qr((G / np.maximum(lengths, 1e-300)[:, None]).T, mode="complete")
-        left = np.zeros(len(G))
-        left[: min(R.shape)] = np.abs(np.diag(R))
-        held = [self.conditions[rigid[k]].label for k in np.flatnonzero((left < REDUNDANT) | (lengths == 0))]
-        if held:
-            raise InputError(
-                f"{held[0]}: is held by other rigid joints already, or cannot move ({len(held)} of {len(G)} rigid "
-                "directions: the loop is overdetermined); leave these directions out, or take a bushing"
-            )
-        return scale[:, None] * Q[:, len(G) :]
+        return scale[:, None] * _unheld(G, [self.conditions[k].label for k in rigid])
+
+
+def _unheld(G, labels) -> np.ndarray:
+    """Return an orthonormal basis (n, n - c) of what conditions G (c, n) leave free. Raises InputError for those that
+    others hold already."""
+    lengths = np.linalg.norm(G, axis=1)
+    Q, R = np.linalg.qr((G / np.maximum(lengths, 1e-300)[:, None]).T, mode="complete")
+    left = np.zeros(len(G))
+    left[: min(R.shape)] = np.abs(np.diag(R))
+    held = [labels[k] for k in np.flatnonzero((left < REDUNDANT) | (lengths == 0))]
+    if held:
+        raise InputError(
+            f"{held[0]}: is held by other rigid joints already, or cannot move ({len(held)} of {len(G)} rigid "
+            "directions: the loop is overdetermined); leave these directions out, or take a bushing"
+        )
+    return Q[:, len(G) :]
 
 
 def _blocks(parts) -> np.ndarray:
@@ -262,6 +266,8 @@ def machine_of(parts: list[Part], joints, masses=(), inputs=None, outputs=None, 
     machine = Machine(parts=by_name, conditions=tuple(conditions), parameters=_parameters(parts),
                       inputs=_chosen(parts, "inputs", inputs), outputs=_chosen(parts, "outputs", outputs),
                       warnings=[text for part in parts for text in part.warnings])  # fmt: skip
+    rigid = [k for k, item in enumerate(conditions) if item.rigid]
+    _unheld(machine.conditions_of(0)[rigid], [conditions[k].label for k in rigid])
     loose = [part.name for part in parts if len(parts) > 1 and not any(part.name in item.rows for item in conditions)]
     if loose:
         machine.warnings.append(f"body '{loose[0]}' has no joint: it moves by itself")

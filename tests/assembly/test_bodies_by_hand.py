@@ -68,3 +68,31 @@ def test_nodes_of_a_measurement_have_names_of_their_own(tmp_path):
     assert found.machine.inputs.own == ("b.2:x", "b.1:x")
     with pytest.raises(hpcred.InputError, match="found the name '2', which another node has"):
         hpcred.assemble([MachineBody(name="b", result=path, kind="measured", nodes={"2": 1})])
+
+
+def measured(path, frequencies, names=("a:x", "b:x"), seed=1):
+    """A measured body with a random response, which a file has."""
+    H = np.random.default_rng(seed).normal(size=(len(frequencies), len(names), len(names), 2)) @ [1.0, 1j]
+    np.savez(path, frequencies=frequencies, H=H, input_names=names, output_names=names)
+    return MachineBody(name=path.stem, result=str(path), kind="measured")
+
+
+def test_the_band_of_a_machine_is_where_all_bodies_are_known(tmp_path):
+    bodies = [measured(tmp_path / "long.npz", np.linspace(0.0, 500.0, 51)),
+              measured(tmp_path / "short.npz", np.linspace(0.0, 300.0, 7))]  # fmt: skip
+    joint = hpcred.RigidJoint(bodies=("long.a", "short.a"), directions="x")
+    found = hpcred.assemble(bodies, [joint])
+    assert found.band == (0.0, 300.0) and found.lines[[0, -1]] == pytest.approx([0.0, 300.0])
+    assert np.isfinite(found.frequency_response()).all()
+    far = measured(tmp_path / "far.npz", [600.0, 700.0])
+    with pytest.raises(hpcred.InputError, match="'short' is known over 0 to 300 Hz and body 'far' is known over 600"):
+        hpcred.assemble([*bodies, far], [joint])
+    with pytest.raises(hpcred.InputError, match="body 'long' has no line in 600 to 700 Hz.* from 0 to 500 Hz"):
+        hpcred.assemble(bodies, [joint], band=(600.0, 700.0))
+
+
+def test_rigid_loops_of_measured_bodies_are_refused(tmp_path):
+    bodies = [measured(tmp_path / f"{name}.npz", [1.0, 2.0], seed=k) for k, name in enumerate("pqr")]
+    pairs = [("p.a", "q.a"), ("q.a", "r.a"), ("r.a", "p.a")]
+    with pytest.raises(hpcred.InputError, match="joint\\[2\\] between r.a and p.a:x: is held by other rigid joints"):
+        hpcred.assemble(bodies, [hpcred.RigidJoint(bodies=pair, directions="x") for pair in pairs])
