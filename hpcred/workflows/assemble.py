@@ -17,7 +17,14 @@ from ..assembly.parts import Part, part_of
 from ..body.node_shapes import NodeShape
 from ..files.machine_basis import first_numbers, nodes_of_machine, write_basis_of_machine
 from ..files.outputs import check_outputs, hdf5_kind
-from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
+from ..files.response_file import (
+    FOREIGN,
+    Responses,
+    check_response_name,
+    kind_of_responses,
+    lost_channels,
+    write_responses,
+)
 from ..files.result_file import FORMAT, Result, read_result, write_result
 from ..files.text import absent
 from ..files.together import rescued
@@ -229,7 +236,8 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
             warnings.append("the error of the machine is estimated at the reference values of its parameters")
     else:
         warnings.append(f"the error of the machine is not estimated: {why}")
-    return Assembly(machine=machine, band=band, reduced=reduced, accuracy=accuracy, budget=budget, warnings=warnings, T=T)
+    return Assembly(machine=machine, band=band, reduced=reduced, accuracy=accuracy, budget=budget, warnings=warnings,
+                    T=T)  # fmt: skip
 
 
 def _band(parts, band):
@@ -310,6 +318,9 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
     measured = any(item.kind == "measured" for item in job.body)
     if measured:
         check_response_name(job.output)
+    elif str(job.output).endswith((".csv", *FOREIGN)):
+        raise InputError(f"output: found '{job.output}', expected a result such as machine.h5; `hpcred evaluate` of it "
+                         "writes responses")  # fmt: skip
     check_outputs({job.output: kind_of_responses(job.output) if measured else hdf5_kind(FORMAT)}, comm, reads,
                   progress=progress)  # fmt: skip
     made = assemble(job.body, job.joint, job.mass, band=job.band, tolerance=job.tolerance, inputs=job.inputs,
@@ -318,6 +329,7 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
         found = made.responses()
         with progress.stage("write", job.output):
             rescued(lambda place: write_responses(place, found, comm), job.output, comm)
+        made.warnings.extend(lost_channels(job.output, found))
         return {"output": job.output, "inputs": list(found.input_names), "outputs": list(found.output_names),
                 "frequencies_hz": found.frequencies.tolist(), "sentence": made.sentence, "reached": True, "budget": [],
                 "warnings": made.warnings, "timing": asdict(progress.timing())}  # fmt: skip
