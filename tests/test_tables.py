@@ -32,15 +32,14 @@ basis = [{kind = "modes", count = 3}]
 interface = [{name = "crank", nodes = {set = "BIG_EYE"}}]
 load = [{name = "weight", kind = "gravity", value = [0.0, 0.0, -9.81]}]
 '''
-MACHINE = """output = "machine.h5"
-body = [{name = "link", result = "auto.h5"}]
-joint = [{bodies = ["link.20", "ground"], kind = "bushing", stiffness = [0.0, 0.0, 1e5]}]
-"""
 SWEEP = """job = "job.toml"
 output = "runs"
 [[vary]]
 key = "tolerance"
 values = [1e-2, 1e-3]
+"""
+MACHINE = """body = [{name = "rod", result = "auto.h5"}]
+joint = [{bodies = ["rod.20", "ground"], kind = "bushing", stiffness = [0.0, 0.0, 1e5]}]
 """
 
 
@@ -79,18 +78,18 @@ def test_tables_of_all_commands_fit_and_have_no_trailing_blanks(linkage_folder, 
     printed = Printed(monkeypatch)
     with hpcred.crank(dofs=600) as rod:
         hpcred.write_model("crank.h5", rod)
-    for name, text in (("job.toml", JOB), ("turning.toml", PARAMETRIC), ("sweep.toml", SWEEP)):
+    for name, text in (("job.toml", JOB), ("turning.toml", PARAMETRIC), ("sweep.toml", SWEEP),
+                       ("machine.toml", MACHINE)):  # fmt: skip
         Path(name).write_text(text)
     Path("simulation.toml").write_text(SIMULATION.replace("result.h5", "auto.h5"))
-    Path("machine.toml").write_text(MACHINE)
     for line in (
         "convert --list-formats", "info model.h5", "info crank.h5", "bores crank.h5", "modes crank.h5 --count 8",
         "info", "modes model.h5 --count 8", "reduce job.toml --store store",
         "reduce job.toml --details --set output='other.h5'", "store store", "plan model.h5 --ranks 4",
         "reduce turning.toml", "info turning.h5", "campbell turning.h5 --range 0,3000 --points 3",
         "evaluate auto.h5 --estimate", "evaluate auto.h5 --full model.h5", "evaluate auto.h5 --full model.h5 --check 2",
-        "evaluate auto.h5 other.h5 --full model.h5", "simulate simulation.toml",
-        "recover auto.h5 simulation.h5 -o r.csv", "assemble machine.toml", "sweep sweep.toml", "collect sweep.toml",
+        "assemble machine.toml", "evaluate auto.h5 other.h5 --full model.h5", "simulate simulation.toml",
+        "recover auto.h5 simulation.h5 -o r.csv", "sweep sweep.toml", "collect sweep.toml",
         "response model.h5 --frame buckens --inputs 20:z --band 1,300 --points 11 --check 1",
     ):  # fmt: skip
         assert main.run(line.split()) == 0, (line, capsys.readouterr().err)

@@ -66,6 +66,8 @@ class Sensitivity:
 
     def needed(self, tolerance: float) -> np.ndarray:
         """Return factors (b,), at most 1, with which the machine has the tolerance."""
+        if self.curve().max() <= tolerance:
+            return np.ones(self.between.shape[-1])
         # who takes less than its share of the tolerance leaves the rest to the others
         use = np.maximum(self.shares(), 1e-300)
         wanting, share = np.ones(len(use), dtype=bool), tolerance
