@@ -242,6 +242,29 @@ def test_the_reference_has_every_key_command_and_name():
         assert f"## {kind}, version" in GENERATED["reference/files.md"]
 
 
+def keys_without_meaning(page):
+    """(heading, key) of tables whose row and whose text are silent about a key."""
+    for part in re.split("^#+ ", page, flags=re.M)[1:]:
+        text = re.sub(r"^\|.*$", "", part, flags=re.M)
+        for row in re.findall(r"^\| `(?!-)[^`]+` \|.*$", part, re.M):
+            key, *_, meaning = (cell.strip(" `") for cell in re.split(r"(?<!\\)\|", row)[1:-1])
+            if not (row.count(" | ") == 3 and meaning) and not re.search(rf"(?<![\w.]){re.escape(key)}(?!\w)", text):
+                yield part.partition("\n")[0], key
+
+
+def test_every_key_has_a_meaning_and_every_heading_its_own_name():
+    """Keys of a whole file have theirs in the table."""
+    pages = {name: text for name, text in GENERATED.items() if name.endswith("-file.md")}
+    assert len(pages) >= 4
+    for name, text in pages.items():
+        headings = re.findall("^## .*$", text, re.M)
+        assert not list(keys_without_meaning(text)) and len(set(headings)) == len(headings), name
+        if "machine" not in name:
+            assert not re.search(r"^\| `.*\| +\|$", text.partition("\n## ")[0], re.M), name
+    silent = "# A\n\n`a`: what it is.\n\n| `a` | text | - |\n| `b` | text | - |\n| `c` | text | - |  |\n"
+    assert list(keys_without_meaning(silent)) == [("A", "b"), ("A", "c")]
+
+
 @pytest.mark.parametrize(
     ("page", "says"),
     [
