@@ -290,9 +290,22 @@ TERMS_OF_MODEL = ("load", "viscoelastic", "parameter", "term", "at", "circulator
 
 
 def read_job(path, overrides=()) -> Job:
-    """Read and check a job file; `overrides` are texts "key.path=value" that replace or add single keys.
+    """Read and check a job file.
 
-    Raises InputError that names the key, what was found and what was expected.
+    Parameters
+    ----------
+    path : str or PathLike
+    overrides : sequence of str
+        "key.path=value", which replace or add single keys.
+
+    Returns
+    -------
+    Job
+
+    Raises
+    ------
+    InputError
+        That names the key, what was found and what was expected.
     """
     path, table = Path(path), read_table(path, overrides)
     require_kind(path, table, "model")

@@ -1,6 +1,7 @@
 """The pages by themselves: links, commands, messages, names of files, and the reference that is made from the code."""
 
 import ast
+import inspect
 import re
 import shlex
 from dataclasses import dataclass
@@ -152,6 +153,23 @@ def test_the_first_picture_is_vectors_with_colours_for_light_and_dark(page):
     picture = (page.parent / first).read_text()
     assert first.endswith(".svg") and "@media (prefers-color-scheme: dark)" in picture and "<title" in picture
     ElementTree.fromstring(picture)
+
+
+COMMON = {"comm", "progress"}  # which mean the same in all functions
+
+
+def test_public_functions_say_what_they_take_and_return():
+    lacking = {}
+    for name in hpcred.__all__:
+        function = getattr(hpcred, name)
+        if inspect.isfunction(function):
+            found = reference.sections(function)[1]
+            heads = re.findall(r"^(\S[^:\n]*?)(?: :|$)", found.get("Parameters", ""), re.M)
+            named = {name.strip(" *") for head in heads for name in head.split(",")}
+            missing = {*inspect.signature(function).parameters} - COMMON - named
+            missing |= {"Returns"} - {*found}
+            lacking |= {name: missing} if missing else {}
+    assert lacking == {}
 
 
 @dataclass(frozen=True, kw_only=True)
