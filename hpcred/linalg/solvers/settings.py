@@ -86,12 +86,20 @@ class LinearSolver:
 class Factoring:
     """How matrices are factored, wherever it is done.
 
-    `out_of_core`: a folder for the factors, on a fast local disk, instead of memory; it is made with the first one.
-    `low_rank`: relative accuracy of block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019);
-    solutions are refined to the residual of full factors, and the run fails if that is not reached; modes are counted
-    where refinement with them converges. `memory_mb`: what a rank may take for a factor, by default what the machine
-    and the batch system leave. These three take MUMPS. `solver`: the package that makes factors, and what a reduction
-    does where there shall be no factor, or where a factor does not fit.
+    The first three keys take MUMPS.
+
+    Parameters
+    ----------
+    out_of_core : str, optional
+        A folder for the factors, on a fast local disk, instead of memory; it is made with the first one.
+    low_rank : float, optional
+        Relative accuracy of block low-rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019). Solutions are
+        refined to the residual of full factors, and the run fails if that is not reached; modes are counted where
+        refinement with them converges.
+    memory_mb : float, optional
+        What a rank may take for a factor; by default what the machine and the batch system leave.
+    solver : LinearSolver
+        The package that makes factors, and what a reduction does without a factor, or where one does not fit.
     """
 
     out_of_core: str | None = None
