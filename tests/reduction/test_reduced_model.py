@@ -8,7 +8,7 @@ from helpers import exported
 
 import hpcred
 from hpcred.body.body import body_of
-from hpcred.model.operator import Term
+from hpcred.model.operator import Operator, Term
 from hpcred.parallel.failures import InputError
 from hpcred.reduction.result.record import UnknownPart
 from hpcred.writers.arrays import BodyMat, BodyNpz
@@ -98,6 +98,14 @@ def test_a_reduced_model_does_not_change():
     assert not replace(damped, viscoelastic=()).added and replace(damped, operator=plain.operator).K is plain.K
     expected = np.linalg.inv((2j) ** 2 * one + stiff.K + law.coefficient(2j) * one)
     assert np.allclose(damped.transfer_function(2j), expected)
+
+
+def test_what_a_reduced_model_needs():
+    one = np.eye(1)
+    with pytest.raises(TypeError, match="found no D, K, B, C, frequencies, expected M, D, K, B, C and frequencies"):
+        hpcred.ReducedModel(M=one)
+    with pytest.raises(TypeError, match="found no M, B, expected"):
+        hpcred.ReducedModel(operator=Operator.of(None, one, one), C=one, frequencies=np.ones(1))
 
 
 def test_parts_of_a_basis_that_are_not_known_make_none():
