@@ -182,3 +182,11 @@ def test_a_matrix_that_cannot_be_created_leaves_nothing(monkeypatch):
     with pytest.raises(ZeroDivisionError):
         factor_of(np.diag([1.0, 2.0]), True)
     assert not device.memory and not device.objects
+
+
+def test_a_gpu_that_frees_nothing_after_an_error_tells_that_error(monkeypatch):
+    device = Device(monkeypatch)
+    monkeypatch.setattr(device, "matrix_create_csr", lambda *arguments: 1 / 0)
+    monkeypatch.setattr(device, "config_destroy", lambda *arguments: [][0])
+    with pytest.raises(ZeroDivisionError):
+        factor_of(np.diag([1.0, 2.0]), True)

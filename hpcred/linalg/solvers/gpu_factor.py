@@ -37,7 +37,8 @@ class GpuFactor:
         try:
             self._create(indptr, indices, values, symmetric, hybrid)
         except BaseException:
-            self.free()
+            with suppress(Exception):  # after an error of a GPU nothing can be freed, and that error counts
+                self.free()
             raise
 
     def _create(self, indptr, indices, values, symmetric, hybrid):
