@@ -90,7 +90,7 @@ def random_bodies(rng, count):
         node = [SimpleNamespace(label=label, node=n, position=place, name=label)
                 for n, (label, place) in enumerate(places.items(), 1)]  # fmt: skip
         record = SimpleNamespace(frame=hpcred.NoFrame(), damping=hpcred.GivenDamping(), accuracy=None,
-                                 interface_nodes=())  # fmt: skip
+                                 interface_nodes=(), units="")  # fmt: skip
         full = reduced_model(M, D, K, C, names, np.eye(size), record)
         small = reduced_model(M, D, K, C, names, V, record)
         small = replace(small, record=SimpleNamespace(**vars(record) | {"accuracy": truth_of(full, small, s)}))

@@ -16,17 +16,19 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ..fe.dofs import SAME_PLACE
+from ..linalg.eigensolver import congruent
 from ..linalg.pencil import massless_last, modes_of
+from ..model.laws.hysteretic import Hysteretic
 from ..model.laws.tabulated import Tabulated
-from ..model.operator import Law, Power, Term
+from ..model.operator import Law, Operator, Power, Term, in_coordinates
 from ..model.parameters.definitions import Parameter, checked_values
 from ..model.second_order_model import listed
 from ..parallel.declared import nearest
 from ..parallel.failures import InputError
-from ..reduction.parametric.reduced import ParametricReducedModel, ReducedTerm
+from ..reduction.parametric.reduced import ParametricReducedModel
 from ..reduction.result.reduced_model import ReducedModel
 from .joints import GROUND, SIX, BushingJoint, PointMass, RigidJoint, matrix_of
-from .parts import ROUND_OFF, Channels, Part, part_and_node, with_terms
+from .parts import ROUND_OFF, Channels, Part, part_and_node
 
 REDUNDANT = 1e-9  # of a condition, what is left of it beside those before
 STILL = 1e-13  # of the largest squared frequency of coordinates with mass: rigid-body motion, but for round-off
@@ -105,57 +107,54 @@ class Machine:
         """Return the model of the machine in pseudo-modal coordinates, with parameters where bodies have some, and T
         (n, m) from them to the coordinates of all parts; `tau` (s): 1 / (2 pi f) of the frequencies that count. Raises
         InputError."""
-        whole = self._uncoupled()
         # what rigid conditions leave free, and its modes at the reference
-        T = self._free(whole[0], tau)
-        at = with_terms(*_in_coordinates(*whole, T)[:2], self.reference)
+        T = self._free(tau)
+        at = _at(*self._without_rigid(T)[:2], self.reference)
         squares, X, without = _modes(at["K"], at["M"], tau)
+        if (squares < 0).any():
+            raise InputError(f"the machine is unstable at rest: {(squares < 0).sum()} of its modes have a negative "
+                             "stiffness, as of a body beyond buckling; give it more support")  # fmt: skip
         T = T @ X
-        constant, terms, added = _in_coordinates(*whole, T)
+        constant, terms, added = self._without_rigid(T)
         masses = np.where(np.arange(len(squares)) < len(squares) - without, 1.0, 0.0)
-        known = with_terms(constant, terms, self.reference)
-        K = known["K"]
-        stiffness = np.where(masses > 0, squares, tau**-2)
-        known |= {"M": np.diag(masses), "K": np.diag(stiffness) + (K - K.T) / 2}
+        known = _at(constant, terms, self.reference)
+        D, K = known.pop("D"), known.pop("K")
+        K = np.diag(np.where(masses > 0, squares, tau**-2)) + (K - K.T) / 2
+        known["operator"] = Operator.of(np.diag(masses), D, K, added)
         names = {"input_names": self.inputs.own, "output_names": self.outputs.own,
                  "frequencies": np.sqrt(squares) / (2 * np.pi)}  # fmt: skip
-        machine = ReducedModel(**known, **names, viscoelastic=added)
+        machine = ReducedModel(**known, **names)
         if terms:
             machine = ParametricReducedModel.of(machine, parameters=self.parameters, constant=constant, terms=terms)
         return machine, T
 
-    def _uncoupled(self):
-        """Return matrices of all parts with the springs, dampers and masses between them, terms and added terms."""
+    def _without_rigid(self, T):
+        """Return matrices of all parts with the springs, dampers and masses between them, terms and added terms, in
+        coordinates y, x = T y."""
+        constant, terms, added = {}, [], []
         parts = list(self.parts.values())
-        ends = np.cumsum([0, *(part.size for part in parts)])
-        places = [slice(*pair) for pair in zip(ends[:-1], ends[1:], strict=True)]
-        constant = {key: block_diag(*(part.constant[key] for part in parts)) for key in "MDK"}
-        constant["B"] = block_diag(*(part.constant["B"] for part in parts)) @ self.inputs.matrix.T
-        for key in ("C", "Cv", "Ca"):
-            rows = [part.constant.get(key, np.zeros_like(part.constant["C"])) for part in parts]
-            if key == "C" or any(part.any() for part in rows):
-                constant[key] = self.outputs.matrix @ block_diag(*rows)
-        rows_of = {"B": np.cumsum([0, *(len(part.inputs.names) for part in parts)]),
-                   "C": np.cumsum([0, *(len(part.outputs.names) for part in parts)])}  # fmt: skip
-        terms, added = [], []
-        for k, part in enumerate(parts):
-            for item in part.terms:
-                whole = np.zeros_like(constant["M"])
-                if item.of in rows_of:
-                    mine = slice(*rows_of[item.of][k : k + 2])
-                    whole = (np.zeros((ends[-1], rows_of["B"][-1])) if item.of == "B"
-                             else np.zeros((rows_of["C"][-1], ends[-1])))  # fmt: skip
-                    whole[(places[k], mine) if item.of == "B" else (mine, places[k])] = item.matrix
-                    whole = whole @ self.inputs.matrix.T if item.of == "B" else self.outputs.matrix @ whole
-                else:
-                    whole[places[k], places[k]] = item.matrix
-                terms.append(ReducedTerm(item.of, item.factor, whole))
-            for item in part.added:
-                whole = np.zeros_like(constant["M"])
-                whole[places[k], places[k]] = item.matrix
-                added.append(replace(item, matrix=whole))
+        sizes = np.array([(part.size, len(part.inputs.names), len(part.outputs.names)) for part in parts])
+        own = (np.split(matrix, ends, axis=1) for matrix, ends in zip(
+            (T.T, self.inputs.matrix, self.outputs.matrix), sizes.cumsum(axis=0)[:-1].T, strict=True))  # fmt: skip
+        for part, rows, inputs, outputs in zip(parts, *own, strict=True):
+
+            def moved(of, matrix, X=rows.T, inputs=inputs, outputs=outputs):
+                if of in "MDK":
+                    return congruent(matrix, X)
+                matrix = in_coordinates(of, matrix, X)
+                return matrix @ inputs.T if of == "B" else outputs @ matrix
+
+            for key, matrix in part.constant.items():
+                constant[key] = constant.get(key, 0.0) + moved(key, matrix)
+            terms += [replace(item, matrix=moved(item.of, item.matrix))
+                      for item in getattr(part.model, "terms", ())]  # fmt: skip
+            added += [replace(item, matrix=moved("K", item.matrix), name=f"{part.name}: {item.name}")
+                      for item in part.model.added]  # fmt: skip
+            if eta := float(part.model.loss_factor):
+                added.append(Term(moved("K", part.model.K), Hysteretic((1.0,), (eta,)),
+                                  f"{part.name}: structural damping"))  # fmt: skip
         # what soft conditions add: powers of s to M, D and K, laws to terms of their own
-        for item, row in zip(self.conditions, self._rows(), strict=True):
+        for item, row in zip(self.conditions, self._rows() @ T, strict=True):
             for value, law in item.laws:
                 pattern = value * np.outer(row, row)
                 if isinstance(law, Power):
@@ -163,12 +162,13 @@ class Machine:
                     continue
                 constant["K"] = constant["K"] + law.static * pattern
                 added.append(Term(pattern, law, item.label))
+        constant = {key: matrix for key, matrix in constant.items() if key in "MDKBC" or matrix.any()}
         return constant, tuple(terms), tuple(_together(added))
 
     def _rows(self) -> np.ndarray:
         """Return the conditions (c, n) in the coordinates of all parts. Raises InputError."""
         parts = self.parts.values()
-        C, B = (block_diag(*(part.constant[key] for part in parts)) for key in "CB")
+        C, B = (block_diag(*(getattr(part.model, key) for part in parts)) for key in "CB")
         rows, forces = self.conditions_of(0) @ C, self.conditions_of(1) @ B.T
         apart = np.abs(rows - forces).max(axis=1, initial=0.0) > ROUND_OFF * np.abs(rows).max(axis=1, initial=0.0)
         if apart.any():
@@ -176,11 +176,12 @@ class Machine:
                              "displacements are measured; reduce one-sided, with interfaces among inputs and outputs")
         return rows
 
-    def _free(self, constant, tau) -> np.ndarray:
+    def _free(self, tau) -> np.ndarray:
         """Return an orthonormal basis T (n, k), of scaled coordinates, of what rigid conditions leave free. Raises
         InputError for conditions that others hold already."""
         rigid = [k for k, item in enumerate(self.conditions) if item.rigid]
-        size = np.diag(constant["M"]) + tau**2 * np.abs(np.diag(constant["K"]))
+        size = np.concatenate([np.diag(part.model.M) + tau**2 * np.abs(np.diag(part.model.K))
+                               for part in self.parts.values()])  # fmt: skip
         scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
         G = self._rows()[rigid] * scale
         return scale[:, None] * _unheld(G, [self.conditions[k].label for k in rigid])
@@ -211,22 +212,12 @@ def _blocks(parts) -> np.ndarray:
     return found
 
 
-def _in_coordinates(constant, terms, added, T):
-    """Return matrices, terms and added terms in coordinates y, x = T y."""
-    return ({key: _projected(key, part, T) for key, part in constant.items()},
-            tuple(replace(item, matrix=_projected(item.of, item.matrix, T)) for item in terms),
-            tuple(replace(item, matrix=_projected("K", item.matrix, T)) for item in added))  # fmt: skip
-
-
-def _projected(of, matrix, T):
-    """Return a matrix in coordinates y, x = T y; exactly symmetric where it is."""
-    if of == "B":
-        return T.T @ matrix
-    return matrix @ T if of.startswith("C") else _symmetric_as(matrix, T.T @ matrix @ T)
-
-
-def _symmetric_as(matrix, found):
-    return (found + found.T) / 2 if np.array_equal(matrix, matrix.T) else found
+def _at(constant, terms, values) -> dict[str, np.ndarray]:
+    """Return matrices by name with their terms at values of the parameters."""
+    found = dict(constant)
+    for item in terms:
+        found[item.of] = found[item.of] + item.expression.at(values) * item.matrix
+    return found
 
 
 def _modes(K, M, tau):
@@ -357,6 +348,8 @@ def _chosen(parts, side, wanted) -> Channels:
 def laws_of_table(header, rows, joint: BushingJoint, band, key) -> dict[str, Tabulated]:
     """Return the laws by direction of a table with a header and rows (k, columns), at the value `at` of its parameter;
     `band` (Hz) must lie inside. Raises InputError."""
+    if len(set(header)) < len(header):
+        raise InputError(f"{key}: found the column {max(header, key=header.count)} twice, expected each once")
     known = {f"{part}_{name}" for part in ("re", "im") for name in SIX}
     more = [name for name in header if name not in known | {"f_hz"}]
     if "f_hz" not in header or len(more) > 1 or set(more) != set(joint.at) or not known & set(header):

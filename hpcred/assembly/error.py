@@ -148,6 +148,14 @@ def why_not_known(machine: Machine, band) -> str:
     return ""
 
 
+def damping_of_errors(machine: Machine) -> float | None:
+    """Return the loss factor with which the errors of all bodies were measured, None where they have no common one."""
+    accuracies = [(part.accuracy, part.model.D.any()) for part in machine.parts.values()]
+    factors = {accuracy.loss_factor for accuracy, _ in accuracies}
+    undamped = any(accuracy.loss_factor and not accuracy.beside_damping and damped for accuracy, damped in accuracies)
+    return None if len(factors) > 1 or undamped else factors.pop()
+
+
 def accuracy_of_machine(machine: Machine, tau: float, band, tolerance: float | None) -> tuple[Accuracy, list[dict]]:
     """Return the estimated accuracy of a machine, and a row for each body: its error, by how much it is multiplied,
     what it would have to be for the tolerance. Raises InputError where it cannot be estimated."""
@@ -178,5 +186,6 @@ def accuracy_of_machine(machine: Machine, tau: float, band, tolerance: float | N
         uncompressed_size=sum(part.size for part in machine.parts.values()), highest=band[1], missing_modes=None,
         points=(), proofs=(), frequencies=tuple(found.frequencies.tolist()), eps=tuple(finite.tolist()),
         unproven="an estimate from the errors of the bodies", measure=found.measure,
+        loss_factor=damping_of_errors(machine) or 0.0, beside_damping=True,
     )  # fmt: skip
     return accuracy, rows
