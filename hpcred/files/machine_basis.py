@@ -15,7 +15,6 @@ from ..body.node_shapes import NodeShape
 from ..fe.dofs import SCALAR
 from ..model.rotation import skew
 from ..parallel.failures import agreed
-from ..parallel.petsc import MPI
 from ..parallel.shares import row_range
 from .hdf5 import reading
 from .model_file import place_of_set, sets_of
@@ -32,8 +31,7 @@ def first_numbers(results: list[Result], comm) -> list[int]:
             with reading(result.path, FORMAT, VERSION, SCHEMA) as file:
                 for node in (file[key] for key in ("dofs/node", "held/node") if key in file):
                     largest[k] = max(largest[k], node[slice(*row_range(comm, len(node)))].max(initial=0))
-    largest = comm.allreduce(largest, op=MPI.MAX)
-    return [0, *np.cumsum(largest)[:-1].tolist()]
+    return [0, *np.cumsum(np.max(comm.allgather(largest), axis=0))[:-1].tolist()]
 
 
 def nodes_of_machine(results, parts: list[Part], T, numbers) -> list[NodeShape]:
@@ -106,7 +104,7 @@ def _ordered(results, comm) -> list[dict[str, bool]]:
                 for j, node in enumerate(file.get(f"{group}/node", np.zeros(0)) for group in ("dofs", "held")):
                     first, last = row_range(comm, len(node))
                     found[k, j] = (np.diff(node[max(first - 1, 0) : last].astype(float)) >= 0).all()
-    return [dict(zip(("dofs", "held"), row, strict=True)) for row in comm.allreduce(found, op=MPI.LAND).tolist()]
+    return [dict(zip(("dofs", "held"), row, strict=True)) for row in np.all(comm.allgather(found), axis=0).tolist()]
 
 
 def _rows_of_rank(node, ordered: bool, comm) -> slice:

@@ -3,8 +3,10 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
+from helpers import block_with_ends
 
 import hpcred
 from hpcred.assembly.coupling import laws_of_table, machine_of
@@ -160,3 +162,27 @@ def test_units_that_are_known_are_not_doubted():
     assert "interfaces 60 m apart" in machine(found).warnings[0]
     found.reduced.record.units = "mm,t,s"
     assert not machine(found).warnings
+
+
+@pytest.mark.mpi
+def test_all_ranks_write_the_shapes_of_a_turned_body(comm, folder):
+    """Against those of the body, which a quarter turn about z takes from x, y to y, -x."""
+    with block_with_ends(comm, clamped=True) as model, hpcred.reduce(model, [hpcred.Modes(count=6)]) as rom:
+        hpcred.write_result(folder / "body.h5", rom, model)
+    bodies = [MachineBody(name="b", result=str(folder / "body.h5"), turn=hpcred.Turn(axis="z", degrees=90.0)),
+              MachineBody(name="c", result=str(folder / "body.h5"))]  # fmt: skip
+    made = hpcred.assemble(bodies, comm=comm)
+    made.save(folder / "machine.h5", comm=comm)
+    if comm.rank:
+        return
+    with h5py.File(folder / "body.h5") as body, h5py.File(folder / "machine.h5") as whole:
+        labels = [np.array([file["dofs/node"][...], file["dofs/direction"][...]]) for file in (body, whole)]
+        columns = [file["basis/V"][...][:, np.lexsort(of[::-1])]
+                   for file, of in zip((body, whole), labels, strict=True)]  # fmt: skip
+        V = columns[0].reshape(6, -1, 3)
+        turned = np.stack([-V[..., 1], V[..., 0], V[..., 2]], axis=-1).reshape(6, -1)
+        expected = np.hstack([made.T[:6].T @ turned, made.T[6:].T @ columns[0]])
+        assert np.abs(columns[1] - expected).max() < 1e-12 * np.abs(expected).max()
+        held = [sorted(zip(file["held/node"][...].tolist(), file["held/direction"][...].tolist(), strict=True))
+                for file in (body, whole)]  # fmt: skip
+        assert held[1][: len(held[0])] == held[0] and len(held[1]) == 2 * len(held[0])
