@@ -18,6 +18,7 @@ from scipy.linalg import block_diag
 from ..fe.dofs import SAME_PLACE
 from ..linalg.eigensolver import congruent
 from ..linalg.pencil import massless_last, modes_of
+from ..model.interfaces.motion import rigid_rows
 from ..model.laws.hysteretic import Hysteretic
 from ..model.laws.tabulated import Tabulated
 from ..model.operator import Law, Operator, Power, Term, in_coordinates
@@ -269,7 +270,7 @@ def _conditions(parts, joint, key, laws_of_table) -> list[Condition]:
     """Return the conditions of a joint, at the place of its first interface."""
     ends = [part_and_node(parts, name, key) for name in joint.bodies if name != GROUND]
     known = [part.places[node] for part, node in ends if np.isfinite(part.places[node]).all()]
-    place, axes = known[0] if known else np.full(3, np.nan), matrix_of(joint.turn)
+    place, axes = known[0] if known else np.full(3, np.nan), np.kron(np.eye(2), matrix_of(joint.turn).T)
     found = []
     for d, name in enumerate(SIX):
         laws: tuple[tuple[float, Law], ...] = ()
@@ -283,14 +284,11 @@ def _conditions(parts, joint, key, laws_of_table) -> list[Condition]:
         rows: dict[str, tuple] = {}
         for sign, (part, node) in zip((1.0, -1.0), ends, strict=False):
             # displacement at the place of the joint: u + theta x arm
-            along, about = (axes[:, d], np.zeros(3)) if d < 3 else (np.zeros(3), axes[:, d - 3])
-            if d < 3:
-                arm = place - part.places[node]
-                arm = np.where(np.abs(arm) > SAME_PLACE * np.abs(place).max(), arm, 0.0)  # nor where it is not known
-                about = np.cross(arm, along)
-            new = [sign * part.functional(node, along, about, which, key) for which in (part.outputs, part.inputs)]
+            arm = place - part.places[node]
+            arm = np.where(np.abs(arm) > SAME_PLACE * np.abs(place).max(), arm, 0.0)  # nor where it is not known
+            weights = sign * axes[d] @ rigid_rows(np.arange(6), np.tile(arm, (6, 1)))
             before = rows.get(part.name, (0.0, 0.0))
-            rows[part.name] = (before[0] + new[0], before[1] + new[1])
+            rows[part.name] = tuple(map(np.add, before, part.functional(node, weights, key)))
         found.append(Condition(label=f"{key} between {joint.bodies[0]} and {joint.bodies[1]}:{name}", rows=rows,
                                laws=laws))  # fmt: skip
     return found
@@ -311,11 +309,8 @@ def _of_mass(parts, mass: PointMass, key) -> list[Condition]:
     found = []
     for d, value in enumerate((mass.mass,) * 3 + mass.inertia):
         if value:
-            pair = (np.eye(3)[d % 3], np.zeros(3))
-            rows = [part.functional(node, *pair[:: 1 if d < 3 else -1], which, key)
-                    for which in (part.outputs, part.inputs)]  # fmt: skip
-            found.append(Condition(label=f"{key} at {mass.at}:{SIX[d]}", rows={part.name: tuple(rows)},
-                                   laws=((value, Power(2)),)))  # fmt: skip
+            rows = {part.name: part.functional(node, np.eye(6)[d], key)}
+            found.append(Condition(label=f"{key} at {mass.at}:{SIX[d]}", rows=rows, laws=((value, Power(2)),)))
     return found
 
 

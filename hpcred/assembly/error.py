@@ -45,14 +45,19 @@ class Sensitivity:
     scale: np.ndarray
     measure: Measure
 
-    def each(self, factors: np.ndarray) -> np.ndarray:
-        """Return the estimated error of every response (S, r, p); inf where it is not known."""
+    def bounds(self, factors: np.ndarray) -> np.ndarray:
+        """Return the bound of the error of every response at every place (S, C, r, p); inf where there is none."""
         N = self.between * factors
         radius = np.abs(np.linalg.eigvals(N)).max(axis=-1)
         known = radius < 1
         inverse = np.linalg.inv(np.eye(len(factors)) - np.where(known[..., None, None], N, 0.0))
-        bound = np.where(known[..., None, None], (self.out * factors) @ inverse @ self.into, np.inf)
-        return np.minimum(bound[:, 0], bound[:, 1:].max(axis=1)) / self.scale
+        found = np.where(known[..., None, None], (self.out * factors) @ inverse @ self.into, np.inf)
+        return found / self.scale[:, None]
+
+    def each(self, factors: np.ndarray) -> np.ndarray:
+        """Return the estimated error of every response (S, r, p); inf where it is not known."""
+        bounds = self.bounds(factors)
+        return np.minimum(bounds[:, 0], bounds[:, 1:].max(axis=1))
 
     def curve(self, factors=None) -> np.ndarray:
         """Return the estimated error (S,) of the machine, by default with the errors of today."""

@@ -82,23 +82,22 @@ class Part:
             return self.model.constant
         return {key: part for key in (*"MDKBC", "Cv", "Ca") if (part := getattr(self.model, key)) is not None}
 
-    def functional(self, node: str, along: np.ndarray, about: np.ndarray, which: Channels, key: str) -> np.ndarray:
-        """Return the row (k,) of inputs or outputs that is along . u + about . theta of a node, both (3,) in axes of
-        the machine. Raises InputError where the body has no such direction."""
-        row = np.zeros(len(which.names))
-        for first, vector in ((0, along), (3, about)):
-            own = self.turn.T @ vector
+    def functional(self, node: str, weights: np.ndarray, key: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows (k,) of outputs and of inputs that are weights (6,) . (u, theta) of a node, in axes of the
+        machine. Raises InputError where the body has no such direction."""
+        own, rows = (weights.reshape(2, 3) @ self.turn).ravel(), []
+        for names in (self.outputs.names, self.inputs.names):
+            rows.append(np.zeros(len(names)))
             for d in np.flatnonzero(np.abs(own) > ROUND_OFF):
-                name = f"{node}:{DIRECTIONS[first + d]}"
-                if name not in which.names:
-                    there = [item.rpartition(":")[2] for item in which.names if item.rpartition(":")[0] == node]
+                if f"{node}:{SIX[d]}" not in names:
+                    there = [item.rpartition(":")[2] for item in names if item.rpartition(":")[0] == node]
                     raise InputError(
-                        f"{key}: '{self.name}.{node}' has no direction {DIRECTIONS[first + d]} (axes of the body) "
-                        f"among its inputs and outputs, it has {', '.join(there) or 'none'}; reduce the body with all "
-                        "directions of the interface, or leave the direction out"
+                        f"{key}: '{self.name}.{node}' has no direction {SIX[d]} (axes of the body) among its inputs "
+                        f"and outputs, it has {', '.join(there) or 'none'}; reduce the body with all directions of the "
+                        "interface, or leave the direction out"
                     )
-                row[which.names.index(name)] += own[d]
-        return row
+                rows[-1][names.index(f"{node}:{SIX[d]}")] = own[d]
+        return rows[0], rows[1]
 
     def response(self, s: np.ndarray, values) -> np.ndarray:
         """Return H(s) (S, r, p) of the free body at s (S,), in its own axes."""

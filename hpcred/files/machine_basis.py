@@ -13,7 +13,7 @@ import numpy as np
 from ..assembly.parts import ROUND_OFF, Part
 from ..body.node_shapes import NodeShape
 from ..fe.dofs import SCALAR
-from ..model.rotation import skew
+from ..model.interfaces.motion import rigid_rows
 from ..parallel.failures import agreed
 from ..parallel.shares import row_range
 from .hdf5 import reading
@@ -39,12 +39,9 @@ def nodes_of_machine(results, parts: list[Part], T, numbers) -> list[NodeShape]:
     to those of all parts."""
     found = []
     for result, part, number, X in zip(results, parts, numbers, _parts_of(T, parts), strict=True):
-        k = part.rigid_motions.shape[1]
         for shape in result.nodes:
-            arm = shape.position - part.origin
-            turns = part.rigid_motions[3:]
-            phi = np.hstack([part.rigid_motions[:3] - skew(arm) @ turns, shape.phi]) if k else shape.phi
-            psi = np.hstack([turns, shape.psi]) if k else shape.psi
+            moved = rigid_rows(np.arange(6), np.tile(shape.position - part.origin, (6, 1))) @ part.rigid_motions
+            phi, psi = np.hstack([moved[:3], shape.phi]), np.hstack([moved[3:], shape.psi])
             name = f"{part.name}.{part.labels[shape.node]}"
             found.append(NodeShape(shape.node + number, part.turn @ shape.position + part.shift, part.turn @ phi @ X,
                                    part.turn @ psi @ X, shape.rotates, name))  # fmt: skip
@@ -143,14 +140,9 @@ def _placed(part: Part, node, direction, position, V, X):
     """Return labels and columns (m, rows) in the machine, of rows of whole nodes in the coordinates of the body."""
     there = direction < SCALAR
     node, direction, position, V = node[there], direction[there].astype(int), position[there], V[:, there]
-    k = part.rigid_motions.shape[1]
-    # motions of the rows by rigid-body coordinates, in axes of the body
-    arm = position - part.origin
-    motion = np.eye(6)[direction]
-    cross = np.cross(arm[:, None, :], np.eye(3)[None])  # e_d . (theta x arm) = theta . (arm x e_d)
-    moved = direction < 3
-    motion[moved, 3:] = cross[moved, direction[moved]]
-    W = X[k:].T @ V + (X[:k].T @ (motion @ part.rigid_motions).T if k else 0.0)
+    # with the motions of the rows by rigid-body coordinates, in axes of the body
+    moved = rigid_rows(direction, position - part.origin) @ part.rigid_motions
+    W = X.T @ np.vstack([moved.T, V])
     position = position @ part.turn.T + part.shift
     if np.array_equal(part.turn, np.eye(3)):
         return node, direction, position, W

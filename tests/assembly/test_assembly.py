@@ -388,6 +388,6 @@ def block(one, other):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_random_machines_stay_within_the_estimate(seed):
-    frequencies, estimated, true = estimated_and_true(seed)
+    estimated, true, _ = estimated_and_true(seed)
     there = true > 1e-5  # of smaller ones round-off is a part, beside sharp resonances near 0 Hz
     assert (estimated[there] >= 0.5 * true[there]).all()
