@@ -74,9 +74,14 @@ def _of_recipe(text, version, today):
     return re.sub(r'^  version: ".+"$', f'  version: "{version}"', text, count=1, flags=re.M)
 
 
+def _of_page(text, version, today):
+    text = re.sub(r"^(  version = ){.+}(,?)$", rf"\1{{{version}}}\2", text, count=1, flags=re.M)
+    return re.sub(r"^(  year    = ){.+}(,?)$", rf"\1{{{today.year}}}\2", text, count=1, flags=re.M)
+
+
 CHANGES = {
     "pyproject.toml": _of_project, "CITATION.cff": _of_citation, "CHANGELOG.md": _of_changelog,
-    "packaging/conda/recipe.yaml": _of_recipe,
+    "packaging/conda/recipe.yaml": _of_recipe, "docs/cite.md": _of_page,
 }  # fmt: skip
 
 

@@ -6,7 +6,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 python="$here/../.venv/bin/python"
 mkdir -p "${1:-benchmark-results}"
 cd "${1:-benchmark-results}"
-for name in directions boundary interpolation modes reading checksums op4 ansys_full solids million accuracy growth response interfaces sweep; do
+for name in directions bounds boundary interpolation modes reading checksums op4 ansys_full solids million accuracy growth response interfaces sweep; do
     "$python" "$here/$name.py"
 done
 "$python" "$here/adaptive.py" linkage linkage-mimo solid free plate

@@ -14,6 +14,7 @@ FILES = {
     "pyproject.toml": '[project]\nname = "a"\nversion = "0.9.1"\n[tool.x]\nversion = "7"\n',
     "CITATION.cff": "cff-version: 1.2.0\nversion: 0.9.1\ndate-released: 2026-01-01\ntitle: a\n",
     "packaging/conda/recipe.yaml": 'context:\n  version: "0.9.1"\n',
+    "docs/cite.md": "  version = {0.9.1},\n  year    = {2026}\n}\n  year    = {2006}\n",
     "CHANGELOG.md": "# Changelog\n\n## Unreleased\n### Added\n- New.\n\n## 0.9.1 - 2026-01-01\n- Old.\n",
 }
 
@@ -28,6 +29,7 @@ def checkout(tmp_path, monkeypatch):
         monkeypatch.setenv(f"GIT_{who}_NAME", "a")
         monkeypatch.setenv(f"GIT_{who}_EMAIL", "a@example.org")
     (tmp_path / "packaging/conda").mkdir(parents=True)
+    (tmp_path / "docs").mkdir()
     for name, text in FILES.items():
         (tmp_path / name).write_text(text)
     git(tmp_path, "init", "-q")
@@ -46,6 +48,8 @@ def test_a_release(checkout):
     assert (checkout / "CHANGELOG.md").read_text() == (
         "# Changelog\n\n## Unreleased\n\n## 0.10.0 - 2027-01-31\n### Added\n- New.\n\n## 0.9.1 - 2026-01-01\n- Old.\n"
     )
+    cited = (checkout / "docs/cite.md").read_text()
+    assert cited == "  version = {0.10.0},\n  year    = {2027}\n}\n  year    = {2006}\n"
     assert (checkout / "packaging/conda/recipe.yaml").read_text() == 'context:\n  version: "0.10.0"\n'
     assert git(checkout, "tag", "--points-at", "HEAD") == "v0.10.0\n" and git(checkout, "status", "--porcelain") == ""
     with pytest.raises(program.Refused, match="nothing below '## Unreleased'"):

@@ -81,9 +81,13 @@ def tables_of_files(module) -> list:
 
 def keys_of_file(name, table) -> str:
     """A page with all keys of a TOML file, and of the tables in it."""
-    parts = [f"# Keys of {name}", ON_KEYS, *(text_of(item) for item in (table, *sources(table))), table_of_keys(table)]
-    for path, kind in inner_tables(table):
-        parts += [f"## {path}", text_of(kind), table_of_keys(kind)]
+    others = [text_of(item) for item in sources(table) if not meanings(item)]
+    parts = [f"# Keys of {name}", ON_KEYS, text_of(table), *others, table_of_keys(table)]
+    inner = list(dict.fromkeys(inner_tables(table)))
+    for path, kind in inner:
+        others = {key for name, other in inner if name == path and other is not kind for key in hints_of(other)}
+        own = next((key for key in hints_of(kind) if key not in others), "") if others else ""
+        parts += [f"## {path} with `{own}`" if own else f"## {path}", text_of(kind), table_of_keys(kind)]
     return joined(parts)
 
 

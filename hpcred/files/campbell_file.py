@@ -45,9 +45,7 @@ def kind_of_campbell(path, parameter: str) -> str | OtherKind:
 
 
 def write_campbell(path, found: Campbell, comm, record: dict | None = None):
-    """Write a Campbell diagram as a .csv, or else as HDF5, whole or not at all.
-
-    Collective.
+    """Write a Campbell diagram as a .csv, or else as HDF5, whole or not at all. Collective.
 
     Parameters
     ----------
@@ -56,6 +54,10 @@ def write_campbell(path, found: Campbell, comm, record: dict | None = None):
     comm : MPI communicator
     record : dict, optional
         What made it.
+
+    Returns
+    -------
+    None
 
     Raises
     ------

@@ -67,7 +67,22 @@ SCHEMA = NODES | {
 
 
 def write_model(path, model: SecondOrderModel):
-    """Write a model. Collective. Raises InputError when the folder cannot be written."""
+    """Write a model. Collective.
+
+    Parameters
+    ----------
+    path : str or PathLike
+    model : SecondOrderModel
+
+    Returns
+    -------
+    None
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written.
+    """
     require_model(model)
     indptr, indices, values = model.K.getValuesCSR()
     parts = {"K": values.real}
@@ -161,7 +176,23 @@ def place_of_set(name: str) -> str:
 
 
 def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
-    """Read a model; each rank reads its rows only. Collective. Raises InputError."""
+    """Read a model; each rank reads its rows only. Collective.
+
+    Parameters
+    ----------
+    path : str or PathLike
+    comm : MPI communicator
+        By default all ranks.
+
+    Returns
+    -------
+    SecondOrderModel
+
+    Raises
+    ------
+    InputError
+        For a file that is no model, or damaged.
+    """
     with agreed(comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
         size = file.attribute("size")
         block = file.attribute("rows_per_block", default=1)

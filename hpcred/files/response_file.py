@@ -85,7 +85,25 @@ def kind_of_responses(path) -> str:
 
 
 def write_responses(path, responses: Responses, comm, polar=False):
-    """Write a .csv (`polar`: magnitude and phase), or else HDF5, whole or not at all. Collective. Raises InputError."""
+    """Write responses as a .csv, or else as HDF5, whole or not at all. Collective.
+
+    Parameters
+    ----------
+    path : str or PathLike
+    responses : Responses
+    comm : MPI communicator
+    polar : bool
+        Magnitude and phase in place of real and imaginary parts in a .csv.
+
+    Returns
+    -------
+    None
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
     if str(path).endswith(".csv"):
         with atomic_output(path, comm) as temporary, agreed(comm):
             if comm.rank == 0:
@@ -130,7 +148,21 @@ def _write_csv(path, responses, polar):
 
 
 def read_responses(path) -> Responses:
-    """Read an HDF5 file of responses, on this rank. Raises InputError."""
+    """Read an HDF5 file of responses, on this rank.
+
+    Parameters
+    ----------
+    path : str or PathLike
+
+    Returns
+    -------
+    Responses
+
+    Raises
+    ------
+    InputError
+        For a file that has none, or is damaged.
+    """
     with reading(path, FORMAT, VERSION, SCHEMA) as file:
         return Responses(
             frequencies=file["frequencies"][...], record=file.table("record"),

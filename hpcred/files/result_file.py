@@ -409,12 +409,38 @@ def write_result(
     path, reduced: ReducedModel, model=None, *, basis=True, origin=(0.0, 0.0, 0.0), lumped=False,
     geometric_stiffness: GeometricStiffness | None = None, stress: StressModes | None = None, nodes=None, more=None,
 ):  # fmt: skip
-    """Write what `reduce` made of a SecondOrderModel. Collective. Raises InputError when the file cannot be written.
+    """Write what `reduce` made of a SecondOrderModel. Collective.
 
-    With the `model` come its nodes and elements, and the quantities that multibody programs need (for them the basis of
-    `reduced` must not be closed); `origin` (3,) of the body frame in m; `lumped`: see floating_frame.
-    `basis`: whether V is written. `geometric_stiffness`: of this basis and this origin. `stress`: of this basis, see
-    stress_modes. `nodes`: NodeShapes of a model that is not at hand; `more`: a function that writes into the open file.
+    Parameters
+    ----------
+    path : str or PathLike
+    reduced : ReducedModel
+    model : SecondOrderModel, optional
+        With it come its nodes and elements, and the quantities that multibody programs need, for which the basis of
+        `reduced` must not be closed.
+    basis : bool
+        Write V.
+    origin : sequence of 3 floats
+        Of the body frame in m.
+    lumped : bool
+        See floating_frame.
+    geometric_stiffness : GeometricStiffness, optional
+        Of this basis and this origin.
+    stress : StressModes, optional
+        Of this basis (see stress_modes).
+    nodes : NodeShapes, optional
+        Of a model that is not at hand.
+    more : callable, optional
+        Writes into the open file.
+
+    Returns
+    -------
+    None
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
     """
     declared("reduced", reduced, ReducedModel)
     if model is not None:
@@ -488,7 +514,23 @@ def write_stress(file, stress: StressModes):
 
 
 def read_result(path, comm=MPI.COMM_WORLD) -> Result:
-    """Read a result on every rank, without its basis. Collective. Raises InputError."""
+    """Read a result on every rank, without its basis. Collective.
+
+    Parameters
+    ----------
+    path : str or PathLike
+    comm : MPI communicator
+        By default all ranks.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    InputError
+        For a file that is no result, or damaged.
+    """
     with agreed(comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
         group = file["reduced"]
         try:

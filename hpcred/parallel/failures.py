@@ -92,6 +92,15 @@ def agreed(comm):
 
     The block must not communicate: a rank that fails in it leaves early. Of several errors that of the lowest rank
     is raised.
+
+    Parameters
+    ----------
+    comm : MPI communicator
+        Whose ranks agree.
+
+    Returns
+    -------
+    context manager
     """
     error = None
     try:

@@ -81,13 +81,31 @@ def insist(scalar: str | None = None, petsc_args=()):
 
 
 def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", low_rank: bool = False) -> str:
-    """Import PETSc and SLEPc, and return the scalar type taken, "real" or "complex". Collective.
+    """Import PETSc and SLEPc. Only the first call loads. Collective.
 
-    `scalar` insists on one build (as does the environment variable HPCRED_SCALAR); `preferred` is taken where
-    there is a choice. A PETSC_DIR in the environment, a petsc4py that is loaded, or one that Python finds by itself
-    outside of Debian's builds, leaves none.
-    `petsc_args` are PETSc options as on a command line. `low_rank`: block low rank factors will be asked for. Only the
-    first call loads; raises InputError if the build is not to be had.
+    A PETSC_DIR in the environment, a petsc4py that is loaded, or one that Python finds by itself outside of Debian's
+    builds, leaves no choice of a build.
+
+    Parameters
+    ----------
+    scalar : {"real", "complex"}, optional
+        Insists on one build, as does the environment variable HPCRED_SCALAR.
+    petsc_args : sequence of str
+        PETSc options as on a command line.
+    preferred : {"real", "complex"}
+        Taken where there is a choice.
+    low_rank : bool
+        Block low-rank factors will be asked for.
+
+    Returns
+    -------
+    str
+        The scalar type taken, "real" or "complex".
+
+    Raises
+    ------
+    InputError
+        If the build is not to be had.
     """
     global _scalar
     if scalar or petsc_args or _insisted is _NOT_ASKED:

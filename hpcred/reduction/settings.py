@@ -13,14 +13,23 @@ from ..parallel.ranges import COUNT, FREQUENCY, within
 class Reduction:
     """How a basis becomes a reduced model.
 
-    `deflation_tolerance`: weight (relative size of the new part of a vector) below which a direction is dropped as
-    dependent. `drop_above`: pseudo-modes above this frequency (Hz) are cut after the diagonalisation. `projection`:
-    "one_sided" (W = V), or "two_sided": where the outputs differ from the inputs, W is built from C^T (33),
-    W^T M V = I, and twice as many moments match if there are as many outputs as inputs, else fewer; the result may be
-    unstable, which is refused unless `allow_unstable`.
-    `groups`: number of groups of ranks that factor different expansion points at the same time, each with a copy of the
-    matrices, or "auto": as many as points, ranks and memory allow. `coordinates`: "modal", pseudo-modal ones, or
-    "interface": the displacements of the interfaces come first, which other finite-element programs take as dofs.
+    Parameters
+    ----------
+    deflation_tolerance : float
+        Relative size of the new part of a vector below which it is dropped as dependent.
+    drop_above : float, optional
+        Pseudo-modes above this frequency (Hz) are cut after the diagonalisation.
+    projection : {"one_sided", "two_sided"}
+        W = V; or, where the outputs differ from the inputs, W from C^T (33) with W^T M V = I: twice as many moments
+        match if there are as many outputs as inputs, else fewer. The result may then be unstable.
+    allow_unstable : bool
+        Write a model that is unstable, which is refused otherwise.
+    groups : int or "auto"
+        Groups of ranks that factor different expansion points at the same time, each with a copy of the matrices;
+        "auto" makes as many as points, ranks and memory allow.
+    coordinates : {"modal", "interface"}
+        Pseudo-modal coordinates, or the displacements of the interfaces first, which other finite-element programs
+        take as dofs.
     """
 
     deflation_tolerance: float = 1e-9

@@ -71,32 +71,73 @@ AnyComponent = Annotated[
 class Job:
     """One reduction: settings and files. Relative file names in a job file are relative to its folder.
 
-    `model`: model.h5, or matrix files. `inputs` and `outputs`: a matrix file, or a list of dofs as numbers from 1 or
-    [node, direction], and of names of interfaces, for all of their directions; among the outputs also velocities and
-    accelerations, {node = 20, direction = "z", quantity = "acceleration"}, stresses at nodes, {node = 20, stress =
-    "xx"}, and the forces of a cut, {cut = "TIP", about = [0.1, 0.0, 0.0]}; without them those of the model are taken,
-    or all directions of all interfaces. `interface`: see model.interfaces.nodes.Interface; its name stands for
-    a node in inputs, outputs and frames. `load`: further inputs, behind `inputs`.
-    `viscoelastic`: parts with a stiffness that depends on frequency.
-    `circulatory`: whether K, and its terms, may be unsymmetric, as with damping that turns with a shaft, oil films or
-    friction; without it they are refused, since damaged files look like that too. A skew-symmetric term needs no
-    declaration.
-    `parameter` and `term`: what the matrices depend on, and the matrices that are added to those of the model, each
-    times its factor (docs/parameters.md); `parameter_search`: at how many values the error is looked at;
-    `at`: values of the parameters by name, at which the model is reduced as one without parameters.
-    `band`: Hz. `tolerance`: eps that points, orders and size are chosen for, over the band, within the limits
-    `adaptive` (see reduction.search.goal.Limits); `measure`, `static`: see
-    reduction.search.goal.Adaptive; `unreached`: where it is not reached the model is written under a name that
-    says so ("mark"), as `output` ("write"), or not ("refuse").
-    `write_basis`: whether V goes into the result; `stress`: whether the stresses of its columns do, at all nodes of
-    solid elements, or at a list of nodes and names of node sets; `report`: whether an HTML report is written beside
-    it. `body_origin` (m): the origin of the body frame; `lumped_integrals`: whether the volume integrals of multibody
-    programs are sums over the nodes, with lumped masses, instead of exact ones. `geometric_stiffness`: whether the
-    stiffness of unit states of load goes into the result, by the stresses of solid elements; or tables of states that
-    the finite-element program has computed (docs/geometric-stiffness.md).
-    deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates: see reduction.settings.Reduction.
-    out_of_core, low_rank, memory_mb, solver: see linalg.solvers.settings.Factoring. `store`: a folder that keeps
-    expansion points for the next run.
+    For further keys see reduction.settings.Reduction, and see linalg.solvers.settings.Factoring.
+
+    Parameters
+    ----------
+    model : str or table
+        A file model.h5, or matrix files.
+    basis : tables
+        Components of the basis, each of which extends the basis of those before; without any a tolerance chooses.
+    output : str
+        The result, an HDF5 file.
+    band : [lower, upper], optional
+        Hz.
+    tolerance : float, optional
+        The eps that points, orders and size are chosen for, over the band.
+    measure : {"directions", "paper"}
+        What eps is: each response over the drive points of its input and output, or the norm (55).
+    static : {"tolerance", "exact"}
+        With "exact" the deflection at 0 Hz under every input is that of the full model to round-off, which takes a
+        factor of K and at least as many coordinates as there are inputs.
+    adaptive : table
+        Limits of the search for the tolerance: see reduction.search.goal.Limits.
+    unreached : {"mark", "write", "refuse"}
+        Where the tolerance is not reached, write the model under a name that says so, or as `output`, or not at all.
+    inputs : str or list, optional
+        A matrix file, or a list of dofs as numbers from 1 or [node, direction], and of names of interfaces, for all of
+        their directions; by default those of the model, or all directions of all interfaces.
+    outputs : str or list, optional
+        As `inputs`, by default at the same places; also velocities and accelerations, {node = 20, direction = "z",
+        quantity = "acceleration"}, stresses at nodes, {node = 20, stress = "xx"}, and the forces of a cut, {cut =
+        "TIP", about = [0.1, 0.0, 0.0]}.
+    interface : tables
+        Many nodes that move as one, whose name stands for a node in inputs, outputs and frames.
+    load : tables
+        Further inputs, behind `inputs`.
+    parameter : tables
+        What the matrices depend on (docs/parameters.md).
+    term : tables
+        Matrices that are added to those of the model, each times its factor of the parameters.
+    parameter_search : table
+        At how many values of the parameters the error is looked at.
+    at : table
+        Values of the parameters by name, at which the model is reduced as one without parameters.
+    frame : table
+        The reference frame of the body; by default none.
+    damping : table, optional
+        In place of the damping matrix of the model, which is taken by default.
+    viscoelastic : tables
+        Parts with a stiffness that depends on frequency.
+    circulatory : bool
+        Whether K, and its terms, may be unsymmetric, as with damping that turns with a shaft, oil films or friction;
+        without it they are refused, since damaged files look like that too. A skew-symmetric term needs no declaration.
+    write_basis : bool
+        Write the basis V into the result.
+    stress : bool or list
+        Write the stresses of its columns too, at all nodes of solid elements, or at a list of nodes and names of node
+        sets.
+    report : bool
+        Write an HTML report beside the result.
+    body_origin : [x, y, z]
+        Origin of the body frame in m.
+    lumped_integrals : bool
+        Volume integrals of multibody programs as sums over the nodes, with lumped masses, instead of exact ones.
+    geometric_stiffness : bool or tables
+        Write the stiffness of unit states of load into the result, by the stresses of solid elements; or tables of
+        states that the finite-element program has computed (docs/geometric-stiffness.md).
+    store : str, optional
+        A folder that keeps expansion points for the next run.
     """
 
     model: str | Source
@@ -249,9 +290,22 @@ TERMS_OF_MODEL = ("load", "viscoelastic", "parameter", "term", "at", "circulator
 
 
 def read_job(path, overrides=()) -> Job:
-    """Read and check a job file; `overrides` are texts "key.path=value" that replace or add single keys.
+    """Read and check a job file.
 
-    Raises InputError that names the key, what was found and what was expected.
+    Parameters
+    ----------
+    path : str or PathLike
+    overrides : sequence of str
+        "key.path=value", which replace or add single keys.
+
+    Returns
+    -------
+    Job
+
+    Raises
+    ------
+    InputError
+        That names the key, what was found and what was expected.
     """
     path, table = Path(path), read_table(path, overrides)
     require_kind(path, table, "model")

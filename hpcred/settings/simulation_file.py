@@ -16,11 +16,18 @@ from .toml_file import CONFIG, check_file_names, parse, read_table, require_kind
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationJob(Simulation):
-    """A Simulation and its files. `body`: result.h5. `output`: an HDF5 file; .csv and .png are written beside it, and
-    with `paraview` a .pvd with the motion of all nodes, one file a time in a folder. `at`: values of the parameters of
-    the body by name, such as {omega = 300.0}; by default those of reference.
+    """A Simulation and its files. In sim.toml, file names are relative to the folder of that file.
 
-    In sim.toml, file names are relative to the folder of that file.
+    Parameters
+    ----------
+    body : str
+        A result of a reduction, result.h5.
+    output : str
+        An HDF5 file; a .csv and a .png are written beside it.
+    paraview : bool
+        Also a .pvd with the motion of all nodes, one .vtu a time in a folder.
+    at : dict of float
+        Values of the parameters of the body by name, such as {omega = 300.0}; by default those of reference.
     """
 
     body: str

@@ -40,7 +40,21 @@ NO_MATTER = ("output", "out_of_core", "memory_mb", "store")  # keys of a job tha
 
 @dataclass(frozen=True, kw_only=True)
 class Axis:
-    """One [[vary]] of a sweep file: `values`, or `range` = (start, stop, count), for a key or for several at once."""
+    """One [[vary]] of a sweep file: `values`, or a `range`, for a key or for several at once.
+
+    Parameters
+    ----------
+    key : str or list of str
+        The key of the job that varies, such as "damping.alpha"; of a list each value goes to all keys.
+    values : list, optional
+        The values, one after the other.
+    range : [start, stop, count], optional
+        In place of `values`.
+    spacing : {"linear", "log"}
+        Of a range.
+    names : list of str, optional
+        What the values are called in tables and names of results; by default themselves.
+    """
 
     key: str | tuple[str, ...]
     values: tuple[Any, ...] | None = None
@@ -88,11 +102,36 @@ class Axis:
 
 @dataclass(frozen=True, kw_only=True)
 class Launch:
-    """How a site starts a run: `launcher` with {ranks} in it, empty for none, and what a batch script needs.
+    """How a site starts a run, and what a batch script needs.
 
-    `memory_mb` is for each rank, `time` is hours:minutes:seconds, `lines` go to the head of the script as they are,
-    `setup` are shell lines before the run. `shares`: tasks of the array, by default one for each run; `at_once`: of
-    them at the same time.
+    Parameters
+    ----------
+    ranks : int
+        MPI ranks of a run.
+    launcher : str
+        The command before hpcred, with {ranks} in it; empty for none.
+    nodes : int
+        Nodes of a run, a divisor of `ranks`.
+    memory_mb : int
+        For each rank.
+    time : str
+        Limit of a run, hours:minutes:seconds.
+    account, partition : str, optional
+        Of the batch system.
+    modules : list of str
+        Loaded at the head of the script.
+    setup : list of str
+        Shell lines before the run.
+    environment : table
+        Variables of the run and their values.
+    lines : list of str
+        Lines for the head of the script, as they are.
+    shares : int, optional
+        Tasks of the array; by default one for each run.
+    at_once : int, optional
+        Tasks at the same time; by default as the batch system has room.
+    parallel : int
+        Runs at the same time without a batch system.
     """
 
     ranks: int = 1
@@ -131,8 +170,19 @@ class Launch:
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """What each result is compared with: the full model `full`, by default that of the job, at `frequencies` (Hz), or
-    at `points` of them over `band`, by default that of the job."""
+    """The full model that each result is compared with, and where.
+
+    Parameters
+    ----------
+    full : str, optional
+        A model file; by default that of the job.
+    band : [lower, upper], optional
+        Hz; by default that of the job.
+    points : int
+        Number of uniform frequencies over the band.
+    frequencies : list of float, optional
+        Hz, in place of `band` and `points`.
+    """
 
     full: str | None = None
     band: tuple[float, float] | None = None
@@ -151,7 +201,27 @@ class Evaluation:
 
 @dataclass(frozen=True, kw_only=True)
 class _File:
-    """What a sweep file may say."""
+    """Many jobs that differ in some keys. File names are relative to the folder of the sweep file.
+
+    Parameters
+    ----------
+    job : str or table
+        A job file, or its tables, which all runs begin with.
+    output : str, optional
+        The folder of the results; by default the name of the sweep file without its ending.
+    store : str, optional
+        A folder that keeps expansion points, which all runs share.
+    combine : {"grid", "zip"}
+        All combinations of the [[vary]] tables, or their first values together, their second ones, and so on.
+    vary : tables
+        Keys that vary, and their values.
+    run : tables
+        In place of `vary`: single runs, each with the keys of the job that it changes, and a `name`.
+    evaluate : bool or table
+        Compare each result with the full model.
+    launch : table
+        How runs are started.
+    """
 
     job: str | dict[str, Any]
     output: str | None = None

@@ -316,8 +316,23 @@ def _record(results, parts, numbers, made: Assembly, progress, comm) -> Record:
 def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = None) -> dict:
     """Put results together as a file such as machine.toml says, and write the machine as a result. Collective.
 
-    `overrides`: texts "key.path=value" that replace keys of the file. Returns plain numbers for a table or JSON: the
-    file written, the size, the frequencies, the budget of the error, the verdict and warnings. Raises InputError.
+    Parameters
+    ----------
+    path : str or PathLike
+        The file of the machine.
+    overrides : sequence of str
+        "key.path=value", which replace keys of the file.
+
+    Returns
+    -------
+    dict
+        Plain numbers for a table or JSON: the file written, the size, the frequencies, the budget of the error, the
+        verdict and warnings.
+
+    Raises
+    ------
+    InputError
+        For a file, a result or a table that does not fit.
     """
     with agreed(comm):
         job = read_machine(path, overrides)

@@ -74,10 +74,27 @@ fi
 
 @spelled
 def write_script(path, kind: str, *, store=None, submit: bool = False, comm=None) -> dict:
-    """Write <sweep>.slurm or <sweep>.pbs (`kind`: "slurm", "pbs") into the folder of the results, as [launch] says.
+    """Write a batch script into the folder of the results, as [launch] of a sweep file says.
 
-    `submit`: hand it to sbatch or qsub. `store`: as for run_sweep. Returns `script`, the command that submits it, and
-    what that said. Raises InputError or ComputationError.
+    Parameters
+    ----------
+    path : str or PathLike
+        The sweep file.
+    kind : {"slurm", "pbs"}
+    store : str or PathLike, optional
+        As for run_sweep.
+    submit : bool
+        Hand it to sbatch or qsub.
+
+    Returns
+    -------
+    dict
+        `script`, the command that submits it, and what that said.
+
+    Raises
+    ------
+    InputError, ComputationError
+        For a sweep file that does not fit, and a script that is not accepted.
     """
     refuse_ranks(comm, "sweep")
     sweep = read_sweep(path, store)

@@ -30,9 +30,24 @@ WORTH = 0.9  # of the time, below which another width is worth a hint
 @workflow
 def bench(cells=(40, 16, 16), *, folder=None, comm=None, progress: Progress | None = None) -> dict:
     """Measure rates of factorisation, solves, products, orthogonalisation, writing and reading, on a block of
-    hexahedra.
+    hexahedra. Collective.
 
-    `folder`: where to try writing and reading, by default that of temporary files. Collective. Raises InputError.
+    Parameters
+    ----------
+    cells : sequence of 3 ints
+        Hexahedra of the block along x, y and z.
+    folder : str or PathLike, optional
+        Where to try writing and reading; by default that of temporary files.
+
+    Returns
+    -------
+    dict
+        Rates and hints, plain numbers for a table or JSON.
+
+    Raises
+    ------
+    InputError
+        For a block that is too large, or a folder that cannot be written.
     """
     with agreed(comm):
         if folder is not None and not os.path.isdir(folder):

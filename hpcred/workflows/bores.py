@@ -16,11 +16,27 @@ from .workflow import workflow
 def bores_of_file(
     model, *, turn: float = TURN, figure=None, comm=None, progress: Progress | None = None
 ) -> dict:  # fmt: skip
-    """Return the holes and pins of a model file, see find_bores. Collective. Raises InputError.
+    """Return the holes and pins of a model file, see find_bores. Collective.
 
-    `figure`: a .png, .svg or .pdf of the model with them in colours. Returns plain numbers for a table or JSON:
-    `bores`, a list of name, kind, centre, axis, start, end, radius and length in m, turn in degrees and nodes (how
-    many), `job`, their lines for a job file, and `warnings`.
+    Parameters
+    ----------
+    model : str or PathLike
+        A model file.
+    turn : float
+        Degrees of a cylinder that a hole or pin has at least.
+    figure : str or PathLike, optional
+        A .png, .svg or .pdf of the model with them in colours.
+
+    Returns
+    -------
+    dict
+        Plain numbers for a table or JSON: `bores`, a list of name, kind, centre, axis, start, end, radius and length in
+        m, turn in degrees and nodes (how many), `job`, their lines for a job file, and `warnings`.
+
+    Raises
+    ------
+    InputError
+        For a model without the faces that they are found by.
     """
     check_figure(figure, comm, [model], progress)
     with progress.stage("read", str(model)):

@@ -40,13 +40,50 @@ def campbell_file(
 ) -> dict:  # fmt: skip
     """Return the Campbell diagram of result.h5 over a parameter. Collective.
 
-    `values` of the parameter, or else `points` of them over a `range` (low, high), by default its own. A result without
-    parameters that has geometric stiffness goes over the speed omega of a rotation about the `axis`, whose centrifugal
-    forces stiffen it. `at`: values of the other parameters. `nodes`: whose orbits tell the direction of whirl, by
-    number or name, by default those of the inputs and outputs. `axis`: by default that of the terms of rotation of the
-    job, or else z. `orders`, `highest`: see campbell. `full`: the model file of the reduction, which is then solved at
-    `solves` of the values. `output`: a .csv or HDF5 file, see write_campbell; `figure`: a .png, .svg or .pdf. Returns
-    plain numbers for a table or JSON. Raises InputError.
+    A result without parameters that has geometric stiffness goes over the speed omega of a rotation about the `axis`,
+    whose centrifugal forces stiffen it.
+
+    Parameters
+    ----------
+    result : Result or path
+    over : str
+        The name of the parameter.
+    values : sequence of float
+        Of the parameter; or else `points` of them over a `range`.
+    range : sequence of 2 floats, optional
+        By default that of the parameter.
+    points : int
+        Number of values over the range.
+    at : dict of float, optional
+        Values of the other parameters.
+    nodes : sequence of int or str, optional
+        Whose orbits tell the direction of whirl; by default those of the inputs and outputs.
+    axis : {"x", "y", "z"} or sequence of 3 floats, optional
+        By default that of the terms of rotation of the job, or else z.
+    orders : sequence of float
+        Multiples of the speed whose crossings are critical speeds (see campbell).
+    highest : float, optional
+        Hz, up to which modes are shown.
+    full : str or PathLike, optional
+        The model file of the reduction, which is then solved at `solves` of the values.
+    solves : int
+        Number of them.
+    factoring : Factoring, optional
+        How the full model is factored.
+    output : str or PathLike, optional
+        A .csv or HDF5 file (see write_campbell).
+    figure : str or PathLike, optional
+        A .png, .svg or .pdf.
+
+    Returns
+    -------
+    dict
+        Plain numbers for a table or JSON.
+
+    Raises
+    ------
+    InputError
+        For a parameter, an axis or a model that does not fit.
     """
     found, output, figure = read_result(result, comm), files.output, files.figure
     files.check(comm, [result, full], progress, over=over)

@@ -33,14 +33,32 @@ SELF = MPI.COMM_SELF
 @spelled
 @locks_given_back()
 def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> dict:
-    """Return one row a run: name, status, the keys that vary, size, Q (57), the largest eps against the full model, the
-    estimate of an automatic reduction, the direction that is known worst, seconds, factorisations made and saved, and
-    memory of all ranks in MB.
+    """Return one row a run of a sweep. Collective.
 
-    `output`: a .csv, .json or HDF5 file for the table. `figures`: a folder, created where
-    needed, for error over size, error over each key with numbers, and eps(f), as PNG and SVG. `store`: as for
-    run_sweep. Returns rows, `missing` (runs without a result of their job), `curves` {run: (frequencies, eps)}, the
-    names of the figures and remarks. Raises InputError.
+    Parameters
+    ----------
+    path : str or PathLike
+        The sweep file.
+    output : str or PathLike, optional
+        A .csv, .json or HDF5 file for the table.
+    figures : str or PathLike, optional
+        A folder, created where needed, for error over size, error over each key with numbers, and eps(f), as PNG and
+        SVG.
+    store : str or PathLike, optional
+        As for run_sweep.
+
+    Returns
+    -------
+    dict
+        `rows`: name, status, the keys that vary, size, Q (57), the largest eps against the full model, the estimate of
+        an automatic reduction, the direction that is known worst, seconds, factorisations made and saved, and memory of
+        all ranks in MB; `missing` (runs without a result of their job), `curves` {run: (frequencies, eps)}, the names
+        of the figures and remarks.
+
+    Raises
+    ------
+    InputError
+        For a file that is no sweep, and outputs that cannot be written.
     """
     refuse_ranks(comm, "collect")
     sweep = read_sweep(path, store, runs_come=False)

@@ -34,20 +34,50 @@ def compare_results(
     results, full, *, grid: Grid, modes: int = 10, files: Files, measure: str | None = None,
     solving: Solving, at: dict[str, float] | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Compare results of one model (names of files) against the model file `full`, which is solved once. Collective.
+    """Compare results of one model against the full model, which is solved once. Collective.
 
-    They must have the same inputs, outputs, frame and damping. The other keywords are those of evaluate_result.
-    `rows`: for each result its coordinates, their number, where some are rigid-body ones also that of the elastic
-    ones, the largest eps, Q (57), and the direction that is known worst by itself with its error. All are measured
-    alike: by "directions", whatever they were reduced to, unless `measure` is "paper". `modes`: the lowest modes of the
-    model (so many) and, for each result, the relative error of the frequency of its pseudo-mode with the largest modal
-    assurance criterion,
+    They must have the same inputs, outputs, frame and damping. All are measured alike: by "directions", whatever they
+    were reduced to, unless `measure` is "paper".
 
-        MAC = (phi^T M psi)^2 / (phi^T M phi psi^T M psi),
+    Parameters
+    ----------
+    results : sequence of str or PathLike
+    full : str or PathLike
+        The model file.
+    frequencies : sequence of float, optional
+        Hz; or else `points` of them over `band`.
+    band : sequence of 2 floats, optional
+        Hz; by default that of the job.
+    points : int
+        Number of uniform frequencies over the band.
+    modes : int
+        So many lowest modes of the model are compared.
+    output : str or PathLike, optional
+        A .csv of eps over the frequencies.
+    figure : str or PathLike, optional
+        Its picture.
+    measure : {"directions", "paper"}, optional
+        What eps is; by default as the model was reduced.
+    groups : int, optional
+        Groups of ranks that share the frequencies (see frequency_response).
+    factoring : Factoring, optional
+        How full models are factored; by default as in the reduction.
+    at : dict of float, optional
+        Values of the parameters by name; by default those of reference.
 
-    which is given too where the file has its basis; for repeated modes it is the sum over them; none where K is not
-    symmetric, as `notes` say. `at`: values of the parameters of all results, by default those of reference. `output`:
-    a .csv of eps over the frequencies; `figure`: its picture. Raises InputError.
+    Returns
+    -------
+    dict
+        `rows`: for each result its coordinates, their number, where some are rigid-body ones also that of the elastic
+        ones, the largest eps, Q (57), and the direction that is known worst by itself with its error. `modes`: the
+        lowest modes and, for each result, the relative error of the frequency of its pseudo-mode with the largest modal
+        assurance criterion, MAC = (phi^T M psi)^2 / (phi^T M phi psi^T M psi), which is given too where the file has
+        its basis; for repeated modes it is the sum over them; none where K is not symmetric, as `notes` say.
+
+    Raises
+    ------
+    InputError
+        For results that do not belong together.
     """
     # results that can be compared, and the frequencies
     results = [str(path) for path in results]

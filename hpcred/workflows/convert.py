@@ -23,13 +23,34 @@ def convert(
     source: Source | str | Path, output, *, inputs=None, outputs=None, variables=None, units: str = "SI",
     viscoelastic=(), circulatory: bool = False, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Write a model file from matrix files (a Source), or from the main file of a finite-element export. Collective.
+    """Write a model file from matrix files, or from the main file of a finite-element export. Collective.
 
-    `inputs`, `outputs`: dofs as for SecondOrderModel.with_inputs. `variables`: names of matrices by K, M, D, where the
-    main file of an export holds several. `viscoelastic`: parts with their matrix files, as in a job. `circulatory`:
-    whether K may be unsymmetric. `units`: those of the files, see model.units.units_of; the model file is in SI.
-    Returns what analysis.check says of the model: plain numbers for a table or JSON, with `sentences` on them and
-    `warnings` of what looks wrong. Raises InputError.
+    Parameters
+    ----------
+    source : Source or path
+    output : str or PathLike
+        model.h5.
+    inputs, outputs : optional
+        Dofs as for SecondOrderModel.with_inputs, or a matrix file.
+    variables : dict of str, optional
+        Names of matrices by K, M, D, where the main file of an export holds several.
+    units : str
+        Those of the files (see units_of); the model file is in SI.
+    viscoelastic : sequence
+        Parts with their matrix files, as in a job.
+    circulatory : bool
+        Whether K may be unsymmetric.
+
+    Returns
+    -------
+    dict
+        What check says of the model: plain numbers for a table or JSON, with `sentences` on them and `warnings` of what
+        looks wrong.
+
+    Raises
+    ------
+    InputError
+        For files that cannot be read completely, or do not fit each other.
     """
     system = units_of(units)
     reads = source.files if isinstance(source, Source) else [source]
@@ -64,9 +85,14 @@ def convert(
 
 
 def list_formats() -> list[dict]:
-    """Return the formats that `convert` reads, a row each: name, what it holds, what tells it, and the files beside it.
+    """Return the formats that `convert` reads.
 
     Those of other installed packages name their package.
+
+    Returns
+    -------
+    list of dict
+        A row each: name, what it holds, what tells it, and the files beside it.
     """
     rows = []
     for holds, what in (("model", "a whole model"), ("matrix", "a matrix")):

@@ -14,9 +14,16 @@ from .workflow import workflow
 
 @workflow
 def run_demo(output="demo_result.h5", *, comm=None, progress: Progress | None = None) -> list[dict]:
-    """Reduce the linkage in four ways and write the first model, the automatic one, to `output`; returns the table.
+    """Reduce the linkage in four ways and write the first model, the automatic one. Collective.
 
-    Collective.
+    Parameters
+    ----------
+    output : str or PathLike
+
+    Returns
+    -------
+    list of dict
+        The table.
     """
     check_outputs({output: hdf5_kind(FORMAT)}, comm, progress=progress)
     with linkage(comm) as model:

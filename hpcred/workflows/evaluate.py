@@ -38,17 +38,49 @@ def evaluate_result(
     solving: Solving, preload: Preload | None = None, at: dict[str, float] | None = None, comm=None,
     progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Return the responses of result.h5, and eps(f) and Q (57) against the model file `full` if given. Collective.
+    """Return the responses of result.h5, and eps(f) and Q (57) against a full model if given. Collective.
 
-    `frequencies` (Hz), or else `points` of them over `band` (two numbers, default that of the job). The frame, the
-    damping, the inputs and outputs of the full model are those of the reduction, and so is `factoring` unless it is
-    given; that it is the model of the reduction is checked. `measure`: what eps is, "directions" or "paper", by default
-    as the model was reduced. Modal ratios are measured as the loss factor of the smallest. `output`: a .csv or HDF5
-    file for the responses, see write_responses. `figure`: a .png, .svg or .pdf of a response and its error, for
-    each of the `pairs` "output/input", by default the largest. `groups`: see frequency_response. `preload`: a
-    constant load, by the geometric stiffness of the result. `at`: values of the parameters of the result, by default
-    those of reference, of the full model too, whose terms are those of the job. Returns plain numbers for a table or
-    JSON. Raises InputError.
+    The frame, the damping, the inputs and outputs of the full model are those of the reduction; that it is the model of
+    the reduction is checked. Modal ratios are measured as the loss factor of the smallest.
+
+    Parameters
+    ----------
+    result : str or PathLike
+    full : str or PathLike, optional
+        The model file.
+    frequencies : sequence of float, optional
+        Hz; or else `points` of them over `band`.
+    band : sequence of 2 floats, optional
+        Hz; by default that of the job.
+    points : int
+        Number of uniform frequencies over the band.
+    output : str or PathLike, optional
+        A .csv or HDF5 file for the responses (see write_responses).
+    figure : str or PathLike, optional
+        A .png, .svg or .pdf of a response and its error, for each of the `pairs`.
+    pairs : sequence of str
+        "output/input"; by default the largest.
+    measure : {"directions", "paper"}, optional
+        What eps is; by default as the model was reduced.
+    groups : int, optional
+        Groups of ranks that share the frequencies (see frequency_response).
+    factoring : Factoring, optional
+        How full models are factored; by default as in the reduction.
+    preload : Preload, optional
+        A constant load, by the geometric stiffness of the result.
+    at : dict of float, optional
+        Values of the parameters by name; by default those of reference, of the full model too, whose terms are those of
+        the job.
+
+    Returns
+    -------
+    dict
+        Plain numbers for a table or JSON.
+
+    Raises
+    ------
+    InputError
+        For another model, and where a response is infinite.
     """
     if preload is not None and full is not None:
         raise InputError("--preload: cannot be combined with --full, which is without load; leave one of them out")
@@ -120,9 +152,23 @@ def evaluate_result(
 def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) -> dict:
     """Return eps(f) of result.h5, a reduction to a tolerance: nothing is computed. Collective.
 
-    `rows`: the error at `frequencies` (Hz), or else where it is largest in each of `parts` equal parts of the band.
-    Besides the whole curve, its maximum, Q (57), the proofs and the sentence. Raises InputError where the basis was
-    chosen by hand.
+    Parameters
+    ----------
+    result : str or PathLike
+    frequencies : sequence of float
+        Hz, where `rows` have the error; or else where it is largest in each of `parts` equal parts of the band.
+    parts : int
+        Number of them.
+
+    Returns
+    -------
+    dict
+        `rows`, the whole curve, its maximum, Q (57), the proofs and the sentence.
+
+    Raises
+    ------
+    InputError
+        Where the basis was chosen by hand.
     """
     reduced = elastic_part(result_at(result, None, comm).reduced)
     accuracy = accuracy_of(reduced, result)
@@ -161,12 +207,35 @@ def check_result(
     result, full, count: int = 5, *, seed: int | None = None, solving: Solving,
     at: dict[str, float] | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Return the estimated error of result.h5 against full solves of the model file `full`, at `count` fresh
-    frequencies of the band and some right beside resonances. Collective.
+    """Return the estimated error of result.h5 against full solves at fresh frequencies, some right beside
+    resonances. Collective.
 
-    `seed` draws the same frequencies again; the other keywords are those of evaluate_result. Returns rows of f,
-    estimated and measured errors, whether it `passed`, and the sentence. Raises InputError where the basis was chosen
-    by hand.
+    Parameters
+    ----------
+    result : str or PathLike
+        A reduction to a tolerance.
+    full : str or PathLike
+        The model file of the reduction.
+    count : int
+        Number of random frequencies.
+    seed : int, optional
+        Draws the same frequencies again.
+    groups : int, optional
+        Groups of ranks that share the frequencies (see frequency_response).
+    factoring : Factoring, optional
+        How full models are factored; by default as in the reduction.
+    at : dict of float, optional
+        Values of the parameters by name; by default those of reference.
+
+    Returns
+    -------
+    dict
+        Rows of f, estimated and measured errors, whether it `passed`, and the sentence.
+
+    Raises
+    ------
+    InputError
+        Where the basis was chosen by hand, and for another model.
     """
     found = result_at(result, at, comm)
     reduced = elastic_part(found.reduced)

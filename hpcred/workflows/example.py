@@ -13,9 +13,24 @@ from ..parallel import startup
 
 @locks_given_back()
 def write_example(name, output="model.h5", *, comm=None, progress=None, **keywords) -> dict:
-    """Write the example `name`, "linkage", "solid" or "crank", made with its own keywords.
+    """Write an example as a model file. Collective.
 
-    Collective. Raises InputError.
+    Parameters
+    ----------
+    name : {"linkage", "solid", "crank"}
+    output : str or PathLike
+    **keywords
+        Those of the example.
+
+    Returns
+    -------
+    dict
+        `output`, `size`, `inputs` and `sets`.
+
+    Raises
+    ------
+    InputError
+        For keywords that do not fit.
     """
     comm = comm or startup.start_mpi()
     check_outputs({output: hdf5_kind(FORMAT)}, comm, progress=progress)

@@ -41,19 +41,43 @@ def export_result(
     result, kind=None, path=None, *, nodes=None, units: str = "SI", modes=None, options=None, preload=None, at=None,
     comm=None, progress=None,
 ) -> dict:  # fmt: skip
-    """Write a result, a Result or the name of its file, in another format, by rank 0. Collective. Raises InputError.
+    """Write a result in another format, by rank 0. Collective.
 
-    `kind`: a format, see `hpcred export --help`, or one of PROGRAMS, by default what the name of `path` ends in,
-    or else "sid"; `path`: by default the name of the result with the suffix of the format. `nodes`: numbers of the
-    interface nodes, or names of interfaces or node sets, by default those of the inputs and outputs; a superelement
-    has those of its coordinates. `units`: of the file, see model.units.units_of; bodies and superelements have
-    others than SI. `preload`: a Preload, whose stiffness K then has. `at`: values of the parameters by name;
-    without them formats that hold parameters keep them, and others have the reference values.
-    `modes`: numbers from 1 of the shapes of a picture, by default the first six elastic ones, of a moving one (gif,
-    webp) the first. `options`: settings of the format by name, such as {"ge_order": "coordinate"} of "sid", or texts
-    such as "sid.ge_order=coordinate". Returns what was written: output, format, and shapes (their names), or
-    coordinates (their number), remarks on what the format does not hold, and nodes, or inputs and outputs by name; of a
-    superelement, the files beside the output.
+    Parameters
+    ----------
+    result : Result or path
+    kind : str, optional
+        A format (see `hpcred export --help`), or the name of a program; by default what the name of `path` ends in, or
+        else "sid".
+    path : str or PathLike, optional
+        By default the name of the result with the suffix of the format.
+    nodes : sequence of int or str, optional
+        Numbers of the interface nodes, or names of interfaces or node sets; by default those of the inputs and outputs.
+        A superelement has those of its coordinates.
+    units : str
+        Of the file (see units_of); bodies and superelements have others than SI.
+    modes : sequence of int, optional
+        Numbers from 1 of the shapes of a picture; by default the first six elastic ones, of a moving one (gif, webp)
+        the first.
+    options : dict or sequence of str, optional
+        Settings of the format by name, such as {"ge_order": "coordinate"} of "sid", or texts such as
+        "sid.ge_order=coordinate".
+    preload : Preload, optional
+        Whose stiffness K then has.
+    at : dict of float, optional
+        Values of the parameters by name; without them formats that hold parameters keep them, and others have the
+        reference values.
+
+    Returns
+    -------
+    dict
+        What was written: output, format, and shapes (their names), or coordinates (their number), remarks on what the
+        format does not hold, and nodes, or inputs and outputs by name; of a superelement, the files beside the output.
+
+    Raises
+    ------
+    InputError
+        For what the format cannot hold.
     """
     if isinstance(result, Result):
         result, preload, at = result.path, preload or result.preload, at or result.values
@@ -127,11 +151,29 @@ def export_reduced(
     reduced, path, format=None, *, nodes=None, units: str = "SI", modes=None, options=None, preload=None, at=None,
     stress=None, geometric_stiffness=None, progress=None,
 ) -> dict:  # fmt: skip
-    """Write a ReducedModel, with the model that it was made from, for another program: see export_result.
+    """Write a ReducedModel, with the model that it was made from, for another program. Collective.
 
-    `stress`: StressModes of its basis, see stress_modes. `geometric_stiffness`: a GeometricStiffness of its basis,
-    whose origin the body frame then has. Collective. Raises InputError; one that was read from a file is exported by
-    `export_result`.
+    Parameters
+    ----------
+    reduced : ReducedModel
+        One that was read from a file is exported by `export_result`.
+    path : str or PathLike
+    format, nodes, units, modes, options, preload, at : optional
+        See export_result.
+    stress : StressModes, optional
+        Of its basis (see stress_modes).
+    geometric_stiffness : GeometricStiffness, optional
+        Of its basis, whose origin the body frame then has.
+
+    Returns
+    -------
+    dict
+        As of export_result.
+
+    Raises
+    ------
+    InputError
+        For what the format cannot hold.
     """
     declared("reduced", reduced, ReducedModel)
     if reduced.model is None:

@@ -47,8 +47,13 @@ from .workflow import workflow
 
 
 def installation() -> dict[str, str]:
-    """Return the versions of hpcred and what it stands on, the scalars of PETSc, and the GPUs that factors can be made
-    on. Collective where PETSc has not been started."""
+    """Return what is installed. Collective where PETSc has not been started.
+
+    Returns
+    -------
+    dict of str
+        The versions of hpcred and what it stands on, the scalars of PETSc, and the GPUs that factors can be made on.
+    """
     return versions() | {
         "scalars": "complex" if is_complex() else "real", "packages_of_factors": ", ".join(PACKAGES),
         "gpus": gpus_in_words(),
@@ -59,10 +64,27 @@ def installation() -> dict[str, str]:
 def inspect_file(
     path, *, frequencies=(), band_top=None, modes: int | None = None, comm=None, progress: Progress | None = None
 ) -> dict:  # fmt: skip
-    """Return the summary of a model file (see analysis.summary.inspect), with its `modes` lowest frequencies.
-    Collective.
+    """Return the summary of a model file (see inspect). Collective.
 
-    Raises InputError.
+    Parameters
+    ----------
+    path : str or PathLike
+    frequencies : sequence of float
+        Hz, below which modes are counted.
+    band_top : float, optional
+        Upper end of a band in Hz, for which the size is estimated.
+    modes : int, optional
+        So many lowest frequencies are computed.
+
+    Returns
+    -------
+    dict
+        Plain numbers for a table or JSON.
+
+    Raises
+    ------
+    InputError
+        For a file that is no model.
     """
     if (band_top is not None and band_top <= 0) or any(f <= 0 for f in frequencies):
         raise InputError("info: frequencies must be positive")
@@ -84,8 +106,27 @@ def describe_file(
     """Describe a file: a model file as inspect_file does, a job file by its model, interfaces and loads, others by
     their format and contents. Collective.
 
-    `variables`: names of matrices by K, M, D in a file that holds several. `figure`: a .png, .svg or .pdf of the node
-    sets of a model, or only of those named in `sets`, or of the interfaces of a job. Raises InputError.
+    Parameters
+    ----------
+    path : str or PathLike
+    frequencies, band_top, modes : optional
+        As for inspect_file.
+    variables : dict of str, optional
+        Names of matrices by K, M, D in a file that holds several.
+    figure : str or PathLike, optional
+        A .png, .svg or .pdf of the node sets of a model, or of the interfaces of a job.
+    sets : sequence of str, optional
+        Only these sets.
+
+    Returns
+    -------
+    dict
+        Plain numbers and words for a table or JSON.
+
+    Raises
+    ------
+    InputError
+        For a file of no known format.
     """
     job = None
     with agreed(comm):

@@ -163,11 +163,21 @@ FORMATS = {item.FORMAT: (item.VERSION, getattr(item, "SCHEMA", None)) for item i
 
 @workflow
 def verify_file(path, *, comm=None, progress: Progress | None = None) -> dict:
-    """Read all of a file of hpcred that has checksums, such as a model or a result, on all ranks; what was checked, in
-    numbers, and of a model its summary, for which M is factored (see analysis.summary.inspect).
+    """Read all of a file of hpcred that has checksums, such as a model or a result, on all ranks. Collective.
 
-    Collective. Raises InputError at the first dataset that is damaged, and where there are no
-    checksums, or those of earlier versions.
+    Parameters
+    ----------
+    path : str or PathLike
+
+    Returns
+    -------
+    dict
+        What was checked, in numbers, and of a model its summary, for which M is factored (see inspect).
+
+    Raises
+    ------
+    InputError
+        At the first dataset that is damaged, and where there are no checksums, or those of earlier versions.
     """
     with agreed(comm):
         require_whole(path)

@@ -34,13 +34,34 @@ def modes_of_file(
     model, count: int = 20, *, frame=None, figure=None, factoring: Factoring | None = None,
     preload: Preload | None = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Return the `count` lowest undamped modes of a model file. Collective. Raises InputError or ComputationError.
+    """Return the lowest undamped modes of a model file. Collective.
 
-    `frame`, `factoring`: see natural_modes. `preload`: a constant load on a body of solids, which the matrices or the
-    frame hold. `figure`: a .png of the first six elastic modes. Returns plain
-    numbers for a table or JSON: frequencies_hz (m), the number of rigid_body_modes, which come first at 0 Hz, and with
-    nodes participation_factors (m, 6), effective_masses (m, 6) and masses (6) along x, y, z and about the axes through
-    the centre of mass.
+    Parameters
+    ----------
+    model : str or PathLike
+        A model file.
+    count : int
+        Number of modes.
+    frame : Frame, optional
+        See natural_modes.
+    figure : str or PathLike, optional
+        A .png of the first six elastic modes.
+    factoring : Factoring, optional
+        See natural_modes.
+    preload : Preload, optional
+        A constant load on a body of solids, which the matrices or the frame hold.
+
+    Returns
+    -------
+    dict
+        Plain numbers for a table or JSON: frequencies_hz (m), the number of rigid_body_modes, which come first at 0 Hz,
+        and with nodes participation_factors (m, 6), effective_masses (m, 6) and masses (6) along x, y, z and about the
+        axes through the centre of mass.
+
+    Raises
+    ------
+    InputError, ComputationError
+        For a model without real modes, and where they are not found.
     """
     check_figure(figure, comm, [model], progress, endings=(".png",))
     startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
@@ -71,11 +92,20 @@ def _numbers(found: NaturalModes) -> dict:
 
 
 def tables_of_modes(report) -> tuple[list[dict], list[dict]]:
-    """Return rows for tables of what modes_of_file returned: effective masses in % of the whole, and participation
-    factors.
+    """Return rows for tables of modes.
 
     Motions without mass or inertia have no column, such as those out of the plane of a plane body, and rigid-body
     modes no row.
+
+    Parameters
+    ----------
+    report : dict
+        What modes_of_file returned.
+
+    Returns
+    -------
+    tuple of 2 lists of dict
+        Effective masses in % of the whole, and participation factors.
     """
     masses, factors = np.array(report["masses"]), np.array(report["participation_factors"])
     there = _moving(masses)
@@ -89,7 +119,17 @@ def tables_of_modes(report) -> tuple[list[dict], list[dict]]:
 
 
 def mass_in_words(report) -> str:
-    """Return the masses and the moments of inertia of what modes_of_file returned, where there are any."""
+    """Return the masses and the moments of inertia as text, where there are any.
+
+    Parameters
+    ----------
+    report : dict
+        What modes_of_file returned.
+
+    Returns
+    -------
+    str
+    """
     masses = np.array(report["masses"])
     there = _moving(masses)
     parts = []

@@ -29,11 +29,28 @@ def reproduce(
     folder="paper", *, figures: Iterable[int] = FIGURES, show: Callable[[dict], None] | None = None, comm=None,
     progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Compute and write everything into `folder`, which is created. Collective. Raises InputError.
+    """Compute and write the tables and figures of the paper's Section 5. Collective.
 
-    The tables are written first, and then the `figures` of 3, 4 and 5; the simulations of Figure 5 take minutes.
-    `show`: called with the tables as soon as they are written. Returns the tables as lists of dicts: table_1, table_2
-    and, with Figure 5, figure_5, as in section5.json.
+    The tables are written first; the simulations of Figure 5 take minutes.
+
+    Parameters
+    ----------
+    folder : str or PathLike
+        Created where needed.
+    figures : iterable of int
+        Of 3, 4 and 5.
+    show : callable, optional
+        Called with the tables as soon as they are written.
+
+    Returns
+    -------
+    dict
+        The tables as lists of dicts: table_1, table_2 and, with Figure 5, figure_5, as in section5.json.
+
+    Raises
+    ------
+    InputError
+        For other figures, and a folder that cannot be written.
     """
     startup.start(preferred="complex")
     folder, figures = Path(folder), declared("figures", figures, tuple[int, ...])

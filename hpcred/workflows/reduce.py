@@ -50,17 +50,34 @@ def reduce_job(
     job: str | Path | Job, *, overrides=(), basis: str | Path | None = None, comm=None,
     progress: Progress | None = None,
 ) -> Reduced:  # fmt: skip
-    """Read, reduce and write as a job says: the name of a job file, with `overrides` "key.path=value", or a Job.
-
-    `basis`: the result of the same job over the ranges of its parameters, whose basis is taken at the values `at` of
-    the job; nothing is factored then.
+    """Read, reduce and write as a job says. Collective.
 
     With a `store` in the job SIGTERM or SIGUSR1 to any rank end the run after the current point, by
-    parallel.stopping.Stopped, and the same job goes on from there.
+    parallel.stopping.Stopped, and the same job goes on from there. Where a tolerance was not reached, the model is
+    written
+    under a name that says so, unless the job wants otherwise. Takes the PETSc build that fits the job, where PETSc is
+    not
+    loaded yet.
 
-    Where a tolerance was not reached, the model is written under a name that says so, unless the job wants otherwise.
-    Takes the PETSc build that fits the job, where PETSc is not loaded yet. Collective. Raises InputError or
-    ComputationError.
+    Parameters
+    ----------
+    job : str, PathLike or Job
+        A job, or the name of its file.
+    overrides : sequence of str
+        "key.path=value", which replace or add keys of the file.
+    basis : str or PathLike, optional
+        The result of the same job over the ranges of its parameters, whose basis is taken at the values `at` of the
+        job; nothing is factored then.
+
+    Returns
+    -------
+    Reduced
+        The file, its size and frequencies, and the record.
+
+    Raises
+    ------
+    InputError, ComputationError
+        For a job that does not fit its files, and a reduction that fails.
     """
     reads = [name for name in (job, basis) if name is not None and not isinstance(name, Job)]
     with agreed(comm):

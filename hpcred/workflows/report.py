@@ -31,14 +31,42 @@ def report_file(
     motion=None, png=None, svg=None, csv=None, solving: Solving, at: dict[str, float] | None = None,
     comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Write a report on results, names of files, as one HTML file that needs no network. Collective.
+    """Write a report on results as one HTML file that needs no network. Collective.
 
-    `full`: the model file that they were reduced from; its response is then computed at `solves` equally spaced
-    frequencies and beside pseudo-frequencies, and its modes. `band` (Hz): default that of the job. `pairs`: names
-    "output/input" of responses, by default the largest. `modes`: number of shapes that can be looked at. `motion`: of a
-    single result with stress modes, as for recover, drawn where its stress is largest. `png`, `svg`, `csv`: folders for
-    figures and tables of the same. `at`: values of the parameters of all results, by default those of reference.
-    Returns the file, its size in MB, the names of figures and tables, and notes. Raises InputError.
+    Parameters
+    ----------
+    results : sequence of str or PathLike
+    full : str or PathLike, optional
+        The model file that they were reduced from; its response is then computed at `solves` equally spaced frequencies
+        and beside pseudo-frequencies, and its modes.
+    output : str or PathLike
+    band : sequence of 2 floats, optional
+        Hz; by default that of the job.
+    solves : int
+    pairs : sequence of str
+        Names "output/input" of responses; by default the largest.
+    modes : int
+        Number of shapes that can be looked at.
+    motion : str or PathLike, optional
+        Of a single result with stress modes, as for recover, drawn where its stress is largest.
+    png, svg, csv : str or PathLike, optional
+        Folders for figures and tables of the same.
+    groups : int, optional
+        Groups of ranks that share the frequencies (see frequency_response).
+    factoring : Factoring, optional
+        How full models are factored; by default as in the reduction.
+    at : dict of float, optional
+        Values of the parameters by name; by default those of reference.
+
+    Returns
+    -------
+    dict
+        The file, its size in MB, the names of figures and tables, and notes.
+
+    Raises
+    ------
+    InputError
+        For results that do not belong together.
     """
     if (ending := Path(output).suffix.lower()) not in (".html", ".htm") and Path(output).name:
         raise InputError(f"output {output}: found a name that ends in {ending or 'nothing'}, expected .html; figures "

@@ -34,15 +34,53 @@ def response_file(
     polar: bool = False, preload: Preload | None = None, at: dict[str, float] | None = None, comm=None,
     progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Return the frequency response of a model file to a tolerance: see full_response. Collective.
+    """Return the frequency response of a model file to a tolerance (see full_response). Collective.
 
-    `frequencies` (Hz), or else `points` of them over `band`. `inputs`, `outputs`: dofs or a matrix file, as in a job;
-    by default those of the model. `model`: a model.h5, or a job file, whose inputs and outputs, frame and damping are
-    then the default, and whose parameters have the values `at`, or those of reference. `preload`: a constant load, as
-    for modes_of_file. `output`: a .csv (`polar`: magnitude and phase) or an HDF5 file, see write_responses; `figure`: a
-    .png, .svg or .pdf. Returns plain numbers for a table or JSON: sentences, whether the tolerance is `reached`,
-    proofs, and of the response its norm and estimated
-    error. Raises InputError or ComputationError.
+    Parameters
+    ----------
+    model : str or PathLike
+        A model.h5, or a job file, whose inputs and outputs, frame and damping are then the default.
+    frequencies : sequence of float, optional
+        Hz; or else `points` of them over `band`.
+    band : sequence of 2 floats, optional
+        Hz; by default that of the job.
+    points : int
+        Number of uniform frequencies over the band.
+    tolerance : float
+        Relative error over the band.
+    frame, damping : optional
+        See full_response.
+    inputs, outputs : optional
+        Dofs or a matrix file, as in a job; by default those of the model.
+    check : int
+        Number of further full solves.
+    seed : int, optional
+        Of their frequencies.
+    groups : int, optional
+        Groups of ranks that share the frequencies (see frequency_response).
+    factoring : Factoring, optional
+        How full models are factored.
+    output : str or PathLike, optional
+        A .csv or an HDF5 file (see write_responses).
+    figure : str or PathLike, optional
+        A .png, .svg or .pdf.
+    polar : bool
+        Magnitude and phase in a .csv.
+    preload : Preload, optional
+        A constant load, as for modes_of_file.
+    at : dict of float, optional
+        Values of the parameters by name; by default those of reference.
+
+    Returns
+    -------
+    dict
+        Plain numbers for a table or JSON: sentences, whether the tolerance is `reached`, proofs, and of the response
+        its norm and estimated error.
+
+    Raises
+    ------
+    InputError, ComputationError
+        For input that does not fit, and a computation that fails.
     """
     if grid.band is None and not len(grid.frequencies):
         raise InputError("response: no frequencies; give the band in Hz, such as 0,6000")

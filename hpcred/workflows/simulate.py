@@ -28,10 +28,25 @@ from .workflow import workflow
 
 @workflow
 def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
-    """Simulate a reduced body in time as a file says. Collective. Raises InputError, ComputationError.
+    """Simulate a reduced body in time as a file says. Rank 0 computes. Collective.
 
-    `overrides`: texts "key.path=value" that replace keys of the file. Rank 0 computes. Returns a summary: the files
-    written, the largest errors and displacements, notes on what was changed or approximated, and warnings.
+    Parameters
+    ----------
+    path : str or PathLike
+        The file of the simulation.
+    overrides : sequence of str
+        "key.path=value", which replace keys of the file.
+
+    Returns
+    -------
+    dict
+        The files written, the largest errors and displacements, notes on what was changed or approximated, and
+        warnings.
+
+    Raises
+    ------
+    InputError, ComputationError
+        For a file that does not fit, and a motion that cannot be integrated.
     """
     with agreed(comm):
         setup = read_simulation(path, overrides)

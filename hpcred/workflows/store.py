@@ -13,9 +13,23 @@ UNFINISHED = 3600.0  # seconds after which a file that nobody finished counts as
 
 @workflow
 def list_store(folder, *, check: bool = False, comm=None) -> list[dict]:
-    """Return the entries of a store, as rows of a table. `check`: all checksums. Collective.
+    """Return the entries of a store. Collective.
 
-    Raises InputError where there is no such folder.
+    Parameters
+    ----------
+    folder : str or PathLike
+    check : bool
+        Verify all checksums.
+
+    Returns
+    -------
+    list of dict
+        Rows of a table.
+
+    Raises
+    ------
+    InputError
+        Where there is no such folder.
     """
     rows = []
     with agreed(comm):
@@ -28,11 +42,29 @@ def list_store(folder, *, check: bool = False, comm=None) -> list[dict]:
 @workflow
 def prune_store(folder, *, older: float | None = None, below: float | None = None, model: str | None = None,
                 broken: bool = False, comm=None) -> list[dict]:  # fmt: skip
-    """Remove entries of a store; returns those that went. Collective. Raises InputError.
+    """Remove the entries of a store that fit all that is given. Collective.
 
-    Those that fit all that is given: not used for `older` seconds, of the model of that name, `broken` (by all their
-    checksums, or left by a run that was killed). With `below` (bytes) of these only so many, the longest unused first,
-    that what stays in the folder is not larger.
+    Parameters
+    ----------
+    folder : str or PathLike
+    older : float, optional
+        Not used for so many seconds.
+    below : float, optional
+        Bytes: only so many entries, the longest unused first, that what stays in the folder is not larger.
+    model : str, optional
+        Of the model of this name.
+    broken : bool
+        Damaged, by all their checksums, or left by a run that was killed.
+
+    Returns
+    -------
+    list of dict
+        The entries that went.
+
+    Raises
+    ------
+    InputError
+        Where there is no such folder.
     """
     if older is None and below is None and model is None and not broken:
         raise InputError("--prune: say what is to go: --older 30d, --below 10G, --model NAME or --broken")

@@ -82,14 +82,36 @@ def run_sweep(
     path, *, parallel: int | None = None, index: int | None = None, of: int | None = None, store=None,
     dry_run: bool = False, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Run the jobs of a sweep file on this machine, `parallel` at a time, by default as its [launch] says.
+    """Run the jobs of a sweep file on this machine.
 
-    Finished runs are skipped, failed ones do not keep the others from running. `index` and `of`: only that share of
-    the runs, as a task of an array does. `store`: a folder of expansion points that the runs share. `dry_run`: only
-    say what there is. SIGINT and SIGTERM end all runs; SIGUSR1 asks them to end after the current point. Returns
-    folder, `runs` (rows with name, status, size, seconds, and the sentence of one that failed), how many finished,
-    were skipped and failed, and the numbers of factorisations made and saved. Raises InputError, Interrupted or
-    Stopped.
+    Finished runs are skipped, failed ones do not keep the others from running. SIGINT and SIGTERM end all runs; SIGUSR1
+    asks them to end after the current point.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        The sweep file.
+    parallel : int, optional
+        Runs at a time; by default as its [launch] says.
+    index, of : int, optional
+        Only that share of the runs, as a task of an array does.
+    store : str or PathLike, optional
+        A folder of expansion points that the runs share.
+    dry_run : bool
+        Only say what there is.
+
+    Returns
+    -------
+    dict
+        folder, `runs` (rows with name, status, size, seconds, and the sentence of one that failed), how many finished,
+        were skipped and failed, and the numbers of factorisations made and saved.
+
+    Raises
+    ------
+    InputError
+        For a sweep file that does not fit.
+    Interrupted, Stopped
+        After a signal.
     """
     refuse_ranks(comm, "sweep")
     sweep = read_sweep(path, store)

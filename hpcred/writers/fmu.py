@@ -74,13 +74,29 @@ COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "zx")  # of stresses, in their order
 
 
 def write_fmu(path, reduced: ReducedModel, name: str | None = None, parametric=None) -> list[str]:
-    """Write an FMU; call it on one rank. Returns remarks.
+    """Write an FMU; call it on one rank.
 
-    `name`: of the body, in any letters, by default that of the model which was reduced. `parametric`: the
-    ParametricReducedModel whose parameters the FMU has, and of which `reduced` is the model at the reference values,
-    perhaps with further outputs; by default none.
-    Raises InputError for structural damping, fractional laws, a model without inputs or outputs,
-    or a machine without C compiler, and ComputationError when the compiler fails.
+    Parameters
+    ----------
+    path : str or PathLike
+    reduced : ReducedModel
+    name : str, optional
+        Of the body, in any letters; by default that of the model which was reduced.
+    parametric : ParametricReducedModel, optional
+        Whose parameters the FMU has, and of which `reduced` is the model at the reference values, perhaps with further
+        outputs.
+
+    Returns
+    -------
+    list of str
+        Remarks on what is not in the file.
+
+    Raises
+    ------
+    InputError
+        For structural damping, fractional laws, a model without inputs or outputs, or a machine without C compiler.
+    ComputationError
+        When the compiler fails.
     """
     require_finite(reduced)
     check_viscous(reduced, "an FMU")

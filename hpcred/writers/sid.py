@@ -79,10 +79,24 @@ class Sid:
 
 
 def write_sid(path, body: Body | Sid, *, ge_order: str = "component") -> list[str]:
-    """Write a Body, or a Sid as it is; call it on one rank. Returns remarks on what is not in the file.
+    """Write a Body, or a Sid as it is; call it on one rank.
 
-    `ge_order`: the columns of Ge of a Body, see SidOptions. Raises InputError for a body with structural damping,
-    rigid-body motions, or without mass in some direction.
+    Parameters
+    ----------
+    path : str or PathLike
+    body : Body or Sid
+    ge_order : {"component", "coordinate"}
+        The columns of Ge of a Body (see SidOptions).
+
+    Returns
+    -------
+    list of str
+        Remarks on what is not in the file.
+
+    Raises
+    ------
+    InputError
+        For a body with structural damping, rigid-body motions, or without mass in some direction.
     """
     sid, notes = (body, []) if isinstance(body, Sid) else build_sid(body, ge_order)
     lines = [f"{len(sid.nodes):5d}{len(sid.coordinates):4d}    :{sid.comment}", " part", _line(6, "new modal", "")]
@@ -128,7 +142,21 @@ def _object_lines(name, item, indent):
 
 
 def read_sid(path) -> Sid:
-    """Read a file back. Raises InputError that names the line."""
+    """Read a file of standard input data back.
+
+    Parameters
+    ----------
+    path : str or PathLike
+
+    Returns
+    -------
+    Sid
+
+    Raises
+    ------
+    InputError
+        That names the line.
+    """
     with open_input(path, "r", encoding="latin-1", newline="\n") as file:
         text = file.read()
     if CONTROL.search(text):

@@ -34,7 +34,21 @@ from .base import Writer
 
 
 def state_space(reduced: ReducedModel) -> dict:
-    """The matrices by name. Raises InputError for structural damping and fractional laws."""
+    """Return the matrices of first and of second order by name.
+
+    Parameters
+    ----------
+    reduced : ReducedModel
+
+    Returns
+    -------
+    dict of ndarray
+
+    Raises
+    ------
+    InputError
+        For structural damping and fractional laws.
+    """
     require_finite(reduced)
     if static_coordinates(reduced):
         return _with_massless(reduced)

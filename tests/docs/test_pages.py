@@ -1,6 +1,7 @@
 """The pages by themselves: links, commands, messages, names of files, and the reference that is made from the code."""
 
 import ast
+import inspect
 import re
 import shlex
 from dataclasses import dataclass
@@ -154,6 +155,23 @@ def test_the_first_picture_is_vectors_with_colours_for_light_and_dark(page):
     ElementTree.fromstring(picture)
 
 
+COMMON = {"comm", "progress"}  # which mean the same in all functions
+
+
+def test_public_functions_say_what_they_take_and_return():
+    lacking = {}
+    for name in hpcred.__all__:
+        function = getattr(hpcred, name)
+        if inspect.isfunction(function):
+            found = reference.sections(function)[1]
+            heads = re.findall(r"^(\S[^:\n]*?)(?: :|$)", found.get("Parameters", ""), re.M)
+            named = {name.strip(" *") for head in heads for name in head.split(",")}
+            missing = {*inspect.signature(function).parameters} - COMMON - named
+            missing |= {"Returns"} - {*found}
+            lacking |= {name: missing} if missing else {}
+    assert lacking == {}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Round:
     """A table. `radius`: in m, |r| <R."""
@@ -242,18 +260,105 @@ def test_the_reference_has_every_key_command_and_name():
         assert f"## {kind}, version" in GENERATED["reference/files.md"]
 
 
-@pytest.mark.parametrize(
-    ("page", "says"),
-    [
-        ("python.md", ["largest error", "crank:rx"]),
-        pytest.param("parameters.md", ["parameters k 0.1 to 10; terms of K (k)"], marks=pytest.mark.slow),
-        pytest.param("campbell.md", ["unstable from 1152.6"], marks=pytest.mark.slow),
-    ],
-)
-def test_examples_in_python_run(tmp_path, monkeypatch, capsys, logger, page, says):
+def keys_without_meaning(page):
+    """(heading, key) of tables whose row and whose text are silent about a key."""
+    for part in re.split("^#+ ", page, flags=re.M)[1:]:
+        text = re.sub(r"^\|.*$", "", part, flags=re.M)
+        for row in re.findall(r"^\| `(?!-)[^`]+` \|.*$", part, re.M):
+            key, *_, meaning = (cell.strip(" `") for cell in re.split(r"(?<!\\)\|", row)[1:-1])
+            if not (row.count(" | ") == 3 and meaning) and not re.search(rf"(?<![\w.]){re.escape(key)}(?!\w)", text):
+                yield part.partition("\n")[0], key
+
+
+def test_every_key_has_a_meaning_and_every_heading_its_own_name():
+    """Keys of a whole file have theirs in the table."""
+    pages = {name: text for name, text in GENERATED.items() if name.endswith("-file.md")}
+    assert len(pages) >= 4
+    for name, text in pages.items():
+        headings = re.findall("^## .*$", text, re.M)
+        assert not list(keys_without_meaning(text)) and len(set(headings)) == len(headings), name
+        if "machine" not in name:
+            assert not re.search(r"^\| `.*\| +\|$", text.partition("\n## ")[0], re.M), name
+    silent = "# A\n\n`a`: what it is.\n\n| `a` | text | - |\n| `b` | text | - |\n| `c` | text | - |  |\n"
+    assert list(keys_without_meaning(silent)) == [("A", "b"), ("A", "c")]
+
+
+PYTHON = re.compile(r"^```python[^\n]*\n(.*?)^```", re.M | re.S)
+RUN = {  # pages whose programs run here, one after the other, and words that they print
+    "python.md": ["largest error", "crank:rx"],
+    "stress.md": [],
+    "damping.md": ["Maxwell(", "j]]"],
+    "outputs.md": ["('acceleration 300:x', 'stress 60:xx') (2, 4) (2, 4)"],
+    "parameters.md": ["parameters k 0.1 to 10; terms of K (k)"],
+    "campbell.md": ["unstable from 1152.6"],
+}
+SLOW = ("parameters.md", "campbell.md")
+ELSEWHERE = {  # why the programs of a page do not run here
+    "assembly.md": "takes results of two bodies; tests/assembly has the same with bodies of its own",
+    "component.md": "is examples/component.py, which tests/examples runs",
+    "dolfinx.md": "takes matrices of DOLFINx; tests/examples/test_dolfinx.py has them",
+    "exports.md": "is the package of tests/plugins",
+    "formats.md": "is the package of tests/plugins",
+    "formats-others.md": "runs in Kratos, code_aster and GetFEM, which are not there",
+    "recover.md": "takes a simulation; tests/workflows/test_recover.py has one",
+    "solvers.md": "needs a job of its own; tests/linalg/test_packages.py has the same class",
+    "export-exudyn.md": "tests/writers/test_exudyn.py runs it in Exudyn",
+    "export-fmu.md": "needs FMPy; tests/writers has the same calls",
+    "export-state-space.md": "needs python-control; tests/writers has the same calls",
+}
+
+
+def test_programs_of_all_pages_run_or_have_a_reason():
+    pages = {name_of(page).removeprefix("docs/") for page in PAGES if PYTHON.search(page.read_text())}
+    assert pages == {*RUN, *ELSEWHERE} and not {*RUN} & {*ELSEWHERE}
+
+
+@pytest.mark.parametrize("page", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in RUN])
+def test_programs_of_a_page_run(tmp_path, monkeypatch, capsys, logger, page):
     monkeypatch.chdir(tmp_path)
-    programs = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), re.S)
+    programs = PYTHON.findall((DOCS / page).read_text())
     exec(compile("\n".join(programs), f"docs/{page}", "exec"), {})
     out = capsys.readouterr().out
-    assert all(words in out for words in says)
+    assert all(words in out for words in RUN[page])
     assert page != "python.md" or (Path("linkage.SID_FEM").exists() and "INFO" in Path("hpcred.log").read_text())
+
+
+def test_every_command_has_a_page_and_a_function():
+    """On pages that are written by hand; the function is on the page on Python."""
+    texts = "\n".join(page.read_text() for page in PAGES)
+    assert [name for words in COMMANDS if f"hpcred {(name := ' '.join(words))}" not in texts] == []
+    (listed,) = re.findall(
+        r"^Every command is also a function.*?reduction are", (DOCS / "python.md").read_text(), re.M | re.S
+    )
+    names = re.findall(r"`(\w+)`", listed)
+    assert [name for name in names if not callable(getattr(hpcred, name, None))] == []
+    alone = {words[0] for words in COMMANDS} - {"example"}
+    assert [name for name in alone if not {name, f"{name}_file", f"{name}_job"} & {*names}] == []
+
+
+def test_verdicts_on_pages_are_those_that_commands_print():
+    """Pages that are not run quote the first line of `reduce` from one that is."""
+    run = (ROOT / "README.md", *(DOCS / "tutorial").glob("*.md"))
+    printed = {line.strip() for page in run for line in page.read_text().splitlines()}
+    quoted = [
+        line.strip()
+        for page in PAGES
+        for line in page.read_text().splitlines()
+        if re.match(r" *largest error \d", line)
+    ]
+    assert len(quoted) >= 6 and [line for line in quoted if line not in printed] == []
+
+
+def test_the_cited_version_and_paper_are_those_of_the_citation_file():
+    cited, page = (ROOT / "CITATION.cff").read_text(), " ".join((DOCS / "cite.md").read_text().split())
+    assert f"version = {{{re.search(r'^version: (.*)$', cited, re.M)[1]}}}" in page
+    assert f"title = {{{re.search(r'^title: .(.*).$', cited, re.M)[1]}}}" in page
+
+
+def test_every_known_system_of_units_is_on_its_page():
+    from hpcred.model.units import UNITS
+
+    text = (DOCS / "units.md").read_text()
+    for units in UNITS:
+        length, mass, time = (re.escape(word.strip()) for word in units.name.partition(" (")[0].split(",")[:3])
+        assert re.search(rf"^\| {length} \| {mass}\b.* \| {time} \|", text, re.M), units.name

@@ -273,7 +273,7 @@ def test_a_tolerance_is_reached_by_the_chain_at_0_hz_and_proven_beside_the_basis
             accuracy, record = rom.record.accuracy, rom.record
             assert accuracy.reached and len(record.factorisations) == 1
             where = [proof.frequency for proof in accuracy.proofs]
-            assert accuracy.points[0].frequency == 0.0 and "confirmed by a full solve" in accuracy.sentence
+            assert accuracy.points[0].frequency == 0.0 and "(uncompressed model)" in accuracy.sentence
             assert max(where) > 0.99 * band[1] and min(where) <= band[1] / 2
             for proof in accuracy.proofs:
                 assert 0.3 * proof.measured < proof.estimated < 3 * proof.measured or proof.measured < 1e-12
@@ -352,6 +352,17 @@ def test_where_a_factor_does_not_fit_multigrid_takes_over_at_real_points(comm, m
             with pytest.raises(ComputationError, match="does not fit.*unfit = 'multigrid' real points"):
                 point = Krylov(frequency=0.0 if solver.unfit == "refuse" else 100.0)
                 hpcred.reduce(model, [point], factoring=Factoring(solver=solver))
+
+
+@pytest.mark.mpi(ranks=(2,))
+def test_a_factor_that_does_not_fit_is_no_matter_of_groups(comm, monkeypatch):
+    points = [Krylov(frequency=0.0), Krylov(frequency=0.0, decay=1e3)]
+    with hpcred.solid((8, 6, 6), inputs=1, comm=comm) as model:
+        monkeypatch.setenv("HPCRED_MEMORY_MB", "2")
+        with hpcred.reduce(model, points, groups="auto", factoring=Factoring(solver=UNFIT)) as rom:
+            assert {item.kind for item in rom.record.factorisations} == {"multigrid"}
+        with pytest.raises(ComputationError, match="does not fit.*unfit = 'multigrid' real points"):
+            hpcred.reduce(model, points, groups="auto")
 
 
 def test_what_multigrid_cannot_do_is_refused(solid):

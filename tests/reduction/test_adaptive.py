@@ -153,7 +153,7 @@ def test_a_search_that_ended_at_its_first_point_says_so(comm):
     with case.model(comm) as model, hpcred.reduce(model, adaptive=adaptive) as rom:
         accuracy = rom.record.accuracy
     assert not accuracy.reached and not accuracy.proofs
-    assert "not confirmed: the search ended before a second point" in accuracy.sentence
+    assert "not verified: the search ended before a second point" in accuracy.sentence
     assert is_complex() or "modes of the band not found" in accuracy.unproven
 
 

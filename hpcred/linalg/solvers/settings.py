@@ -86,12 +86,20 @@ class LinearSolver:
 class Factoring:
     """How matrices are factored, wherever it is done.
 
-    `out_of_core`: a folder for the factors, on a fast local disk, instead of memory; it is made with the first one.
-    `low_rank`: relative accuracy of block low rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019);
-    solutions are refined to the residual of full factors, and the run fails if that is not reached; modes are counted
-    where refinement with them converges. `memory_mb`: what a rank may take for a factor, by default what the machine
-    and the batch system leave. These three take MUMPS. `solver`: the package that makes factors, and what a reduction
-    does where there shall be no factor, or where a factor does not fit.
+    The first three keys take MUMPS.
+
+    Parameters
+    ----------
+    out_of_core : str, optional
+        A folder for the factors, on a fast local disk, instead of memory; it is made with the first one.
+    low_rank : float, optional
+        Relative accuracy of block low-rank factors, such as 1e-8 (Amestoy et al., ACM TOMS 45(1), 2019). Solutions are
+        refined to the residual of full factors, and the run fails if that is not reached; modes are counted where
+        refinement with them converges.
+    memory_mb : float, optional
+        What a rank may take for a factor; by default what the machine and the batch system leave.
+    solver : LinearSolver
+        The package that makes factors, and what a reduction does without a factor, or where one does not fit.
     """
 
     out_of_core: str | None = None
@@ -115,7 +123,7 @@ class Factoring:
         if not (os.path.isdir(there) and os.access(there, os.W_OK | os.X_OK)):
             raise InputError(f"out_of_core: the folder {self.out_of_core} cannot be made or written; name another")
 
-    def make_folder(self):
+    def make_folder(self) -> None:
         """Make the folder for factors, on each node, whose own disk it may be on. Local. Raises InputError."""
         if self.out_of_core is not None:
             with suppress(OSError):

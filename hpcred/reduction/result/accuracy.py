@@ -152,7 +152,7 @@ class Accuracy:
                 f"NOT REACHED: largest error{by} about {error}{more} (tolerance {tolerance}) over {ranges}, "
                 f"{self.stopped}"
             )
-        return claim + self._proof_in_words() + (f"; not confirmed: {self.unproven}" if self.unproven else "")
+        return claim + self._proof_in_words() + (f"; not verified: {self.unproven}" if self.unproven else "")
 
     def _proof_in_words(self):
         """Return what full solves say of the estimate; "" without one."""
@@ -165,7 +165,7 @@ class Accuracy:
         if self.parameters is not None and proof == self.proofs[-1]:
             at += f" and {in_words(self.parameters.points[-1].values)}"
         if self.reached:
-            return f", confirmed by a full solve {at}"
+            return f", verified {at} (uncompressed model)"
         return f"; a full solve {at} measured {in_percent(proof.measured, self.tolerance)} before the compression"
 
     @property

@@ -50,7 +50,7 @@ class Adaptive(Limits):
 
     `measure`: what eps is, "directions" (each response over the drive points of its input and output) or "paper", the
     Frobenius norm (55). `static`: with "exact" the deflection at 0 Hz under every input is that
-    of the full model to round-off, which takes a factor of K and as many coordinates as there are inputs.
+    of the full model to round-off, which takes a factor of K and at least as many coordinates as there are inputs.
     """
 
     tolerance: float
