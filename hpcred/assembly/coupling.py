@@ -16,17 +16,20 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ..fe.dofs import SAME_PLACE
+from ..linalg.eigensolver import congruent
 from ..linalg.pencil import massless_last, modes_of
+from ..model.interfaces.motion import rigid_rows
+from ..model.laws.hysteretic import Hysteretic
 from ..model.laws.tabulated import Tabulated
-from ..model.operator import Law, Power, Term
+from ..model.operator import Law, Operator, Power, Term, in_coordinates
 from ..model.parameters.definitions import Parameter, checked_values
 from ..model.second_order_model import listed
 from ..parallel.declared import nearest
 from ..parallel.failures import InputError
-from ..reduction.parametric.reduced import ParametricReducedModel, ReducedTerm
+from ..reduction.parametric.reduced import ParametricReducedModel
 from ..reduction.result.reduced_model import ReducedModel
 from .joints import GROUND, SIX, BushingJoint, PointMass, RigidJoint, matrix_of
-from .parts import ROUND_OFF, Channels, Part, part_and_node, with_terms
+from .parts import ROUND_OFF, Channels, Part, part_and_node
 
 REDUNDANT = 1e-9  # of a condition, what is left of it beside those before
 STILL = 1e-13  # of the largest squared frequency of coordinates with mass: rigid-body motion, but for round-off
@@ -105,57 +108,54 @@ class Machine:
         """Return the model of the machine in pseudo-modal coordinates, with parameters where bodies have some, and T
         (n, m) from them to the coordinates of all parts; `tau` (s): 1 / (2 pi f) of the frequencies that count. Raises
         InputError."""
-        whole = self._uncoupled()
         # what rigid conditions leave free, and its modes at the reference
-        T = self._free(whole[0], tau)
-        at = with_terms(*_in_coordinates(*whole, T)[:2], self.reference)
+        T = self._free(tau)
+        at = _at(*self._without_rigid(T)[:2], self.reference)
         squares, X, without = _modes(at["K"], at["M"], tau)
+        if (squares < 0).any():
+            raise InputError(f"the machine is unstable at rest: {(squares < 0).sum()} of its modes have a negative "
+                             "stiffness, as of a body beyond buckling; give it more support")  # fmt: skip
         T = T @ X
-        constant, terms, added = _in_coordinates(*whole, T)
+        constant, terms, added = self._without_rigid(T)
         masses = np.where(np.arange(len(squares)) < len(squares) - without, 1.0, 0.0)
-        known = with_terms(constant, terms, self.reference)
-        K = known["K"]
-        stiffness = np.where(masses > 0, squares, tau**-2)
-        known |= {"M": np.diag(masses), "K": np.diag(stiffness) + (K - K.T) / 2}
+        known = _at(constant, terms, self.reference)
+        D, K = known.pop("D"), known.pop("K")
+        K = np.diag(np.where(masses > 0, squares, tau**-2)) + (K - K.T) / 2
+        known["operator"] = Operator.of(np.diag(masses), D, K, added)
         names = {"input_names": self.inputs.own, "output_names": self.outputs.own,
                  "frequencies": np.sqrt(squares) / (2 * np.pi)}  # fmt: skip
-        machine = ReducedModel(**known, **names, viscoelastic=added)
+        machine = ReducedModel(**known, **names)
         if terms:
             machine = ParametricReducedModel.of(machine, parameters=self.parameters, constant=constant, terms=terms)
         return machine, T
 
-    def _uncoupled(self):
-        """Return matrices of all parts with the springs, dampers and masses between them, terms and added terms."""
+    def _without_rigid(self, T):
+        """Return matrices of all parts with the springs, dampers and masses between them, terms and added terms, in
+        coordinates y, x = T y."""
+        constant, terms, added = {}, [], []
         parts = list(self.parts.values())
-        ends = np.cumsum([0, *(part.size for part in parts)])
-        places = [slice(*pair) for pair in zip(ends[:-1], ends[1:], strict=True)]
-        constant = {key: block_diag(*(part.constant[key] for part in parts)) for key in "MDK"}
-        constant["B"] = block_diag(*(part.constant["B"] for part in parts)) @ self.inputs.matrix.T
-        for key in ("C", "Cv", "Ca"):
-            rows = [part.constant.get(key, np.zeros_like(part.constant["C"])) for part in parts]
-            if key == "C" or any(part.any() for part in rows):
-                constant[key] = self.outputs.matrix @ block_diag(*rows)
-        rows_of = {"B": np.cumsum([0, *(len(part.inputs.names) for part in parts)]),
-                   "C": np.cumsum([0, *(len(part.outputs.names) for part in parts)])}  # fmt: skip
-        terms, added = [], []
-        for k, part in enumerate(parts):
-            for item in part.terms:
-                whole = np.zeros_like(constant["M"])
-                if item.of in rows_of:
-                    mine = slice(*rows_of[item.of][k : k + 2])
-                    whole = (np.zeros((ends[-1], rows_of["B"][-1])) if item.of == "B"
-                             else np.zeros((rows_of["C"][-1], ends[-1])))  # fmt: skip
-                    whole[(places[k], mine) if item.of == "B" else (mine, places[k])] = item.matrix
-                    whole = whole @ self.inputs.matrix.T if item.of == "B" else self.outputs.matrix @ whole
-                else:
-                    whole[places[k], places[k]] = item.matrix
-                terms.append(ReducedTerm(item.of, item.factor, whole))
-            for item in part.added:
-                whole = np.zeros_like(constant["M"])
-                whole[places[k], places[k]] = item.matrix
-                added.append(replace(item, matrix=whole))
+        sizes = np.array([(part.size, len(part.inputs.names), len(part.outputs.names)) for part in parts])
+        own = (np.split(matrix, ends, axis=1) for matrix, ends in zip(
+            (T.T, self.inputs.matrix, self.outputs.matrix), sizes.cumsum(axis=0)[:-1].T, strict=True))  # fmt: skip
+        for part, rows, inputs, outputs in zip(parts, *own, strict=True):
+
+            def moved(of, matrix, X=rows.T, inputs=inputs, outputs=outputs):
+                if of in "MDK":
+                    return congruent(matrix, X)
+                matrix = in_coordinates(of, matrix, X)
+                return matrix @ inputs.T if of == "B" else outputs @ matrix
+
+            for key, matrix in part.constant.items():
+                constant[key] = constant.get(key, 0.0) + moved(key, matrix)
+            terms += [replace(item, matrix=moved(item.of, item.matrix))
+                      for item in getattr(part.model, "terms", ())]  # fmt: skip
+            added += [replace(item, matrix=moved("K", item.matrix), name=f"{part.name}: {item.name}")
+                      for item in part.model.added]  # fmt: skip
+            if eta := float(part.model.loss_factor):
+                added.append(Term(moved("K", part.model.K), Hysteretic((1.0,), (eta,)),
+                                  f"{part.name}: structural damping"))  # fmt: skip
         # what soft conditions add: powers of s to M, D and K, laws to terms of their own
-        for item, row in zip(self.conditions, self._rows(), strict=True):
+        for item, row in zip(self.conditions, self._rows() @ T, strict=True):
             for value, law in item.laws:
                 pattern = value * np.outer(row, row)
                 if isinstance(law, Power):
@@ -163,12 +163,13 @@ class Machine:
                     continue
                 constant["K"] = constant["K"] + law.static * pattern
                 added.append(Term(pattern, law, item.label))
+        constant = {key: matrix for key, matrix in constant.items() if key in "MDKBC" or matrix.any()}
         return constant, tuple(terms), tuple(_together(added))
 
     def _rows(self) -> np.ndarray:
         """Return the conditions (c, n) in the coordinates of all parts. Raises InputError."""
         parts = self.parts.values()
-        C, B = (block_diag(*(part.constant[key] for part in parts)) for key in "CB")
+        C, B = (block_diag(*(getattr(part.model, key) for part in parts)) for key in "CB")
         rows, forces = self.conditions_of(0) @ C, self.conditions_of(1) @ B.T
         apart = np.abs(rows - forces).max(axis=1, initial=0.0) > ROUND_OFF * np.abs(rows).max(axis=1, initial=0.0)
         if apart.any():
@@ -176,11 +177,12 @@ class Machine:
                              "displacements are measured; reduce one-sided, with interfaces among inputs and outputs")
         return rows
 
-    def _free(self, constant, tau) -> np.ndarray:
+    def _free(self, tau) -> np.ndarray:
         """Return an orthonormal basis T (n, k), of scaled coordinates, of what rigid conditions leave free. Raises
         InputError for conditions that others hold already."""
         rigid = [k for k, item in enumerate(self.conditions) if item.rigid]
-        size = np.diag(constant["M"]) + tau**2 * np.abs(np.diag(constant["K"]))
+        size = np.concatenate([np.diag(part.model.M) + tau**2 * np.abs(np.diag(part.model.K))
+                               for part in self.parts.values()])  # fmt: skip
         scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
         G = self._rows()[rigid] * scale
         return scale[:, None] * _unheld(G, [self.conditions[k].label for k in rigid])
@@ -211,22 +213,12 @@ def _blocks(parts) -> np.ndarray:
     return found
 
 
-def _in_coordinates(constant, terms, added, T):
-    """Return matrices, terms and added terms in coordinates y, x = T y."""
-    return ({key: _projected(key, part, T) for key, part in constant.items()},
-            tuple(replace(item, matrix=_projected(item.of, item.matrix, T)) for item in terms),
-            tuple(replace(item, matrix=_projected("K", item.matrix, T)) for item in added))  # fmt: skip
-
-
-def _projected(of, matrix, T):
-    """Return a matrix in coordinates y, x = T y; exactly symmetric where it is."""
-    if of == "B":
-        return T.T @ matrix
-    return matrix @ T if of.startswith("C") else _symmetric_as(matrix, T.T @ matrix @ T)
-
-
-def _symmetric_as(matrix, found):
-    return (found + found.T) / 2 if np.array_equal(matrix, matrix.T) else found
+def _at(constant, terms, values) -> dict[str, np.ndarray]:
+    """Return matrices by name with their terms at values of the parameters."""
+    found = dict(constant)
+    for item in terms:
+        found[item.of] = found[item.of] + item.expression.at(values) * item.matrix
+    return found
 
 
 def _modes(K, M, tau):
@@ -278,7 +270,7 @@ def _conditions(parts, joint, key, laws_of_table) -> list[Condition]:
     """Return the conditions of a joint, at the place of its first interface."""
     ends = [part_and_node(parts, name, key) for name in joint.bodies if name != GROUND]
     known = [part.places[node] for part, node in ends if np.isfinite(part.places[node]).all()]
-    place, axes = known[0] if known else np.full(3, np.nan), matrix_of(joint.turn)
+    place, axes = known[0] if known else np.full(3, np.nan), np.kron(np.eye(2), matrix_of(joint.turn).T)
     found = []
     for d, name in enumerate(SIX):
         laws: tuple[tuple[float, Law], ...] = ()
@@ -292,14 +284,11 @@ def _conditions(parts, joint, key, laws_of_table) -> list[Condition]:
         rows: dict[str, tuple] = {}
         for sign, (part, node) in zip((1.0, -1.0), ends, strict=False):
             # displacement at the place of the joint: u + theta x arm
-            along, about = (axes[:, d], np.zeros(3)) if d < 3 else (np.zeros(3), axes[:, d - 3])
-            if d < 3:
-                arm = place - part.places[node]
-                arm = np.where(np.abs(arm) > SAME_PLACE * np.abs(place).max(), arm, 0.0)  # nor where it is not known
-                about = np.cross(arm, along)
-            new = [sign * part.functional(node, along, about, which, key) for which in (part.outputs, part.inputs)]
+            arm = place - part.places[node]
+            arm = np.where(np.abs(arm) > SAME_PLACE * np.abs(place).max(), arm, 0.0)  # nor where it is not known
+            weights = sign * axes[d] @ rigid_rows(np.arange(6), np.tile(arm, (6, 1)))
             before = rows.get(part.name, (0.0, 0.0))
-            rows[part.name] = (before[0] + new[0], before[1] + new[1])
+            rows[part.name] = tuple(map(np.add, before, part.functional(node, weights, key)))
         found.append(Condition(label=f"{key} between {joint.bodies[0]} and {joint.bodies[1]}:{name}", rows=rows,
                                laws=laws))  # fmt: skip
     return found
@@ -320,11 +309,8 @@ def _of_mass(parts, mass: PointMass, key) -> list[Condition]:
     found = []
     for d, value in enumerate((mass.mass,) * 3 + mass.inertia):
         if value:
-            pair = (np.eye(3)[d % 3], np.zeros(3))
-            rows = [part.functional(node, *pair[:: 1 if d < 3 else -1], which, key)
-                    for which in (part.outputs, part.inputs)]  # fmt: skip
-            found.append(Condition(label=f"{key} at {mass.at}:{SIX[d]}", rows={part.name: tuple(rows)},
-                                   laws=((value, Power(2)),)))  # fmt: skip
+            rows = {part.name: part.functional(node, np.eye(6)[d], key)}
+            found.append(Condition(label=f"{key} at {mass.at}:{SIX[d]}", rows=rows, laws=((value, Power(2)),)))
     return found
 
 
@@ -357,6 +343,8 @@ def _chosen(parts, side, wanted) -> Channels:
 def laws_of_table(header, rows, joint: BushingJoint, band, key) -> dict[str, Tabulated]:
     """Return the laws by direction of a table with a header and rows (k, columns), at the value `at` of its parameter;
     `band` (Hz) must lie inside. Raises InputError."""
+    if len(set(header)) < len(header):
+        raise InputError(f"{key}: found the column {max(header, key=header.count)} twice, expected each once")
     known = {f"{part}_{name}" for part in ("re", "im") for name in SIX}
     more = [name for name in header if name not in known | {"f_hz"}]
     if "f_hz" not in header or len(more) > 1 or set(more) != set(joint.at) or not known & set(header):

@@ -45,14 +45,19 @@ class Sensitivity:
     scale: np.ndarray
     measure: Measure
 
-    def each(self, factors: np.ndarray) -> np.ndarray:
-        """Return the estimated error of every response (S, r, p); inf where it is not known."""
+    def bounds(self, factors: np.ndarray) -> np.ndarray:
+        """Return the bound of the error of every response at every place (S, C, r, p); inf where there is none."""
         N = self.between * factors
         radius = np.abs(np.linalg.eigvals(N)).max(axis=-1)
         known = radius < 1
         inverse = np.linalg.inv(np.eye(len(factors)) - np.where(known[..., None, None], N, 0.0))
-        bound = np.where(known[..., None, None], (self.out * factors) @ inverse @ self.into, np.inf)
-        return np.minimum(bound[:, 0], bound[:, 1:].max(axis=1)) / self.scale
+        found = np.where(known[..., None, None], (self.out * factors) @ inverse @ self.into, np.inf)
+        return found / self.scale[:, None]
+
+    def each(self, factors: np.ndarray) -> np.ndarray:
+        """Return the estimated error of every response (S, r, p); inf where it is not known."""
+        bounds = self.bounds(factors)
+        return np.minimum(bounds[:, 0], bounds[:, 1:].max(axis=1))
 
     def curve(self, factors=None) -> np.ndarray:
         """Return the estimated error (S,) of the machine, by default with the errors of today."""
@@ -148,6 +153,14 @@ def why_not_known(machine: Machine, band) -> str:
     return ""
 
 
+def damping_of_errors(machine: Machine) -> float | None:
+    """Return the loss factor with which the errors of all bodies were measured, None where they have no common one."""
+    accuracies = [(part.accuracy, part.model.D.any()) for part in machine.parts.values()]
+    factors = {accuracy.loss_factor for accuracy, _ in accuracies}
+    undamped = any(accuracy.loss_factor and not accuracy.beside_damping and damped for accuracy, damped in accuracies)
+    return None if len(factors) > 1 or undamped else factors.pop()
+
+
 def accuracy_of_machine(machine: Machine, tau: float, band, tolerance: float | None) -> tuple[Accuracy, list[dict]]:
     """Return the estimated accuracy of a machine, and a row for each body: its error, by how much it is multiplied,
     what it would have to be for the tolerance. Raises InputError where it cannot be estimated."""
@@ -178,5 +191,6 @@ def accuracy_of_machine(machine: Machine, tau: float, band, tolerance: float | N
         uncompressed_size=sum(part.size for part in machine.parts.values()), highest=band[1], missing_modes=None,
         points=(), proofs=(), frequencies=tuple(found.frequencies.tolist()), eps=tuple(finite.tolist()),
         unproven="an estimate from the errors of the bodies", measure=found.measure,
+        loss_factor=damping_of_errors(machine) or 0.0, beside_damping=True,
     )  # fmt: skip
     return accuracy, rows

@@ -204,6 +204,8 @@ class PointMass:
         as_declared(self, "mass.")
         within("mass.mass", self.mass, NOT_NEGATIVE)
         within("mass.inertia", self.inertia, NOT_NEGATIVE)
+        if not self.mass and not any(self.inertia):
+            raise InputError("mass.mass: found 0 and no inertia, which change nothing; give one of them")
 
 
 def check_bodies(joint):

@@ -52,7 +52,7 @@ def measured_part(body: MachineBody, found) -> MeasuredPart:
     at = {numbers.get(name, name): place for name, (_, place) in (found.places or {}).items()}
     places = {node: turn @ at[node] + body.position if node in at else np.full(3, np.nan) for node in nodes}
     return MeasuredPart(
-        name=body.name, constant={}, inputs=_channels(body.name, inputs, turn), places=places, turn=turn,
+        name=body.name, model=None, inputs=_channels(body.name, inputs, turn), places=places, turn=turn,
         outputs=_channels(body.name, outputs, turn), lines=found.frequencies, H=found.response,
     )  # fmt: skip
 

@@ -14,16 +14,14 @@ from typing import Any
 import numpy as np
 
 from ..fe.dofs import DIRECTIONS, QUANTITIES, named_quantity, node_of, quantity_name
-from ..model.laws.hysteretic import Hysteretic
-from ..model.operator import Operator, Term
+from ..model.interfaces.motion import rigid_rows
 from ..model.outputs.rates import combined, orders_of
 from ..model.parameters.definitions import Parameter
-from ..model.rotation import skew
 from ..model.second_order_model import listed
 from ..parallel.declared import nearest
 from ..parallel.failures import InputError
 from ..reduction.interface_coordinates import elastic_part
-from ..reduction.parametric.reduced import ParametricReducedModel, ReducedTerm
+from ..reduction.parametric.reduced import ParametricReducedModel
 from ..reduction.result.accuracy import Accuracy
 from ..reduction.result.measure import Measure
 from ..reduction.result.reduced_model import ReducedModel, as_measured, require_finite
@@ -49,17 +47,14 @@ class Part:
     """A body in the machine. SI units, `turn` (3, 3) from its axes to those of the machine, `shift` (3,) of its origin;
     `labels` of its nodes by number.
 
-    `constant`: M, D, K (n, n), B (n, p), C, Cv, Ca (r, n) without the `terms` of `parameters`; `added`: terms of laws.
-    `inputs`, `outputs`: see Channels. `places` of its nodes by label, in the machine. `elastic`: the model that its
-    `accuracy` speaks of; None where there is none. `rigid`: how many of the first coordinates are rigid-body motions
-    that were put before those of the result, by `rigid_motions` (6, rigid) about `origin` in its axes.
+    `model`: in axes of the body, with rigid-body motions, at all values of its parameters. `inputs`, `outputs`: see
+    Channels. `places` of its nodes by label, in the machine. `elastic`: the model that its `accuracy` speaks of; None
+    where there is none. `rigid_motions` (6, k) about `origin` in its axes: the first k coordinates, which were put
+    before those of the result.
     """
 
     name: str
-    constant: dict[str, np.ndarray]
-    terms: tuple[ReducedTerm, ...] = ()
-    parameters: tuple[Parameter, ...] = ()
-    added: tuple[Term, ...] = ()
+    model: ReducedModel
     inputs: Channels
     outputs: Channels
     places: dict[str, np.ndarray]
@@ -74,40 +69,39 @@ class Part:
 
     @property
     def size(self) -> int:
-        return len(self.constant["M"])
+        return self.model.size
 
-    def at(self, values) -> dict[str, np.ndarray]:
-        """Return M, D, K, B, C, Cv, Ca at values of the parameters."""
-        return with_terms(self.constant, self.terms, values)
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return getattr(self.model, "parameters", ())
 
-    def functional(self, node: str, along: np.ndarray, about: np.ndarray, which: Channels, key: str) -> np.ndarray:
-        """Return the row (k,) of inputs or outputs that is along . u + about . theta of a node, both (3,) in axes of
-        the machine. Raises InputError where the body has no such direction."""
-        row = np.zeros(len(which.names))
-        for first, vector in ((0, along), (3, about)):
-            own = self.turn.T @ vector
+    @property
+    def constant(self) -> dict[str, np.ndarray]:
+        """M, D, K (n, n), B (n, p), C, Cv, Ca (r, n) without the terms of parameters."""
+        if isinstance(self.model, ParametricReducedModel):
+            return self.model.constant
+        return {key: part for key in (*"MDKBC", "Cv", "Ca") if (part := getattr(self.model, key)) is not None}
+
+    def functional(self, node: str, weights: np.ndarray, key: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows (k,) of outputs and of inputs that are weights (6,) . (u, theta) of a node, in axes of the
+        machine. Raises InputError where the body has no such direction."""
+        own, rows = (weights.reshape(2, 3) @ self.turn).ravel(), []
+        for names in (self.outputs.names, self.inputs.names):
+            rows.append(np.zeros(len(names)))
             for d in np.flatnonzero(np.abs(own) > ROUND_OFF):
-                name = f"{node}:{DIRECTIONS[first + d]}"
-                if name not in which.names:
-                    there = [item.rpartition(":")[2] for item in which.names if item.rpartition(":")[0] == node]
+                if f"{node}:{SIX[d]}" not in names:
+                    there = [item.rpartition(":")[2] for item in names if item.rpartition(":")[0] == node]
                     raise InputError(
-                        f"{key}: '{self.name}.{node}' has no direction {DIRECTIONS[first + d]} (axes of the body) "
-                        f"among its inputs and outputs, it has {', '.join(there) or 'none'}; reduce the body with all "
-                        "directions of the interface, or leave the direction out"
+                        f"{key}: '{self.name}.{node}' has no direction {SIX[d]} (axes of the body) among its inputs "
+                        f"and outputs, it has {', '.join(there) or 'none'}; reduce the body with all directions of the "
+                        "interface, or leave the direction out"
                     )
-                row[which.names.index(name)] += own[d]
-        return row
+                rows[-1][names.index(f"{node}:{SIX[d]}")] = own[d]
+        return rows[0], rows[1]
 
     def response(self, s: np.ndarray, values) -> np.ndarray:
         """Return H(s) (S, r, p) of the free body at s (S,), in its own axes."""
-        found = self.at(values)
-        dynamic = Operator.of(*(found[key] for key in "MDK"), self.added).at(s)
-        states = np.linalg.solve(dynamic, np.broadcast_to(found["B"].astype(complex), (len(s), *found["B"].shape)))
-        return combined(self.output_parts(found), s) @ states
-
-    def output_parts(self, found) -> np.ndarray:
-        """Return C, Cv and Ca (3, r, n) of matrices by name."""
-        return np.stack([found.get(key, np.zeros_like(found["C"])) for key in ("C", "Cv", "Ca")])
+        return self.model.transfer_function(s, **{item.name: values[item.name] for item in self.parameters})
 
     @property
     def eps(self) -> float:
@@ -145,31 +139,13 @@ class Part:
         return np.array([eps[i : j + 1].max() for i, j in zip(low, high, strict=True)]) + self.accuracy.noise
 
     def as_measured(self) -> Part:
-        """Return the body with the damping that its error was measured with."""
-        if self.accuracy is None or not self.accuracy.loss_factor:
-            return self
-        D = self.constant["D"] if self.accuracy.beside_damping else np.zeros_like(self.constant["D"])
-        kept = self.terms if self.accuracy.beside_damping else tuple(item for item in self.terms if item.of != "D")
-        K = self.at({item.name: item.reference for item in self.parameters})["K"]
-        added = tuple(item for item in self.added if not item.name.endswith(LOSS))
-        return replace(self, constant=self.constant | {"D": D}, terms=kept,
-                       added=(*added, hysteretic(self.name, K, self.accuracy.loss_factor)))  # fmt: skip
+        """Return the body at the reference, with the damping that its error was measured with."""
+        return self if self.accuracy is None else replace(self, model=as_measured(_base(self.model), self.accuracy))
 
 
-def with_terms(constant, terms, values) -> dict[str, np.ndarray]:
-    """Return matrices by name with their terms at values of the parameters."""
-    found = dict(constant)
-    for item in terms:
-        found[item.of] = found[item.of] + item.expression.at(values) * item.matrix
-    return found
-
-
-LOSS = "structural damping"
-
-
-def hysteretic(name, K, loss_factor) -> Term:
-    """Return structural damping of a matrix as an added term."""
-    return Term(K, Hysteretic((1.0,), (float(loss_factor),)), f"{name}: {LOSS}")
+def _base(reduced: ReducedModel) -> ReducedModel:
+    """Return the model at the reference values."""
+    return reduced.base if isinstance(reduced, ParametricReducedModel) else reduced
 
 
 def part_of(body: MachineBody, found: Any) -> Part:
@@ -177,12 +153,7 @@ def part_of(body: MachineBody, found: Any) -> Part:
     `floating_frame` and `nodes`. Raises InputError."""
     where, reduced = f"body '{body.name}'", found.reduced
     require_finite(reduced)
-    # what the result is: matrices, terms of parameters, and where its nodes are
-    parametric = isinstance(reduced, ParametricReducedModel)
-    constant = dict(reduced.constant) if parametric else {
-        key: part for key in (*"MDKBC", "Cv", "Ca") if (part := getattr(reduced, key)) is not None
-    }  # fmt: skip
-    terms = reduced.terms if parametric else ()
+    # where its nodes are, and what they are called
     names, labels, numbers = _names(body, found, where)
     inputs, outputs = ([renamed(item, names) for item in part]
                        for part in (reduced.input_names, reduced.output_names))  # fmt: skip
@@ -190,48 +161,51 @@ def part_of(body: MachineBody, found: Any) -> Part:
     if not any(node in places for node in map(_label, inputs)):
         raise InputError(f"{where}: has no interfaces or nodes among its inputs ({listed(reduced.input_names)}), which "
                          "joints and axes need; reduce a model with node coordinates and [[interface]]")  # fmt: skip
-    _check_units(reduced, places, where)
+    warnings = [] if units_of(reduced) else _doubtful_units(reduced, places, where)
     # rigid-body motions, put before the coordinates of a free body whose frame has taken them out
     motions, origin = _free_motions(reduced, found.floating_frame, where)
-    warnings = []
+    model = replace(reduced, record=None, columns=None, left_columns=None, model=None)
     if motions.shape[1]:
-        if any(item.of in "MB" for item in terms) or reduced.resultants is None:
+        if any(item.of in "MB" for item in getattr(reduced, "terms", ())) or reduced.resultants is None:
             raise InputError(f"{where}: its mass or loads depend on parameters, and its rigid-body motions are those "
                              "of the reference; reduce with coordinates = 'interface'")  # fmt: skip
         rows = [_moved(name, places, origin, where) for name in outputs]
-        constant, terms = _with_motions(constant, terms, motions, found.floating_frame, reduced, rows, origin)
-    damping = None if reduced.record is None else reduced.record.damping
-    if parametric and reduced.damping_follows:
-        warnings.append(f"{where}: damping of kind '{damping.kind}' is that of the reference values at all values of "
-                        "the parameters in the machine")  # fmt: skip
-    # laws, and structural damping as one of them
-    added = tuple(Term(_beside(item.matrix, motions), item.law, f"{body.name}: {item.name}") for item in reduced.added)
-    if reduced.loss_factor:
-        K = constant["K"] + sum(item.expression.at(reduced.reference) * item.matrix for item in terms if item.of == "K")
-        added += (hysteretic(body.name, K, reduced.loss_factor),)
-    # axes of the machine
+        model = _with_motions(model, motions, found.floating_frame, rows, origin)
+    if isinstance(reduced, ParametricReducedModel):
+        kinds = [f"damping of kind '{reduced.record.damping.kind}'"] if reduced.damping_follows else []
+        if reduced.loss_factor and any(item.of == "K" for item in reduced.terms):
+            kinds.append("structural damping")
+        warnings += [f"{where}: {kind} is that of the reference values at all values of the parameters in the machine"
+                     for kind in kinds]  # fmt: skip
+    # axes of the machine, and what is known of its error
     turn = matrix_of(body.turn)
     accuracy = None if reduced.record is None else reduced.record.accuracy
     elastic = None
     if accuracy is not None:
-        elastic = elastic_part(as_measured(reduced.base if parametric else reduced, accuracy))
+        elastic = elastic_part(as_measured(_base(reduced), accuracy))
     return Part(
-        name=body.name, constant=constant, terms=terms, parameters=reduced.parameters if parametric else (),
-        added=added, inputs=_channels(body.name, inputs, turn), outputs=_channels(body.name, outputs, turn),
+        name=body.name, model=model,
+        inputs=_channels(body.name, inputs, turn), outputs=_channels(body.name, outputs, turn),
         places={node: turn @ place + body.position for node, place in places.items()}, turn=turn,
         shift=np.array(body.position), labels=labels, elastic=elastic,
         accuracy=accuracy, rigid_motions=motions, origin=origin, warnings=tuple(warnings),
     )  # fmt: skip
 
 
-def _check_units(reduced, places, where):
-    """Raise InputError where lengths and frequencies are those of no material: of a model that was not in SI."""
+def units_of(reduced) -> str:
+    """Return from which units a model was converted, "" where nothing is known of them."""
+    return "" if reduced.record is None else reduced.record.units
+
+
+def _doubtful_units(reduced, places, where) -> list[str]:
+    """Return a warning where lengths and frequencies are those of no material: of a model that was not in SI."""
     points = np.array(list(places.values()))
     length = np.linalg.norm(points[:, None] - points[None], axis=2).max(initial=0.0)
     elastic = reduced.frequencies[reduced.frequencies > 0]
     if len(elastic) and elastic.min() * length > FASTEST:
-        raise InputError(f"{where}: units: found interfaces {length:g} m apart in a body of {elastic.min():.4g} Hz, as "
-                         "of no material; convert its model with --units, such as mm,t,s")  # fmt: skip
+        return [f"{where}: interfaces {length:g} m apart in a body of {elastic.min():.4g} Hz are those of no material; "
+                "if its model is not in SI, convert it with --units, such as mm,t,s"]  # fmt: skip
+    return []
 
 
 def _names(body, found, where):
@@ -308,36 +282,33 @@ def _moved(name, places, origin, where) -> tuple[int, np.ndarray]:
         raise InputError(f"{where}: how rigid-body motions move the output '{name}' is not known; reduce with "
                          "coordinates = 'interface', or leave it out")  # fmt: skip
     d, arm = DIRECTIONS.index(place.rpartition(":")[2]), places[str(node)] - origin
-    row = np.eye(6)[d]
-    if d < 3:
-        row[3:] = -skew(arm)[d]  # theta x arm
-    return QUANTITIES.index(quantity), row
+    return QUANTITIES.index(quantity), rigid_rows(np.array([d]), arm[None])[0]
 
 
-def _with_motions(constant, terms, motions, frame, reduced, rows, origin):
-    """Return matrices and terms with the rigid-body motions before the other coordinates."""
+def _with_motions(reduced, motions, frame, rows, origin) -> ReducedModel:
+    """Return the model with the rigid-body motions before the other coordinates."""
     k, m = motions.shape[1], reduced.size
     mass = np.nan_to_num(frame.mass_matrix(np.zeros(m)))
     T = np.block([[motions, np.zeros((6, m))], [np.zeros((m, k)), np.eye(m)]])
-    moved = {"M": T.T @ mass @ T, "D": _beside(constant["D"], motions), "K": _beside(constant["K"], motions)}
     # loads act on rigid-body motions by their resultants about the origin of the frame
-    loads = np.hstack([reduced.resultants[:, :3],
-                       reduced.resultants[:, 3:] - np.cross(origin, reduced.resultants[:, :3])])  # fmt: skip
-    moved["B"] = np.vstack([motions.T @ loads.T, constant["B"]])
-    for order, key in enumerate(("C", "Cv", "Ca")):
-        if key in constant:
-            rigid = np.array([row if order == own else np.zeros(6) for own, row in rows])
-            moved[key] = np.hstack([rigid @ motions, constant[key]])
-    empty = {"B": np.zeros((k, len(loads))), "C": np.zeros((len(rows), k))}
-    terms = tuple(replace(item, matrix=_beside(item.matrix, motions) if item.of in "MDK" else np.concatenate(
-        [empty[item.of], item.matrix], axis=0 if item.of == "B" else 1)) for item in terms)  # fmt: skip
-    return moved, terms
+    force, moment = reduced.resultants[:, :3], reduced.resultants[:, 3:]
+    loads = np.hstack([force, moment - np.cross(origin, force)])
+    found = reduced.in_coordinates(np.eye(m, k + m, k))
 
+    def moved(matrices):
+        changed = {"M": T.T @ mass @ T, "B": np.vstack([motions.T @ loads.T, matrices["B"][k:]])}
+        for order, key in enumerate(("C", "Cv", "Ca")):
+            if matrices.get(key) is not None:
+                rigid = np.array([row if order == own else np.zeros(6) for own, row in rows])
+                changed[key] = np.hstack([rigid @ motions, matrices[key][:, k:]])
+        return changed
 
-def _beside(matrix, motions):
-    """Return a matrix (k + m, k + m) with zeros for rigid-body motions."""
-    k = motions.shape[1]
-    return np.pad(matrix, ((k, 0), (k, 0)))
+    base = _base(found)
+    base = replace(base, **moved({key: getattr(base, key) for key in ("B", "C", "Cv", "Ca")}))
+    if not isinstance(found, ParametricReducedModel):
+        return base
+    constant = found.constant | moved(found.constant)
+    return ParametricReducedModel.of(base, parameters=found.parameters, constant=constant, terms=found.terms)
 
 
 def _channels(body, names, turn) -> Channels:

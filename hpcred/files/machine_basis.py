@@ -10,12 +10,11 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from ..assembly.parts import Part
+from ..assembly.parts import ROUND_OFF, Part
 from ..body.node_shapes import NodeShape
 from ..fe.dofs import SCALAR
-from ..model.rotation import skew
+from ..model.interfaces.motion import rigid_rows
 from ..parallel.failures import agreed
-from ..parallel.petsc import MPI
 from ..parallel.shares import row_range
 from .hdf5 import reading
 from .model_file import place_of_set, sets_of
@@ -26,18 +25,13 @@ LABELS = ("node", "direction", "position")
 
 def first_numbers(results: list[Result], comm) -> list[int]:
     """Return what is added to the node numbers of each result. Collective."""
-    found, number = [], 0
+    largest = np.array([max([shape.node for shape in result.nodes], default=0) for result in results])
     with agreed(comm):
-        for result in results:
-            found.append(number)
-            largest = max([shape.node for shape in result.nodes] or [0])
+        for k, result in enumerate(results):
             with reading(result.path, FORMAT, VERSION, SCHEMA) as file:
-                for key in ("dofs/node", "held/node"):
-                    if key in file and len(file[key]):
-                        first, last = row_range(comm, len(file[key]))
-                        largest = max(largest, int(file[key][first:last].max(initial=0)))
-            number += comm.allreduce(largest, op=MPI.MAX)
-    return found
+                for node in (file[key] for key in ("dofs/node", "held/node") if key in file):
+                    largest[k] = max(largest[k], node[slice(*row_range(comm, len(node)))].max(initial=0))
+    return [0, *np.cumsum(np.max(comm.allgather(largest), axis=0))[:-1].tolist()]
 
 
 def nodes_of_machine(results, parts: list[Part], T, numbers) -> list[NodeShape]:
@@ -45,12 +39,9 @@ def nodes_of_machine(results, parts: list[Part], T, numbers) -> list[NodeShape]:
     to those of all parts."""
     found = []
     for result, part, number, X in zip(results, parts, numbers, _parts_of(T, parts), strict=True):
-        k = part.rigid_motions.shape[1]
         for shape in result.nodes:
-            arm = shape.position - part.origin
-            turns = part.rigid_motions[3:]
-            phi = np.hstack([part.rigid_motions[:3] - skew(arm) @ turns, shape.phi]) if k else shape.phi
-            psi = np.hstack([turns, shape.psi]) if k else shape.psi
+            moved = rigid_rows(np.arange(6), np.tile(shape.position - part.origin, (6, 1))) @ part.rigid_motions
+            phi, psi = np.hstack([moved[:3], shape.phi]), np.hstack([moved[3:], shape.psi])
             name = f"{part.name}.{part.labels[shape.node]}"
             found.append(NodeShape(shape.node + number, part.turn @ shape.position + part.shift, part.turn @ phi @ X,
                                    part.turn @ psi @ X, shape.rotates, name))  # fmt: skip
@@ -61,21 +52,24 @@ def write_basis_of_machine(file, comm, results, parts: list[Part], T, numbers):
     """Write basis, dofs, elements and sets of the bodies that have a basis into a result that is being written.
     Collective."""
     labels, columns, held, elements, sets = [], [], [], {}, {}
+    ordered = _ordered(results, comm)
     with ExitStack() as stack, agreed(comm):
-        for result, part, number, X in zip(results, parts, numbers, _parts_of(T, parts), strict=True):
+        for result, part, number, X, by_node in zip(results, parts, numbers, _parts_of(T, parts), ordered, strict=True):
             of = stack.enter_context(reading(result.path, FORMAT, VERSION, SCHEMA))
             if "basis/V" not in of or "dofs" not in of:
                 continue
-            node, direction, position, V = _rows_of_rank(of, comm)
+            rows = _rows_of_rank(of["dofs/node"], by_node["dofs"], comm)
+            node, direction, position = (of[f"dofs/{key}"][rows] for key in LABELS)
+            V = of["basis/V"][:, rows]
             if result.turn is not None:
                 V = result.turn.T @ V
             node, direction, position, V = _placed(part, node, direction, position, V, X)
             labels.append((node + number, direction, position))
             columns.append(V)
             if "held" in of:
-                first, last = row_range(comm, len(of["held/node"]))
-                there = [of[f"held/{key}"][first:last] for key in LABELS]
-                held.append((there[0] + number, there[1], there[2] @ part.turn.T + part.shift))
+                rows = _rows_of_rank(of["held/node"], by_node["held"], comm)
+                node, direction, position = _turned(part, *(of[f"held/{key}"][rows] for key in LABELS))
+                held.append((node + number, direction, position @ part.turn.T + part.shift))
             for kind, cells in of.get("elements", {}).items():
                 elements.setdefault(kind, []).append(cells[slice(*row_range(comm, len(cells)))] + number)
             for name, nodes in sets_of(of).items():
@@ -98,23 +92,41 @@ def _parts_of(T, parts) -> list[np.ndarray]:
     return np.split(T, np.cumsum([part.size for part in parts])[:-1])
 
 
-def _rows_of_rank(file, comm):
-    """Return labels of whole nodes and the columns (m, rows) of this rank; rows that are not ordered by node are all on
-    the first."""
-    first, last = row_range(comm, total := len(file["dofs/node"]))
-    node = file["dofs/node"][max(first - 1, 0) : last]
-    if comm.allreduce(bool((np.diff(node) < 0).any()), op=MPI.LOR):
-        first, last = (0, total) if comm.rank == 0 else (total, total)
-    elif comm.size > 1:
-        ends = comm.allgather(_start(file["dofs/node"], first))
-        first, last = ends[comm.rank], [*ends[1:], total][comm.rank]
-    return *(file[f"dofs/{key}"][first:last] for key in LABELS), file["basis/V"][:, first:last]
+def _ordered(results, comm) -> list[dict[str, bool]]:
+    """Return for each result whether its dofs, and those that are held, are ordered by node. Collective."""
+    found = np.ones((len(results), 2), dtype=bool)
+    with agreed(comm):
+        for k, result in enumerate(results):
+            with reading(result.path, FORMAT, VERSION, SCHEMA) as file:
+                for j, node in enumerate(file.get(f"{group}/node", np.zeros(0)) for group in ("dofs", "held")):
+                    first, last = row_range(comm, len(node))
+                    found[k, j] = (np.diff(node[max(first - 1, 0) : last].astype(float)) >= 0).all()
+    return [dict(zip(("dofs", "held"), row, strict=True)) for row in np.all(comm.allgather(found), axis=0).tolist()]
+
+
+def _rows_of_rank(node, ordered: bool, comm) -> slice:
+    """Return the rows of whole nodes of this rank; rows that are not ordered by node are all on the first."""
+    if not ordered:
+        return slice(0, len(node) if comm.rank == 0 else 0)
+    return slice(*(_start(node, row) for row in row_range(comm, len(node))))
+
+
+def _turned(part: Part, node, direction, position):
+    """Return labels of what is held in axes of the machine, those of the body in which it is not turned: directions
+    that are held because all are of which they are made."""
+    numbers, row, place = np.unique(node, return_index=True, return_inverse=True)
+    known = np.zeros((len(numbers), 6), dtype=bool)
+    there = direction < SCALAR
+    known[place[there], direction[there]] = True
+    uses = np.abs(part.turn) > ROUND_OFF
+    at, d = np.nonzero((known.reshape(-1, 2, 1, 3) | ~uses).all(axis=-1).reshape(-1, 6))
+    return numbers[at], d, position[row][at]
 
 
 def _start(node, first) -> int:
     """Return the first row at or after one that begins a node."""
-    if first == 0:
-        return 0
+    if first in (0, len(node)):
+        return first
     before, step = node[first - 1 : first][0], 64
     while first < len(node):
         piece = node[first : first + step]
@@ -128,14 +140,9 @@ def _placed(part: Part, node, direction, position, V, X):
     """Return labels and columns (m, rows) in the machine, of rows of whole nodes in the coordinates of the body."""
     there = direction < SCALAR
     node, direction, position, V = node[there], direction[there].astype(int), position[there], V[:, there]
-    k = part.rigid_motions.shape[1]
-    # motions of the rows by rigid-body coordinates, in axes of the body
-    arm = position - part.origin
-    motion = np.eye(6)[direction]
-    cross = np.cross(arm[:, None, :], np.eye(3)[None])  # e_d . (theta x arm) = theta . (arm x e_d)
-    moved = direction < 3
-    motion[moved, 3:] = cross[moved, direction[moved]]
-    W = X[k:].T @ V + (X[:k].T @ (motion @ part.rigid_motions).T if k else 0.0)
+    # with the motions of the rows by rigid-body coordinates, in axes of the body
+    moved = rigid_rows(direction, position - part.origin) @ part.rigid_motions
+    W = X.T @ np.vstack([moved.T, V])
     position = position @ part.turn.T + part.shift
     if np.array_equal(part.turn, np.eye(3)):
         return node, direction, position, W

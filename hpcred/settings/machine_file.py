@@ -42,13 +42,18 @@ class MachineJob:
 
     def __post_init__(self):
         check_file_names(output=self.output, **{f"body[{k}].result": item.result for k, item in enumerate(self.body)})
-        check_machine(self.band, self.tolerance)
+        check_machine(self.band, self.tolerance, self.inputs, self.outputs)
+        if not self.write_basis and any(item.kind == "measured" for item in self.body):
+            raise InputError("write_basis: a machine with measured bodies has no basis; leave it out")
         if not self.body:
             raise InputError("body: found none, expected at least one table [[body]]")
 
 
-def check_machine(band, tolerance):
-    """Raise InputError for a band or a tolerance that makes no sense."""
+def check_machine(band, tolerance, inputs=None, outputs=None):
+    """Raise InputError for a band, a tolerance, or inputs and outputs that make no sense."""
+    for key, names in (("inputs", inputs), ("outputs", outputs)):
+        if names is not None and not len(names):
+            raise InputError(f"{key}: found none, expected some; leave it out for all")
     require_band("band", band)
     if tolerance is not None and not 1e-15 <= tolerance < 1:
         raise InputError(f"tolerance: found {tolerance:g}, expected a relative error such as 1e-3")

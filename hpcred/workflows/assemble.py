@@ -11,7 +11,7 @@ import numpy as np
 
 from ..analysis.frequency_response import checked_frequencies
 from ..assembly.coupling import Machine, laws_of_table, machine_of
-from ..assembly.error import UNKNOWN, accuracy_of_machine, why_not_known
+from ..assembly.error import UNKNOWN, accuracy_of_machine, damping_of_errors, why_not_known
 from ..assembly.measured import MeasuredPart, measured_part
 from ..assembly.parts import Part, part_of
 from ..body.node_shapes import NodeShape
@@ -168,7 +168,7 @@ def assemble(
         For names and directions that bodies do not have, rigid loops that are overdetermined, tables that end inside
         of the band, and with a tolerance where the error of a body is not known.
     """
-    check_machine(band, tolerance)
+    check_machine(band, tolerance, inputs, outputs)
     bodies, joints, masses = list(bodies), list(joints), list(masses)
     results = [_read(item, comm) for item in bodies]
     with progress.stage("assemble"), agreed(comm):
@@ -260,7 +260,7 @@ def _inside(lines, band):
 
 def _tau(parts, band) -> float:
     """Return the time (s) of the highest frequency that counts."""
-    highest = band[1] if band else max(np.sqrt(np.abs(np.diag(part.constant["K"])).max()) for part in parts) / 2 / np.pi
+    highest = band[1] if band else max(np.sqrt(np.abs(np.diag(part.model.K)).max()) for part in parts) / 2 / np.pi
     return 1 / (2 * np.pi * (highest or 1.0))
 
 
@@ -287,6 +287,13 @@ def _record(results, parts, numbers, made: Assembly, progress, comm) -> Record:
                       tuple((part.turn @ shape.position + part.shift).tolist()))
         for result, part, number in zip(results, parts, numbers, strict=True) for shape in result.nodes
     )  # fmt: skip
+    # an error is that of a damping, which a record has as one loss factor
+    if accuracy is not None and accuracy.largest >= UNKNOWN:
+        accuracy = None
+    elif accuracy is not None and damping_of_errors(made.machine) is None:
+        warnings = [*warnings, "the errors of the bodies were measured with different damping: that of the machine is "
+                               "not stored"]  # fmt: skip
+        accuracy = None
     unstable = reduced.unstable_poles()
     if len(unstable):
         warnings = [*warnings, f"the machine is unstable: {len(unstable)} poles in the right half-plane"]
@@ -301,7 +308,7 @@ def _record(results, parts, numbers, made: Assembly, progress, comm) -> Record:
         orthonormality_defect=float(np.abs(np.diag(np.diag(reduced.M)) - reduced.M).max()),
         unstable_poles=tuple((root.real, root.imag) for root in unstable), warnings=tuple(warnings),
         timing=progress.timing(), interface_nodes=nodes,
-        accuracy=None if accuracy is None or accuracy.largest >= UNKNOWN else accuracy,
+        accuracy=accuracy,
     )  # fmt: skip
 
 
@@ -356,6 +363,7 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
         "inputs": list(made.reduced.input_names), "outputs": list(made.reduced.output_names),
         "parameters": [asdict(item) for item in getattr(made.reduced, "parameters", ())],
         "budget": made.budget, "sentence": made.sentence, "reached": accuracy is None or accuracy.reached,
-        "error": None if made.reduced.record.accuracy is None else accuracy.largest, "warnings": made.warnings,
+        "error": None if accuracy is None or accuracy.largest >= UNKNOWN else accuracy.largest,
+        "warnings": made.warnings,
         "timing": asdict(progress.timing()),
     }  # fmt: skip

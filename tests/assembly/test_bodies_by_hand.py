@@ -1,15 +1,20 @@
 """Machines of small bodies that are written down, and what is refused of them."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
+from helpers import block_with_ends
 
 import hpcred
-from hpcred.assembly.coupling import machine_of
-from hpcred.assembly.error import Sensitivity
+from hpcred.assembly.coupling import laws_of_table, machine_of
+from hpcred.assembly.error import Sensitivity, damping_of_errors
 from hpcred.assembly.joints import MachineBody
 from hpcred.assembly.parts import part_of
+from hpcred.files.machine_basis import _turned
+from hpcred.settings.machine_file import MachineJob
 
 
 def result(M, K, names, frame=None, **more):
@@ -96,3 +101,88 @@ def test_rigid_loops_of_measured_bodies_are_refused(tmp_path):
     pairs = [("p.a", "q.a"), ("q.a", "r.a"), ("r.a", "p.a")]
     with pytest.raises(hpcred.InputError, match="joint\\[2\\] between r.a and p.a:x: is held by other rigid joints"):
         hpcred.assemble(bodies, [hpcred.RigidJoint(bodies=pair, directions="x") for pair in pairs])
+
+
+def test_what_is_held_is_turned_with_its_body():
+    """A quarter turn about z takes x to y; by 30 degrees only what is held in x and y stays held."""
+    node, direction, position = np.array([4, 4, 7, 7]), np.array([0, 2, 0, 1]), np.arange(12.0).reshape(4, 3)
+    for degrees, expected in ((90.0, [(4, 1), (4, 2), (7, 0), (7, 1)]), (30.0, [(4, 2), (7, 0), (7, 1)])):
+        part = SimpleNamespace(turn=hpcred.Turn(axis="z", degrees=degrees).matrix)
+        numbers, directions, places = _turned(part, node, direction, position)
+        assert list(zip(numbers.tolist(), directions.tolist(), strict=True)) == expected
+        assert (places == position[np.where(numbers == 4, 0, 2)]).all()
+
+
+def test_a_body_beyond_buckling_is_refused():
+    with pytest.raises(hpcred.InputError, match="unstable at rest: 1 of its modes"):
+        machine(result(np.eye(2), np.diag([1.0, -0.5]), ("a:x", "a:y"))).model(1.0)
+
+
+def test_structural_damping_of_a_parametric_body_is_that_of_the_reference():
+    found = result(np.eye(1), np.eye(1), ("a:x",), loss_factor=0.1)
+    term = hpcred.reduction.parametric.reduced.ReducedTerm("K", "e", np.eye(1))
+    constant = {key: getattr(found.reduced, key) for key in "MDKBC"}
+    parameters = (hpcred.Parameter("e", (0.0, 1.0), 0.0),)
+    found.reduced = hpcred.ParametricReducedModel.of(found.reduced, parameters=parameters, constant=constant,
+                                                     terms=(term,))  # fmt: skip
+    assert "structural damping is that of the reference values" in machine(found).warnings[0]
+    # beside the stiffness of a parameter
+    s, model = 2j, machine(found).model(1.0)[0]
+    assert model.transfer_function(s, e=0.5)[0, 0] == pytest.approx(1 / (s**2 + 1.5 + 0.1j))
+
+
+def test_errors_of_bodies_have_one_damping_or_none():
+    def of(*factors, D=0.0, beside=False):
+        parts = {k: SimpleNamespace(accuracy=SimpleNamespace(loss_factor=factor, beside_damping=beside),
+                                    model=SimpleNamespace(D=np.array([D]))) for k, factor in enumerate(factors)}
+        return damping_of_errors(SimpleNamespace(parts=parts))
+
+    assert of(0.002, 0.002) == 0.002 and of(0.0, 0.0, D=1.0) == 0 and of(0.002, D=1.0, beside=True) == 0.002
+    assert of(0.002, 0.0) is None and of(0.002, D=1.0) is None
+
+
+@pytest.mark.parametrize(("made", "words"), [
+    (lambda: hpcred.PointMass(at="a.b", mass=0.0), "mass.mass: found 0 and no inertia"),
+    (lambda: hpcred.assemble([], inputs=[]), "inputs: found none, expected some; leave it out for all"),
+    (lambda: MachineJob(body=(MachineBody(name="a", result="a.npz", kind="measured"),), write_basis=False),
+     "write_basis: a machine with measured bodies has no basis"),
+    (lambda: laws_of_table(["f_hz", "re_x", "re_x"], np.ones((2, 3)), SimpleNamespace(at={}), (0, 1), "t"),
+     "t: found the column re_x twice"),
+])  # fmt: skip
+def test_keys_without_meaning_are_refused(made, words):
+    with pytest.raises(hpcred.InputError, match=words):
+        made()
+
+
+def test_units_that_are_known_are_not_doubted():
+    """Interfaces 60 m apart in a body of 5 kHz."""
+    found = result(np.eye(2), np.eye(2) * (2 * np.pi * 5e3) ** 2, ("a:x", "b:x"))
+    found.nodes[1].position = np.array([60.0, 0.0, 0.0])
+    found.reduced = replace(found.reduced, frequencies=np.full(2, 5e3))
+    assert "interfaces 60 m apart" in machine(found).warnings[0]
+    found.reduced.record.units = "mm,t,s"
+    assert not machine(found).warnings
+
+
+@pytest.mark.mpi
+def test_all_ranks_write_the_shapes_of_a_turned_body(comm, folder):
+    """Against those of the body, which a quarter turn about z takes from x, y to y, -x."""
+    with block_with_ends(comm, clamped=True) as model, hpcred.reduce(model, [hpcred.Modes(count=6)]) as rom:
+        hpcred.write_result(folder / "body.h5", rom, model)
+    bodies = [MachineBody(name="b", result=str(folder / "body.h5"), turn=hpcred.Turn(axis="z", degrees=90.0)),
+              MachineBody(name="c", result=str(folder / "body.h5"))]  # fmt: skip
+    made = hpcred.assemble(bodies, comm=comm)
+    made.save(folder / "machine.h5", comm=comm)
+    if comm.rank:
+        return
+    with h5py.File(folder / "body.h5") as body, h5py.File(folder / "machine.h5") as whole:
+        labels = [np.array([file["dofs/node"][...], file["dofs/direction"][...]]) for file in (body, whole)]
+        columns = [file["basis/V"][...][:, np.lexsort(of[::-1])]
+                   for file, of in zip((body, whole), labels, strict=True)]  # fmt: skip
+        V = columns[0].reshape(6, -1, 3)
+        turned = np.stack([-V[..., 1], V[..., 0], V[..., 2]], axis=-1).reshape(6, -1)
+        expected = np.hstack([made.T[:6].T @ turned, made.T[6:].T @ columns[0]])
+        assert np.abs(columns[1] - expected).max() < 1e-12 * np.abs(expected).max()
+        held = [sorted(zip(file["held/node"][...].tolist(), file["held/direction"][...].tolist(), strict=True))
+                for file in (body, whole)]  # fmt: skip
+        assert held[1][: len(held[0])] == held[0] and len(held[1]) == 2 * len(held[0])
