@@ -123,7 +123,7 @@ class Factoring:
         if not (os.path.isdir(there) and os.access(there, os.W_OK | os.X_OK)):
             raise InputError(f"out_of_core: the folder {self.out_of_core} cannot be made or written; name another")
 
-    def make_folder(self):
+    def make_folder(self) -> None:
         """Make the folder for factors, on each node, whose own disk it may be on. Local. Raises InputError."""
         if self.out_of_core is not None:
             with suppress(OSError):
