@@ -38,6 +38,9 @@ output = "runs"
 key = "tolerance"
 values = [1e-2, 1e-3]
 """
+MACHINE = """body = [{name = "rod", result = "auto.h5"}]
+joint = [{bodies = ["rod.20", "ground"], kind = "bushing", stiffness = [0.0, 0.0, 1e5]}]
+"""
 
 
 def functions_with_tables():
@@ -75,7 +78,8 @@ def test_tables_of_all_commands_fit_and_have_no_trailing_blanks(linkage_folder, 
     printed = Printed(monkeypatch)
     with hpcred.crank(dofs=600) as rod:
         hpcred.write_model("crank.h5", rod)
-    for name, text in (("job.toml", JOB), ("turning.toml", PARAMETRIC), ("sweep.toml", SWEEP)):
+    for name, text in (("job.toml", JOB), ("turning.toml", PARAMETRIC), ("sweep.toml", SWEEP),
+                       ("machine.toml", MACHINE)):  # fmt: skip
         Path(name).write_text(text)
     Path("simulation.toml").write_text(SIMULATION.replace("result.h5", "auto.h5"))
     for line in (
@@ -84,7 +88,7 @@ def test_tables_of_all_commands_fit_and_have_no_trailing_blanks(linkage_folder, 
         "reduce job.toml --details --set output='other.h5'", "store store", "plan model.h5 --ranks 4",
         "reduce turning.toml", "info turning.h5", "campbell turning.h5 --range 0,3000 --points 3",
         "evaluate auto.h5 --estimate", "evaluate auto.h5 --full model.h5", "evaluate auto.h5 --full model.h5 --check 2",
-        "evaluate auto.h5 other.h5 --full model.h5", "simulate simulation.toml",
+        "assemble machine.toml", "evaluate auto.h5 other.h5 --full model.h5", "simulate simulation.toml",
         "recover auto.h5 simulation.h5 -o r.csv", "sweep sweep.toml", "collect sweep.toml",
         "response model.h5 --frame buckens --inputs 20:z --band 1,300 --points 11 --check 1",
     ):  # fmt: skip

@@ -21,7 +21,7 @@ from ..reduction.result.measure import (
     measure_called,
     silent_outputs,
 )
-from ..reduction.result.reduced_model import ReducedModel
+from ..reduction.result.reduced_model import ReducedModel, with_zero_D
 from ..reduction.small.damping import measured_damping
 
 NUMBERS_AT_A_TIME = 2**20  # of the matrices of reduced models
@@ -162,7 +162,7 @@ def as_compared(reduced: ReducedModel, band) -> tuple[ReducedModel, Damping, str
     if not isinstance(damping, ModalDamping):
         return reduced, damping, ""
     by, _, words = measured_damping(damping, 0.0, band)
-    other = replace(reduced, D=np.zeros_like(reduced.D), loss_factor=by.eta, columns=None, left_columns=None)
+    other = replace(with_zero_D(reduced), loss_factor=by.eta, columns=None, left_columns=None)
     return other, Structural(by.eta), words
 
 

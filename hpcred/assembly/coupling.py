@@ -20,6 +20,7 @@ from ..linalg.pencil import massless_last, modes_of
 from ..model.laws.tabulated import Tabulated
 from ..model.operator import Law, Power, Term
 from ..model.parameters.definitions import Parameter, checked_values
+from ..model.second_order_model import listed
 from ..parallel.declared import nearest
 from ..parallel.failures import InputError
 from ..reduction.parametric.reduced import ParametricReducedModel, ReducedTerm
@@ -28,7 +29,7 @@ from .joints import GROUND, SIX, BushingJoint, PointMass, RigidJoint, matrix_of
 from .parts import ROUND_OFF, Channels, Part, part_and_node, with_terms
 
 REDUNDANT = 1e-9  # of a condition, what is left of it beside those before
-STILL = 1e-13  # of the largest squared frequency: rigid-body motion, but for round-off
+STILL = 1e-13  # of the largest squared frequency of coordinates with mass: rigid-body motion, but for round-off
 MASSLESS = 1e-12  # of the largest mass, in coordinates that are scaled
 
 
@@ -182,19 +183,23 @@ class Machine:
         size = np.diag(constant["M"]) + tau**2 * np.abs(np.diag(constant["K"]))
         scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
         G = self._rows()[rigid] * scale
-        if not len(G):
-            return np.diag(scale)
-        lengths = np.linalg.norm(G, axis=1)
-        Q, R = np.linalg.qr((G / np.maximum(lengths, 1e-300)[:, None]).T, mode="complete")
-        left = np.zeros(len(G))
-        left[: min(R.shape)] = np.abs(np.diag(R))
-        held = [self.conditions[rigid[k]].label for k in np.flatnonzero((left < REDUNDANT) | (lengths == 0))]
-        if held:
-            raise InputError(
-                f"{held[0]}: is held by other rigid joints already, or cannot move ({len(held)} of {len(G)} rigid "
-                "directions: the loop is overdetermined); leave these directions out, or take a bushing"
-            )
-        return scale[:, None] * Q[:, len(G) :]
+        return scale[:, None] * _unheld(G, [self.conditions[k].label for k in rigid])
+
+
+def _unheld(G, labels) -> np.ndarray:
+    """Return an orthonormal basis (n, n - c) of what conditions G (c, n) leave free. Raises InputError for those that
+    others hold already."""
+    lengths = np.linalg.norm(G, axis=1)
+    Q, R = np.linalg.qr((G / np.maximum(lengths, 1e-300)[:, None]).T, mode="complete")
+    left = np.zeros(len(G))
+    left[: min(R.shape)] = np.abs(np.diag(R))
+    held = [labels[k] for k in np.flatnonzero((left < REDUNDANT) | (lengths == 0))]
+    if held:
+        raise InputError(
+            f"{held[0]}: is held by other rigid joints already, or cannot move ({len(held)} of {len(G)} rigid "
+            "directions: the loop is overdetermined); leave these directions out, or take a bushing"
+        )
+    return Q[:, len(G) :]
 
 
 def _blocks(parts) -> np.ndarray:
@@ -228,10 +233,11 @@ def _modes(K, M, tau):
     """Return omega^2 (m,), ascending, X (m, m), and how many of the last coordinates have no mass."""
     if np.linalg.eigvalsh((M + M.T) / 2).min(initial=1.0) > MASSLESS * np.abs(M).max(initial=0.0):
         squares, X = modes_of(K, (M + M.T) / 2)
-        without = 0
+        without, largest = 0, squares.max(initial=0.0)
     else:
         squares, X, without = massless_last(K, M, tau)
-    return np.where(np.abs(squares) < STILL * squares.max(initial=0.0), 0.0, squares), X, without
+        largest = max(squares[: len(squares) - without].max(initial=0.0), tau**-2)
+    return np.where(np.abs(squares) < STILL * largest, 0.0, squares), X, without
 
 
 def _together(added):
@@ -260,6 +266,8 @@ def machine_of(parts: list[Part], joints, masses=(), inputs=None, outputs=None, 
     machine = Machine(parts=by_name, conditions=tuple(conditions), parameters=_parameters(parts),
                       inputs=_chosen(parts, "inputs", inputs), outputs=_chosen(parts, "outputs", outputs),
                       warnings=[text for part in parts for text in part.warnings])  # fmt: skip
+    rigid = [k for k, item in enumerate(conditions) if item.rigid]
+    _unheld(machine.conditions_of(0)[rigid], [conditions[k].label for k in rigid])
     loose = [part.name for part in parts if len(parts) > 1 and not any(part.name in item.rows for item in conditions)]
     if loose:
         machine.warnings.append(f"body '{loose[0]}' has no joint: it moves by itself")
@@ -341,7 +349,7 @@ def _chosen(parts, side, wanted) -> Channels:
     for word in wanted or ():
         there = [name for name in own if word in (name, name.rpartition(":")[0])]
         if not there:
-            raise InputError(f"{side}: found '{word}'{nearest(word, own)}, expected some of {', '.join(own)}")
+            raise InputError(f"{side}: found '{word}'{nearest(word, own)}, expected some of {listed(own)}")
         chosen += [name for name in there if name not in chosen]
     return Channels(names=tuple(names), own=tuple(chosen), matrix=matrix[[own.index(name) for name in chosen]])
 

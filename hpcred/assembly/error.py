@@ -27,7 +27,7 @@ from .coupling import Machine
 
 CIRCLE, ANGLES = 0.5, 6  # radius over the distance to the nearest pole of the machine, and points on it
 LEAST = 1e-4  # of the band's upper end: free bodies have no response at 0 Hz
-NOT_KNOWN = np.inf
+UNKNOWN = 1e30  # in place of an error that nothing bounds
 MOST = 150  # frequencies at which the error is estimated, besides those at resonances
 ROUNDS = 60  # in which errors are made smaller until the machine has its tolerance
 
@@ -51,7 +51,7 @@ class Sensitivity:
         radius = np.abs(np.linalg.eigvals(N)).max(axis=-1)
         known = radius < 1
         inverse = np.linalg.inv(np.eye(len(factors)) - np.where(known[..., None, None], N, 0.0))
-        bound = np.where(known[..., None, None], (self.out * factors) @ inverse @ self.into, NOT_KNOWN)
+        bound = np.where(known[..., None, None], (self.out * factors) @ inverse @ self.into, np.inf)
         return np.minimum(bound[:, 0], bound[:, 1:].max(axis=1)) / self.scale
 
     def curve(self, factors=None) -> np.ndarray:
@@ -66,6 +66,8 @@ class Sensitivity:
 
     def needed(self, tolerance: float) -> np.ndarray:
         """Return factors (b,), at most 1, with which the machine has the tolerance."""
+        if self.curve().max() <= tolerance:
+            return np.ones(self.between.shape[-1])
         # who takes less than its share of the tolerance leaves the rest to the others
         use = np.maximum(self.shares(), 1e-300)
         wanting, share = np.ones(len(use), dtype=bool), tolerance
@@ -165,10 +167,10 @@ def accuracy_of_machine(machine: Machine, tau: float, band, tolerance: float | N
     ]  # fmt: skip
     # a machine that moves freely has no response at 0 Hz
     over = (found.frequencies[0], band[1]) if (reduced.frequencies == 0).any() else band
-    finite = np.where(np.isfinite(curve), curve, 1e30)
+    finite = np.where(np.isfinite(curve), curve, UNKNOWN)
     again = [f"'{row['body']}' to {row['needs']:.1e}" for row in rows if tolerance and row["needs"] < row["error"]]
     accuracy = Accuracy(
-        tolerance=asked if np.isfinite(asked) else 1e30, band=tuple(map(float, over)),
+        tolerance=asked if np.isfinite(asked) else UNKNOWN, band=tuple(map(float, over)),
         reached=bool(tolerance is None or largest <= tolerance),
         stopped="" if not again else f"reduce {', '.join(again)}",
         largest=float(finite.max()), worst=float(found.frequencies[finite.argmax()]), mean=float(finite.mean()),

@@ -101,7 +101,9 @@ class MachineBody:
             raise InputError(f"body.name: found '{self.name[:40]}', expected a word without '.', ':', '/' and blanks, "
                              f"and not '{GROUND}'")  # fmt: skip
         within("body.position", self.position, COORDINATE)
-        within("body.nodes", tuple(self.nodes.values()), LABEL)
+        within("body.nodes", numbers := tuple(self.nodes.values()), LABEL)
+        if len(set(numbers)) < len(numbers):
+            raise InputError(f"body.nodes: found one of the nodes {list(numbers)} twice, expected one name for each")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ import numpy as np
 from ..fe.dofs import node_of
 from ..parallel.failures import InputError
 from .joints import MachineBody, matrix_of
-from .parts import Part, _channels
+from .parts import Part, _channels, new_names, renamed
 
 BEYOND = 1e-9  # of the last line, by which round-off goes beyond it
 
@@ -38,25 +38,21 @@ class MeasuredPart(Part):
 
 def measured_part(body: MachineBody, found) -> MeasuredPart:
     """Return a measured body, of files.response_file.Responses of displacements. Raises InputError."""
-    turn, numbers = matrix_of(body.turn), {str(number): name for name, number in body.nodes.items()}
-    numbers |= {name: new for name, (number, _) in (found.places or {}).items()
-                if (new := numbers.get(str(number))) is not None}  # fmt: skip
-    inputs, outputs = ([_renamed(name, numbers) for name in names] for names in (found.input_names, found.output_names))
+    turn, where = matrix_of(body.turn), f"body '{body.name}'"
+    known = {node: number for node, (number, _) in (found.places or {}).items()}
+    for node in map(node_of, (*found.input_names, *found.output_names)):
+        if node is not None:
+            known.setdefault(str(node), node if isinstance(node, int) else 0)  # 0: of no number
+    numbers = new_names(body, known, where)
+    inputs, outputs = ([renamed(name, numbers) for name in names] for names in (found.input_names, found.output_names))
     nodes = {str(node_of(name)) for name in inputs if node_of(name) is not None}
     if not nodes:
         raise InputError(f"body '{body.name}': has no interfaces or nodes among its inputs "
                          f"({', '.join(found.input_names[:3])}), expected names such as 20:z or foot:z")  # fmt: skip
-    if unknown := [name for name in body.nodes if name not in nodes]:
-        raise InputError(f"body '{body.name}': nodes: '{unknown[0]}' is node {body.nodes[unknown[0]]}, which was not "
-                         f"excited; found {', '.join(sorted(nodes))}")  # fmt: skip
-    known = {numbers.get(name, name): place for name, (_, place) in (found.places or {}).items()}
-    places = {node: turn @ known[node] + body.position if node in known else np.full(3, np.nan) for node in nodes}
+    at = {numbers.get(name, name): place for name, (_, place) in (found.places or {}).items()}
+    places = {node: turn @ at[node] + body.position if node in at else np.full(3, np.nan) for node in nodes}
     return MeasuredPart(
         name=body.name, constant={}, inputs=_channels(body.name, inputs, turn), places=places, turn=turn,
         outputs=_channels(body.name, outputs, turn), lines=found.frequencies, H=found.response,
     )  # fmt: skip
 
-
-def _renamed(name, numbers) -> str:
-    node, colon, direction = name.rpartition(":")
-    return f"{numbers.get(node, node)}{colon}{direction}"

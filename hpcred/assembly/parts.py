@@ -1,7 +1,7 @@
 """Take a reduced body as a part of a machine: free, with rigid-body motions, turned and moved, its inputs and outputs
 in the axes of the machine.
 
-Results in pseudo-modal coordinates of a free body (Buckens, tangent and chord frames) get the six rigid-body
+Results in pseudo-modal coordinates of a free body (Buckens frame) get the six rigid-body
 coordinates about the origin of the body frame, whose mass matrix is that of the floating frame at rest (13); results
 in interface coordinates have them already, and bodies without frame are supported.
 """
@@ -184,7 +184,7 @@ def part_of(body: MachineBody, found: Any) -> Part:
     }  # fmt: skip
     terms = reduced.terms if parametric else ()
     names, labels, numbers = _names(body, found, where)
-    inputs, outputs = ([_renamed(item, names) for item in part]
+    inputs, outputs = ([renamed(item, names) for item in part]
                        for part in (reduced.input_names, reduced.output_names))  # fmt: skip
     places = {label: np.array(place) for label, place in numbers.items()}
     if not any(node in places for node in map(_label, inputs)):
@@ -212,10 +212,6 @@ def part_of(body: MachineBody, found: Any) -> Part:
     # axes of the machine
     turn = matrix_of(body.turn)
     accuracy = None if reduced.record is None else reduced.record.accuracy
-    if accuracy is not None and reduced.record.frame.kind not in ("none", "buckens"):
-        warnings.append(f"{where}: its error is known in the {reduced.record.frame.kind} frame, not that of the free "
-                        "body; reduce in the Buckens frame for an estimate of the machine's error")  # fmt: skip
-        accuracy = None
     elastic = None
     if accuracy is not None:
         elastic = elastic_part(as_measured(reduced.base if parametric else reduced, accuracy))
@@ -245,15 +241,24 @@ def _names(body, found, where):
     nodes = [(shape.label, shape.node, shape.position) for shape in found.nodes]
     nodes += [(item.name, item.node, item.position) for item in found.reduced.interfaces]
     nodes += [] if record is None else [(item.name, item.node, item.position) for item in record.interface_nodes]
-    names = {}
-    for name, number in body.nodes.items():
-        old = next((label for label, node, _ in nodes if node == number), None)
-        if old is None:
-            raise InputError(f"{where}: nodes: found the number {number} for '{name}', which is no node of its inputs "
-                             f"and outputs; they are {', '.join(str(node) for _, node, _ in nodes) or 'none'}")
-        names[old] = name
+    names = new_names(body, {label: number for label, number, _ in nodes}, where)
     return (names, {number: names.get(label, label) for label, number, _ in nodes},
             {names.get(label, label): place for label, _, place in nodes})  # fmt: skip
+
+
+def new_names(body, nodes: dict[str, int], where) -> dict[str, str]:
+    """Return the names that a body gives to nodes, by their labels until now; `nodes`: all numbers by label. Raises
+    InputError."""
+    labels = {number: label for label, number in nodes.items()}
+    for name, number in body.nodes.items():
+        if number not in labels:
+            raise InputError(f"{where}: nodes: found the number {number} for '{name}', which is no node of its inputs "
+                             f"and outputs; they are {listed([str(known) for known in labels if known])}")  # fmt: skip
+    names = {labels[number]: name for name, number in body.nodes.items()}
+    for name in body.nodes:
+        if [names.get(label, label) for label in nodes].count(name) > 1:
+            raise InputError(f"{where}: nodes: found the name '{name}', which another node has; take one of its own")
+    return names
 
 
 def _label(name) -> str:
@@ -262,7 +267,7 @@ def _label(name) -> str:
     return "" if node is None else str(node)
 
 
-def _renamed(name, names) -> str:
+def renamed(name, names) -> str:
     quantity, place = named_quantity(name)
     node, colon, direction = place.rpartition(":")
     return quantity_name(quantity, f"{names.get(node, node)}{colon}{direction}")
@@ -275,6 +280,9 @@ def _free_motions(reduced, frame, where) -> tuple[np.ndarray, np.ndarray]:
     if kind == "none" or reduced.interfaces:
         return np.zeros((6, 0)), np.zeros(3)
     advice = "reduce with coordinates = 'interface'"
+    if kind != "buckens":
+        raise InputError(f"{where}: the {kind} frame does not tell which rigid-body motions are free; reduce in the "
+                         "Buckens frame, or a supported body with frame none")  # fmt: skip
     if frame is None:
         raise InputError(f"{where}: the result has no floating-frame quantities, by which its rigid-body motions are "
                          f"known; {advice}")  # fmt: skip
@@ -284,7 +292,7 @@ def _free_motions(reduced, frame, where) -> tuple[np.ndarray, np.ndarray]:
     still = frame.masses <= 0
     gone = [*still, still[1] | still[2], still[2] | still[0], still[0] | still[1]]
     motions = np.eye(6)[:, ~np.array(gone)]
-    if kind == "buckens" and motions.shape[1] != record.rigid_body_modes:
+    if motions.shape[1] != record.rigid_body_modes:
         raise InputError(f"{where}: {record.rigid_body_modes} of its rigid-body motions are free, the others are held "
                          f"in the model; {advice}")  # fmt: skip
     return motions, frame.origin

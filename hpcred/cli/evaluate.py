@@ -23,10 +23,10 @@ from .options import (
     Grid,
     Inputs,
     JsonFile,
-    Output,
     Outputs,
     Pairs,
     PreloadTable,
+    ResponseOutput,
     Seed,
     SharedSolving,
     Solving,
@@ -39,9 +39,7 @@ def evaluate(
     full: FullFile = None,
     *,
     grid: Grid,
-    output: Annotated[
-        str | None, typer.Option("-o", "--output", metavar="FILE", help="Write the responses: .csv, .h5, .unv, .npz.")
-    ] = None,
+    output: ResponseOutput = None,
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="Draw responses: .png, .svg, .pdf.")] = None,
     pairs: Pairs = None,
     measure: Annotated[
@@ -168,7 +166,7 @@ def response(
     ] = None,
     inputs: Inputs = None,
     outputs: Outputs = None,
-    output: Output = None,
+    output: ResponseOutput = None,
     polar: Annotated[bool, typer.Option("--polar", help="Magnitude and phase in the .csv.")] = False,
     figure: Figure = None,
     preload: PreloadTable = None,

@@ -31,6 +31,9 @@ Inputs = Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1
 Outputs = Annotated[str | None, typer.Option("--outputs", help="Outputs: 20:z,velocity 20:z,acceleration dof 115")]
 Figure = Annotated[str | None, typer.Option(metavar="FILE", help="A .png, .svg or .pdf.")]
 Output = Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="A .csv or HDF5 file.")]
+ResponseOutput = Annotated[
+    str | None, typer.Option("-o", "--output", metavar="FILE", help="Write the responses: .csv, .h5, .unv, .npz.")
+]
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
 Package = Annotated[str | None, typer.Option(help="What factors: auto, mumps, cudss, superlu_dist or petsc.")]

@@ -11,12 +11,12 @@ from __future__ import annotations
 import numpy as np
 
 from ..fe.dofs import DIRECTIONS, QUANTITIES, named_quantity, node_of
+from ..model.units import unit_of_response
 from ..parallel.failures import InputError
 
 NEEDS = "universal files of responses need pyuff: pip install 'hpcred[measured]'"
 FRF, FREQUENCY, FORCE = 4, 18, 13  # numbers of functions and of quantities in dataset 58
 QUANTITY_NUMBERS = (8, 11, 12)  # displacement, velocity, acceleration
-UNITS = ("m", "m/s", "m/s^2")
 
 
 def universal():
@@ -44,7 +44,8 @@ def write_frf(path, responses, H, arrays: bool):
     pyuff = universal()
     numbers = {name: number for name, (number, _) in (responses.places or {}).items()}
     names = [*responses.output_names, *responses.input_names]
-    for node in dict.fromkeys(str(node_of(name)) for name in names if node_of(name) is not None):
+    nodes = dict.fromkeys(str(node_of(name)) for name in names if node_of(name) is not None)
+    for node in sorted(nodes, key=lambda node: not node.isdecimal()):  # whose numbers the others have to leave
         numbers.setdefault(node, int(node) if node.isdecimal() else max(numbers.values(), default=0) + 1)
     sets = [pyuff.prepare_164(units_code=1, units_description="SI", temp_mode=1, length=1.0, force=1.0, temp=1.0,
                               temp_offset=273.15)]  # fmt: skip
@@ -58,15 +59,16 @@ def write_frf(path, responses, H, arrays: bool):
             if node_of(output) is None or node_of(given) is None:
                 continue
             quantity, place = named_quantity(output)
-            order = QUANTITIES.index(quantity)
+            unit, _, load = unit_of_response(output, given).rpartition("/")
             (out, d), (into, e) = ((name.rpartition(":")[0], DIRECTIONS.index(name.rpartition(":")[2]) + 1)
                                    for name in (place, given))  # fmt: skip
             sets.append(pyuff.prepare_58(
                 binary=1, func_type=FRF, rsp_node=numbers[out], rsp_dir=d, ref_node=numbers[into], ref_dir=e,
                 rsp_ent_name=_entity(out), ref_ent_name=_entity(into), data=H[:, j, i], x=responses.frequencies,
                 id1=f"{output}/{given}"[:80], abscissa_spacing=0, abscissa_spec_data_type=FREQUENCY,
-                ordinate_spec_data_type=QUANTITY_NUMBERS[order], orddenom_spec_data_type=FORCE,
-                abscissa_axis_units_lab="Hz", ordinate_axis_units_lab=UNITS[order], orddenom_axis_units_lab="N",
+                ordinate_spec_data_type=QUANTITY_NUMBERS[QUANTITIES.index(quantity)],
+                orddenom_spec_data_type=FORCE, abscissa_axis_units_lab="Hz", ordinate_axis_units_lab=unit,
+                orddenom_axis_units_lab=load.strip("()"),
             ))  # fmt: skip
     if not any(item["type"] == 58 for item in sets):
         raise InputError(f"{path}: found no input and output at nodes, which a universal file has; take .npz")
@@ -88,7 +90,8 @@ def _tables(responses) -> dict[str, np.ndarray]:
             node, _, direction = place.rpartition(":")
             d = DIRECTIONS.index(direction) if direction in DIRECTIONS[:6] else None
             _, at = (responses.places or {}).get(node, (0, np.full(3, np.nan)))
-            unit = "N" if force and (d or 0) < 3 else "N m" if force else UNITS[QUANTITIES.index(quantity)]
+            output, _, load = unit_of_response("1:x" if force else name, name if force else "1:x").rpartition("/")
+            unit = load.strip("()") if force else output
             rows.append((name, "Force" if force else quantity.capitalize(), unit, at,
                          np.zeros(3) if d is None else np.eye(3)[d % 3]))  # fmt: skip
         found |= {f"{prefix}_Name": np.array([row[0] for row in rows]),

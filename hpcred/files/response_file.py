@@ -19,6 +19,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..fe.dofs import node_of
+from ..model.second_order_model import listed
 from ..parallel.failures import InputError, agreed
 from .checked import Array
 from .frf_file import write_frf
@@ -61,10 +63,19 @@ class Responses:
                 for j, given in enumerate(self.input_names)]  # fmt: skip
 
 
-def check_response_name(path):
-    """Raise InputError unless the name ends as one of the formats."""
-    if not str(path).endswith((".csv", ".h5", ".hdf5", *FOREIGN)):
-        raise InputError(f"output {path}: expected a name that ends in .csv, .h5, .hdf5, {' or '.join(FOREIGN)}")
+def check_response_name(path, foreign=True):
+    """Raise InputError unless the name ends as one of the formats; `foreign`: also as those of other programs."""
+    *endings, last = (".csv", ".h5", ".hdf5", *(FOREIGN if foreign else ()))
+    if not str(path).endswith((*endings, last)):
+        raise InputError(f"output {path}: expected a name that ends in {', '.join(endings)} or {last}")
+
+
+def lost_channels(path, responses) -> list[str]:
+    """Return a warning of inputs and outputs that a file with this name will not have."""
+    if not str(path).endswith(tuple(FOREIGN)) or str(path).endswith(".npz"):
+        return []
+    lost = [name for name in dict.fromkeys((*responses.output_names, *responses.input_names)) if node_of(name) is None]
+    return [f"{path} leaves out {listed(lost)}, which belong to no node; .npz has them"] if lost else []
 
 
 def kind_of_responses(path) -> str:

@@ -74,12 +74,16 @@ def _read_arrays(path, ending) -> Responses:
     names = {key: tuple(_text(item) for item in np.ravel(data[key]))
              for key in ("input_names", "output_names", "node_names") if key in data}  # fmt: skip
     F, H = np.ravel(data["frequencies"]).astype(float), np.asarray(data["H"], dtype=complex)
-    H = H.reshape(len(F), len(names["output_names"]), len(names["input_names"])) if H.ndim < 3 and H.size == len(
-        F) * len(names["output_names"]) * len(names["input_names"]) else H  # fmt: skip
+    shape = len(F), len(names["output_names"]), len(names["input_names"])
+    if H.ndim < 3 and H.size == np.prod(shape) and (len(H) == len(F) or H.size == len(F)):  # one input or one output
+        H = H.reshape(shape)
     places = {}
     if {"node_names", "nodes", "positions"} <= data.keys():
-        rows = zip(names["node_names"], np.ravel(data["nodes"]).tolist(), np.reshape(data["positions"], (-1, 3)),
-                   strict=False)  # fmt: skip
+        numbers, positions = np.ravel(data["nodes"]), np.atleast_2d(data["positions"])
+        if not len(names["node_names"]) == len(numbers) == len(positions) or positions.shape[1] != 3:
+            raise InputError(f"{path}: found {len(names['node_names'])} node_names, {len(numbers)} nodes and positions "
+                             f"{positions.shape}, expected as many of each, (k, 3)")  # fmt: skip
+        rows = zip(names["node_names"], numbers.tolist(), positions, strict=True)
         places = {name: (int(number), np.array(place, dtype=float)) for name, number, place in rows}
     return Responses(frequencies=F, response=H, input_names=names["input_names"], output_names=names["output_names"],
                      places=places)  # fmt: skip
@@ -104,7 +108,7 @@ def _read_universal(path) -> Responses:
     if not functions:
         raise InputError(f"{path}: found no frequency response (dataset 58, function 4), expected one for each pair")
     units = next((item for item in sets if item["type"] == 164), None)
-    factor = 1.0 if units is None else units["force"] / units["length"]
+    force, length = (1.0, 1.0) if units is None else (units["force"], units["length"])  # of the file in one of SI
     # one response for each pair, on the same lines
     F, found = np.asarray(functions[0]["x"], dtype=float), {}
     for item in functions:
@@ -112,11 +116,17 @@ def _read_universal(path) -> Responses:
             raise InputError(f"{path}: found responses at different frequencies, expected the same in all")
         signs = [np.sign(item[key]) or 1 for key in ("rsp_dir", "ref_dir")]
         output, given = (_name(item, key, path) for key in ("rsp", "ref"))
-        number = item.get("ordinate_spec_data_type") or QUANTITY_NUMBERS[0]
+        number = int(item.get("ordinate_spec_data_type") or 0)
         if number not in QUANTITY_NUMBERS:
-            raise InputError(f"{path}: found a response of the quantity {number}, expected "
-                             "displacements (8), velocities (11) or accelerations (12)")  # fmt: skip
+            raise InputError(f"{path}: found a response of the quantity {number}{' (unknown)' * (not number)}, "
+                             "expected displacements (8), velocities (11) or accelerations (12); export it with its "
+                             "quantity, or as .npz with names such as 'acceleration 20:z'")  # fmt: skip
         output = quantity_name(QUANTITIES[QUANTITY_NUMBERS.index(number)], output)
+        if (output, given) in found:
+            raise InputError(f"{path}: found the response {output}/{given} twice, expected each once; keep one")
+        # rotations and moments have other units of length
+        turns, moment = (abs(int(item[key])) > 3 for key in ("rsp_dir", "ref_dir"))
+        factor = force * length ** (moment - (not turns))
         found[output, given] = np.asarray(item["data"], dtype=complex) * factor * signs[0] * signs[1]
     outputs, inputs = (tuple(dict.fromkeys(pair[k] for pair in found)) for k in (0, 1))
     lacking = [f"{j}/{i}" for j in outputs for i in inputs if (j, i) not in found]
@@ -125,7 +135,6 @@ def _read_universal(path) -> Responses:
                          f"outputs and {len(inputs)} inputs; {len(lacking)} are missing")  # fmt: skip
     H = np.array([[found[j, i] for i in inputs] for j in outputs]).transpose(2, 0, 1)
     # places of nodes, by the names that the responses have
-    length = 1.0 if units is None else units["length"]
     where = {int(n): np.array(place) / length for item in sets if item["type"] in (15, 2411)
              for n, *place in zip(item["node_nums"], item["x"], item["y"], item["z"], strict=True)}  # fmt: skip
     places = {}

@@ -20,6 +20,7 @@ from .checks import warnings_of_band
 from .components.craig_bampton import ConstraintModes
 from .components.krylov import StaticCorrection
 from .interface_coordinates import elastic_part
+from .run.run_solvers import refusal
 from .search.goal import Adaptive
 from .search.outcome import Outcome, outcome_of
 from .search.round_off import with_round_off
@@ -64,7 +65,7 @@ class ToleranceReductor(BasisReductor):
             return self.search(vectors, run, groups, kept)
         except DoesNotFit as error:
             if vectors.size > before or not run.solvers.give_up_factors(error):
-                raise
+                raise refusal(error) from error
             return self.search(vectors, run, groups, kept)
 
     def _kept_columns(self, vectors, run) -> int:

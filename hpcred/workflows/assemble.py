@@ -11,13 +11,20 @@ import numpy as np
 
 from ..analysis.frequency_response import checked_frequencies
 from ..assembly.coupling import Machine, laws_of_table, machine_of
-from ..assembly.error import accuracy_of_machine, why_not_known
+from ..assembly.error import UNKNOWN, accuracy_of_machine, why_not_known
 from ..assembly.measured import MeasuredPart, measured_part
 from ..assembly.parts import Part, part_of
 from ..body.node_shapes import NodeShape
 from ..files.machine_basis import first_numbers, nodes_of_machine, write_basis_of_machine
 from ..files.outputs import check_outputs, hdf5_kind
-from ..files.response_file import Responses, check_response_name, kind_of_responses, write_responses
+from ..files.response_file import (
+    FOREIGN,
+    Responses,
+    check_response_name,
+    kind_of_responses,
+    lost_channels,
+    write_responses,
+)
 from ..files.result_file import FORMAT, Result, read_result, write_result
 from ..files.text import absent
 from ..files.together import rescued
@@ -28,6 +35,7 @@ from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..readers.frf import read_frf
+from ..reduction.result.accuracy import Accuracy
 from ..reduction.result.record import Record, versions
 from ..reduction.result.reduced_model import ReducedModel
 from ..settings.machine_file import check_machine, read_machine
@@ -43,10 +51,12 @@ class Assembly:
     machine : Machine
         The bodies and the conditions between them.
     band : tuple of two floats or None
-        Hz.
+        Hz; by default that over which all bodies are known.
     reduced : ReducedModel or None
         Of the whole, in pseudo-modal coordinates; with `parameters` where bodies have some. Its record has the
         estimated accuracy, where that of every body is known. None with a measured body.
+    accuracy : Accuracy or None
+        The estimated error.
     budget : list of dict
         For each body its error, by how much the machine multiplies it, and with a tolerance the error it would need.
     warnings : list of str
@@ -57,6 +67,7 @@ class Assembly:
     machine: Machine
     band: tuple[float, float] | None = None
     reduced: ReducedModel | None = None
+    accuracy: Accuracy | None = None
     budget: list[dict] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     nodes: list[NodeShape] = field(default_factory=list)
@@ -68,7 +79,7 @@ class Assembly:
     def lines(self) -> np.ndarray:
         """The frequencies (F,) in Hz of the first measured body, in the band."""
         lines = next(part.lines for part in self.machine.parts.values() if isinstance(part, MeasuredPart))
-        return lines if self.band is None else lines[(lines >= self.band[0]) & (lines <= self.band[1])]
+        return _inside(lines, self.band)
 
     def frequency_response(self, frequencies=None) -> np.ndarray:
         """Return H(i omega) (F, r, p) at frequencies in Hz, by default at the lines of the first measured body.
@@ -117,10 +128,10 @@ class Assembly:
     @property
     def sentence(self) -> str:
         """What is known of the error, and what to do."""
-        accuracy = None if self.reduced is None else self.reduced.record.accuracy
+        accuracy = self.accuracy
         if accuracy is None:
             return "the error of the machine is not estimated"
-        size = f"about {accuracy.largest:.1e}" if accuracy.largest < 1 else "not known"
+        size = f"about {accuracy.largest:.1e}" if accuracy.largest < UNKNOWN else "not known"
         asked = f" (tolerance {accuracy.tolerance:g})" if "needs" in self.budget[0] else ""
         again = f"; {accuracy.stopped}" if accuracy.stopped else ""
         return (f"{'' if accuracy.reached else 'NOT REACHED: '}largest error of the machine {size}{asked} over "
@@ -161,19 +172,15 @@ def assemble(
     bodies, joints, masses = list(bodies), list(joints), list(masses)
     results = [_read(item, comm) for item in bodies]
     with progress.stage("assemble"), agreed(comm):
-        found = None
-        if comm.rank == 0:
-            found = _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs)
-    machine, reduced, T, accuracy, budget, warnings = comm.bcast(found)
-    parts = list(machine.parts.values())
-    if reduced is None:
-        return Assembly(machine=machine, band=band, warnings=warnings)
+        made = _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs) if comm.rank == 0 else None
+    made = comm.bcast(made)
+    parts = list(made.machine.parts.values())
+    if made.reduced is None:
+        return made
     numbers = first_numbers(results, comm)
-    nodes = nodes_of_machine(results, parts, T, numbers)
-    record = _record(results, parts, numbers, reduced, accuracy, warnings, progress, comm)
-    reduced = replace(reduced, record=record)
-    return Assembly(machine=machine, band=band, reduced=reduced, budget=budget, warnings=list(record.warnings),
-                    nodes=nodes, T=T, parts=parts, results=results)  # fmt: skip
+    record = _record(results, parts, numbers, made, progress, comm)
+    return replace(made, reduced=replace(made.reduced, record=record), warnings=list(record.warnings), parts=parts,
+                   nodes=nodes_of_machine(results, parts, made.T, numbers), results=results)  # fmt: skip
 
 
 def _read(body, comm):
@@ -184,14 +191,15 @@ def _read(body, comm):
     return body.result if isinstance(body.result, Result) else read_result(body.result, comm)
 
 
-def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs):
+def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs) -> Assembly:
     """Return the machine, its model and what is known of its error."""
     parts = [(measured_part if body.kind == "measured" else part_of)(body, result)
              for body, result in zip(bodies, results, strict=True)]  # fmt: skip
     measured = [part for part in parts if isinstance(part, MeasuredPart)]
-    bands = [part.accuracy.band for part in parts if part.accuracy is not None]
-    bands += [(part.lines[0], part.lines[-1]) for part in measured]
-    band = band or ((max(low for low, _ in bands), min(high for _, high in bands)) if bands else None)
+    band = _band(parts, band)
+    if measured and not len(_inside(measured[0].lines, band)):
+        raise InputError(f"band: body '{measured[0].name}' has no line in {band[0]:g} to {band[1]:g} Hz; it was "
+                         f"measured from {measured[0].lines[0]:g} to {measured[0].lines[-1]:g} Hz")  # fmt: skip
     tables = {}
     for k, joint in enumerate(joints):
         if getattr(joint, "table", None):
@@ -202,10 +210,10 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
     if measured:
         if tolerance is not None:
             raise InputError(f"tolerance: the error of the measured body '{measured[0].name}' is not known")
-        return machine, None, None, None, [], [*machine.warnings, (
+        return Assembly(machine=machine, band=band, warnings=[*machine.warnings, (
             f"body '{measured[0].name}' is measured: the machine has responses at its lines, and no modes, no state "
             "space and no estimated error"
-        )]  # fmt: skip
+        )])  # fmt: skip
     tau = _tau(parts, band)
     reduced, T = machine.model(tau)
     warnings = list(machine.warnings)
@@ -221,11 +229,33 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
     why = why_not_known(machine, band) if band else "no body was reduced to a tolerance"
     if not why or tolerance is not None:
         accuracy, budget = accuracy_of_machine(machine, tau, band, tolerance)
+        if accuracy.largest >= UNKNOWN:
+            warnings.append("the errors of the bodies are too large for an estimate at sharp resonances; "
+                            "reduce them to a smaller tolerance")  # fmt: skip
         if machine.parameters:
             warnings.append("the error of the machine is estimated at the reference values of its parameters")
     else:
         warnings.append(f"the error of the machine is not estimated: {why}")
-    return machine, reduced, T, accuracy, budget, warnings
+    return Assembly(machine=machine, band=band, reduced=reduced, accuracy=accuracy, budget=budget, warnings=warnings,
+                    T=T)  # fmt: skip
+
+
+def _band(parts, band):
+    """Return the band, by default that over which all bodies are known, None where none is. Raises InputError."""
+    known = {part.name: part.accuracy.band for part in parts if part.accuracy is not None}
+    known |= {part.name: (part.lines[0], part.lines[-1]) for part in parts if isinstance(part, MeasuredPart)}
+    if band is not None or not known:
+        return band
+    last, first = max(known, key=lambda name: known[name][0]), min(known, key=lambda name: known[name][1])
+    if known[last][0] > known[first][1]:
+        told = [f"'{name}' is known over {known[name][0]:g} to {known[name][1]:g} Hz" for name in (first, last)]
+        raise InputError(f"band: body {' and body '.join(told)}; reduce or measure both over one band")
+    return float(known[last][0]), float(known[first][1])
+
+
+def _inside(lines, band):
+    """Return the frequencies in a band, all without one."""
+    return lines if band is None else lines[(lines >= band[0]) & (lines <= band[1])]
 
 
 def _tau(parts, band) -> float:
@@ -249,7 +279,8 @@ def _read_table(path) -> tuple[list[str], np.ndarray]:
     return [word.strip() for word in header], numbers
 
 
-def _record(results, parts, numbers, reduced, accuracy, warnings, progress, comm) -> Record:
+def _record(results, parts, numbers, made: Assembly, progress, comm) -> Record:
+    reduced, warnings, accuracy = made.reduced, made.warnings, made.accuracy
     records = [result.reduced.record for result in results]
     nodes = tuple(
         InterfaceNode(f"{part.name}.{part.labels[shape.node]}", shape.node + number,
@@ -269,7 +300,8 @@ def _record(results, parts, numbers, reduced, accuracy, warnings, progress, comm
         deflation_tolerance=0.0, drop_above=None, groups=1, components=(), factorisations=(), symbolic_analyses=0,
         orthonormality_defect=float(np.abs(np.diag(np.diag(reduced.M)) - reduced.M).max()),
         unstable_poles=tuple((root.real, root.imag) for root in unstable), warnings=tuple(warnings),
-        timing=progress.timing(), interface_nodes=nodes, accuracy=accuracy,
+        timing=progress.timing(), interface_nodes=nodes,
+        accuracy=None if accuracy is None or accuracy.largest >= UNKNOWN else accuracy,
     )  # fmt: skip
 
 
@@ -301,6 +333,9 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
     measured = any(item.kind == "measured" for item in job.body)
     if measured:
         check_response_name(job.output)
+    elif str(job.output).endswith((".csv", *FOREIGN)):
+        raise InputError(f"output: found '{job.output}', expected a result such as machine.h5; `hpcred evaluate` of it "
+                         "writes responses")  # fmt: skip
     check_outputs({job.output: kind_of_responses(job.output) if measured else hdf5_kind(FORMAT)}, comm, reads,
                   progress=progress)  # fmt: skip
     made = assemble(job.body, job.joint, job.mass, band=job.band, tolerance=job.tolerance, inputs=job.inputs,
@@ -309,17 +344,18 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
         found = made.responses()
         with progress.stage("write", job.output):
             rescued(lambda place: write_responses(place, found, comm), job.output, comm)
+        made.warnings.extend(lost_channels(job.output, found))
         return {"output": job.output, "inputs": list(found.input_names), "outputs": list(found.output_names),
                 "frequencies_hz": found.frequencies.tolist(), "sentence": made.sentence, "reached": True, "budget": [],
                 "warnings": made.warnings, "timing": asdict(progress.timing())}  # fmt: skip
     with progress.stage("write", job.output):
         made.save(job.output, basis=job.write_basis, comm=comm)
-    accuracy = made.reduced.record.accuracy
+    accuracy = made.accuracy
     return {
         "output": job.output, "size": made.reduced.size, "pseudo_frequencies_hz": made.reduced.frequencies.tolist(),
         "inputs": list(made.reduced.input_names), "outputs": list(made.reduced.output_names),
         "parameters": [asdict(item) for item in getattr(made.reduced, "parameters", ())],
         "budget": made.budget, "sentence": made.sentence, "reached": accuracy is None or accuracy.reached,
-        "error": None if accuracy is None else accuracy.largest, "warnings": made.warnings,
+        "error": None if made.reduced.record.accuracy is None else accuracy.largest, "warnings": made.warnings,
         "timing": asdict(progress.timing()),
     }  # fmt: skip

@@ -89,6 +89,8 @@ def compare_results(
     first = reduced[0].record
     grid, output, figure = grid.over(band_of(reduced[0], reduced[1:])), files.output, files.figure
     # what cannot be written is refused before anything is computed
+    if output is not None and not str(output).endswith(".csv"):
+        raise InputError(f"output {output}: expected a name that ends in .csv, for the errors of several results")
     written = {output: CSV_OF_RESPONSES}
     if figure is not None:
         written |= {Path(figure).with_suffix(suffix): PICTURES[suffix] for suffix in (".png", ".svg")}

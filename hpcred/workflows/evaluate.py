@@ -12,7 +12,7 @@ from ..analysis.error_check import accuracy_of, check_reduced, estimate_at, meas
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
 from ..body.preload import Preload, warning_of_basis
 from ..files.names import in_text
-from ..files.response_file import Responses, write_responses
+from ..files.response_file import Responses, lost_channels, write_responses
 from ..files.result_file import result_at
 from ..files.together import rescued, together
 from ..model.damping import NoDamping
@@ -134,6 +134,8 @@ def evaluate_result(
             places = {node.label: (node.node, node.position) for node in found.nodes}
             responses = Responses(**arrays, **names, record=made, places=places)
             rescued(lambda place: write_responses(place, responses, comm), output, comm)
+            if lost := lost_channels(output, responses):
+                report["warnings"] = [*report.get("warnings", ()), *lost]
         if figure is not None:
             names = reduced.output_names, reduced.input_names
             every = shown or pairs_to_show(arrays["reduced"], *names)

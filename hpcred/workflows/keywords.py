@@ -68,7 +68,7 @@ class Files(Keywords):
     def check(self, comm, reads, progress, needed: int = 0, over: str | None = None):
         """Refuse early what cannot be written: responses, or a Campbell diagram `over` a parameter. Collective."""
         if self.output is not None:
-            check_response_name(self.output)
+            check_response_name(self.output, foreign=over is None)
             kind = kind_of_responses(self.output) if over is None else kind_of_campbell(self.output, over)
             check_outputs({self.output: kind}, comm, reads, progress=progress, needed=needed)
         check_figure(self.figure, comm, reads, progress)

@@ -10,7 +10,7 @@ from ..analysis.full_response import FullResponse, full_response
 from ..body.preload import Preload
 from ..files.hdf5 import atomic_output
 from ..files.model_file import read_model
-from ..files.response_file import Responses, write_responses
+from ..files.response_file import Responses, lost_channels, write_responses
 from ..files.together import rescued, together
 from ..model.damping import NoDamping
 from ..model.parameters.definitions import checked_values
@@ -96,6 +96,8 @@ def response_file(
     # what cannot be written is refused before anything is computed
     reads = [model, *(job.files if job else ()), *(item for item in (inputs, outputs) if isinstance(item, str))]
     files.check(comm, reads, progress, needed=len(chosen) * 16)
+    if polar and output is not None and not str(output).endswith(".csv"):
+        raise InputError(f"--polar: is of a .csv, and {output} has complex numbers; leave it out")
     # the model with the inputs, outputs and load that are asked for
     solving.start()
     with progress.stage("read", str(model)):
@@ -149,6 +151,7 @@ def _write(output, found, report, comm, polar):
     left_out = ("frequencies_hz", "norm", "eps", "output")
     record = {key: value for key, value in report.items() if key not in left_out} | {"versions": versions()}
     responses = Responses(**_arrays(found), record=record)
+    report["warnings"] += lost_channels(output, responses)
     rescued(lambda place: write_responses(place, responses, comm, polar), output, comm)
 
 

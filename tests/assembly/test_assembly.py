@@ -131,12 +131,21 @@ def test_the_command_writes_a_result_that_commands_take(machine, capsys):
     assert state_space.A.shape == (2 * report["size"],) * 2
 
 
-def test_a_tolerance_says_which_body_to_reduce_again(machine, capsys):
-    assert run(["assemble", "machine.toml", "--set", "tolerance=1e-3", "--json", "a.json"]) == 1
+def test_a_tolerance_says_which_body_to_reduce_again_and_to_what(machine, comm, capsys):
+    command = ["assemble", "machine.toml", "--set", "tolerance=2e-2", "--json", "a.json"]
+    assert run(command) == 1
     shown = capsys.readouterr().out
     assert "NOT REACHED" in shown and "reduce 'bed' to" in shown
     report = json.loads(Path("a.json").read_text())
-    assert all(0 < row["needs"] <= row["error"] for row in report["budget"])
+    needs = [row["needs"] for row in report["budget"]]
+    assert all(0 < row["needs"] < row["error"] for row in report["budget"])
+    for name, frame, tolerance in (("held", hpcred.NoFrame(), needs[0]), ("free", hpcred.Buckens(), needs[1])):
+        with (
+            block_with_ends(comm, clamped=name == "held") as model,
+            hpcred.reduce(model, tolerance=tolerance, band=BAND, frame=frame) as rom,
+        ):
+            hpcred.write_result(f"{name}.h5", rom, model)
+    assert run(command) == 0
 
 
 def test_bushings_are_soft_conditions(machine):
@@ -379,5 +388,5 @@ def block(one, other):
 @pytest.mark.parametrize("seed", range(20))
 def test_random_machines_stay_within_the_estimate(seed):
     frequencies, estimated, true = estimated_and_true(seed)
-    there = true > 1e-7  # of smaller ones round-off is a part
+    there = true > 1e-5  # of smaller ones round-off is a part, beside sharp resonances near 0 Hz
     assert (estimated[there] >= 0.5 * true[there]).all()

@@ -164,8 +164,11 @@ def test_a_full_response_does_not_name_what_only_reductions_can_do(monkeypatch):
     with hpcred.solid((8, 6, 6), inputs=1) as model:
         with pytest.raises(ComputationError, match="does not fit.*out_of_core: about [0-9]+ MB a rank[)]$"):
             hpcred.frequency_response(model, [10.0])
-        with pytest.raises(ComputationError, match="out_of_core.*solver.unfit = 'multigrid'"):
-            hpcred.reduce(model, [hpcred.Krylov(frequency=0.0)])
+        with pytest.raises(ComputationError, match="does not fit.*out_of_core: about [0-9]+ MB a rank[)]$"):
+            hpcred.full_response(model, [10.0, 9000.0])
+        for asked in ({"basis": [hpcred.Krylov(frequency=0.0)]}, {"tolerance": 1e-3, "band": (0.0, 9000.0)}):
+            with pytest.raises(ComputationError, match="out_of_core.*solver.unfit = 'multigrid'"):
+                hpcred.reduce(model, **asked)
 
 
 @pytest.mark.parametrize(

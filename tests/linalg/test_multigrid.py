@@ -354,6 +354,17 @@ def test_where_a_factor_does_not_fit_multigrid_takes_over_at_real_points(comm, m
                 hpcred.reduce(model, [point], factoring=Factoring(solver=solver))
 
 
+@pytest.mark.mpi(ranks=(2,))
+def test_a_factor_that_does_not_fit_is_no_matter_of_groups(comm, monkeypatch):
+    points = [Krylov(frequency=0.0), Krylov(frequency=0.0, decay=1e3)]
+    with hpcred.solid((8, 6, 6), inputs=1, comm=comm) as model:
+        monkeypatch.setenv("HPCRED_MEMORY_MB", "2")
+        with hpcred.reduce(model, points, groups="auto", factoring=Factoring(solver=UNFIT)) as rom:
+            assert {item.kind for item in rom.record.factorisations} == {"multigrid"}
+        with pytest.raises(ComputationError, match="does not fit.*unfit = 'multigrid' real points"):
+            hpcred.reduce(model, points, groups="auto")
+
+
 def test_what_multigrid_cannot_do_is_refused(solid):
     for point, says in (
         (Krylov(frequency=100.0), "cannot solve at 100 Hz"), (Krylov(frequency=100.0, decay=3.0), "a complex point"),

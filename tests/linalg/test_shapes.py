@@ -117,9 +117,9 @@ def test_bodies_on_which_multigrid_is_slow_are_refused_with_the_remedy(comm):
 
 @pytest.mark.mpi(ranks=(1, 3))
 def test_unfit_takes_factors_that_fit_then_multigrid_that_converges_and_refuses_the_rest(comm, monkeypatch):
-    def kinds(model, **settings):
+    def kinds(model, search=None, **settings):
         factoring = Factoring(solver=LinearSolver(unfit="multigrid", **settings))
-        with hpcred.reduce(model, [StaticCorrection()], factoring=factoring) as rom:
+        with hpcred.reduce(model, () if search else StaticCorrection(), factoring=factoring, adaptive=search) as rom:
             return {item.kind for item in rom.record.factorisations}
 
     with SHAPES["soft layers, 1e-4"](comm, 6) as model:
@@ -130,5 +130,9 @@ def test_unfit_takes_factors_that_fit_then_multigrid_that_converges_and_refuses_
             kinds(model, iterations=5)
         K, M, B = dense_model(model)
     bare = hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, inputs=B, input_names="abc")
-    with bare, pytest.raises(DoesNotFit, match="does not fit: .*lacks node coordinates .convert it with --nodes."):
-        kinds(bare)
+    search = hpcred.Adaptive(tolerance=1e-2, band=(0.0, 1e-3))
+    for goal in (None, search):
+        with pytest.raises(DoesNotFit, match="does not fit: .*lacks node coordinates .convert it with --nodes") as told:
+            kinds(bare, goal)
+        assert "unfit" not in str(told.value)  # which was taken
+    bare.close()

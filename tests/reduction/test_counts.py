@@ -12,6 +12,8 @@ from hpcred import Adaptive, Factoring, PointStore, Rayleigh
 from hpcred.linalg.known import EXACT, ModeCount, Source
 from hpcred.linalg.solvers.mumps import Mumps
 from hpcred.parallel.petsc import is_complex
+from hpcred.reduction.search import search
+from hpcred.reduction.search.expansion import Expansion
 
 SIZE = 30
 ROUGH = Source(kind="approximate factor", accuracy=5e-3)
@@ -34,11 +36,11 @@ def beside(hidden):
 def reduced(comm, hidden, band, tolerance=1e-4, **more):
     """The accuracy of a reduction, and how many modes lie below a frequency."""
     K, B, f = beside(hidden)
-    store, factoring = more.pop("store", None), more.pop("factoring", None)
+    given = {key: more.pop(key, None) for key in ("store", "factoring", "groups")}
     adaptive = Adaptive(tolerance=tolerance, band=band, **more)
     with (
         hpcred.SecondOrderModel.from_scipy(K, np.eye(len(K)), inputs=B, comm=comm) as model,
-        hpcred.reduce(model, damping=Rayleigh(2.0, 1e-5), adaptive=adaptive, store=store, factoring=factoring) as rom,
+        hpcred.reduce(model, damping=Rayleigh(2.0, 1e-5), adaptive=adaptive, **given) as rom,
     ):
         return rom.record, lambda limit: int((f < limit).sum())
 
@@ -53,6 +55,22 @@ def test_hidden_modes_are_found_whatever_their_number(comm, hidden):
     assert accuracy.reached and accuracy.missing_modes == 0
     assert accuracy.counted == ModeCount(modes=below(30.0), below=30.0) and accuracy.counted.source == EXACT
     assert accuracy.modes_in_words == f"{below(30.0)} modes below 30 Hz (exact factor), none missing"
+
+
+@needs_counts
+def test_modes_that_only_a_proof_without_a_factor_shows(comm, monkeypatch):
+    """Beside a basis that lacks soft modes the matrix is indefinite, so that they are looked for by the factor of the
+    point above."""
+    seen = Expansion.missing_modes
+
+    def late(self, among=None):
+        return seen(self, among) if any(point.factor_of for point in self.points) else 0
+
+    monkeypatch.setattr(Expansion, "missing_modes", late)
+    monkeypatch.setattr(search, "doubtful_modes", lambda *_: None)
+    accuracy = reduced(comm, [1.0, 2.0, 3.0], (0.0, 30.0))[0].accuracy
+    assert any(point.factor_of for point in accuracy.points)
+    assert accuracy.reached and accuracy.missing_modes == 0
 
 
 @needs_counts
@@ -87,6 +105,18 @@ def test_a_band_that_ends_at_an_eigenfrequency_is_counted_beyond_it(comm, more):
     counted = record.accuracy.counted
     assert record.accuracy.reached and record.accuracy.missing_modes == 0
     assert end < counted.below < 1.02 * end and counted.modes == below(counted.below)
+
+
+@pytest.mark.mpi(ranks=(2,))
+def test_groups_that_count_nothing_look_for_modes_where_they_had_a_factor(comm, monkeypatch):
+    """The band ends at an eigenfrequency, off which the last point was moved."""
+    monkeypatch.setattr(Mumps, "tells_inertia", False)
+    looks = iter([True])
+    monkeypatch.setattr(search, "doubtful_modes", lambda projections, band: (
+        np.eye(projections.basis.size)[:, :1] if next(looks, False) else None))  # fmt: skip
+    end = float(frequencies_of(chain(SIZE, k=4e4)[0])[7])
+    accuracy = reduced(comm, [], (0.0, end), groups=comm.size)[0].accuracy
+    assert accuracy.reached and not next(looks, False)
 
 
 @needs_counts

@@ -113,6 +113,13 @@ def test_parameters_of_dofs_without_mass(parametric, p):
         assert np.allclose(states["C"] @ inside + states["D"], response(s, p), rtol=1e-7, atol=1e-10)
 
 
+def test_states_at_the_reference_of_parameters(parametric):
+    """The model itself is that at the reference values."""
+    rom, _ = parametric
+    assert np.array_equal(rom.state_matrix(), rom.base.state_matrix())
+    assert np.allclose(rom.poles(), rom.at().poles(), rtol=1e-6)
+
+
 def test_parameters_are_fixed_in_an_fmu(parametric, tmp_path):
     """What follows forces at once would follow them otherwise at each value."""
     rom, _ = parametric

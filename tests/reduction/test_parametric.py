@@ -26,6 +26,7 @@ from hpcred import (
     Term,
     Viscoelastic,
 )
+from hpcred.analysis.error import as_compared
 from hpcred.examples.linkage import FRAME, LOAD, SUPPORTS
 from hpcred.model.interfaces.nodes import Nodes
 from hpcred.parallel.decisions import shared_out
@@ -40,6 +41,7 @@ from hpcred.reduction.parametric.training import (
     points_around,
     training_points,
 )
+from hpcred.reduction.result.reduced_model import as_measured
 from hpcred.reduction.small.pseudo_modal import InputsOutputs, diagonalised
 
 
@@ -209,6 +211,23 @@ def test_damping_that_follows_the_matrices(damping, comm):
         omega = 2 * np.pi * at.frequencies
         expected = 0.1 + 1e-4 * omega**2 if damping.kind == "rayleigh" else 0.04 * omega
         assert np.allclose(at.D, np.diag(expected), atol=1e-9 * expected.max())
+        # with modal ratios, which a full model has no response of, by the loss factor of the smallest
+        eta = 0.04 if damping.kind == "modal" else 0.0
+        other = as_compared(rom, case.band)[0]
+        assert np.array_equal(other.D, rom.D * (not eta)) and other.loss_factor == eta
+        s = 4j * np.pi
+        H = rom.C @ np.linalg.solve(s * s * rom.M + s * other.D + (1 + 1j * eta) * rom.K, rom.B)
+        assert np.allclose(other.transfer_function(s), H, rtol=1e-9)
+
+
+def test_undamped_models_are_checked_with_the_loss_factor_of_their_error(comm):
+    case = bushings(20)
+    with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-2, band=case.band) as rom:
+        measured = as_measured(rom, rom.record.accuracy)
+        assert measured.loss_factor == rom.record.accuracy.loss_factor > 0 and not measured.D.any()
+        with model.at() as full:
+            found = hpcred.check_reduced(rom, full, 3)
+        assert max(found.measured) <= 1e-2
 
 
 @pytest.mark.mpi(costly=True)
@@ -619,3 +638,10 @@ def test_places_of_low_discrepancy():
     golden, plastic = (1 + 5**0.5) / 2, 1.32471795724474602596
     assert np.allclose(low_discrepancy(1, 3)[:, 0], [(0.5 + k / golden) % 1 for k in (1, 2, 3)], rtol=1e-12)
     assert np.allclose(low_discrepancy(2, 9)[8], [(0.5 + 9 / plastic**k) % 1 for k in (1, 2)], rtol=1e-12)
+
+
+@pytest.mark.parametrize("key, least", [("points", 2), ("most", 3)])
+def test_the_least_that_a_search_takes(key, least):
+    assert getattr(hpcred.ParameterSearch(**{key: least}), key) == least
+    with pytest.raises(InputError, match=f"parameter_search.{key}: found {least - 1}, expected at least {least}"):
+        hpcred.ParameterSearch(**{key: least - 1})

@@ -9,6 +9,7 @@ import pytest
 from hpcred.model.operator import Operator
 from hpcred.reduction.result.measure import PAPER
 from hpcred.reduction.small.pseudo_modal import (
+    ROUGH,
     UNDAMPED,
     InputsOutputs,
     Proportional,
@@ -137,6 +138,20 @@ def test_poles_without_eigenvectors_are_solved_by_elimination():
     states = model.vectors @ model.solve(F, model.L)
     for f, state in zip(F, states, strict=True):
         assert np.allclose(state, np.linalg.inv(dense(K, D, UNDAMPED, f)), rtol=1e-10, atol=0)
+
+
+@pytest.mark.parametrize("transposed", [False, True])
+def test_coordinates_that_no_load_pushes_follow_right_sides_that_do(transposed):
+    """As residuals do, though small ones: rough solves gave zeros there."""
+    K, L, D = np.diag([400.0, 900.0, 1600.0]), np.array([[1.0], [0.5], [0.0]]), np.diag([0.3, 0.4, 0.2])
+    D[0, 1], D[1, 0] = 0.1, 0.15
+    damping, right = Proportional(0.1, 1e-3, 0.01), np.array([[1.0], [2.0], [1e-7]])
+    model = diagonalised(K, L, D, damping)
+    assert model.idle.tolist() == [False, False, True]
+    states = model.vectors @ model.solve(F, model.vectors.T @ right, transposed, ROUGH)
+    for f, state in zip(F, states, strict=True):
+        A = dense(K, D, damping, f)
+        assert np.allclose(state, np.linalg.solve(A.T if transposed else A, right), rtol=1e-10, atol=0)
 
 
 def test_frequencies_come_in_parts_that_fit(monkeypatch):

@@ -11,7 +11,7 @@ from hpcred import SecondOrderModel
 from hpcred.analysis.error_check import as_measured
 from hpcred.linalg.solvers.base import SingularMatrix
 from hpcred.parallel.petsc import is_complex
-from hpcred.reduction import basis_reductor
+from hpcred.reduction import one_sided
 from hpcred.reduction import tolerance_reductor as reductor
 from hpcred.reduction.run import run
 from hpcred.reduction.run.projection import project
@@ -50,7 +50,7 @@ def error_of(values, frequencies, eta):
 @pytest.fixture
 def plain_products(monkeypatch):
     """Project K as any matrix, so that soft motions have the round-off of stiff parts."""
-    for module in (projections, basis_reductor):
+    for module in (projections, one_sided):
         monkeypatch.setattr(module, "project_stiffness", lambda K, columns, _: project(K, columns))
 
 

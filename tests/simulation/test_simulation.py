@@ -185,7 +185,7 @@ def test_fractional_laws_have_no_states(linkage_body):
 def test_progress_and_warnings_are_told(linkage_body):
     """At twentieths of the time, each once, and before the integration."""
     said, told = [], []
-    progress = SimpleNamespace(say=said.append, warn=told.append)
+    progress = SimpleNamespace(say=lambda text, **_: said.append(text), warn=told.append)
     elastic = (1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)
     simulate(linkage_body, Simulation(end=0.5, elastic=elastic, steps=5), progress)
     times = [int(20 * float(re.match(r"t = ([\d.e+-]+) s of 0.5 s", text)[1]) / 0.5) for text in said]

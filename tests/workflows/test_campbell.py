@@ -124,6 +124,7 @@ def test_both_outputs_or_none(blade, monkeypatch, capsys, name, error, status):
         (["--range", "0,800", "--at", "omega=3"], "at: found a value of omega, but result.h5 has no parameters"),
         (["--range", "0,800", "--nodes", "99999"], "99999"),
         (["--range", "0,800", "-o", "c.txt"], "expected a name that ends in .csv, .h5 or .hdf5"),
+        (["--range", "0,800", "-o", "c.npz"], "expected a name that ends in .csv, .h5 or .hdf5"),
         (["--range", "0,800", "--figure", "c.jpg"], "expected a name that ends in .png, .svg, .pdf"),
     ],
 )

@@ -49,11 +49,13 @@ def test_each_result_has_its_own_error_and_the_modes_of_the_model(comm, folder):
 def test_results_of_other_questions_are_refused(comm, folder):
     with hpcred.solid((4, 2, 2), inputs=2, comm=comm) as one, hpcred.solid((4, 2, 2), inputs=3, comm=comm) as other:
         hpcred.write_model(folder / "model.h5", one)
-        for name, model in (("a", one), ("b", other)):
+        for name, model in (("a", one), ("b", other), ("c", one)):
             with hpcred.reduce(model, [Modes(count=3)]) as rom:
                 hpcred.write_result(folder / f"{name}.h5", rom, model)
         with pytest.raises(hpcred.InputError, match=r"b\.h5: found the inputs .* but .* in .*a\.h5; compare"):
             hpcred.compare_results([folder / "a.h5", folder / "b.h5"], folder / "model.h5")
+        with pytest.raises(hpcred.InputError, match="ends in .csv, for the errors of several results"):
+            hpcred.compare_results([folder / "a.h5", folder / "c.h5"], folder / "model.h5", output="x.npz")
         with pytest.raises(hpcred.InputError, match="expected two or more, each once"):
             hpcred.compare_results([folder / "a.h5", folder / "a.h5"], folder / "model.h5")
         # digests of an earlier version, which tell nothing about the model of today

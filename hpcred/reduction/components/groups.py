@@ -10,6 +10,7 @@ import numpy as np
 
 from ...fe.dofs import Dofs
 from ...linalg.blocks import View, create_block, dense_matrix, local_rows
+from ...linalg.solvers.base import DoesNotFit
 from ...model.frames import FramedModel
 from ...model.rigid_body.modes import RigidBodyModes
 from ...parallel.exchange import exchange
@@ -91,10 +92,13 @@ def number_of_groups(wanted, run, points: int) -> int:
     if most < 2 or run.solvers.multigrid:
         return 1
     with run.progress.stage("estimate"):
-        estimate = run.solvers.real().estimate()
+        try:
+            estimate = run.solvers.real().estimate()
+        except DoesNotFit:  # the first point says what is done then
+            estimate = None
         run.solvers.release()
     if estimate is None:
-        run.progress.say("1 group of ranks: what a factor needs is not known")
+        run.progress.say("1 group of ranks: a factor does not fit, or what it needs is not known")
         return 1
     need, have = estimate
     found = max(1, min(most, int(have / (1.2 * max(need, 1)))))

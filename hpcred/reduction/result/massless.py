@@ -19,6 +19,7 @@ import numpy as np
 
 from ...linalg.eigensolver import symmetric_part
 from ...linalg.pencil import MASSLESS, time_of
+from ...model.operator import Operator
 from ...parallel.failures import InputError
 
 NO_MASS = 1e-12  # of M with a unit diagonal of M + tau^2 K: eigenvalues up to it are round-off
@@ -101,9 +102,9 @@ def with_mass(reduced, where="a state space") -> WithMass:
     else:
         M = M[:m, :m]
     regular = replace(
-        reduced, M=M, D=D, K=K, B=B, C=C, Cv=Cv if Cv.any() else None, Ca=Ca if Ca.any() else None,
-        frequencies=np.resize(reduced.frequencies[:m], len(M)), interfaces=(), columns=None,
-        left_columns=None, model=None,
+        reduced, operator=Operator.of(M, D, K, reduced.added), B=B, C=C, Cv=Cv if Cv.any() else None,
+        Ca=Ca if Ca.any() else None, frequencies=np.resize(reduced.frequencies[:m], len(M)), interfaces=(),
+        columns=None, left_columns=None, model=None,
     )  # fmt: skip
     return WithMass(regular, feedthrough, damped)
 

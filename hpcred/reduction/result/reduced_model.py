@@ -38,7 +38,7 @@ class ReducedModel:
     """M x'' + D x' + K x = B u, y = C x + C_v x' + C_a x'' with m coordinates, p inputs, r outputs; SI units.
 
     M, D, K (m, m), which are terms of its `operator`; B (m, p), C, Cv, Ca (r, m), the last two None where they are
-    zero. It does not change: dataclasses.replace() returns others, also with other M, D, K or viscoelastic terms.
+    zero. It does not change: dataclasses.replace() returns others; another `operator` has other M, D, K or terms.
     M is singular where dofs have no mass: the last coordinates then are static deflections, or first-order states of
     dampers.
     `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52); without mass the least that counts as such.
@@ -295,9 +295,12 @@ class ReducedModel:
         return roots[np.argsort(roots.imag)]
 
     def unstable_poles(self) -> np.ndarray:
-        """Return the poles in the right half-plane, beyond round-off; none where M, D and K are symmetric and
-        semidefinite."""
-        if np.array_equal(self.K, self.K.T) and all(map(_semidefinite, self.operator.matrices.values())):
+        """Return the poles in the right half-plane, beyond round-off; none where M, K and the symmetric part of D are
+        semidefinite, since gyroscopic forces take no power."""
+        parts = self.operator.matrices | {"D": (self.D + self.D.T) / 2}
+        if np.array_equal(self.K, self.K.T) and all(
+            _semidefinite(part, np.abs(self.operator[key]).max(initial=0.0)) for key, part in parts.items()
+        ):
             return np.zeros(0, dtype=complex)
         roots = self.poles()
         size = np.abs(roots).max(initial=0.0)
@@ -324,17 +327,21 @@ class ReducedModel:
         self.close()
 
 
+def with_zero_D(reduced: ReducedModel) -> ReducedModel:
+    """Return the reduced model with D = 0."""
+    return replace(reduced, operator=Operator.of(reduced.M, np.zeros_like(reduced.D), reduced.K, reduced.added))
+
+
 def as_measured(reduced: ReducedModel, accuracy: Accuracy) -> ReducedModel:
     """Return the reduced model with the damping that its accuracy was measured with; without its basis."""
     if not accuracy.loss_factor:
         return replace(reduced, columns=None, left_columns=None, model=None)
-    D = reduced.D if accuracy.beside_damping else np.zeros_like(reduced.K)
-    return replace(reduced, D=D, loss_factor=accuracy.loss_factor, columns=None, left_columns=None, model=None)
+    whole = reduced if accuracy.beside_damping else with_zero_D(reduced)
+    return replace(whole, loss_factor=accuracy.loss_factor, columns=None, left_columns=None, model=None)
 
 
-def _semidefinite(matrix):
-    """Test whether a matrix is symmetric without negative eigenvalues, up to round-off."""
-    size = np.abs(matrix).max(initial=0.0)
+def _semidefinite(matrix, size):
+    """Test whether a matrix is symmetric without negative eigenvalues, up to round-off of entries of a size."""
     return np.abs(matrix - matrix.T).max(initial=0.0) <= ROUND_OFF * size and np.linalg.eigvalsh(matrix).min(
         initial=0.0
     ) >= -ROUND_OFF * len(matrix) * size

@@ -62,7 +62,7 @@ class RunSolvers:
 
         Raises SingularMatrix. Where the factor does not fit, solver.unfit is "multigrid" and the matrix is positive
         definite, the run goes on by multigrid, if it `may_give_up` factors and few iterations are expected; else
-        DoesNotFit or TooSlow is raised.
+        DoesNotFit, with advice on that only where it may, or TooSlow is raised.
         """
         if self.real().factored != (mass, damping):
             with self._progress.stage("factor", name, lambda: self._real.known()):
@@ -72,7 +72,9 @@ class RunSolvers:
                     error.point = name
                     raise
                 except DoesNotFit as error:
-                    if mass < 0 or not may_give_up or not self.give_up_factors(error):
+                    if not may_give_up:
+                        raise
+                    if mass < 0 or not self.give_up_factors(error):
                         raise refusal(error) from error
                     try:
                         self.real().factor(mass, damping)

@@ -277,10 +277,12 @@ class Search:
 
     def _find_hidden(self) -> bool:
         """Add modes that no load moves until none is missing; whether the model stays what it was."""
+        if self._solver.is_nearby:  # beside a basis that lacks modes below the point, the matrix is indefinite
+            self._solver.go_to(self._solver.nearby)
         found, (low, high) = self.expansion.highest_count, self.settings.band
         below, lack_of = (high, None) if found is None else (found.below, self.expansion.missing_modes)
-        if self._groups > 1:  # whose factors are gone
-            self._solver.go_to(below)
+        if self._groups > 1:  # whose factors are gone; the end of the band may be an eigenfrequency
+            self._solver.go_to(self._points[-1].frequency if found is None else below)
             self.run.notes.needs(str(self._solver.factored), "0.0", again=True)
         band = (low if any(item.below <= low for item in self.expansion.counts) else 0.0, below)
         self.missing_modes, change = find_hidden(

@@ -262,10 +262,19 @@ class PseudoModal(Keeping):
         inverse = Poles(self.poles.values, self.poles.left.T, self.poles.right.T) if transposed else self.poles
         s = self.damping.coefficients(frequencies)[2]
         factor = _reciprocal(s[:, None, None] - inverse.values[:, None])
+        # coordinates that have no poles there, which only residuals push, are diagonal
+        idle = np.flatnonzero(self.idle)
+        own = self._diagonal(frequencies)[:, idle]
+        if self.D is not None:
+            own += s[:, None] * np.diag(self.D)[idle]
+        own = _reciprocal(own)[:, :, None]
 
         def nearly(columns):
             same = columns.strides[0] == 0  # at all frequencies
-            return times(inverse.right, factor * (inverse.left @ columns[:1] if same else times(inverse.left, columns)))
+            left = inverse.left @ columns[:1] if same else times(inverse.left, columns)
+            found = times(inverse.right, factor * left)
+            found[:, idle] = own * columns[:, idle]
+            return found
 
         return nearly
 
