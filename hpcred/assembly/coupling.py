@@ -97,7 +97,7 @@ class Machine:
 
     def receptances(self, s: np.ndarray) -> np.ndarray:
         """Return Y(s) (S, r, p) of all parts, uncoupled."""
-        return _blocks([part.response(s, self.reference) for part in self.parts.values()])
+        return blocks([part.response(s, self.reference) for part in self.parts.values()])
 
     def response(self, s: np.ndarray) -> np.ndarray:
         """Return H(s) (S, r, p) of the machine at s (S,), by receptances."""
@@ -204,13 +204,9 @@ def _unheld(G, labels) -> np.ndarray:
     return Q[:, len(G) :]
 
 
-def _blocks(parts) -> np.ndarray:
+def blocks(parts) -> np.ndarray:
     """Return block diagonal matrices (S, r, p) of those of all parts."""
-    rows, columns = (np.cumsum([0, *(part.shape[axis] for part in parts)]) for axis in (1, 2))
-    found = np.zeros((len(parts[0]), rows[-1], columns[-1]), dtype=complex)
-    for k, part in enumerate(parts):
-        found[:, rows[k] : rows[k + 1], columns[k] : columns[k + 1]] = part
-    return found
+    return np.array([block_diag(*each) for each in zip(*parts, strict=True)])
 
 
 def _at(constant, terms, values) -> dict[str, np.ndarray]:
