@@ -97,7 +97,7 @@ class Machine:
 
     def receptances(self, s: np.ndarray) -> np.ndarray:
         """Return Y(s) (S, r, p) of all parts, uncoupled."""
-        return _blocks([part.response(s, self.reference) for part in self.parts.values()])
+        return blocks([part.response(s, self.reference) for part in self.parts.values()])
 
     def response(self, s: np.ndarray) -> np.ndarray:
         """Return H(s) (S, r, p) of the machine at s (S,), by receptances."""
@@ -204,13 +204,9 @@ def _unheld(G, labels) -> np.ndarray:
     return Q[:, len(G) :]
 
 
-def _blocks(parts) -> np.ndarray:
+def blocks(parts) -> np.ndarray:
     """Return block diagonal matrices (S, r, p) of those of all parts."""
-    rows, columns = (np.cumsum([0, *(part.shape[axis] for part in parts)]) for axis in (1, 2))
-    found = np.zeros((len(parts[0]), rows[-1], columns[-1]), dtype=complex)
-    for k, part in enumerate(parts):
-        found[:, rows[k] : rows[k + 1], columns[k] : columns[k + 1]] = part
-    return found
+    return np.array([block_diag(*each) for each in zip(*parts, strict=True)])
 
 
 def _at(constant, terms, values) -> dict[str, np.ndarray]:
@@ -343,51 +339,30 @@ def _chosen(parts, side, wanted) -> Channels:
 def laws_of_table(header, rows, joint: BushingJoint, band, key) -> dict[str, Tabulated]:
     """Return the laws by direction of a table with a header and rows (k, columns), at the value `at` of its parameter;
     `band` (Hz) must lie inside. Raises InputError."""
-    if len(set(header)) < len(header):
-        raise InputError(f"{key}: found the column {max(header, key=header.count)} twice, expected each once")
     known = {f"{part}_{name}" for part in ("re", "im") for name in SIX}
     more = [name for name in header if name not in known | {"f_hz"}]
     if "f_hz" not in header or len(more) > 1 or set(more) != set(joint.at) or not known & set(header):
         raise InputError(f"{key}: found the columns {', '.join(header)}, expected f_hz, re_x, im_x and so on to im_rz, "
                          f"and one for each parameter in `at` ({', '.join(joint.at) or 'none'}), at most one")
-    columns = dict(zip(header, np.asarray(rows, dtype=float).T, strict=True))
-    groups = [rows_of for _, rows_of in _groups(columns, more)]
+    columns, count = dict(zip(header, np.transpose(rows), strict=True)), len(rows)
+    at, parameter = (joint.at[more[0]], columns[more[0]]) if more else (0.0, np.zeros(count))
+    order, there = np.lexsort((columns["f_hz"], parameter)), np.unique(parameter)
+    if not count or not np.isfinite(rows).all():
+        raise InputError(f"{key}: found no lines, or numbers that are not finite")
+    f = columns["f_hz"][order][: count // len(there)]
+    if (np.diff(f) <= 0).any() or not np.array_equal(columns["f_hz"][order], np.tile(f, len(there))):
+        raise InputError(f"{key}: found frequencies twice, or other ones at other values of the parameter, expected "
+                         "each once")  # fmt: skip
+    if f[0] > band[0] or f[-1] < band[1]:
+        raise InputError(f"{key}: has {f[0]:g} to {f[-1]:g} Hz, which ends inside of the band {band[0]:g} to "
+                         f"{band[1]:g} Hz; measure it over the band, or take a narrower one")  # fmt: skip
+    if not there[0] <= at <= there[-1]:
+        raise InputError(f"{key}: at: found {more[0]} = {at:g}, expected {there[0]:g} to {there[-1]:g}, the range of "
+                         "the table")  # fmt: skip
     laws = {}
     for name in SIX:
-        if f"re_{name}" not in header and f"im_{name}" not in header:
-            continue
-        curves = [_curve(columns, rows_of, name, key) for rows_of in groups]
-        f = curves[0][0]
-        if any(not np.array_equal(curve[0], f) for curve in curves):
-            raise InputError(f"{key}: found other frequencies for other values of {more[0]}, expected the same")
-        if f[0] > band[0] or f[-1] < band[1]:
-            raise InputError(f"{key}: has {f[0]:g} to {f[-1]:g} Hz, which ends inside of the band {band[0]:g} to "
-                             f"{band[1]:g} Hz; measure it over the band, or take a narrower one")  # fmt: skip
-        values = np.array([curve[1] for curve in curves])
-        if more:
-            at, there = joint.at[more[0]], np.unique(columns[more[0]])
-            if not there[0] <= at <= there[-1]:
-                raise InputError(f"{key}: at: found {more[0]} = {at:g}, expected {there[0]:g} to {there[-1]:g}, the "
-                                 "range of the table")  # fmt: skip
-            values = np.array([[np.interp(at, there, column) for column in values.T]])
-        laws[name] = Tabulated(tuple(f.tolist()), tuple(values[0].real.tolist()), tuple(values[0].imag.tolist()))
+        if {f"re_{name}", f"im_{name}"} & set(header):
+            g = sum(unit * columns.get(f"{part}_{name}", np.zeros(count)) for part, unit in (("re", 1.0), ("im", 1j)))
+            g = np.array([np.interp(at, there, column) for column in g[order].reshape(len(there), -1).T])
+            laws[name] = Tabulated(tuple(f.tolist()), tuple(g.real.tolist()), tuple(g.imag.tolist()))
     return laws
-
-
-def _groups(columns, more):
-    """Yield the values of the parameter of a table with their rows; one of all rows without one."""
-    if not more:
-        yield None, slice(None)
-        return
-    for value in np.unique(columns[more[0]]):
-        yield value, columns[more[0]] == value
-
-
-def _curve(columns, rows_of, name, key):
-    """Return frequencies and complex stiffness of some rows, in order."""
-    f = columns["f_hz"][rows_of]
-    order = np.argsort(f)
-    parts = [columns.get(f"{part}_{name}", np.zeros(len(columns["f_hz"])))[rows_of][order] for part in ("re", "im")]
-    if not len(f) or (np.diff(f[order]) <= 0).any() or not np.isfinite([f, *parts]).all():
-        raise InputError(f"{key}: found frequencies twice, or numbers that are not finite, expected each once")
-    return f[order], parts[0] + 1j * parts[1]

@@ -23,7 +23,7 @@ from ..parallel.failures import InputError
 from ..reduction.result.accuracy import Accuracy
 from ..reduction.result.measure import Directions, Measure, drive_points, silent_outputs
 from ..reduction.result.reduced_model import ReducedModel
-from .coupling import Machine
+from .coupling import Machine, blocks
 
 CIRCLE, ANGLES = 0.5, 6  # radius over the distance to the nearest pole of the machine, and points on it
 LEAST = 1e-4  # of the band's upper end: free bodies have no response at 0 Hz
@@ -107,7 +107,7 @@ def sensitivity(machine: Machine, reduced: ReducedModel, band: tuple[float, floa
     f = np.repeat(frequencies, len(turns) + 1)
     reach = np.repeat(radius / (2 * np.pi), len(turns) + 1) * np.tile([0.0, *np.ones(len(turns))], len(frequencies))
     scales = [part.scales(flat, f, reach) for part in machine.parts.values()]
-    h, g = (_columns([item[side] for item in scales]) for side in (0, 1))  # (S, r, b), (S, p, b)
+    h, g = (blocks([item[side][..., None] for item in scales]) for side in (0, 1))  # (S, r, b), (S, p, b)
     out = np.abs(machine.outputs.matrix @ L) @ h
     into = np.swapaxes(g, 1, 2) @ np.abs(R @ machine.inputs.matrix.T)
     between = np.swapaxes(g, 1, 2) @ np.abs(K) @ h
@@ -130,15 +130,6 @@ def _inside(resonances, band):
     at, ratios = resonances
     there = (at >= band[0]) & (at <= band[1])
     return at[there], ratios[there]
-
-
-def _columns(parts) -> np.ndarray:
-    """Return scales (S, k) of bodies as columns (S, sum of k, b), zero at the others."""
-    ends = np.cumsum([0, *(part.shape[1] for part in parts)])
-    found = np.zeros((len(parts[0]), ends[-1], len(parts)))
-    for b, part in enumerate(parts):
-        found[:, ends[b] : ends[b + 1], b] = part
-    return found
 
 
 def why_not_known(machine: Machine, band) -> str:

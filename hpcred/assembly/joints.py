@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from ..fe.dofs import DIRECTIONS
 from ..model.laws.registry import AnyLaw
-from ..model.rotation import skew
-from ..parallel.declared import as_declared, declared
+from ..model.rotation import skew, unit_axis
+from ..parallel.declared import Settings, as_declared
 from ..parallel.failures import InputError
-from ..parallel.ranges import COORDINATE, LABEL, within
+from ..parallel.ranges import LABEL, Coordinate, Range, within
 
-Vector = tuple[float, float, float]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
 SIX = DIRECTIONS[:6]
 GROUND = "ground"
-NOT_NEGATIVE = (0.0, 1e30, "")
+NotNegative = Annotated[float, Range(0.0, 1e30)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Turn:
+class Turn(Settings):
     """A rotation.
 
     Parameters
@@ -33,24 +33,18 @@ class Turn:
     """
 
     axis: Literal["x", "y", "z"] | Vector
-    degrees: float
+    degrees: Annotated[float, Range(-1e6, 1e6, "degrees")]
+
+    where = "turn."
 
     def __post_init__(self):
-        as_declared(self, "turn.")
-        within("turn.degrees", self.degrees, (-1e6, 1e6, "degrees"))
-        within("turn.axis", self.axis, COORDINATE)
-        if not np.any(self.vector):
-            raise InputError(f"turn.axis: found {list(self.axis)}, expected an axis with a length")
-
-    @property
-    def vector(self) -> np.ndarray:
-        """The axis (3,)."""
-        return np.eye(3)["xyz".index(self.axis)] if isinstance(self.axis, str) else np.array(self.axis)
+        super().__post_init__()
+        unit_axis("turn.axis", self.axis)
 
     @property
     def matrix(self) -> np.ndarray:
         """The rotation matrix (3, 3); that of multiples of 90 degrees about x, y or z without round-off."""
-        axis = self.vector / np.linalg.norm(self.vector)
+        axis = unit_axis("turn.axis", self.axis)
         sine, cosine = np.sin(np.radians(self.degrees % 360)), np.cos(np.radians(self.degrees % 360))
         if self.degrees % 90 == 0:
             sine, cosine = round(sine), round(cosine)
@@ -100,14 +94,13 @@ class MachineBody:
         if not self.name or set(self.name) & set(".: /") or self.name == GROUND:
             raise InputError(f"body.name: found '{self.name[:40]}', expected a word without '.', ':', '/' and blanks, "
                              f"and not '{GROUND}'")  # fmt: skip
-        within("body.position", self.position, COORDINATE)
         within("body.nodes", numbers := tuple(self.nodes.values()), LABEL)
         if len(set(numbers)) < len(numbers):
             raise InputError(f"body.nodes: found one of the nodes {list(numbers)} twice, expected one name for each")
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigidJoint:
+class RigidJoint(Settings):
     """A rigid joint: the two interfaces move alike in some directions.
 
     Parameters
@@ -126,8 +119,10 @@ class RigidJoint:
     turn: Turn | None = None
     kind: Literal["rigid"] = "rigid"
 
+    where = "joint."
+
     def __post_init__(self):
-        as_declared(self, "joint.")
+        super().__post_init__()
         check_bodies(self)
         unknown = [name for name in self.directions if name not in SIX]
         if unknown or not self.directions or len(set(self.directions)) < len(self.directions):
@@ -158,8 +153,8 @@ class BushingJoint:
     """
 
     bodies: tuple[str, str]
-    stiffness: tuple[float, ...] = ()
-    damping: tuple[float, ...] = ()
+    stiffness: tuple[NotNegative, ...] = ()
+    damping: tuple[NotNegative, ...] = ()
     law: AnyLaw | None = None
     table: str | None = None
     at: dict[str, float] = field(default_factory=dict)
@@ -170,10 +165,8 @@ class BushingJoint:
         as_declared(self, "joint.", keys=("bodies", "stiffness", "damping", "table", "turn"))
         check_bodies(self)
         for key in ("stiffness", "damping"):
-            value = getattr(self, key)
-            within(f"joint.{key}", value, NOT_NEGATIVE)
-            if len(value) not in (0, 3, 6):
-                raise InputError(f"joint.{key}: found {len(value)} numbers, expected three, or six with rotations")
+            if (count := len(getattr(self, key))) not in (0, 3, 6):
+                raise InputError(f"joint.{key}: found {count} numbers, expected three, or six with rotations")
         if not any(self.stiffness) and not any(self.damping) and self.table is None:
             raise InputError("joint: a bushing without stiffness, damping and table holds nothing; give one of them")
         if self.law is not None and not any(self.stiffness):
@@ -183,7 +176,7 @@ class BushingJoint:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PointMass:
+class PointMass(Settings):
     """A rigid mass at an interface.
 
     Parameters
@@ -197,13 +190,13 @@ class PointMass:
     """
 
     at: str
-    mass: float
-    inertia: Vector = (0.0, 0.0, 0.0)
+    mass: NotNegative
+    inertia: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
+
+    where = "mass."
 
     def __post_init__(self):
-        as_declared(self, "mass.")
-        within("mass.mass", self.mass, NOT_NEGATIVE)
-        within("mass.inertia", self.inertia, NOT_NEGATIVE)
+        super().__post_init__()
         if not self.mass and not any(self.inertia):
             raise InputError("mass.mass: found 0 and no inertia, which change nothing; give one of them")
 
@@ -212,7 +205,6 @@ def check_bodies(joint):
     """Raise InputError unless a joint is between two different interfaces, at most one of them the ground."""
     if joint.bodies[0] == joint.bodies[1]:
         raise InputError(f"joint.bodies: found '{joint.bodies[0]}' twice, expected two different interfaces")
-    declared("joint.bodies", joint.bodies, tuple[str, str])
     for name in joint.bodies:
         if name != GROUND and not all(name.partition(".")):
             raise InputError(f"joint.bodies: found '{name[:60]}', expected a body and an interface with a dot between "

@@ -317,30 +317,27 @@ def _channels(body, names, turn) -> Channels:
     Displacements of a node, and rotations, are turned; where the body has not all that a direction of the machine is
     made of, the channel stays as it is, "of the body" in its name.
     """
-    own, rows, done, unit = [], [], set(), np.eye(len(names))
+    own, rows, done = [], [], set()
+    turned = np.where(np.abs(turn) > ROUND_OFF, turn, 0.0)
     for j, name in enumerate(names):
         quantity, place = named_quantity(name)
         node, _, direction = place.rpartition(":")
         if _label(name) == "":
             own.append(f"{body}.{name}")
-            rows.append(unit[j])
+            rows.append(np.eye(len(names))[j])
             continue
         first = 0 if DIRECTIONS.index(direction) < 3 else 3
         if (quantity, node, first) in done:
             continue
         done.add((quantity, node, first))
-        place_of = [quantity_name(quantity, f"{node}:{item}") for item in SIX[first : first + 3]]
-        there = [item in names for item in place_of]
-        for d in range(3):
-            uses = np.abs(turn[d]) > ROUND_OFF  # R^T e_d, in axes of the body
-            if (there | ~uses).all() and uses.any():
-                own.append(quantity_name(quantity, f"{body}.{node}:{SIX[first + d]}"))
-                rows.append(sum(turn[d, e] * unit[names.index(place_of[e])] for e in np.flatnonzero(uses)))
-        made = np.array([turn[d] for d in range(3) if (there | (np.abs(turn[d]) <= ROUND_OFF)).all()]).reshape(-1, 3)
-        for e in np.flatnonzero(there):
-            if np.linalg.norm(made[:, e]) < 1 - ROUND_OFF:
-                own.append(f"{body}.{place_of[e]} of the body")
-                rows.append(unit[names.index(place_of[e])])
+        places = [quantity_name(quantity, f"{node}:{item}") for item in SIX[first : first + 3]]
+        of_body = np.array([[float(item == other) for other in names] for item in places])
+        there = of_body.any(axis=1)
+        made = (there | (turned == 0)).all(axis=1)
+        left = there & (np.linalg.norm(turned[made], axis=0) < 1 - ROUND_OFF)
+        own += [f"{quantity_name(quantity, f'{body}.{node}')}:{SIX[first + d]}" for d in np.flatnonzero(made)]
+        own += [f"{body}.{places[e]} of the body" for e in np.flatnonzero(left)]
+        rows += [*(turned @ of_body)[made], *of_body[left]]
     return Channels(names=tuple(names), own=tuple(own), matrix=np.array(rows).reshape(-1, len(names)))
 
 

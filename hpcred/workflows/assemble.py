@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime, timezone
-from pathlib import Path
 
 import numpy as np
 
@@ -26,7 +24,6 @@ from ..files.response_file import (
     write_responses,
 )
 from ..files.result_file import FORMAT, Result, read_result, write_result
-from ..files.text import absent
 from ..files.together import rescued
 from ..model.damping import GivenDamping
 from ..model.frames import NoFrame
@@ -35,6 +32,8 @@ from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..readers.frf import read_frf
+from ..readers.motions.columns import read_columns
+from ..readers.motions.table import head_of
 from ..reduction.result.accuracy import Accuracy
 from ..reduction.result.record import Record, versions
 from ..reduction.result.reduced_model import ReducedModel
@@ -205,7 +204,9 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
         if getattr(joint, "table", None):
             if band is None:
                 raise InputError(f"joint[{k}].table: needs a band, over which it has to reach; give `band`")
-            tables[k] = laws_of_table(*_read_table(joint.table), joint, band, f"joint[{k}]: table {joint.table}")
+            header, start = head_of(joint.table)
+            rows = read_columns(joint.table, start, len(header))
+            tables[k] = laws_of_table(header, rows, joint, band, f"joint[{k}]: table {joint.table}")
     machine = machine_of(parts, joints, masses, inputs, outputs, tables)
     if measured:
         if tolerance is not None:
@@ -262,21 +263,6 @@ def _tau(parts, band) -> float:
     """Return the time (s) of the highest frequency that counts."""
     highest = band[1] if band else max(np.sqrt(np.abs(np.diag(part.model.K)).max()) for part in parts) / 2 / np.pi
     return 1 / (2 * np.pi * (highest or 1.0))
-
-
-def _read_table(path) -> tuple[list[str], np.ndarray]:
-    """Return the header and the rows of a .csv. Raises InputError."""
-    if not Path(path).is_file():
-        raise absent(path)
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            header, *rows = [row for row in csv.reader(file) if row]
-        numbers = np.array([[float(word) for word in row] for row in rows])
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: found {error}, expected a .csv with a header and numbers") from error
-    if numbers.ndim != 2 or numbers.shape[1] != len(header):
-        raise InputError(f"{path}: found rows of other lengths than its header, expected {len(header)} numbers in each")
-    return [word.strip() for word in header], numbers
 
 
 def _record(results, parts, numbers, made: Assembly, progress, comm) -> Record:

@@ -9,7 +9,7 @@ import pytest
 from helpers import block_with_ends
 
 import hpcred
-from hpcred.assembly.coupling import laws_of_table, machine_of
+from hpcred.assembly.coupling import machine_of
 from hpcred.assembly.error import Sensitivity, damping_of_errors
 from hpcred.assembly.joints import MachineBody
 from hpcred.assembly.parts import part_of
@@ -146,12 +146,30 @@ def test_errors_of_bodies_have_one_damping_or_none():
     (lambda: hpcred.assemble([], inputs=[]), "inputs: found none, expected some; leave it out for all"),
     (lambda: MachineJob(body=(MachineBody(name="a", result="a.npz", kind="measured"),), write_basis=False),
      "write_basis: a machine with measured bodies has no basis"),
-    (lambda: laws_of_table(["f_hz", "re_x", "re_x"], np.ones((2, 3)), SimpleNamespace(at={}), (0, 1), "t"),
-     "t: found the column re_x twice"),
 ])  # fmt: skip
 def test_keys_without_meaning_are_refused(made, words):
     with pytest.raises(hpcred.InputError, match=words):
         made()
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("f_hz,re_x,re_x\n0,1,1\n9,1,1\n", "found the column 're_x' more than once"),
+    ("f_hz,re_x\n0,1\n9,1", "the file is cut off"),
+    ("f_hz,re_x\n0,1\n9,one\n", "line 3"),
+    ("f_hz,re_x\n0,1\n9\n", "line 3"),
+    ("f_hz,re_x\n", "found no lines"),
+    ("f_hz,re_x\n0,1\n0,1\n9,1\n", "found frequencies twice"),
+    ("f_hz,re_x,a\n0,1,1\n9,1,1\n0,1,2\n8,1,2\n", "other ones at other values of the parameter"),
+    ("f_hz,re_x,a\n0,1,1\n9,1,1\n0,1,2\n", "other ones at other values of the parameter"),
+    ("f_hz,re_x,a\n0,1,2\n9,1,2\n0,1,3\n9,1,3\n", "at: found a = 1, expected 2 to 3"),
+    ("f_hz,x\n0,1\n", "found the columns f_hz, x"),
+])  # fmt: skip
+def test_bad_tables_are_refused(tmp_path, text, words):
+    (tmp_path / "t.csv").write_text(text)
+    at = {"a": 1.0} if ",a" in text else {}
+    joint = hpcred.BushingJoint(bodies=("b.a", "ground"), table=str(tmp_path / "t.csv"), at=at)
+    with pytest.raises(hpcred.InputError, match=words):
+        hpcred.assemble([measured(tmp_path / "b.npz", [1.0, 2.0])], [joint])
 
 
 def test_units_that_are_known_are_not_doubted():
