@@ -195,7 +195,8 @@ class Judge:
 
     def _over_band(self, pair, band=None):
         """Return frequencies of the band (S,), and the error of the inner model estimated at them."""
-        return largest(pair, grid([pair.outer, pair.inner], band or self.settings.band), UNREFINED * self.goal, rounds=2)
+        S = grid([pair.outer, pair.inner], band or self.settings.band)
+        return largest(pair, S, UNREFINED * self.goal, rounds=2)
 
     def _roughly(self, pair) -> float:
         """Return the largest estimate at a few frequencies."""
