@@ -108,7 +108,13 @@ def test_the_command_writes_a_result_that_commands_take(machine, capsys):
     assert "largest error of the machine" in shown and "bed" in shown
     report = json.loads(Path("a.json").read_text())
     result = hpcred.read_result("machine.h5")
-    assert result.reduced.record.accuracy.loss_factor == 0.002  # of its bodies, with which it is a body again
+    # a body again, with the damping that the errors of its bodies were measured with
+    again = hpcred.assemble([MachineBody(name="m", result="machine.h5")], inputs=["m.arm.right:x"])
+    column = result.reduced.input_names.index("arm.right:x")
+    H = result.reduced.frequency_response([500.0, 9000.0])[..., [column]]
+    assert np.abs(again.frequency_response([500.0, 9000.0]) - H).max() < 1e-9 * np.abs(H).max()
+    part = again.machine.as_measured().parts["m"].model
+    assert part.loss_factor == result.reduced.record.accuracy.loss_factor == 0.002 and again.accuracy is not None
     assert result.reduced.size == report["size"] and "arm.right:rz" in result.reduced.input_names
     assert [node.name for node in result.nodes] == ["bed.right", "arm.left", "arm.right"]
     # the basis moves the interfaces as the nodes are said to, and the shapes are orthonormal in the masses
