@@ -9,6 +9,7 @@ from ..files.locks import locks_given_back
 from ..files.model_file import FORMAT, write_model
 from ..files.outputs import check_outputs, hdf5_kind
 from ..parallel import startup
+from ..parallel.progress import Progress
 
 
 @locks_given_back()
@@ -33,8 +34,9 @@ def write_example(name, output="model.h5", *, comm=None, progress=None, **keywor
         For keywords that do not fit.
     """
     comm = comm or startup.start_mpi()
+    progress = progress or Progress(comm)
     check_outputs({output: hdf5_kind(FORMAT)}, comm, progress=progress)
     with {"linkage": linkage, "solid": solid, "crank": crank}[name](comm=comm, **keywords) as model:
         write_model(output, model)
         made = {"size": model.size, "inputs": list(model.input_names), "sets": sorted(model.sets)}
-        return {"output": str(output), **made}
+        return progress.found({"output": str(output), **made})
