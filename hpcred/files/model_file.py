@@ -7,7 +7,8 @@ inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs f
     velocities and accelerations are measured
 loads/name, kind, remark, spins, area (l) in m^2, sums (l, 4, 3): of the inputs that are loads, as of
     model.loads.LoadColumn; the sums are force, moment, and the parts of both on held dofs
-dofs/node (n), dofs/direction (n) 0..5, dofs/position (n, 3) in m, where the nodes are known
+dofs/node (n), dofs/direction (n), dofs/position (n, 3) in m, where the nodes are known; directions are 0 to 5 for x, y,
+z, rx, ry, rz, 6 for a scalar dof, 7 to 12 for directions 1 to 6 of a displacement system of the node's own
 elements/<kind> (elements, nodes): node numbers, where known, for pictures; kinds of model.elements
 element_properties/<kind> (elements, 3), where known: number of the element, place of its type in element_types, and of
 its material in materials, -1 for none; element_program: whose element types these are; materials: JSON, as Material

@@ -17,8 +17,9 @@ SPARE = 2.0  # times what is needed must be free there
 class Parts:
     """An array on the first rank of a communicator with a place for the rows of each. Call close(). Collective.
 
-    `rows`: of this rank; `columns`: at most. `whole`: the array on the first rank, None on others. The rows of rank r
-    with k columns stand in `whole` from starts[r] columns on, column by column.
+    `rows`: of this rank; `columns`: at most. `whole`: the array on the first rank, and on all where they share its
+    memory; empty on others else. The rows of rank r with k columns stand in it from starts[r] columns on, column by
+    column.
     """
 
     def __init__(self, comm, rows: int, columns: int, dtype):

@@ -144,12 +144,14 @@ class ParametricReductor(ToleranceReductor):
 
 
 def _project_again(greedy, kept) -> tuple[np.ndarray, float]:
-    """Project on the pseudo-modes at the reference as a search at one value does (see outcome). Returns the columns
-    `kept` in terms of the new basis, and the noise of the models. Collective."""
+    """Project on the pseudo-modes at the reference where models lack digits or have noise that matters, as a search at
+    one value does (see outcome). Returns the columns `kept` in terms of the new basis, and the noise of the models.
+    Collective."""
     comm, judge, projections = greedy.parametric.comm, greedy.first.judge, greedy.projections
     noise = max(search.judge.noise for search in greedy.searches)
     pair, outward, inward = decided(comm, turned, projections, greedy.reference, greedy.goal)
-    for _ in range(PASSES if ask_for_digits(greedy.run, judge, pair.outer) else 0):
+    lacks = ask_for_digits(greedy.run, judge, pair.outer) or noise > judge.goal
+    for _ in range(PASSES if lacks else 0):
         projections.rotate(outward)
         kept, before = inward @ kept, pair.outer
         pair, outward, inward = decided(comm, turned, projections, greedy.reference, greedy.goal)

@@ -17,12 +17,14 @@ from ..parallel.declared import declared, refuse_file, spelled
 from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 from .basis_reductor import BasisReductor
+from .components import second_order_krylov  # noqa: F401  (a record may have its kind)
 from .components.component import Component
 from .parametric.settings import ParameterSearch
 from .parametric_reductor import ParametricBasisReductor, ParametricReductor
 from .reductor import Reductor
+from .result.kinds import from_table, table_of
 from .result.measure import Measure
-from .result.record import UnknownPart
+from .result.record import BasisPart, UnknownPart
 from .result.reduced_model import ReducedModel
 from .run.store import Store
 from .search.goal import Adaptive
@@ -134,9 +136,8 @@ def reduce(
         raise InputError(f"store: found {store!r}, expected a Store, such as PointStore(folder)")
     if isinstance(basis, Reductor):
         raise InputError(f"basis: found {type(basis).__name__}, a Reductor; call its method reduce(model)")
-    for part in basis if isinstance(basis, tuple) else ():  # that of a record
-        if isinstance(part, UnknownPart):
-            raise InputError(f"basis: found the kind '{part.kind}', whose class is not known here; import it first")
+    if isinstance(basis, tuple):  # that of a record
+        basis = tuple(map(_known_part, basis))
     basis = declared("basis", (basis,) if isinstance(basis, Component) else basis or (), tuple[Component, ...])
     adaptive = _asked_accuracy(
         declared("adaptive", adaptive, Adaptive | None), tolerance, band, measure=measure, static=static
@@ -168,6 +169,19 @@ def reduce(
         return progress.found(TwoSidedReductor(**asked).reduce(model))
     reductor = BasisReductor(**asked) if adaptive is None else ToleranceReductor(**asked, goal=adaptive)
     return progress.found(reductor.reduce(model))
+
+
+def _known_part(part):
+    """Return a part of a basis, made anew where a record was read before its class was known. Raises InputError."""
+    if not isinstance(part, UnknownPart):
+        return part
+    try:
+        found = from_table(BasisPart, UnknownPart, table_of(part))
+    except ValueError as error:
+        raise InputError(f"basis: found the kind '{part.kind}' with settings that it does not take: {error}") from error
+    if isinstance(found, UnknownPart):
+        raise InputError(f"basis: found the kind '{part.kind}', whose class is not known here; import it first")
+    return found
 
 
 def _asked_accuracy(adaptive, tolerance, band, **more) -> Adaptive | None:

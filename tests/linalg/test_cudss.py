@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cudss_stand_in import Gpu
+from cudss_stand_in import Factor, Gpu
 from helpers import block_from, damped, dense_model, gather
 
 import hpcred
@@ -210,6 +210,16 @@ def test_a_gpu_or_a_library_that_cannot_be_used(solid, monkeypatch, small, count
     monkeypatch.setattr(auto, "SMALL", 0)
     with hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by("auto")) as rom:
         assert rom.record.factorisations[0].package_because.startswith("cuDSS ")
+
+
+def test_what_a_gpu_failed_at_is_told_though_it_frees_nothing(monkeypatch):
+    def refuse(words):
+        raise RuntimeError(words)
+
+    Gpu(failing="free", error=RuntimeError("cudaFree")).used_by(monkeypatch)
+    monkeypatch.setattr(cudss, "find_spec", lambda name: object())
+    monkeypatch.setattr(Factor, "analyse", lambda self: refuse("an illegal memory access"))
+    assert REAL_UNUSABLE() == "cannot be used here (RuntimeError: an illegal memory access)"
 
 
 REAL_UNUSABLE = cudss.unusable.__wrapped__

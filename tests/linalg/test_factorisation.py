@@ -159,6 +159,15 @@ def test_the_folder_for_factors_is_made_with_the_first_one(tmp_path):
         solver.close()
 
 
+@pytest.mark.mpi(ranks=(2,))
+def test_a_folder_that_one_node_cannot_make_is_refused_on_all_ranks(comm, tmp_path, monkeypatch):
+    factoring = Factoring(out_of_core=str(comm.bcast(tmp_path)))
+    if comm.rank == 1:
+        monkeypatch.setattr(os, "access", lambda *_: False)
+    with hpcred.solid((3, 2, 2), comm=comm) as model, pytest.raises(InputError, match="cannot be made or written"):
+        ShiftedSolver(model, factoring=factoring).factor(0.0)
+
+
 def test_a_full_response_does_not_name_what_only_reductions_can_do(monkeypatch):
     monkeypatch.setenv("HPCRED_MEMORY_MB", "2")
     with hpcred.solid((8, 6, 6), inputs=1) as model:

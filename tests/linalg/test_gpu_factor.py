@@ -182,3 +182,36 @@ def test_a_matrix_that_cannot_be_created_leaves_nothing(monkeypatch):
     with pytest.raises(ZeroDivisionError):
         factor_of(np.diag([1.0, 2.0]), True)
     assert not device.memory and not device.objects
+
+
+def test_memory_that_cannot_be_locked_is_not_asked_for_again(monkeypatch):
+    """And CUDA forgets that error, which it would give later calls."""
+    device, calls = Device(monkeypatch), []
+
+    def refuse(name):
+        def call(*arguments):
+            calls.append(name)
+            raise RuntimeError(f"{name}: operation not supported")
+
+        return call
+
+    for name in ("cudaHostRegister", "cudaGetLastError"):
+        monkeypatch.setattr(device, name, refuse(name), raising=False)
+    factor, _ = factor_of(np.diag([1.0, 2.0]), True)
+    block = np.ones((2, 1), order="F")
+    for _ in range(2):
+        factor.lock(block)
+        factor.solve([(0, block)])
+    assert calls == ["cudaHostRegister", "cudaGetLastError"]
+    factor.unlock()
+    factor.lock(block)  # another array may be there by now
+    factor.free()
+    assert calls == ["cudaHostRegister", "cudaGetLastError"] * 2 and not device.locked
+
+
+def test_a_gpu_that_frees_nothing_after_an_error_tells_that_error(monkeypatch):
+    device = Device(monkeypatch)
+    monkeypatch.setattr(device, "matrix_create_csr", lambda *arguments: 1 / 0)
+    monkeypatch.setattr(device, "config_destroy", lambda *arguments: [][0])
+    with pytest.raises(ZeroDivisionError):
+        factor_of(np.diag([1.0, 2.0]), True)

@@ -122,7 +122,7 @@ def test_groups_that_count_nothing_look_for_modes_where_they_had_a_factor(comm, 
 @needs_counts
 def test_of_a_band_above_zero_only_its_own_modes_are_looked_for(comm):
     """Dozens below it need not be in the basis."""
-    record, below = reduced(comm, [*np.linspace(3.0, 19.0, 60), 24.0, 27.0], (20.0, 30.0), columns=70)
+    record, below = reduced(comm, [*np.linspace(3.0, 19.0, 80), 24.0, 27.0], (20.0, 30.0), columns=80)
     accuracy = record.accuracy
     assert accuracy.reached and accuracy.missing_modes == 0 and accuracy.uncompressed_size < below(30.0)
     lowest = min(accuracy.points, key=lambda point: point.frequency)

@@ -31,6 +31,7 @@ from hpcred.examples.linkage import FRAME, LOAD, SUPPORTS
 from hpcred.model.interfaces.nodes import Nodes
 from hpcred.parallel.decisions import shared_out
 from hpcred.parallel.petsc import PETSc
+from hpcred.reduction import parametric_reductor
 from hpcred.reduction.parametric import compression
 from hpcred.reduction.parametric.training import (
     corner_points,
@@ -500,6 +501,22 @@ def test_terms_that_are_zero(damping, comm):
         assert rom.record.accuracy.reached and case.eps(rom, fresh_pairs(case, 10)).max() <= 1e-4
         s = 2j * np.pi * np.array([0.5, 7.0])
         assert rom.transfer_function(s, e=2.0) == pytest.approx(rom.transfer_function(s, e=0.0), rel=1e-9)
+
+
+@pytest.mark.parametrize("noise, sharp, left", [(2e-5, False, 1e-9), (1e-6, True, 1e-9), (1e-6, False, 1e-6)])
+def test_a_basis_is_projected_again_where_noise_matters_or_digits_lack(monkeypatch, noise, sharp, left):
+    one, alone, turns = np.eye(2), SimpleNamespace(size=1), []
+    monkeypatch.setattr(parametric_reductor, "turned", lambda *_: (SimpleNamespace(outer=None), one, 2 * one))
+    monkeypatch.setattr(parametric_reductor, "ask_for_digits", lambda *_: sharp)
+    monkeypatch.setattr(parametric_reductor, "changed", lambda *_: 1e-9)
+    judge = SimpleNamespace(goal=1e-5, noise=noise)
+    greedy = SimpleNamespace(
+        parametric=SimpleNamespace(comm=alone), first=SimpleNamespace(judge=judge), run=None, reference={},
+        searches=[SimpleNamespace(judge=judge)], projections=SimpleNamespace(rotate=turns.append),
+        goal=SimpleNamespace(band=(0.0, 1.0)),
+    )  # fmt: skip
+    kept, found = parametric_reductor._project_again(greedy, one)
+    assert found == left and len(turns) == (left < noise) and np.array_equal(kept, one * 2 ** len(turns))
 
 
 def test_points_around_one():

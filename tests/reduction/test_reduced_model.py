@@ -8,7 +8,7 @@ from helpers import exported
 
 import hpcred
 from hpcred.body.body import body_of
-from hpcred.model.operator import Term
+from hpcred.model.operator import Operator, Term
 from hpcred.parallel.failures import InputError
 from hpcred.reduction.result.record import UnknownPart
 from hpcred.writers.arrays import BodyMat, BodyNpz
@@ -100,7 +100,36 @@ def test_a_reduced_model_does_not_change():
     assert np.allclose(damped.transfer_function(2j), expected)
 
 
+def test_what_a_reduced_model_needs():
+    one = np.eye(1)
+    with pytest.raises(TypeError, match="found no D, K, B, C, frequencies, expected M, D, K, B, C and frequencies"):
+        hpcred.ReducedModel(M=one)
+    with pytest.raises(TypeError, match="found no M, B, expected"):
+        hpcred.ReducedModel(operator=Operator.of(None, one, one), C=one, frequencies=np.ones(1))
+
+
 def test_parts_of_a_basis_that_are_not_known_make_none():
     """As of a record that another program has made."""
     with hpcred.linkage() as model, pytest.raises(InputError, match="kind 'theirs', whose class is not known here"):
         hpcred.reduce(model, (UnknownPart("theirs", {"count": 3}),))
+    with hpcred.linkage() as model, pytest.raises(InputError, match="kind 'modes' with settings that it does not take"):
+        hpcred.reduce(model, (UnknownPart("modes", {"count": "many"}),))
+
+
+def test_parts_of_a_basis_that_were_read_before_their_classes_were_known(hpcred):
+    """As in a process that begins by reading a result."""
+    script = (
+        "import sys, hpcred\n"
+        "basis = [hpcred.Modes(count=2), hpcred.SecondOrderKrylov(frequency=9.0)]\n"
+        "with hpcred.linkage() as model, hpcred.reduce(model, basis, hpcred.Buckens()) as rom:\n"
+        "    hpcred.write_result('rom.h5', rom, model)"
+    )
+    again = (
+        "import hpcred\n"
+        "basis = hpcred.read_result('rom.h5').reduced.record.basis\n"
+        "print(*(type(part).__name__ for part in basis))\n"
+        "with hpcred.linkage() as model, hpcred.reduce(model, basis, hpcred.Buckens()) as rom:\n"
+        "    print(*(part.kind for part in rom.record.basis), rom.record.basis[0] == hpcred.Modes(count=2))"
+    )
+    run = [hpcred(program=("-c", part)) for part in (script, again)]
+    assert run[1].stdout.split() == ["UnknownPart"] * 2 + ["modes", "second_order_krylov", "True"], run[1].stderr

@@ -137,7 +137,7 @@ def test_a_tolerance_below_round_off_is_said_first(model_file, capsys):
 def test_a_check_can_fail():
     check = Check(seed=7, bound=1e-4, frequencies=(1.0, 2.0), estimated=(1e-5, 1e-5), measured=(1e-5, 2e-3))
     assert not check.passed
-    assert "ABOVE at 1 of them: largest error 0.2 % (tolerance 0.01 %), at 2 Hz (estimated 0.001 %)" in check.sentence
+    assert "ABOVE at 1 of them, largest error 0.2 % (tolerance 0.01 %), at 2 Hz (estimated 0.001 %)" in check.sentence
     assert not Check(seed=7, bound=1e-4, frequencies=(1.0,), estimated=(1e-5,), measured=(float("nan"),)).passed
 
 

@@ -362,7 +362,11 @@ def test_the_step_response_at_values(family, family_fmu, values):
 def test_maxwell_elements_beside_parameters(family, tmp_path):
     root = np.random.default_rng(5).normal(size=(family.size, 2))
     law = hpcred.Maxwell(factors=[0.5, 2.0], times=[2e-4, 1e-3])
-    damped = replace(family, viscoelastic=(hpcred.Viscoelastic(1e7 * root @ root.T, law, "rubber"),))
+    rubber = hpcred.Viscoelastic(1e7 * root @ root.T, law, "rubber")
+    damped = ParametricReducedModel.of(
+        replace(family.base, viscoelastic=(rubber,)), parameters=family.parameters, constant=family.constant,
+        terms=family.terms,
+    )  # fmt: skip
     remarks = write_fmu(tmp_path / "body.fmu", damped.base, parametric=damped)
     assert any("the last 4 coordinates are the dashpots" in text for text in remarks)
     variables = fmpy.read_model_description(tmp_path / "body.fmu").modelVariables

@@ -37,7 +37,8 @@ class GpuFactor:
         try:
             self._create(indptr, indices, values, symmetric, hybrid)
         except BaseException:
-            self.free()
+            with suppress(Exception):  # after an error of a GPU nothing can be freed, and that error counts
+                self.free()
             raise
 
     def _create(self, indptr, indices, values, symmetric, hybrid):
@@ -95,14 +96,20 @@ class GpuFactor:
         then. It must live until unlock() or free()."""
         place = array.ctypes.data
         if array.size and place not in self._locked:
-            with suppress(RuntimeError):  # a system may not allow that
+            self._locked[place] = array
+            try:
                 runtime("cudaHostRegister", place, array.nbytes, 0)
-                self._locked[place] = array
+            except RuntimeError:  # a system may not allow that, which is not asked again
+                self._locked[place] = None
+                with suppress(RuntimeError):  # the call raises the last error, which it has CUDA forget
+                    runtime("cudaGetLastError")
 
     def unlock(self):
         """Let go of these arrays."""
         while self._locked:
-            runtime("cudaHostUnregister", self._locked.popitem()[0])
+            place, array = self._locked.popitem()
+            if array is not None:
+                runtime("cudaHostUnregister", place)
 
     def _execute(self, phase):
         runtime("cudaSetDevice", self._gpu)

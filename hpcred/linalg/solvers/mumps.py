@@ -12,7 +12,7 @@ import re
 import numpy as np
 
 from ...parallel import startup
-from ...parallel.failures import ComputationError, InputError
+from ...parallel.failures import ComputationError, InputError, agreed
 from ...parallel.memory import MB
 from ...parallel.petsc import PETSc, is_complex
 from ..known import EXACT, Source
@@ -49,6 +49,8 @@ class Mumps(PetscFactorisation):
         self._under_way: PETSc.Mat | None = None  # the factor that is being made
         if self.factoring.single:
             _check_single()
+        with agreed(matrix.comm.tompi4py()):  # the folder may be on a disk of each node
+            self.factoring.make_folder()
         self._settings = {
             "icntl_7": nested_dissection(), "icntl_14": 40, "icntl_27": SOLVE_WIDTH, **controls(self.factoring),
             **({"icntl_13": 1} if inertia else {}), **({"icntl_24": 1} if null_pivots else {}), **(settings or {}),
@@ -80,8 +82,7 @@ class Mumps(PetscFactorisation):
         if factoring.single:  # whose solutions have to be refined
             return None
         settings = {"icntl_13": 1, "icntl_24": 1, "cntl_3": 1e-12, "icntl_7": nested_dissection(), "icntl_14": 60}
-        # low rank is for solutions that are refined
-        settings |= controls(Factoring(out_of_core=factoring.out_of_core))
+        settings |= _on_disk(factoring)  # low rank is for solutions that are refined
         return {"pc_factor_mat_solver_type": cls.name} | {f"mat_mumps_{key}": value for key, value in settings.items()}
 
     def expected(self, orderings) -> dict[int, dict]:
@@ -222,14 +223,15 @@ def orderings() -> tuple[int, ...]:
 
 def controls(factoring: Factoring) -> dict:
     """What settings mean to MUMPS, once PETSc is loaded. Raises InputError where it cannot do it."""
-    found = {}
-    factoring.make_folder()
-    if factoring.out_of_core is not None:
-        found |= {"icntl_22": 1, "ooc_tmpdir": factoring.out_of_core}
+    found = _on_disk(factoring)
     if factoring.low_rank is not None:
         _check_low_rank()
         found |= {"icntl_35": 2, "cntl_7": factoring.low_rank}
     return found
+
+
+def _on_disk(factoring):
+    return {} if factoring.out_of_core is None else {"icntl_22": 1, "ooc_tmpdir": factoring.out_of_core}
 
 
 def _check_low_rank():

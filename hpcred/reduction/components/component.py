@@ -37,8 +37,6 @@ class Component(BasisPart):
         """Add its vectors to the basis. Collective. Raises InputError or ComputationError."""
 
 
-
-
 class PointComponent(Component):
     """A component whose blocks belong to one expansion point, and can be made by a group of ranks."""
 

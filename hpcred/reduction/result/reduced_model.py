@@ -85,6 +85,10 @@ class ReducedModel:
         )
         for item in fields(ReducedModel):
             object.__setattr__(self, item.name, known[item.name])
+        missing = [key for key in ("M", "D", "K") if key not in known["operator"].terms]
+        missing += [key for key in ("B", "C", "frequencies") if known[key] is None]
+        if missing:
+            raise TypeError(f"ReducedModel: found no {', '.join(missing)}, expected M, D, K, B, C and frequencies")
 
     M = property(lambda self: self.operator["M"], doc="The mass matrix (m, m).")
     D = property(lambda self: self.operator["D"], doc="The damping matrix (m, m).")

@@ -69,8 +69,8 @@ def find_hidden(
 
 
 def doubtful_modes(projections, band) -> np.ndarray | None:
-    """Return the pseudo-modes of a band (Hz) that are no modes, by their residuals, as combinations (m, k) of the
-    basis; at most MOST, the worst first, None without any. Collective."""
+    """Return the pseudo-modes of a band (Hz) that may be no modes, by their residuals, as combinations (m, k) of
+    the basis; at most MOST, the worst first, None without any. Collective."""
     model = decided(projections.run.model.comm, projections.model)
     which = np.flatnonzero((model.frequencies >= band[0]) & (model.frequencies < band[1]))
     if not (len(which) and projections.symmetric):

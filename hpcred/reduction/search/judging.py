@@ -22,7 +22,7 @@ from .search_checks import check_response
 MARGIN = 0.1  # part of the tolerance that the uncompressed basis may use; the rest is left to the compression
 COLUMNS = 128  # columns of a point at most
 AHEAD = 32  # columns beyond that, where the rate of the last block promises the goal within them
-LITTLE = 1e-2  # of the goal: where estimates are smaller, their grid is not refined
+UNREFINED = 1e-2  # of the goal: where estimates are smaller, their grid is not refined
 HAS_MODES = 1e-2  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
 
 
@@ -195,7 +195,8 @@ class Judge:
 
     def _over_band(self, pair, band=None):
         """Return frequencies of the band (S,), and the error of the inner model estimated at them."""
-        return largest(pair, grid([pair.outer, pair.inner], band or self.settings.band), LITTLE * self.goal, rounds=2)
+        S = grid([pair.outer, pair.inner], band or self.settings.band)
+        return largest(pair, S, UNREFINED * self.goal, rounds=2)
 
     def _roughly(self, pair) -> float:
         """Return the largest estimate at a few frequencies."""

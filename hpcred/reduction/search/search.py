@@ -89,7 +89,6 @@ class Search:
             # multigrid begins at 0 Hz, where all its models are exact
             self.state = State.SEEKING if self._solver.multigrid else State.PROVING
         self._next = self._first_points()
-        self._doubtful = None  # pseudo-modes of the band that are no modes, as combinations of the basis
         self._sought_unmoved = False  # whether modes that no load moves were looked for without a count
 
     def _first_points(self):
@@ -135,12 +134,12 @@ class Search:
         fine = judge.is_fine(judged.estimate)
         proven = proving and fine and judge.is_fine(judged.measured)
         # modes that inertia counts and the basis misses, once it is good else
-        hidden = self._seeks_hidden(fine, proven)
+        hidden, doubtful = self._seeks_hidden(fine, proven)
         if hidden and self._lacks_lower_count():
             hidden, proven = False, False
             self._next.insert(0, self.settings.band[0])
         if hidden:
-            proven = self._find_hidden() and proven
+            proven = self._find_hidden(doubtful) and proven
             self._check_motions()
             if self.missing_modes > 0:
                 lack, are = counted(self.missing_modes, "mode"), "is" if self.missing_modes == 1 else "are"
@@ -265,18 +264,19 @@ class Search:
 
     # modes that no load moves, or no mass
 
-    def _seeks_hidden(self, fine, proven):
-        """Test whether modes are missing, or pseudo-modes are none, and it is time to look for them: where the model is
-        good else, or before the first proof, which then takes no factor."""
+    def _seeks_hidden(self, fine, proven) -> tuple[bool, np.ndarray | None]:
+        """Test whether modes are missing, or pseudo-modes may be none, and it is time to look for them: where the model
+        is good else, or before the first proof, which then takes no factor. Also returns these pseudo-modes."""
         before_proof = fine and self.state is State.SEEKING and self._may_prove_nearby()
         if not (proven or before_proof):
-            return False
-        if not self._solver.multigrid:  # whose first point sees the lowest modes
-            self._doubtful = doubtful_modes(self.projections, self.settings.band)
-        return self.missing_modes > 0 or self._doubtful is not None
+            return False, None
+        # multigrid's first point sees the lowest modes
+        doubtful = None if self._solver.multigrid else doubtful_modes(self.projections, self.settings.band)
+        return self.missing_modes > 0 or doubtful is not None, doubtful
 
-    def _find_hidden(self) -> bool:
-        """Add modes that no load moves until none is missing; whether the model stays what it was."""
+    def _find_hidden(self, doubtful) -> bool:
+        """Add modes that no load moves, at first by `doubtful` pseudo-modes, until none is missing; whether the model
+        stays what it was."""
         if self._solver.is_nearby:  # beside a basis that lacks modes below the point, the matrix is indefinite
             self._solver.go_to(self._solver.nearby)
         found, (low, high) = self.expansion.highest_count, self.settings.band
@@ -285,9 +285,7 @@ class Search:
             self._solver.go_to(self._points[-1].frequency if found is None else below)
             self.run.notes.needs(str(self._solver.factored), "0.0", again=True)
         band = (low if any(item.below <= low for item in self.expansion.counts) else 0.0, below)
-        self.missing_modes, change = find_hidden(
-            self._solver, self.judge, band, lack_of, self._is_over, self._doubtful
-        )
+        self.missing_modes, change = find_hidden(self._solver, self.judge, band, lack_of, self._is_over, doubtful)
         self.expansion.account()
         return self.judge.is_fine(change)
 
