@@ -108,23 +108,24 @@ class Machine:
         """Return the model of the machine in pseudo-modal coordinates, with parameters where bodies have some, and T
         (n, m) from them to the coordinates of all parts; `tau` (s): 1 / (2 pi f) of the frequencies that count. Raises
         InputError."""
-        # what rigid conditions leave free, and its modes at the reference
+        # the modes at the reference of what rigid conditions leave free
         T = self._free(tau)
         at = _at(*self._without_rigid(T)[:2], self.reference)
         squares, X, without = _modes(at["K"], at["M"], tau)
         if (squares < 0).any():
             raise InputError(f"the machine is unstable at rest: {(squares < 0).sum()} of its modes have a negative "
                              "stiffness, as of a body beyond buckling; give it more support")  # fmt: skip
+        # all in these modes, whose mass and stiffness are diagonal but for what is skew
         T = T @ X
         constant, terms, added = self._without_rigid(T)
         masses = np.where(np.arange(len(squares)) < len(squares) - without, 1.0, 0.0)
-        known = _at(constant, terms, self.reference)
-        D, K = known.pop("D"), known.pop("K")
-        K = np.diag(np.where(masses > 0, squares, tau**-2)) + (K - K.T) / 2
-        known["operator"] = Operator.of(np.diag(masses), D, K, added)
-        names = {"input_names": self.inputs.own, "output_names": self.outputs.own,
-                 "frequencies": np.sqrt(squares) / (2 * np.pi)}  # fmt: skip
-        machine = ReducedModel(**known, **names)
+        at = _at(constant, terms, self.reference)
+        K = np.diag(np.where(masses > 0, squares, tau**-2)) + (at["K"] - at["K"].T) / 2
+        machine = ReducedModel(
+            operator=Operator.of(np.diag(masses), at["D"], K, added), B=at["B"], C=at["C"], Cv=at.get("Cv"),
+            Ca=at.get("Ca"), frequencies=np.sqrt(squares) / (2 * np.pi), input_names=self.inputs.own,
+            output_names=self.outputs.own,
+        )  # fmt: skip
         if terms:
             machine = ParametricReducedModel.of(machine, parameters=self.parameters, constant=constant, terms=terms)
         return machine, T
@@ -134,6 +135,7 @@ class Machine:
         coordinates y, x = T y."""
         constant, terms, added = {}, [], []
         parts = list(self.parts.values())
+        # rows of T, and columns of inputs and outputs, of each part
         sizes = np.array([(part.size, len(part.inputs.names), len(part.outputs.names)) for part in parts])
         own = (np.split(matrix, ends, axis=1) for matrix, ends in zip(
             (T.T, self.inputs.matrix, self.outputs.matrix), sizes.cumsum(axis=0)[:-1].T, strict=True))  # fmt: skip

@@ -1,9 +1,9 @@
 """Take a reduced body as a part of a machine: free, with rigid-body motions, turned and moved, its inputs and outputs
 in the axes of the machine.
 
-Results in pseudo-modal coordinates of a free body (Buckens frame) get the six rigid-body
-coordinates about the origin of the body frame, whose mass matrix is that of the floating frame at rest (13); results
-in interface coordinates have them already, and bodies without frame are supported.
+Results in pseudo-modal coordinates of a free body (Buckens frame) get the six rigid-body coordinates about the origin
+of the body frame, whose mass matrix is that of the floating frame at rest (13); results in interface coordinates have
+them already, and bodies without frame are supported.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..fe.dofs import DIRECTIONS, QUANTITIES, named_quantity, node_of
+from ..fe.dofs import DIRECTIONS, QUANTITIES, named_quantity, node_of, target_of
 from ..model.units import unit_of_response
 from ..parallel.failures import InputError
 
@@ -60,8 +60,7 @@ def write_frf(path, responses, H, arrays: bool):
                 continue
             quantity, place = named_quantity(output)
             unit, _, load = unit_of_response(output, given).rpartition("/")
-            (out, d), (into, e) = ((name.rpartition(":")[0], DIRECTIONS.index(name.rpartition(":")[2]) + 1)
-                                   for name in (place, given))  # fmt: skip
+            (out, d), (into, e) = ((str(node), DIRECTIONS.index(d) + 1) for node, d in map(target_of, (place, given)))
             sets.append(pyuff.prepare_58(
                 binary=1, func_type=FRF, rsp_node=numbers[out], rsp_dir=d, ref_node=numbers[into], ref_dir=e,
                 rsp_ent_name=_entity(out), ref_ent_name=_entity(into), data=H[:, j, i], x=responses.frequencies,
