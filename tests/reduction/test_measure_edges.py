@@ -1,6 +1,9 @@
 """Edges of the measure: outputs that are round-off, laws with a branch point at 0 Hz, loads and static responses that
 pass zero in ranges of parameters, and complete models."""
 
+from functools import partial
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from adaptive_models import chain, tied_chains, unit, up_to
@@ -11,7 +14,7 @@ from hpcred.model.frames import apply_frame
 from hpcred.model.operator import Operator
 from hpcred.parallel.failures import Owned
 from hpcred.parallel.progress import Progress
-from hpcred.reduction.parametric.static_zeros import _opposite
+from hpcred.reduction.parametric.zeros import _opposite, beside_zeros
 from hpcred.reduction.result.measure import Directions
 from hpcred.reduction.run.run import Run
 from hpcred.reduction.search.projections import Projections
@@ -142,10 +145,44 @@ def test_a_load_that_vanishes_somewhere(outputs):
 
 
 def test_points_on_both_sides_of_each_zero():
-    """Of values along a line: the two beside each change of sign."""
+    """Of values along a line: the two beside each change of sign, of most of them where there are several."""
     places = np.linspace(0, 1, 11)[:, None]
-    assert _opposite(places, np.cos(2 * np.pi * (places + 0.01))) == [(2, 3), (7, 8)]
-    assert _opposite(places, 1.0 + places) == []
+    values = np.cos(2 * np.pi * (places + 0.01))[:, :, None]
+    assert _opposite(places, values) == [(2, 3), (7, 8)]
+    assert _opposite(places, np.hstack([values, 10 + values, 10 + values])) == []
+    assert _opposite(places, np.hstack([values, 10 + values, values])) == [(2, 3), (7, 8)]
+
+
+@pytest.mark.parametrize("of", ["B", "C"])
+@pytest.mark.parametrize("far, narrow", [(1e-3, True), (1e2, False)])
+def test_points_where_an_input_or_output_hardly_has_a_response(comm, of, far, narrow):
+    """Of a small part and a large one with the factor p - 0.28: around 0.28, at both sides of the smallest median. What
+    is wide the points between which it is would see."""
+    K, n = chain(10)[0], 10
+    L = np.column_stack([unit(n, 0), far * unit(n, 9), unit(n, 1)])
+    band = (0.1 * up_to(K, np.eye(n), 3)[1], up_to(K, np.eye(n), 3)[1])
+
+    def model(p):
+        one, changing = np.array([[1.0], [0.0], [0.0]]), np.array([[0.0], [1.0], [p - 0.28]])
+        io = InputsOutputs(changing, one) if of == "B" else InputsOutputs(one, changing)
+        return diagonalised(K, L, None, Proportional(eta=0.01), io)
+
+    def smallest(p):
+        (h,), (g,) = measure_over(Directions(), band, model(p)).floors
+        return g if of == "B" else h
+
+    parameters = [hpcred.Parameter("p", (0.0, 1.0))]
+    form = SimpleNamespace(parametric=SimpleNamespace(comm=comm, parameters=parameters))
+    projections = SimpleNamespace(form=form, at=lambda point: SimpleNamespace(model=partial(model, *point)))
+    found = np.sort([p for (p,) in beside_zeros(projections, [(k / 16,) for k in range(17)], band)])
+    if not narrow:
+        assert not len(found)
+        return
+    along = 0.28 + np.linspace(-0.002, 0.002, 201)
+    floors = np.array([smallest(p) for p in along])
+    assert floors.min() < 0.1 * min(smallest(4 / 16), smallest(5 / 16))  # which training points do not see
+    assert found[0] < along[floors.argmin()] < found[-1]
+    assert min(smallest(p) for p in found) < 1.5 * floors.min()
 
 
 def test_a_complete_model_has_few_frequencies():
@@ -157,7 +194,7 @@ def test_a_complete_model_has_few_frequencies():
         assert rom.size == 4 and len(rom.record.accuracy.frequencies) < 1500
 
 
-SLOW = ("silent", 89), ("signs", 1040), ("signs", 6022)
+SLOW = ("silent", 89), ("signs", 1040), ("signs", 6022), ("signs", 50001)
 
 
 @pytest.mark.parametrize("kind, seed", [

@@ -232,11 +232,18 @@ def _look_closely(inside, points, band, errors, worst) -> float:
 
 def _look_around(inside, points, errors, band) -> tuple[list, np.ndarray, np.ndarray]:
     """Search for larger errors around the worst of the points that are not close to each other, by steps along the
-    axes; returns the points looked at, their errors and at which frequencies these are."""
+    axes; where another point is much closer than these also from steps of half that distance. Returns the points looked
+    at, their errors and at which frequencies these are."""
     parameters = inside.args[0].form.parametric.parameters
-    centres = _worst_apart(parameters, points, errors)
+    centres, looked_at = _worst_apart(parameters, points, errors), ([], [], [])
+    steps = [FIRST_STEP] * len(centres)
+    for centre in tuple(centres):
+        others = [point for point in points if point != centre]
+        step = float(distances(parameters, [centre], others)[0]) / 2 if others else FIRST_STEP
+        if step < FIRST_STEP * 2.0**-STEPS:
+            centres.append(centre)
+            steps.append(step)
     highest = [errors[points.index(point)] for point in centres]
-    steps, looked_at = [FIRST_STEP] * len(centres), ([], [], [])
     for _ in range(STEPS):
         rings = [points_around(parameters, *where) for where in zip(centres, steps, strict=True)]
         here = _errors(inside, [point for ring in rings for point in ring], band)
@@ -244,7 +251,7 @@ def _look_around(inside, points, errors, band) -> tuple[list, np.ndarray, np.nda
             known.extend(new)
         ends = np.cumsum([len(ring) for ring in rings])[:-1]
         for k, (ring, around) in enumerate(zip(rings, np.split(here[0], ends), strict=True)):
-            if around.max() > highest[k]:
+            if around.max(initial=0.0) > highest[k]:
                 centres[k], highest[k] = ring[int(around.argmax())], around.max()
             else:
                 steps[k] /= 2

@@ -33,8 +33,8 @@ from .compression import RangeSnapshots
 from .estimate import Estimate, estimate, residual_block
 from .settings import ParameterSearch
 from .singular import check_static
-from .static_zeros import beside_static_zeros
 from .training import corner_points, distances, fresh_points, training_points
+from .zeros import beside_zeros
 
 WIDTH = 16  # columns of a block for all values
 BLOCKS = 4  # blocks for all values with one factor, at most
@@ -79,7 +79,7 @@ class Greedy:
         self.reason = ""
         self.estimated = Estimate(np.zeros(0), np.zeros(0))
         self.ratio = 1.0  # by how much measured errors exceed estimated ones
-        self._zeros: list[tuple[float, ...]] = []  # points beside zeros of static responses
+        self._zeros: list[tuple[float, ...]] = []  # points beside zeros of responses
         self._count = 0  # columns of the model that the next point checks
         self._proofs = 0  # new points in a row that have proven it
 
@@ -171,10 +171,10 @@ class Greedy:
             self.projections.extend()
 
     def _look_at_zeros(self):
-        """Estimate errors beside zeros of static responses, too, where these are as the basis knows them now."""
+        """Estimate errors beside zeros of responses, too, where these are as the basis knows them now."""
         with self.run.progress.stage("parameters"):
             points = [point for point in self.points if point not in self._zeros]
-            self._zeros = beside_static_zeros(self.projections, points, self.goal.band)
+            self._zeros = beside_zeros(self.projections, points, self.goal.band)
             self.points = list(dict.fromkeys([*points, *self._zeros]))
 
     def _extend_everywhere(self, search):
@@ -245,7 +245,7 @@ class Greedy:
         return slice(count)
 
     def _spread(self):
-        """Return the visited points, those beside zeros of static responses, where errors count most, and SPREAD
+        """Return the visited points, those beside zeros of responses, where errors count most, and SPREAD
         training points far from them and each other."""
         chosen = [*self.visited, *self._zeros]
         for _ in range(min(SPREAD, len(self.points))):

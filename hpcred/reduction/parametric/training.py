@@ -11,6 +11,7 @@ import numpy as np
 
 DEFAULTS = {1: 33, 2: 81}  # training points for so many parameters
 MANY = 100  # the same for more
+MORE_DIGITS, FEWEST_AND_MOST = 3, (6, 12)  # of values, than tell points apart
 LOGARITHMIC = 20.0  # ratio of the ends of a range, both above 0, beyond which places are logarithms
 
 
@@ -56,7 +57,8 @@ def low_discrepancy(number: int, count: int) -> np.ndarray:
 def points_around(parameters, point, step: float) -> list[tuple[float, ...]]:
     """Return the points a `step` away in the unit cube along each axis, as far as they are in the ranges."""
     place, steps = place_of(parameters, point), step * np.eye(len(parameters))
-    around = [point_at(parameters, np.clip(place + one, 0.0, 1.0)) for one in (*steps, *-steps)]
+    digits = digits_for(step)
+    around = [point_at(parameters, np.clip(place + one, 0.0, 1.0), digits) for one in (*steps, *-steps)]
     return [other for other in dict.fromkeys(around) if other != point]
 
 
@@ -74,6 +76,11 @@ def point_at(parameters, place, digits: int = 6) -> tuple[float, ...]:
         rounded = float(f"{value - low:.{digits}g}") + low
         point.append(low if part == 0 else high if part == 1 else float(np.clip(rounded, low, high)))
     return tuple(point)
+
+
+def digits_for(step: float) -> int:
+    """Return how many digits values have that tell points apart which are a `step` away in the unit cube."""
+    return int(np.clip(MORE_DIGITS - np.log10(step), *FEWEST_AND_MOST))
 
 
 def place_of(parameters, point) -> np.ndarray:

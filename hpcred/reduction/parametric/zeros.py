@@ -1,0 +1,143 @@
+"""Find values of parameters close to those at which an input or output hardly has a response.
+
+The floor of a measure is the median response over the band, or the static response where that is smaller, but not
+where it counts as a zero (see measure.STATIC). Where a static response passes zero the floor falls to a thousandth of
+what it is elsewhere, and where the responses at most frequencies pass zero together, as those of C_0 + p C_1 with a
+small C_0 do, the median falls too. Errors there are the largest ones, in ranges too narrow for training points to meet.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from ...parallel.decisions import shared_out
+from ..result.measure import STATIC
+from ..small.error_estimate import UNIFORM
+from .training import digits_for, place_of, point_at
+
+BESIDE = (1.05, 1.3, 5.0)  # times STATIC of the median: static responses at the points beside a zero
+AROUND = (0.0, 0.5, 1.0, 2.0, 4.0)  # half widths of the range in which the median is small, at the points around it
+NARROW = 0.25  # of the way between two points: half widths that these do not see
+COARSE = UNIFORM // 4  # frequencies of the band
+STEPS = 40  # of the search for one
+CLOSE = 1e-6  # of the way between two points, at which a zero is found
+ALL_DIGITS = 17  # of values in the search
+
+
+def beside_zeros(projections, points, band) -> list[tuple[float, ...]]:
+    """Return points beside those at which static responses of a model are zero, in a band (Hz) from 0, and around those
+    at which its responses at most frequencies are small, between some of the `points`. Collective."""
+    form = projections.form
+    comm, parameters = form.parametric.comm, form.parametric.parameters
+    places = np.array([place_of(parameters, point) for point in points])
+    found = []
+    for responses, beside in ((_static, _beside), (_over_band, _around)):
+        if responses is _static and band[0]:
+            continue
+        known = shared_out(comm, partial(responses, projections, band), points)
+        ways = []
+        for k in range(len(known[0])):
+            ways += [(points[a], points[b], k) for a, b in _opposite(places, np.array([each[k] for each in known]))]
+        found += shared_out(comm, lambda way, beside=beside: beside(projections, band, *way), ways) if ways else []
+    return list(dict.fromkeys(point for some in found for point in some))
+
+
+def _static(projections, band, point, frequencies=(0.0,)) -> list[np.ndarray]:
+    """Return for each output the responses (S, p) over the drive points of the inputs, and the drive-point response
+    (S, 1) of each input, by default at 0 Hz."""
+    model = projections.at(point).model()
+    H, drive = model.responses(np.array(frequencies))
+    g = np.sqrt(np.abs(drive))
+    over = np.divide(H, g[:, None, :], out=np.zeros_like(H), where=g[:, None, :] > 0)
+    responses = [] if model.io.are_same else list(over.transpose(1, 0, 2))
+    responses += [drive[:, [i]] for i in range(drive.shape[1])]
+    return [np.where(np.isfinite(each), each if len(frequencies) > 1 else each.real, 0.0) for each in responses]
+
+
+def _over_band(projections, band, point) -> list[np.ndarray]:
+    """Return the same over the band; for inputs the responses (S, l) at all loads over their drive points, which are
+    linear in the load."""
+    frequencies = np.linspace(*band, COARSE)
+    outputs = _static(projections, band, point, frequencies)
+    model = projections.at(point).model()
+    at_loads = np.concatenate([model.L.T @ model.solve(part, model.L) for part in model.parts_of(frequencies)])
+    g = np.sqrt(np.abs(np.einsum("sll->sl", at_loads)))[:, :, None]
+    moved = at_loads @ model.io.inputs
+    over = np.divide(moved, g, out=np.zeros_like(moved), where=np.isfinite(g) & (g > 0))
+    count = moved.shape[2]
+    return [*outputs[: len(outputs) - count], *np.nan_to_num(over.transpose(2, 0, 1), posinf=0.0, neginf=0.0)]
+
+
+def _opposite(places, values) -> list[tuple[int, int]]:
+    """Return pairs of points whose values (N, S, p) have opposite directions at most frequencies, each the nearest such
+    one of the other."""
+    size = np.linalg.norm(values, axis=2, keepdims=True)
+    unit = np.divide(values, size, out=np.zeros_like(values), where=size > 0)
+    products = np.array([np.median(np.einsum("sp,nsp->ns", one.conj(), unit).real, axis=1) for one in unit])
+    distance = np.linalg.norm(places[:, None] - places, axis=2)
+    distance[products >= 0] = np.inf
+    nearest = distance.argmin(axis=1)
+    each = np.arange(len(places))
+    mutual = np.isfinite(distance[each, nearest]) & (nearest[nearest] == each) & (each < nearest)
+    return [(int(a), int(nearest[a])) for a in np.flatnonzero(mutual)]
+
+
+class _Way:
+    """The way between two points, with the values (S, p) of one of the `responses` along it, where their median part
+    along the difference of both ends is `zero`, and the `slope` of the size of the values there. Local."""
+
+    def __init__(self, projections, one, other, values):
+        self.parameters = projections.form.parametric.parameters
+        self.first, self.last = place_of(self.parameters, one), place_of(self.parameters, other)
+        ends = values(self.at(0.0)), values(self.at(1.0))
+        change = ends[0] - ends[1]
+        square = (np.abs(change) ** 2).sum(axis=1)
+
+        def part(value):
+            parts = (change.conj() * value).sum(axis=1).real
+            return float(np.median(np.divide(parts, square, out=np.zeros_like(square), where=square > 0)))
+
+        # by bisection and the rule of false position in turn
+        low, high, (at_low, at_high) = 0.0, 1.0, map(part, ends)
+        for step in range(STEPS):
+            if high - low < CLOSE or not at_low > at_high:
+                break
+            share = 0.5 if step % 2 else np.clip(at_low / (at_low - at_high), 0.01, 0.99)
+            t = low + share * (high - low)
+            here = part(values(self.at(t)))
+            low, high, at_low, at_high = (t, high, here, at_high) if here > 0 else (low, t, at_low, here)
+        self.zero = (low + high) / 2
+        self.slope = (at_low - at_high) / max(high - low, CLOSE / 10) * float(np.median(np.sqrt(square)))
+
+    def at(self, t, digits=ALL_DIGITS):
+        return point_at(self.parameters, np.clip(self.first + t * (self.last - self.first), 0.0, 1.0), digits)
+
+    def points(self, away) -> list[tuple[float, ...]]:
+        """Return the points so far away from the zero (k,), on both sides."""
+        digits = digits_for(away[away > 0].min())
+        return [self.at(t, digits) for t in (*(self.zero - away), *(self.zero + away)) if 0 <= t <= 1]
+
+
+def _beside(projections, band, one, other, k) -> list[tuple[float, ...]]:
+    """Return points close to the zero of the static response `k` between two points; local."""
+    way = _Way(projections, one, other, lambda point: _static(projections, band, point)[k])
+    # on both sides, where the response is so much of its median
+    median = _median(_static(projections, band, way.at(way.zero), np.linspace(*band, UNIFORM))[k])
+    return way.points(np.array(BESIDE) * STATIC * median / way.slope) if way.slope > 0 and median > 0 else []
+
+
+def _around(projections, band, one, other, k) -> list[tuple[float, ...]]:
+    """Return points around the one between two others at which the responses `k` over the band are small, if they do
+    not see it; local."""
+    way = _Way(projections, one, other, lambda point: _over_band(projections, band, point)[k])
+    median = _median(_over_band(projections, band, way.at(way.zero))[k])
+    if not 0 < median < NARROW * way.slope:
+        return []
+    return way.points(np.array(AROUND) * median / way.slope)
+
+
+def _median(values):
+    """Return the median size of values (S, p) over frequencies."""
+    return float(np.median(np.abs(values).max(axis=1)))
