@@ -79,7 +79,8 @@ JOBS = [
         'maxwell", factors = [0.5], times = [1e-3], constant = 1.0',
         'fractional", low = 1.0, high = 2.0, time = 1e-3, exponent = 0.5',
         'fractional_kelvin_voigt", low = 1.0, rise = 1.0, time = 1e-3, exponent = 0.5',
-        'hysteretic", frequencies = [0.0, 1.0], loss_factors = [0.1, 0.2]')),
+        'hysteretic", frequencies = [0.0, 1.0], loss_factors = [0.1, 0.2]',
+        'table", frequencies = [0.0, 1.0], real = [1.0, 2.0], imaginary = [0.0, 0.1]')),
     'model = {K = "K.mtx", M = "M.mtx"}\ninputs = [1]\nband = [0.0, 0.3]\ntolerance = 1e-2\n'
     '[[parameter]]\nname = "e"\nrange = [0.0, 1.0]\n[[term]]\nof = "K"\nfile = "K.mtx"\nfactor = "e"\n'
     '[parameter_search]\npoints = 3\n',
