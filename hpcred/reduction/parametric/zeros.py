@@ -23,6 +23,7 @@ AROUND = (0.0, 0.5, 1.0, 2.0, 4.0)  # half widths of the range in which the medi
 NARROW = 0.25  # of the way between two points: half widths that these do not see
 COARSE = UNIFORM // 4  # frequencies of the band
 STEPS = 40  # of the search for one
+FOUND = 1e-9  # of the way between two points, at which a zero is found
 CLOSE = 1e-6  # of the way between two points, on which the slope beside a zero is taken
 ALL_DIGITS = 17  # of values in the search
 
@@ -52,6 +53,7 @@ def _static(projections, band, point) -> list[np.ndarray]:
 
 
 def _responses(model, frequencies) -> list[np.ndarray]:
+    """Return the same at frequencies (S,) in Hz: (S, p), and (S, 1) of each input."""
     H, drive = model.responses(frequencies)
     g = np.sqrt(np.abs(drive))
     over = np.divide(H, g[:, None, :], out=np.zeros_like(H), where=g[:, None, :] > 0)
@@ -107,7 +109,7 @@ class _Way:
 
         self.change, self.zero, self.slope = float(np.median(np.sqrt(square))), None, 0.0
         if part(ends[0]) > 0 > part(ends[1]):
-            self.zero = brentq(value, 0.0, 1.0, xtol=CLOSE / 1000, rtol=CLOSE / 1000, maxiter=STEPS, disp=False)
+            self.zero = brentq(value, 0.0, 1.0, xtol=FOUND, rtol=FOUND, maxiter=STEPS, disp=False)
             low, high = max(self.zero - CLOSE, 0.0), min(self.zero + CLOSE, 1.0)
             self.slope = (value(low) - value(high)) / (high - low) * self.change
 
