@@ -21,7 +21,8 @@ from .training import digits_for, place_of, point_at
 BESIDE = (1.05, 1.3, 5.0)  # times STATIC of the median: static responses at the points beside a zero
 AROUND = (0.0, 0.5, 1.0, 2.0, 4.0)  # half widths of the range in which the median is small, at the points around it
 NARROW = 0.25  # of the way between two points: half widths that these do not see
-COARSE = UNIFORM // 4  # frequencies of the band
+COARSE = UNIFORM // 4  # frequencies of the band, and
+FEW = 8  # numbers at each, that are kept of all points
 STEPS = 40  # of the search for one
 FOUND = 1e-9  # of the way between two points, at which a zero is found
 CLOSE = 1e-6  # of the way between two points, on which the slope beside a zero is taken
@@ -63,15 +64,22 @@ def _responses(model, frequencies) -> list[np.ndarray]:
 
 
 def _over_band(projections, band, point) -> list[np.ndarray]:
-    """Return the same over the band (S, p); for inputs the responses (S, l) at all loads over their drive points, which
-    are linear in the load."""
+    """Return the same over the band (S, p), FEW sums of these where p is more; for inputs the responses at all loads,
+    which are linear in the load."""
     model, frequencies = projections.at(point).model(), np.linspace(*band, COARSE)
-    at_loads = np.concatenate([model.L.T @ model.solve(part, model.L) for part in model.parts_of(frequencies)])
-    g = np.sqrt(np.abs(np.einsum("sll->sl", at_loads)))[:, :, None]
-    moved = at_loads @ model.io.inputs
-    over = np.divide(moved, g, out=np.zeros_like(moved), where=np.isfinite(g) & (g > 0))
-    outputs = _responses(model, frequencies)[: -moved.shape[2] or None]
-    return [*outputs, *np.nan_to_num(over.transpose(2, 0, 1), posinf=0.0, neginf=0.0)]
+    energy = np.sqrt(np.abs(model.eigenvalues) + (2 * np.pi * band[1]) ** 2)[:, None]
+    size = np.linalg.norm(model.L / energy, axis=0)[:, None]  # of loads of any unit
+    over = np.divide(model.L.T, size, out=np.zeros_like(model.L.T), where=size > 0)
+    moved = np.concatenate([over @ model.solve(part, model.B) for part in model.parts_of(frequencies)])
+    outputs = _responses(model, frequencies)[: -moved.shape[2]]
+    return [_few(each) for each in (*outputs, *np.nan_to_num(moved.transpose(2, 0, 1), posinf=0.0, neginf=0.0))]
+
+
+def _few(values):
+    """Return FEW sums with other signs of values (S, p) if they are more."""
+    if values.shape[1] <= FEW:
+        return values
+    return values @ np.random.default_rng(0).choice([-1.0, 1.0], (values.shape[1], FEW))
 
 
 def _opposite(places, values) -> list[tuple[int, int]]:
