@@ -11,6 +11,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from scipy.optimize import brentq
 
 from ...parallel.decisions import shared_out
 from ..result.measure import STATIC
@@ -20,9 +21,11 @@ from .training import digits_for, place_of, point_at
 BESIDE = (1.05, 1.3, 5.0)  # times STATIC of the median: static responses at the points beside a zero
 AROUND = (0.0, 0.5, 1.0, 2.0, 4.0)  # half widths of the range in which the median is small, at the points around it
 NARROW = 0.25  # of the way between two points: half widths that these do not see
-COARSE = UNIFORM // 4  # frequencies of the band
+COARSE = UNIFORM // 4  # frequencies of the band, and
+FEW = 8  # numbers at each, that are kept of all points
 STEPS = 40  # of the search for one
-CLOSE = 1e-6  # of the way between two points, at which a zero is found
+FOUND = 1e-9  # of the way between two points, at which a zero is found
+CLOSE = 1e-6  # of the way between two points, on which the slope beside a zero is taken
 ALL_DIGITS = 17  # of values in the search
 
 
@@ -44,30 +47,39 @@ def beside_zeros(projections, points, band) -> list[tuple[float, ...]]:
     return list(dict.fromkeys(point for some in found for point in some))
 
 
-def _static(projections, band, point, frequencies=(0.0,)) -> list[np.ndarray]:
-    """Return for each output the responses (S, p) over the drive points of the inputs, and the drive-point response
-    (S, 1) of each input, by default at 0 Hz."""
-    model = projections.at(point).model()
-    H, drive = model.responses(np.array(frequencies))
+def _static(projections, band, point) -> list[np.ndarray]:
+    """Return for each output the static responses (1, p) over the drive points of the inputs, and the drive-point
+    response (1, 1) of each input."""
+    return [each.real for each in _responses(projections.at(point).model(), np.zeros(1))]
+
+
+def _responses(model, frequencies) -> list[np.ndarray]:
+    """Return the same at frequencies (S,) in Hz: (S, p), and (S, 1) of each input."""
+    H, drive = model.responses(frequencies)
     g = np.sqrt(np.abs(drive))
     over = np.divide(H, g[:, None, :], out=np.zeros_like(H), where=g[:, None, :] > 0)
     responses = [] if model.io.are_same else list(over.transpose(1, 0, 2))
     responses += [drive[:, [i]] for i in range(drive.shape[1])]
-    return [np.where(np.isfinite(each), each if len(frequencies) > 1 else each.real, 0.0) for each in responses]
+    return [np.where(np.isfinite(each), each, 0.0) for each in responses]
 
 
 def _over_band(projections, band, point) -> list[np.ndarray]:
-    """Return the same over the band; for inputs the responses (S, l) at all loads over their drive points, which are
-    linear in the load."""
-    frequencies = np.linspace(*band, COARSE)
-    outputs = _static(projections, band, point, frequencies)
-    model = projections.at(point).model()
-    at_loads = np.concatenate([model.L.T @ model.solve(part, model.L) for part in model.parts_of(frequencies)])
-    g = np.sqrt(np.abs(np.einsum("sll->sl", at_loads)))[:, :, None]
-    moved = at_loads @ model.io.inputs
-    over = np.divide(moved, g, out=np.zeros_like(moved), where=np.isfinite(g) & (g > 0))
-    count = moved.shape[2]
-    return [*outputs[: len(outputs) - count], *np.nan_to_num(over.transpose(2, 0, 1), posinf=0.0, neginf=0.0)]
+    """Return the same over the band (S, p), FEW sums of these where p is more; for inputs the responses at all loads,
+    which are linear in the load."""
+    model, frequencies = projections.at(point).model(), np.linspace(*band, COARSE)
+    energy = np.sqrt(np.abs(model.eigenvalues) + (2 * np.pi * band[1]) ** 2)[:, None]
+    size = np.linalg.norm(model.L / energy, axis=0)[:, None]  # of loads of any unit
+    over = np.divide(model.L.T, size, out=np.zeros_like(model.L.T), where=size > 0)
+    moved = np.concatenate([over @ model.solve(part, model.B) for part in model.parts_of(frequencies)])
+    outputs = _responses(model, frequencies)[: -moved.shape[2]]
+    return [_few(each) for each in (*outputs, *np.nan_to_num(moved.transpose(2, 0, 1), posinf=0.0, neginf=0.0))]
+
+
+def _few(values):
+    """Return FEW sums with other signs of values (S, p) if they are more."""
+    if values.shape[1] <= FEW:
+        return values
+    return values @ np.random.default_rng(0).choice([-1.0, 1.0], (values.shape[1], FEW))
 
 
 def _opposite(places, values) -> list[tuple[int, int]]:
@@ -85,8 +97,9 @@ def _opposite(places, values) -> list[tuple[int, int]]:
 
 
 class _Way:
-    """The way between two points, with the values (S, p) of one of the `responses` along it, where their median part
-    along the difference of both ends is `zero`, and the `slope` of the size of the values there. Local."""
+    """The way between two points: where on it, of 1, the median part of the `values` (S, p) along the difference of
+    both ends is `zero`, or None; the median size of that difference, their `change` on the way, and the `slope` at the
+    zero. Local."""
 
     def __init__(self, projections, one, other, values):
         self.parameters = projections.form.parametric.parameters
@@ -99,17 +112,14 @@ class _Way:
             parts = (change.conj() * value).sum(axis=1).real
             return float(np.median(np.divide(parts, square, out=np.zeros_like(square), where=square > 0)))
 
-        # by bisection and the rule of false position in turn
-        low, high, (at_low, at_high) = 0.0, 1.0, map(part, ends)
-        for step in range(STEPS):
-            if high - low < CLOSE or not at_low > at_high:
-                break
-            share = 0.5 if step % 2 else np.clip(at_low / (at_low - at_high), 0.01, 0.99)
-            t = low + share * (high - low)
-            here = part(values(self.at(t)))
-            low, high, at_low, at_high = (t, high, here, at_high) if here > 0 else (low, t, at_low, here)
-        self.zero = (low + high) / 2
-        self.slope = (at_low - at_high) / max(high - low, CLOSE / 10) * float(np.median(np.sqrt(square)))
+        def value(t):
+            return part(values(self.at(t)))
+
+        self.change, self.zero, self.slope = float(np.median(np.sqrt(square))), None, 0.0
+        if part(ends[0]) > 0 > part(ends[1]):
+            self.zero = brentq(value, 0.0, 1.0, xtol=FOUND, rtol=FOUND, maxiter=STEPS, disp=False)
+            low, high = max(self.zero - CLOSE, 0.0), min(self.zero + CLOSE, 1.0)
+            self.slope = (value(low) - value(high)) / (high - low) * self.change
 
     def at(self, t, digits=ALL_DIGITS):
         return point_at(self.parameters, np.clip(self.first + t * (self.last - self.first), 0.0, 1.0), digits)
@@ -123,19 +133,19 @@ class _Way:
 def _beside(projections, band, one, other, k) -> list[tuple[float, ...]]:
     """Return points close to the zero of the static response `k` between two points; local."""
     way = _Way(projections, one, other, lambda point: _static(projections, band, point)[k])
+    if way.slope <= 0:
+        return []
     # on both sides, where the response is so much of its median
-    median = _median(_static(projections, band, way.at(way.zero), np.linspace(*band, UNIFORM))[k])
-    return way.points(np.array(BESIDE) * STATIC * median / way.slope) if way.slope > 0 and median > 0 else []
+    median = _median(_responses(projections.at(way.at(way.zero)).model(), np.linspace(*band, UNIFORM))[k])
+    return way.points(np.array(BESIDE) * STATIC * median / way.slope) if median > 0 else []
 
 
 def _around(projections, band, one, other, k) -> list[tuple[float, ...]]:
     """Return points around the one between two others at which the responses `k` over the band are small, if they do
     not see it; local."""
     way = _Way(projections, one, other, lambda point: _over_band(projections, band, point)[k])
-    median = _median(_over_band(projections, band, way.at(way.zero))[k])
-    if not 0 < median < NARROW * way.slope:
-        return []
-    return way.points(np.array(AROUND) * median / way.slope)
+    median = _median(_over_band(projections, band, way.at(way.zero))[k]) if way.zero is not None else 0.0
+    return way.points(np.array(AROUND) * median / way.change) if 0 < median < NARROW * way.change else []
 
 
 def _median(values):
