@@ -101,8 +101,7 @@ def test_the_script_starts_its_ranks_as_the_one_in_jobs(cube):
 MEASURED = (  # cells of a cube an edge, ranks, their GFlop/s, factors, way; GB in all and seconds that pages tell
     (69, 16, 188, 1, "direct", 61, 142, "one point, 24 columns: 142 s, of which 123 s are the factor"),
     (69, 16, 188, 1, "direct", 61, 142, "61 GB in all"),
-    (69, 2, 20, 2, "kind = multigrid", 5.8, 485 / 2, "| processor seconds of both ranks | 485 |"),
-    (69, 2, 20, 2, "kind = multigrid", 5.8, 485 / 2, "| GB of both ranks | 5.8 |"),
+    (69, 2, 20, 2, "kind = multigrid", 5.8, 485 / 2, "takes 485 s of both processors and 5.8 GB"),
     (100, 2, 20, 2, "kind = multigrid", 17.1, 24 * 60 / 2, "| memory of both ranks | 17.1 GB |"),
     (100, 2, 20, 2, "kind = multigrid", 17.1, 24 * 60 / 2, "| processor time of both ranks | 24 min |"),
     (40, 2, 20, 2, "direct", 5.0, None, "With a factor, a cube of 201,720 dofs takes 5.0 GB in all"),
