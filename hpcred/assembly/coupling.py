@@ -26,7 +26,7 @@ from ..model.parameters.definitions import Parameter, checked_values
 from ..model.second_order_model import listed
 from ..parallel.declared import nearest
 from ..parallel.failures import InputError
-from ..reduction.parametric.reduced import ParametricReducedModel
+from ..reduction.parametric.reduced import ParametricReducedModel, with_terms
 from ..reduction.result.reduced_model import ReducedModel
 from .joints import GROUND, SIX, BushingJoint, PointMass, RigidJoint, matrix_of
 from .parts import ROUND_OFF, Channels, Part, part_and_node
@@ -110,7 +110,7 @@ class Machine:
         InputError."""
         # the modes at the reference of what rigid conditions leave free
         T = self._free(tau)
-        at = _at(*self._without_rigid(T)[:2], self.reference)
+        at = with_terms(*self._without_rigid(T)[:2], self.reference)
         squares, X, without = _modes(at["K"], at["M"], tau)
         if (squares < 0).any():
             raise InputError(f"the machine is unstable at rest: {(squares < 0).sum()} of its modes have a negative "
@@ -119,7 +119,7 @@ class Machine:
         T = T @ X
         constant, terms, added = self._without_rigid(T)
         masses = np.where(np.arange(len(squares)) < len(squares) - without, 1.0, 0.0)
-        at = _at(constant, terms, self.reference)
+        at = with_terms(constant, terms, self.reference)
         K = np.diag(np.where(masses > 0, squares, tau**-2)) + (at["K"] - at["K"].T) / 2
         machine = ReducedModel(
             operator=Operator.of(np.diag(masses), at["D"], K, added), B=at["B"], C=at["C"], Cv=at.get("Cv"),
@@ -209,14 +209,6 @@ def _unheld(G, labels) -> np.ndarray:
 def blocks(parts) -> np.ndarray:
     """Return block diagonal matrices (S, r, p) of those of all parts."""
     return np.array([block_diag(*each) for each in zip(*parts, strict=True)])
-
-
-def _at(constant, terms, values) -> dict[str, np.ndarray]:
-    """Return matrices by name with their terms at values of the parameters."""
-    found = dict(constant)
-    for item in terms:
-        found[item.of] = found[item.of] + item.expression.at(values) * item.matrix
-    return found
 
 
 def _modes(K, M, tau):

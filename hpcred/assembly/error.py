@@ -5,9 +5,9 @@ With receptances Y of the bodies, Y_r of the reduced ones and E = Y - Y_r, the e
     H - H_r = L E (I + K E)^-1 R,    L = I - Y_r K, R = I - K Y_r, K = G_i W G_o (see coupling),
 
 and |E_ji| <= eps_b h_j g_i in every body b. So |H - H_r| <= |L| h eps (I - N eps)^-1 g |R|, N = g |K| h, a matrix of as
-many rows as bodies: a bound, where its spectral radius is below one. At a resonance of a free body it is far too large,
-since |L| has no signs; the error of the machine has no pole there. By the principle of the maximum it is at most the
-largest one on a circle without poles of the machine: the smaller of both is taken, an estimate. See
+many rows as bodies: a bound, where its spectral radius is below one. At a resonance of a free body it may be far too
+large, since |L| has no signs; the error of the machine has no pole there. By the principle of the maximum it is at most
+the largest one on a circle without poles of the machine: the smaller of both is taken, an estimate. See
 docs/theory/assembly.md.
 """
 

@@ -29,7 +29,7 @@ class Grid(Keywords):
     points: int = 61
 
     def over(self, band=None) -> np.ndarray:
-        """Return the frequencies in ascending order; `band`: by default. Raises InputError."""
+        """Return the frequencies in ascending order; `band` (Hz): where none was given. Raises InputError."""
         band, frequencies = self.band or band, checked_frequencies(self.frequencies)
         if not len(frequencies) and declared("points", self.points, int) < 2:
             raise InputError(f"points: found {self.points}, expected at least 2 frequencies over the band")

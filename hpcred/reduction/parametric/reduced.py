@@ -33,6 +33,14 @@ class ReducedTerm:
         object.__setattr__(self, "expression", Expression(self.factor))
 
 
+def with_terms(constant: Mapping[str, np.ndarray], terms, values: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """Return matrices by name with the terms that join them at values of the parameters."""
+    matrices = dict(constant)
+    for term in terms:
+        matrices[term.of] = matrices[term.of] + term.expression.at(values) * term.matrix
+    return matrices
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class ParametricReducedModel(ReducedModel):
     """A reduced model for all values of some parameters in their ranges; by itself it is that at the reference values.
@@ -73,9 +81,7 @@ class ParametricReducedModel(ReducedModel):
         Raises InputError for other names, and values outside of the ranges.
         """
         values = checked_values(self.parameters, values)
-        matrices = dict(self.constant)
-        for term in self.terms:
-            matrices[term.of] = matrices[term.of] + term.expression.at(values) * term.matrix
+        matrices = with_terms(self.constant, self.terms, values)
         damping = None if self.record is None else self.record.damping
         if _follows_frequencies(damping):
             modes = _modes(matrices, values, self.base)

@@ -21,9 +21,9 @@ from .training import digits_for, place_of, point_at
 BESIDE = (1.05, 1.3, 5.0)  # times STATIC of the median: static responses at the points beside a zero
 AROUND = (0.0, 0.5, 1.0, 2.0, 4.0)  # half widths of the range in which the median is small, at the points around it
 NARROW = 0.25  # of the way between two points: half widths that these do not see
-COARSE = UNIFORM // 4  # frequencies of the band, and
-FEW = 8  # numbers at each, that are kept of all points
-STEPS = 40  # of the search for one
+COARSE = UNIFORM // 4  # frequencies of the band at which responses of all points are kept
+FEW = 8  # numbers that are kept at each frequency
+STEPS = 40  # of the search for a zero
 FOUND = 1e-9  # of the way between two points, at which a zero is found
 CLOSE = 1e-6  # of the way between two points, on which the slope beside a zero is taken
 ALL_DIGITS = 17  # of values in the search
