@@ -28,9 +28,11 @@ git -c safe.directory="$PWD" ls-files -co --exclude-standard -z | tar --null --i
     tar xf - -C "$root/root/hpcred"
 [ ! -d ../shared ] || cp -r ../shared "$root/root/"
 
-# names of their own for mounts and processes: both are gone with the command
+# Names of their own for mounts and processes: both are gone with the command. So is /tmp: process numbers begin anew
+# with each run, and Open MPI 5 does not start where a folder of the same number is left there.
 exec unshare --mount --pid --fork sh -ec '
     root=$1; shift
     mount --rbind /dev "$root/dev"; mount -t proc proc "$root/proc"; mount -t sysfs sysfs "$root/sys"
+    mount -t tmpfs tmpfs "$root/tmp"
     exec env -i HOME=/root LANG=C.UTF-8 PATH=/usr/sbin:/usr/bin:/sbin:/bin $(env | grep -i _proxy= || true) \
         chroot "$root" sh -c "cd /root/hpcred && exec \"\$@\"" sh "$@"' sh "$root" "$@"
