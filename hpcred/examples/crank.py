@@ -157,15 +157,18 @@ def _elements(corners, height, young, poisson, density):
 def _rows(quads, layers, first, last, stiffness, mass):
     """Return CSR of the points first .. last - 1, three rows each, from blocks of pairs of points."""
     levels = layers + 1
+    # the elements that have points of this rank
     near = np.flatnonzero(((quads * levels < last) & (quads * levels + layers >= first)).any(axis=1))
     cells = (near[:, None] * layers + np.arange(layers)).ravel()
     body = _hexahedra(quads, layers, cells)
     mine = (body >= first) & (body < last)
     total = quads.max() * levels + levels
+    # pairs of points (row, column), each once; `place`: that of each pair of an element
     ends = [(a, b, np.flatnonzero(mine[:, a])) for a, b in product(range(8), repeat=2)]
     keys = np.concatenate([(body[kept, a] - first) * total + body[kept, b] for a, b, kept in ends])
     pairs, place = np.unique(keys, return_inverse=True)
     place = place.reshape(-1)
+    # three columns for each pair, three rows for each point
     row, column = np.divmod(pairs, total)
     counts = np.bincount(row, minlength=last - first)
     indptr = np.concatenate([[0], np.cumsum(np.repeat(3 * counts, 3))])
@@ -173,6 +176,7 @@ def _rows(quads, layers, first, last, stiffness, mass):
     indices = np.empty(indptr[-1], dtype=np.int64)
     values = {"K": np.empty(indptr[-1]), "M": np.zeros(indptr[-1])}
     quad = cells // layers
+    # blocks of three by three, of which M has the diagonal only
     scalar = np.bincount(place, weights=np.concatenate([mass[quad[kept], a, b] for a, b, kept in ends]))
     for i, j in product(range(3), repeat=2):
         where = indptr[3 * row + i] + 3 * rank + j

@@ -57,6 +57,7 @@ def linkage(comm=MPI.COMM_WORLD, inputs=(LOAD,), rod: Rod | None = None) -> Seco
     count = len(nodes)
     first, last = row_range(comm, count - 1)
     elements = {"line": np.arange(first, last)[:, None] + [1, 2]}
+    # the matrices of this rank's elements
     rows, columns, k, m = [], [], [], []
     for element in range(first, last):
         stiffness, mass = beam_element(nodes[element], nodes[element + 1], rod)
@@ -65,6 +66,7 @@ def linkage(comm=MPI.COMM_WORLD, inputs=(LOAD,), rod: Rod | None = None) -> Seco
         columns.append(np.tile(dofs, 12))
         k.append(stiffness.ravel())
         m.append(mass.ravel())
+    # entries go to the ranks that have their rows
     parts = [np.concatenate([np.zeros(0, dtype), *part])
              for part, dtype in ((rows, int), (columns, int), (k, float), (m, float))]  # fmt: skip
     ranges = comm.allgather(row_range(comm, 6 * count, 6))

@@ -199,6 +199,7 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         block = file.attribute("rows_per_block", default=1)
         if block < 1 or size < 1 or size % block:
             raise damaged(path, f"found {size} rows in blocks of {block} (rows_per_block), which do not fit")
+        # the rows of this rank, of which the pointers of the rows say where their entries are
         first, last = row_range(comm, size, block)
         matrices = file["matrices"]
         indptr = matrices["indptr"][first : last + 1].astype(np.int64)
@@ -209,6 +210,7 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         if indices.size and not 0 <= indices.min() <= indices.max() < size:
             raise damaged(path, f"/matrices/indices has columns outside of 0 to {size - 1}")
         values = {key: matrices[key][part] for key in ("K", "M", "D") if key in matrices}
+        # terms with a law of their own share the pattern of K
         laws = read_laws(file[ADDED]) if ADDED in file else ()
         added = {f"{KEY}{number}": matrices[f"{KEY}{number}"][part] for number in range(1, 1 + len(laws))}
         dense, names = {}, {}
@@ -216,6 +218,7 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
             dense[group] = file[f"{group}/{key}"][:, first:last].T if group in file else None
             names[group] = texts(file[f"{group}/names"]) if f"{group}/names" in file else []
         rates = {key: file[f"outputs/{key}"][:, first:last].T for key in ("Cv", "Ca") if f"outputs/{key}" in file}
+        # the mesh, a share of each table on each rank
         dofs = _dofs(file["dofs"], first, last) if "dofs" in file else None
         held = _dofs(file["held"], *row_range(comm, len(file["held/node"]))) if "held" in file else None
         elements = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in file.get("elements", {}).items()}
@@ -231,6 +234,7 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         elements=elements, held=held,
         sets=sets, remarks=remarks, converted_from=converted_from, properties=properties, circulatory=circulatory,
     )  # fmt: skip
+    # outputs of velocities and accelerations, loads and laws are added to the model of M, D, K
     if rates:
         with model:
             model = model.with_output_columns(dense["outputs"], names["outputs"], **rates)

@@ -128,6 +128,7 @@ class Result:
         interface and a set have the same name it is that of the interface. On one rank. Raises InputError where the
         file has no floating-frame quantities or no such node.
         """
+        # a floating frame needs one-sided coordinates with places of nodes, and one mass
         if self.floating_frame is None:
             two_sided = getattr(self.reduced.record, "projection", None) == "two_sided"
             why = "the projection was two-sided; reduce with projection = 'one_sided'" if two_sided else (
@@ -140,6 +141,7 @@ class Result:
                 f"{self.path}: the mass depends on parameters, and the floating-frame quantities are those at the "
                 "reference values; leave the values out, or take a format without nodes, such as a state space or FMU"
             )
+        # interfaces have their shapes in the file; those of other nodes are read from the basis
         known = {shape.node: shape for shape in self.nodes}
         members = {} if nodes is None else self._members({node for node in nodes if isinstance(node, str)})
         if nodes is None:

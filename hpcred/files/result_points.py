@@ -109,6 +109,7 @@ def read_points(path, comm, nodes=None, stress: bool = False) -> Points:
         Without nodes, basis or (where wanted) stress modes, and for nodes that do not exist.
     """
     with agreed(comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
+        # the directions of one node come together on one rank, in the order of their numbers
         labels = _labels(path, file, comm, stress)
         if nodes is not None:
             _name(path, file, comm, nodes, labels)
@@ -118,6 +119,7 @@ def read_points(path, comm, nodes=None, stress: bool = False) -> Points:
     if nodes is not None:
         chosen = _wanted(path, comm, labels, node)
         node, direction, row, position = node[chosen], direction[chosen], row[chosen], position[chosen]
+    # nodes, and behind those of the last rank the reference nodes that have no row
     number, first, place = np.unique(node, return_index=True, return_inverse=True)
     marks = labels.marks if comm.rank == comm.size - 1 else []
     counts = comm.allgather(len(number) + len(marks))
@@ -125,6 +127,7 @@ def read_points(path, comm, nodes=None, stress: bool = False) -> Points:
     cells = _cells(comm, labels.cells, number, start)
     stress_row, stressed = _stressed(comm, labels.stress_node, number)
     with agreed(comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
+        # of each node the translations that are in the basis
         moved = (direction < 3) & (row != NO_ROW)
         shapes = _columns(file["basis/V"], row[moved], (3 * place + direction)[moved], 3 * len(number))
         modes = _columns(file["basis/stress"], stress_row, np.arange(len(stressed)), len(stressed)) if stress else None

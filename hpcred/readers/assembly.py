@@ -190,6 +190,7 @@ def read_columns(comm, starts, size, path, transposed=False, variables=None, rig
     file that has some are taken; `key`: the name of the matrix, by default B or C.
     Raises InputError where the file does not fit n = size.
     """
+    # the entries, in the orientation of B
     entries = harwell_boeing.read_right_hand_sides(path, comm) if right_hand_sides else None
     if entries is None:
         entries = read_entries(path, comm, key or ("C" if transposed else "B"), variables)
@@ -208,6 +209,7 @@ def read_columns(comm, starts, size, path, transposed=False, variables=None, rig
             f"{path}: found {entries.shape[1]} {what} for a model of {size} dofs, expected no more {what} than it has "
             "dofs; all others are combinations of these"
         )
+    # the columns are dense, and a damaged number of them may not take all memory
     i, j, v = owned(comm, starts, entries)
     first, last = starts[comm.rank], np.append(starts[1:], size)[comm.rank]
     with agreed(comm):

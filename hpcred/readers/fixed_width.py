@@ -72,6 +72,7 @@ def fields_of_format(text: bytes, where: str) -> list[Field]:
 def separated(piece: Piece, fields: list[Field], fill=False) -> Piece:
     """Return the same lines with a blank between the fields; `fill`: empty fields count as 0. Raises InputError."""
     text = piece.text if piece.text.endswith(b"\n") else piece.text + b"\n"
+    # the lines as a table of letters, one line a row, so that no line is looked at by itself
     letters = np.frombuffer(text, np.uint8)
     ends = np.flatnonzero(letters == ord("\n"))
     starts = np.append(0, ends[:-1] + 1)
@@ -84,9 +85,11 @@ def separated(piece: Piece, fields: list[Field], fill=False) -> Piece:
     table = np.full(inside.shape, ord(" "), np.uint8)
     table[inside] = letters[(starts[:, None] + across)[inside]]
     table[table == ord("\r")] = ord(" ")
+    # nothing but numbers in the fields, and blanks behind them
     fits = DIGITS[table].all(axis=1) & (table[:, wide:] == ord(" ")).all(axis=1)
     piece.require(fits, None, f"at most {len(fields)} numbers in fields of {fields[0].width} characters")
     result = np.full((len(starts), wide + len(fields)), ord(" "), np.uint8)
+    # each field goes one column further than the one before it, behind a blank
     source = target = 0
     for field in fields:
         part = table[:, source : source + field.width]
@@ -99,6 +102,7 @@ def separated(piece: Piece, fields: list[Field], fill=False) -> Piece:
             result[(part == ord(" ")).all(axis=1), target + field.width - 1] = ord("0")
         source, target = source + field.width, target + field.width + 1
     result[:, -1] = ord("\n")
+    # exponents that Fortran writes without a letter, or with blanks
     text = SPLIT_EXPONENT.sub(rb"\1+", result.tobytes())
     if not all(field.whole for field in fields):
         text = BARE_EXPONENT.sub(b"e", text)

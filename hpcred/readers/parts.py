@@ -109,6 +109,7 @@ class Parts:
             nodes = _table(path, "nodes", nodes, ("number", "x", "y", "z"))
             dofs = _table(path, "dofs", dofs, ("node", "direction"))
             held = _table(path, "held", held, ("node", "direction"))
+        # a rank may have no entries, so it learns the shapes from the others
         shapes = {key: max(filter(None, comm.allgather(item is not None and item.shape)), default=None)
                   for key, item in given.items()}  # fmt: skip
         if lacking := [key for key in "KM" if shapes[key] is None]:
@@ -119,6 +120,7 @@ class Parts:
                 item = sparse.coo_matrix(shape) if given[key] is None else given[key]
                 rows, columns = (ends.astype(np.int64) for ends in (item.row, item.col))
                 matrices[key] = Entries(shape, rows, columns, values.get(key, item.data).astype(float))
+        # numbers of the first node and of the first row of this rank
         first = [sum(comm.allgather(len(item))[: comm.rank]) for item in (nodes, dofs)]
         parts = cls(matrices, dict.fromkeys(matrices, str(path)), removed=_labels(held))
         if comm.allreduce(len(nodes)):

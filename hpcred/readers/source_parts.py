@@ -24,6 +24,7 @@ HELD_BY, HELD = 1e36, 1e35  # what Abaqus puts on the diagonal of K for supports
 
 def read_source(source: Source, comm) -> Parts:
     """Return the parts that the files of a Source hold, but for B and C. Collective. Raises InputError."""
+    # the matrices; a file that holds several is opened once
     files = {key: getattr(source, key) for key in ("K", "M", "D") if getattr(source, key)}
     readers = {path: matrix_reader(path, comm) for path in dict.fromkeys(files.values())}
     parts = Parts({key: read_entries(path, comm, key, source.variables, readers[path]) for key, path in files.items()},
@@ -33,8 +34,10 @@ def read_source(source: Source, comm) -> Parts:
             parts.warnings += warnings_of_end(path) if reader.line_ended else []
         parts.open_ended = {key for key, path in files.items() if readers[path].open_ended}
         parts.loose = readers[files["K"]].loose
+    # rows of CalculiX are named by its own file of dofs together with its mesh
     if _name_rows_of_calculix(comm, parts, source):
         return parts
+    # the nodes, by what their file begins with: each program says what more it knows
     is_input_file, turned, points = False, None, None
     if source.nodes:
         with agreed(comm):
@@ -48,6 +51,7 @@ def read_source(source: Source, comm) -> Parts:
             parts.nodes, deck, points = nastran.read_nodes(source.nodes, comm)
             parts.elements, parts.properties, parts.sets = deck.elements, deck.properties, deck.sets
             parts.warnings += deck.remarks
+        # an input file says which dofs its boundary holds, other files leave that to the missing rows
         elif is_input_file:
             mesh = abaqus_input.read(source.nodes, comm)
             parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
@@ -71,6 +75,7 @@ def read_source(source: Source, comm) -> Parts:
             with agreed(comm):
                 refuse_unread(source.nodes)
             parts.nodes = node_table.read(source.nodes, comm)
+    # the rows, of which the nodes may have more; what has no row is held
     if source.dofs:
         with agreed(comm):
             first_bytes(source.dofs)
@@ -85,10 +90,12 @@ def read_source(source: Source, comm) -> Parts:
             hold_nodes_without_rows(comm, parts, source.nodes, source.dofs)
         if turned is not None:
             ansys_nodes.turn_found(comm, parts, turned)
+    # without named rows nothing can be turned back into the global axes
     elif turned is not None:
         with agreed(comm):
             turned.refuse_turned()
     _remove_supports(comm, parts)
+    # entries given twice in a file are warned of only where they are still those of the file
     parts.as_written = turned is None
     if points is not None:
         parts.as_written &= not comm.allreduce(len(points.turned))

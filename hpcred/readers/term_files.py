@@ -31,15 +31,18 @@ def read_term_matrix(model, of: str, path, variable=None, units=None) -> tuple[P
             raise InputError(f"{path}: found a file of named matrices; name that of the term, such as variable = 'G'")
         if variable is not None and not reader.named:
             raise InputError(f"{path}: found the name '{variable}' of a variable for {reader.name}, which has none")
+        # what the file is, and its units
         converted = _units_of_term(model, of, path, units)
         remarks = warnings_of_end(path) if reader.line_ended else []
     variables = {of: variable}
+    # columns of inputs and rows of outputs are dense
     if of in ("B", "C"):
         local = read_columns(comm, model.row_starts, model.size, path, of == "C", variables)
         return dense_matrix(model.K, local), remarks
     entries = read_entries(path, comm, of, variables, reader)
     with agreed(comm):
         require_sane(entries.values, f"{path}: found", "real")
+    # entries in the numbering of the model
     if isinstance(entries, LabelledEntries):
         entries = _numbered(model, entries, path)
     elif entries.shape != (model.size, model.size):
@@ -47,6 +50,7 @@ def read_term_matrix(model, of: str, path, variable=None, units=None) -> tuple[P
             f"{path}: found {entries.shape[0]} x {entries.shape[1]}, expected {model.size} x {model.size}, as the "
             f"matrices of {model.name} have"
         )
+    # entries on one side of the diagonal are nearly always half of a matrix
     there = entries.values != 0
     below, above = sides(comm, entries.rows[there], entries.columns[there])
     if above != below and not (of == "K" and model.may_be_unsymmetric(of)):
@@ -55,6 +59,7 @@ def read_term_matrix(model, of: str, path, variable=None, units=None) -> tuple[P
             f"{path}: found entries {'above' if above else 'below'} the diagonal only, expected both triangles; write "
             f"it whole, or as a symmetric or skew-symmetric Matrix Market file{more}"
         )
+    # the matrix in the model's layout and units
     first, last = model.K.getOwnershipRange()
     i, j, v = owned(comm, model.row_starts, entries)
     indptr, indices, values = compress({of: (i, j, v)}, first, last, model.size)

@@ -311,6 +311,7 @@ def render(surface: DrawnSurface, moved, values, view: View, marks=()) -> np.nda
     colours = colormaps[COLOUR_MAP].with_extremes(bad=NO_VALUE)
     canvas = Canvas(view.width, view.height)
     image = np.ones((view.height, view.width, 3))
+    # the deflected surface: colours by value, shaded by its slope, hidden behind what is nearer
     screen = view.screen(moved)
     near = 0.004 * max(view.width, view.height)
     if len(surface.triangles):
@@ -322,9 +323,11 @@ def render(surface: DrawnSurface, moved, values, view: View, marks=()) -> np.nda
         if len(surface.edges) and mean_length(screen, surface.edges) > 7 * FINE:
             paint(image, canvas.strokes(screen, surface.edges, 1, near), EDGE, 0.5)
     else:
+        # without faces, the points, those behind first
         size = int(np.clip(np.sqrt(0.15 * view.width * view.height / len(screen)), 3 * FINE, 9 * FINE))
         order = np.argsort(-screen[:, 2], kind="stable")
         _splats(image, screen[order], colours(values[order])[:, :3], size)
+    # the outline at rest, that of the deflected body, and the marks
     rest = view.screen(surface.points)
     paint(image, canvas.strokes(rest, surface.outline, FINE, near), UNDEFORMED, 0.9)
     if len(surface.edges):

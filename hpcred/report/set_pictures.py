@@ -35,20 +35,24 @@ def draw_sets(path, surface: DrawnSurface, nodes: np.ndarray, sets: list, marks=
     """Draw sets, (name, places in `nodes` (k,)) each, on the surface of a body whose nodes lie at `nodes` (v, 3) in m,
     and `marks` (name, point in m) of reference nodes; call it on one rank."""
     plt = pyplot()
+    # two views, from the front and from behind, on one scale
     colours = _colours(len(sets), plt)
     points = np.concatenate([surface.points, nodes, *(np.reshape(place, (1, 3)) for _, place in marks)])
     views = [axes_of_view(points, behind) for behind in (False, True)]
     extents = [np.ptp(points @ axes.T, axis=0)[:2].clip(1e-3 * max(np.ptp(points, axis=0).max(), 1e-12)) * 1.08
                for axes in views]  # fmt: skip
     room = np.max(extents, axis=0)
+    # side by side where the body is tall, else one above the other
     beside = room[0] < 1.9 * room[1]
     wide = (WIDTH - 3 * GAP) / 2 if beside else WIDTH - 2 * GAP
     high = min(wide * room[1] / room[0], 5.0)
+    # the foot has the names of the sets
     columns = 3 if max((len(name) for name, _ in sets), default=0) <= 34 else 1
     shown = min(len(sets), MOST) + (len(sets) > MOST)
     legend = LINE * -(-shown // columns) + 0.1
     tall = (high + GAP) * (1 if beside else 2) + FOOT + legend
     figure = plt.figure(figsize=(WIDTH, tall), dpi=DOTS)
+    # pixels are computed for each panel at a multiple of its size, and made coarse
     for k, axes in enumerate(views):
         width, height = (int(DOTS * FINE * length) // FINE * FINE for length in (wide, high))
         flat = points @ axes.T
@@ -65,6 +69,7 @@ def draw_sets(path, surface: DrawnSurface, nodes: np.ndarray, sets: list, marks=
             panel.plot([x], [y], "o", color=INK, markersize=5, markeredgecolor="white", markeredgewidth=1)
             panel.annotate(name, (x, y), xytext=(5, 5), textcoords="offset points", fontsize=9, color=INK,
                            parse_math=False, bbox={"facecolor": "white", "alpha": 0.7, "lw": 0, "pad": 1})  # fmt: skip
+    # names, the scale, and the mark of reference nodes
     foot = figure.add_axes([0, 0, 1, (FOOT + legend) / tall], xlim=(0, WIDTH), ylim=(0, FOOT + legend))
     foot.set_axis_off()
     _legend(foot, sets, colours, columns, legend)
@@ -104,12 +109,15 @@ def _render(surface, nodes, sets, colours, view):
     image = np.ones((view.height, view.width, 3))
     screen = view.screen(surface.points)
     near = 0.004 * max(view.width, view.height)
+    # larger sets first, so that smaller ones are painted over them
     order = sorted(range(len(sets)), key=lambda k: -len(sets[k]))
     inside = {k: np.isin(surface.nodes, sets[k]) for k in order}
+    # faces with all corners in a set have its colour
     if len(surface.triangles):
         canvas.fill(screen, surface.triangles)
         (y, x), number, _ = canvas.weights(screen, surface.triangles)
         colour = np.tile(GREY, (len(surface.triangles), 1))
+        # nodes as discs, large where no face shows the set, pale where they are hidden
         for k in order:
             colour[inside[k][surface.triangles].all(axis=1)] = colours[k]
         image[y, x] = colour[number] * shades(screen, surface.triangles)[number][:, None]

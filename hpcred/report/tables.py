@@ -146,10 +146,12 @@ def show_timing(timing: Timing, factorisations=()):
     """Print the time of each stage of a run, the share of factors in it, and their memory."""
     if MPI.COMM_WORLD.rank:
         return
+    # stages, the longest first
     parts = sorted(timing.seconds.items(), key=lambda item: -item[1])
     total = timing.elapsed
     listed = ", ".join(f"{name} {value:.2f} s ({100 * value / total:.0f} %)" for name, value in parts if value > 0)
     print(f"time {total:.2f} s: {listed}; at most {max(timing.memory_mb_per_rank):.0f} MB a rank")
+    # within these, multigrid
     rest = [item for item in factorisations if not item.direct]
     if rest:
         keys = ("factor_seconds", "solve_seconds")
@@ -159,6 +161,7 @@ def show_timing(timing: Timing, factorisations=()):
             f"{parts[1]:.2f} s for {sum(item.columns_solved for item in rest)} columns; levels of "
             f"{max(item.memory_mb_used_max_rank for item in rest)} MB a rank"
         )
+    # and the direct solver, whose memory is the largest of all factors
     factorisations = [item for item in factorisations if item.direct]
     if factorisations:
         keys = ("analysis_seconds", "factor_seconds", "solve_seconds")

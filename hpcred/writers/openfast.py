@@ -184,6 +184,7 @@ def _module_input(stem, flex, points, loads, floats):
     def file(there, ending):
         return f'"{stem}{ending}.dat"' if there else '"NA"'
 
+    # both modules read these lists of modes and initial values, and all are off
     lists = [
         line(-1, "NActiveDOFList", "number of active modes listed in ActiveDOFList, -1 for all (integer)"),
         line(1, "ActiveDOFList", "list of active modes [unused if NActiveDOFList<=0]"),
@@ -208,6 +209,7 @@ def _module_input(stem, flex, points, loads, floats):
             line("False", "ConnForcing", "whether forces at connection points are prescribed (flag)"),
             line('"NA"', "FConn_FileName", "these forces over time"),
         ]  # fmt: skip
+    # the order of the lines is that of the module: it reads them by their place
     return "\n".join([
         f"{BEGIN} input file", f"superelement {stem}",
         section("SIMULATION CONTROL"),

@@ -40,6 +40,7 @@ def write_recovered(path, points: Points, coordinates: Coordinates, quantities, 
     `origin` (3,) of the body frame. Returns the largest values with their nodes and instants. Collective.
     """
     path, t = Path(path), coordinates.t
+    # what is written, and where to: the ending says how
     keys = (*quantities, *(STRESSES if points.stress is not None else ()))
     if not comm.allreduce(len(points.stressed)) and points.stress is not None:
         raise InputError("stress: none of the nodes has stresses; choose others, or leave out --nodes")
@@ -48,6 +49,7 @@ def write_recovered(path, points: Points, coordinates: Coordinates, quantities, 
     if ending == ".vtu" and len(t) > 1:
         raise InputError(f"output {path}: found {len(t)} instants, and a .vtu has one; choose .pvd, or one instant by "
                          "--from and --to")  # fmt: skip
+    # a series of pictures may be larger than the disk, which is told before
     if ending == ".pvd":
         needed = len(t) * points.total * np.dtype(dtype).itemsize * (3 * len(quantities) + 3)
         with agreed(comm):
@@ -61,10 +63,12 @@ def write_recovered(path, points: Points, coordinates: Coordinates, quantities, 
     else:
         places = points.position if start is None else start
         output = recovered_file(path, points, places, t, keys, record, comm, dtype)
+    # motion in inertial axes needs the displacement, velocity too for accelerations
     local, moved = points.position - origin, start is not None
     needed = {*quantities, *(QUANTITIES[: QUANTITIES.index(quantities[-1]) + 1] if moved else ())}
     wanted = [key for key in QUANTITIES if key in needed]
     chosen = ("place", "elastic", *keys) if moved and shown else keys
+    # instants go in blocks whose size bounds the memory, whatever the number of points
     step = min(max(AT_ONCE * comm.size // max(3 * points.total, 1), FEWEST), len(t))
     recovery = Recovery(coordinates, step)
     with output as put:
@@ -82,6 +86,7 @@ def write_recovered(path, points: Points, coordinates: Coordinates, quantities, 
             put(_at_all(found, points) if shown else found)
             if progress is not None:
                 progress.step("instants", part.stop, len(t))
+        # the largest of all ranks
         report = _all_largest(largest, comm)
         record |= report
     return report

@@ -309,6 +309,7 @@ def _blocks(path, sections, calculix):
     scope, name, placement, system = "model", "", Placement(), Placement()
     for section in sections:
         keyword, given = section.keyword, section.parameters
+        # what would give the nodes other places, numbers or directions than are read here
         if keyword in REFUSED:
             makes, lines = REFUSED[keyword]
             raise section.refusal(
@@ -324,10 +325,12 @@ def _blocks(path, sections, calculix):
                 f"found *Node with system={given['system']}, which CalculiX does not know; its matrices belong to x, "
                 "y, z as they are written"
             )
+        # *System holds until the next part, assembly or instance begins
         if keyword == "system":
             system = _system(section)
         elif keyword in SCOPES:
             system = Placement()
+        # a part is kept, and placed by each *Instance of it; its blocks stand under the instance's name
         if keyword == "part":
             scope, name = "part", given.get("name", "").lower()
             parts[name] = []
@@ -415,6 +418,7 @@ def _nodes(path, comm, blocks, named, least):
     """Return the nodes of all blocks, ascending, each once; fills `named`. `least`: how many numbers a line has."""
     groups = sorted({block.group for block in blocks})
     with agreed(comm):
+        # the lines of all blocks, placed as their instance is
         parts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0, np.int64))]
         for block in blocks:
             for piece in pieces(block.path, comm, block.start, block.stop):
@@ -423,11 +427,13 @@ def _nodes(path, comm, blocks, named, least):
                 position = block.placement(block.system(position))
                 parts.append((label, position, np.full(len(label), groups.index(block.group))))
         label, position, group = (np.concatenate(items) for items in zip(*parts, strict=True))
+    # ascending over the ranks, so that equal numbers meet
     label, x, y, z, group = sort_over_ranks(comm, label, [*position.T, group])
     position = np.array([x, y, z]).T
     if not comm.allreduce(len(label)):
         raise InputError(f"{path}: found no nodes, expected *Node lines of node, x, y, z")
     with agreed(comm):
+        # a number twice is another node in another instance, and may be repeated in one
         again = np.flatnonzero(label[1:] == label[:-1]) + 1
         mixed = again[group[again] != group[again - 1]]
         if mixed.size:

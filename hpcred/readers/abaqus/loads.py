@@ -67,9 +67,11 @@ def read_loads(path, step: int, comm, *, calculix: bool = False) -> DeckLoads:
 
 def _of_step(path, sections, step):
     """Return the sections of loads of a step. Raises InputError for others that are not known to be none."""
+    # loads of the step, and of steps before it, which may go on
     number, chosen, before, open_step = 0, [], {}, None
     for section in sections:
         if section.keyword == "step":
+            # a step without an end may lack loads
             if open_step is not None and number <= step:
                 break
             number += 1
@@ -98,6 +100,7 @@ def _of_step(path, sections, step):
         raise InputError(f"{path}: found {number} steps, expected a step {step}, whose loads are wanted")
     if not chosen:
         raise InputError(f"{path}: found no loads in step {step}, expected *Cload, *Dload or *Dsload")
+    # loads go on from step to step, but for a kind that the step gives anew
     fresh = {section.keyword for section in chosen if section.parameters.get("op", "").lower() == "new"}
     fresh |= {"dload", "dsload"} if fresh & {"dload", "dsload"} else set()
     for keyword, section in before.items():

@@ -44,6 +44,7 @@ def read_sets(path, comm, blocks, groups, named, elements, keys, wanted, unread)
     numbers (elements of this rank, nodes) and keys (elements,) by kind; `unread`: names, in small letters, of sets of
     *Element of other kinds. Raises InputError.
     """
+    # members by name, of *Nset and *Elset and of the parameters of other keywords
     found = {}
     with agreed(comm):
         for block in blocks:
@@ -52,6 +53,7 @@ def read_sets(path, comm, blocks, groups, named, elements, keys, wanted, unread)
             _members(found, kind, name).numbers += numbers
         for name in unread:
             _members(found, "elset", name)
+    # sets name other sets, and sets of elements stand for the nodes of these
     sets, members, lacking = {}, {}, []
     for (kind, key), (name, numbers, of_elements, reached, hidden) in _with_their_parts(path, comm, found).items():
         if kind == "elset":
@@ -71,6 +73,7 @@ def read_sets(path, comm, blocks, groups, named, elements, keys, wanted, unread)
         numbers = np.unique(sort_over_ranks(comm, numbers)[0])
         if comm.allreduce(len(numbers)):
             sets[name] = numbers
+    # what is missing is said, with at most five names
     remark = (f"{path}: sets are without the nodes of elements whose types are not read: {', '.join(lacking[:5])}"
               f"{', ...' * (len(lacking) > 5)}")  # fmt: skip
     return sets, members, [remark] if lacking else []

@@ -82,10 +82,12 @@ def read(path, comm, turned=False) -> Archive:
     path = Path(path)
     with agreed(comm):
         require_file(path)
+        # the commands, wherever the ranks find them; they say where the blocks are
         found = [(piece.start + match.start(), match.lastgroup, match[0].decode("latin-1").strip())
                  for piece in pieces(path, comm) for match in COMMAND.finditer(piece.text)]  # fmt: skip
     found = sum(comm.allgather(found), [])
     found = [item for item in found if not (turned and item[1] == "turn")]
+    # the blocks of numbers, each rank its share of the lines
     blocks, types = decided(comm, _blocks, path, found), decided(comm, _types, path, found)
     nodes, elements, counts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))], {}, []
     tables = {}
@@ -97,6 +99,7 @@ def read(path, comm, turned=False) -> Archive:
                 counts.append(sum(len(part[0]) for part in parts))
             else:
                 counts.append(_elements(path, comm, block, types, elements, tables))
+    # a block may say how many entries it has
     totals = comm.allreduce(np.array(counts, dtype=np.int64))
     for block, total in zip(blocks, totals, strict=True):
         if block.announced is not None and block.announced != total:
@@ -104,6 +107,7 @@ def read(path, comm, turned=False) -> Archive:
                 f"{path}, line {block.line}: found {total} entries of {block.name}, but it announces "
                 f"{block.announced}; the file is damaged"
             )
+    # materials, and components of nodes and elements
     elements = elements_of(comm, elements)
     tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *tables.get(kind, [])]) for kind in elements}
     properties, remarks = _properties(comm, path, found, types, tables)

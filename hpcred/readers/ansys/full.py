@@ -59,6 +59,7 @@ def read_parts(path, comm, analysis=MODAL) -> Parts:
     """
     with agreed(comm):
         files, base = _files(path, analysis)
+    # the matrices; of dofs that are removed, held ones are zero and those that follow others are not
     found = [_read(comm, *item) for item in files]
     matrices, label, row, removed, following = found[0] if len(found) == 1 else _joined(comm, files, found)
     follows, _ = look_up(comm, np.unique(sort_over_ranks(comm, following)[0]), [], removed)
@@ -66,6 +67,7 @@ def read_parts(path, comm, analysis=MODAL) -> Parts:
     if len(files) > 1:
         parts.warnings.append(f"{path}: joined the parts {', '.join(file.path.name for file, _ in files)}")
     label = np.concatenate([label, removed])
+    # the nodes stand in another file of the run
     found = find_nodes(base, comm)
     if found is None:
         parts.warnings.append(
@@ -78,6 +80,7 @@ def read_parts(path, comm, analysis=MODAL) -> Parts:
         parts.files["nodes"] = found.file
         parts.warnings.append(f"{path}: nodes taken from {found.file}")
         turn_found(comm, parts, found)
+    # what follows others moves, so pictures lack it
     if count := comm.allreduce(int(follows.sum())):
         parts.warnings.append(
             f"{path}: {count} dofs that follow others by constraint equations or couplings were removed; K and M "
@@ -88,10 +91,12 @@ def read_parts(path, comm, analysis=MODAL) -> Parts:
 
 def _files(path, analysis):
     """Return the file, or the parts of its distributed run, with headers; and the name of the whole."""
+    # a whole file stands alone
     file = RecordFile(path, FILE)
     files = [(file, header_of(file, analysis))]
     if files[0][1].whole is None:
         return files, file.path
+    # parts of a distributed run are numbered from 0 behind the name of the job
     number = r"(0|[1-9]\d{0,5})"
     name = re.fullmatch(f"(.*?){number}", file.path.stem)
     if name is None:
@@ -108,6 +113,7 @@ def _files(path, analysis):
             f"{name[1]}{max(beside) + 1 if missing is None else missing}{file.path.suffix} beside it; put all parts "
             "into one folder, or join them by COMBINE,FULL in /AUX2"
         )
+    # all must be of one run
     files = [RecordFile(beside[k], FILE) for k in sorted(beside)]
     files = [(item, header_of(item, analysis)) for item in files]
     for item, header in files:
@@ -134,6 +140,7 @@ def _read(comm, file, header):
 
 def _joined(comm, files, found):
     """Read the sum of the parts of a distributed run, like _read. Collective. Raises InputError."""
+    # rows of all parts by node and direction; those on the border of two parts are the same row
     names, place = number_over_ranks(comm, np.concatenate([label for _, label, *_ in found]))
     size = comm.allreduce(len(names))
     gone, _ = number_over_ranks(comm, np.concatenate([removed for *_, removed, _ in found]))
@@ -152,6 +159,7 @@ def _joined(comm, files, found):
                 f"{first.path}: found {total[0]} rows of {total[1]} nodes in {len(files)} parts of a distributed run, "
                 f"expected {header.whole[0]} of {header.whole[1]}; put all parts into one folder"
             )
+    # the terms of each part in the numbers of the whole; where parts meet they are added
     numbers = np.split(place, np.cumsum([len(label) for _, label, *_ in found])[:-1])
     matrices = {}
     for key in header.matrices:
@@ -162,6 +170,7 @@ def _joined(comm, files, found):
             _, (new,) = look_up(comm, row, [number], asked)
             parts.append((*(new[np.searchsorted(asked, end)] for end in (item.rows, item.columns)), item.values))
         matrices[key] = Entries((size, size), *joined(parts, (np.int64, np.int64, float)))
+    # the rows of the whole, and those that were removed or follow others
     row = (comm.exscan(len(names)) or 0) + np.arange(len(names))
     return matrices, names, row, gone, np.concatenate([following for *_, following in found])
 
@@ -182,6 +191,7 @@ def header_of(file: RecordFile, analysis=MODAL) -> Header:
     """Return the header of a file of an analysis, with M unless it is a static one. Raises InputError."""
     length, _ = file.frame(STANDARD_END)
     item, place = file.integers(STANDARD_END, length, "the header")
+    # what kind of file it is
     if len(item) < 40:
         raise file.damaged(STANDARD_END, f"a header of {len(item)} words")
     if item[0] == FILE:
@@ -192,20 +202,24 @@ def header_of(file: RecordFile, analysis=MODAL) -> Header:
     if item[0] != -FILE:
         raise file.damaged(STANDARD_END, f"the file number {item[0]} in the header")
 
+    # lengths and places have 64 bits, in two words that need not be neighbours
     def wide(low, high):
         return (int(item[high]) << 32) | (int(item[low]) & 0xFFFFFFFF)
 
     end, kan = wide(22, 23), int(item[4])
+    # a copy that was cut off is told by the place of the end
     if end and (end > file.size or (end < file.size and file.words(end, 1)[0] != -1)):
         raise file.damaged(end, f"no end of the file, though the header says so ({file.size} words),")
     if end and end < file.size and not any(-(-(end + 1) // block) * block == file.size for block in BLOCKS):
         raise file.damaged(end, f"the end of the file, but {file.size} words")
+    # a distributed run writes a part for each process; only parts without equations between them are whole
     is_part = len(item) > 62 and bool(item[62])
     if is_part and (len(item) <= 67 or item[67]):
         raise InputError(
             f"{file.path}: found the part of one process of a distributed run with constraint equations between parts "
             "(or no word on them), expected none; join the parts by COMBINE,FULL in /AUX2, or run on one process (-smp)"
         )
+    # what the analysis was for
     if kan != analysis:
         what = f"a {ANALYSES.get(kan, f'kind {kan} of')} analysis"
         if kan == 1:
@@ -217,6 +231,7 @@ def header_of(file: RecordFile, analysis=MODAL) -> Header:
             f"{file.path}: found unsymmetric matrices, expected symmetric ones; use the symmetric solver "
             "(MODOPT,LANB), without friction, rotating frames or fluids"
         )
+    # where the matrices begin, and how many terms each has
     places = {"K": wide(18, 19), "M": wide(26, 27), "D": wide(28, 29)}
     terms = {"K": wide(8, 9) or int(item[12]), "M": wide(33, 21), "D": wide(34, 39)}
     for key in "K" if analysis == STATIC else "KM":
@@ -246,6 +261,7 @@ def rows_of(comm, file: RecordFile, header: Header) -> tuple[np.ndarray, np.ndar
         if file.count(after) != header.nodes:
             raise file.damaged(after, f"a table of {file.count(after)} nodes, expected {header.nodes},")
         first, last = row_share(header.nodes, comm.rank, comm.size)
+        # nodes and their numbers of dofs: each rank has a share of the nodes
         node = file.part(after, first, last)
         if len(node) and not 1 <= node.min() <= node.max() <= LARGEST_LABEL:
             raise file.damaged(after, f"the node number {node.min()}")
@@ -256,6 +272,7 @@ def rows_of(comm, file: RecordFile, header: Header) -> tuple[np.ndarray, np.ndar
         mine = int(count.sum())
     total, low = comm.allreduce(mine), comm.exscan(mine) or 0
     with agreed(comm):
+        # behind them the direction of each dof, negative where it is held, and a table that agrees
         if total != header.equations:
             raise file.damaged(header.dofs, f"{total} dofs of nodes, but {header.equations} equations,")
         place = header.dofs + file.frame(header.dofs)[0] + 3
@@ -268,6 +285,7 @@ def rows_of(comm, file: RecordFile, header: Header) -> tuple[np.ndarray, np.ndar
             raise file.damaged(place, "a dof that the list of dofs does not have")
         if ((kind < 0) != (number > 0)).any():
             raise file.damaged(place, "two tables that do not agree on which dofs are held")
+        # displacements and rotations are rows; temperatures and warping have no place in a body
         direction = kinds[np.abs(kind) - 1]
         other = (kind > 0) & ((direction < 1) | (direction > 6))
         if other.any():
@@ -279,6 +297,7 @@ def rows_of(comm, file: RecordFile, header: Header) -> tuple[np.ndarray, np.ndar
             )
         label = label_of(np.repeat(node, count), np.minimum(direction - 1, 7))
         slaves = _slaves(file, header) if comm.rank == 0 else None
+    # the header counts the same rows as the tables
     held = np.concatenate(comm.allgather(low + np.flatnonzero(kind < 0)))
     slaves = comm.bcast(slaves)
     require_once(comm, label, lambda twice: f"{file.path}: found two rows of {label_name(twice)}; the file is damaged")

@@ -23,6 +23,7 @@ def read_loads(path, comm) -> DeckLoads:
     """Return the forces and moments of the load vector of a file. Collective. Raises InputError."""
     with agreed(comm):
         file = RecordFile(path, FULL)
+        # a static analysis without parts, with real loads
         header = header_of(file, STATIC)
         if header.whole is not None:
             raise InputError(f"{path}: found the part of one process of a distributed run, expected the whole file; "
@@ -31,6 +32,7 @@ def read_loads(path, comm) -> DeckLoads:
             raise InputError(f"{path}: found no load vector, expected one; {LINES[STATIC]}")
         if header.loads[1]:
             raise InputError(f"{path}: found an imaginary load vector, expected real loads")
+    # whose axes nodes have is not in this file
     label, held, slaves = rows_of(comm, file, header)
     found = find_nodes(file.path, comm)
     if found is None:
@@ -39,6 +41,7 @@ def read_loads(path, comm) -> DeckLoads:
     low = comm.exscan(len(label)) or 0
     row = low + np.arange(len(label))
     with agreed(comm):
+        # loads on held rows and on those that follow others are reactions, or not known
         value = _share(file, header.loads[0], header.equations, low, len(label), "the load vector")
         require_sane(value, f"{path}: found, near word {header.loads[0]},", "load")
         _require_plain(file, header, held, low, len(label))
@@ -47,6 +50,7 @@ def read_loads(path, comm) -> DeckLoads:
         if len(lost):
             raise InputError(f"{path}: found a load on {label_name(lost[0])}, which follows others by a constraint "
                              "equation or coupling, expected it on these; load other nodes")  # fmt: skip
+    # a table of the nodes, in which their axes are turned into global ones
     node, place = np.unique(node_and_direction(label)[0], return_inverse=True)
     at = place.reshape(-1), node_and_direction(label)[1]
     table, unknown = np.zeros((len(node), SIX)), np.zeros((len(node), SIX), bool)
@@ -57,6 +61,7 @@ def read_loads(path, comm) -> DeckLoads:
     for part in (slice(0, AXES), slice(AXES, SIX)):
         axes, without = rotation[turned], unknown[turned, part]
         table[turned, part] = np.einsum("nij,nj->ni", axes, table[turned, part])
+        # turned, a component is unknown where any that it is made of is
         unknown[turned, part] = ((np.abs(axes) > ZERO) & without[:, None]).any(axis=2)
     loaded = (table != 0).any(axis=1)
     which, direction = np.nonzero(unknown)

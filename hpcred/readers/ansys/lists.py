@@ -58,12 +58,14 @@ def read_nodes(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     def decode(piece):
         text = HEADING.sub(b"", piece.text) if listed else piece.text
+        # Workbench heads its columns, and writes decimal commas in some countries
         if headed and piece.start in (0, 3):
             text = b"\n" + text.split(b"\n", 1)[-1]
         if headed and b"," in text:
             if b"." in text:
                 raise InputError(f"{path}: found commas and points in its numbers, expected one of them")
             text = COMMA.sub(b".", text)
+        # NWRITE leaves no blank before a minus, and leaves out angles that are zero
         if written:
             text = TOUCHING.sub(b" -", text)
         plain = Piece(piece.path, text, piece.start)
@@ -76,6 +78,7 @@ def read_nodes(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return labels(piece, table[:, 0], lines), table[:, 1:4], table[:, 4:]
 
     with agreed(comm):
+        # the three forms are told by their first lines
         start = first_bytes(path)
         headed, listed, written = WORKBENCH.match(start), NLIST.search(start), NWRITE.match(start)
         label, position, angles = end_to_end(pieces(path, comm), decode)
@@ -111,6 +114,7 @@ def read_mapping(path, comm) -> tuple[np.ndarray, np.ndarray]:
 def read_vector(path, comm, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Return labels and rows (from 0) of node numbers in the order of `size` rows, 3 or 6 a node. Collective."""
     with agreed(comm):
+        # the header has the number of nodes, from which that of the rows of each node follows
         start = first_bytes(path)
         lines = start.split(b"\n")
         head = next((k for k, line in enumerate(lines) if not line.startswith(b"%")), 0)
@@ -131,6 +135,7 @@ def read_vector(path, comm, size: int) -> tuple[np.ndarray, np.ndarray]:
         piece.require(found == 1, at, "one node number a line")
         return (labels(piece, values, at),)
 
+    # one node a line, in the order of the rows
     node, place = read_lines(path, comm, decode, begin)
     total, twice = comm.allreduce(len(node)), repeated_key(comm, node)
     if total != announced or twice is not None:

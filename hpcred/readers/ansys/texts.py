@@ -32,10 +32,12 @@ def read_parts(path, comm):
     files, mapping, vector = decided(comm, _set_of, path)
     read = harwell_boeing.read if _is_hbmat(first_bytes(path)) else matrix_market.read
     parts = Parts({key: read(file, comm) for key, file in files.items()}, files)
+    # all matrices of the set have the same rows
     shapes = {matrix.shape for matrix in parts.matrices.values()}
     if len(shapes) > 1:
         raise InputError(f"{path}: found matrices of different sizes, {_listed(files)}; keep those of one run together")
     size = parts.matrices["K"].shape[0]
+    # the node and direction of each row, of HBMAT's mapping or of a written vector
     if mapping or vector:
         parts.files["rows"] = mapping or vector
         if mapping:
@@ -45,6 +47,7 @@ def read_parts(path, comm):
         total = comm.allreduce(len(parts.row_labels[0]))
         if total != size:
             raise InputError(f"{mapping or vector}: found {total} rows, expected {size} as {files['K']} has")
+    # the mesh beside it; matrices in nodal axes are turned into global ones
     nodes = find_nodes(path, comm, lists=True) if parts.row_labels is not None else None
     if parts.row_labels is None:
         parts.warnings.append(
@@ -76,6 +79,7 @@ def _set_of(path):
     """Return the files K, M and perhaps D, and those of the rows: a mapping, or a vector of nodes, or None."""
     start = first_bytes(path)
     kind = _is_hbmat if _is_hbmat(start) else _is_mmf
+    # what lies in the folder, by first bytes and name
     matrices, mappings, vectors = {}, [], []
     for item in sorted(path.parent.iterdir()):
         if not item.is_file():
@@ -90,6 +94,7 @@ def _set_of(path):
             mappings.append(item)
         elif ansys_lists.begins_vector(head):
             vectors.append(item)
+    # the named file is the one of its kind, of the others there must be one
     own = _key(path, start)
     if own is None:
         raise InputError(
@@ -108,6 +113,7 @@ def _set_of(path):
             )
         if some:
             files[key] = str(some[0])
+    # equal files of the rows are no question; one with the matrix's name is meant
     stems = {Path(file).stem for file in files.values()}
     same = [item for item in mappings if item.stem in stems] or mappings
     with reading_from(path):

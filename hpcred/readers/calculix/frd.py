@@ -92,6 +92,7 @@ def _blocks(path) -> dict[int, Block]:
             return InputError(f"{path}: found no {expected} {where}; the file is cut off or damaged")
 
         at = 0
+        # blocks stand behind one another, headed by lines; other heads of the file are one line each
         while data[at : at + 5] in (b"    1", b"    2", b"    3"):
             line = data[at : data.find(b"\n", at) + 1]
             if line[4:5] == b"1":
@@ -104,6 +105,7 @@ def _blocks(path) -> dict[int, Block]:
             if match is None or key in found or int(match[3]) > DOUBLE:
                 raise damaged(at, "head of one block of nodes, and one of elements behind it,")
             at, count, form, shares = at + len(line), int(match[2]), int(match[3]), ()
+            # where the block ends: text by a line of its own, binary nodes by their number
             if form in (SHORT, LONG):
                 stop = data.find(b"\n -3", at - 1) + 1
                 end = data.find(b"\n", stop) + 1
@@ -112,11 +114,13 @@ def _blocks(path) -> dict[int, Block]:
             elif key == 2:
                 end = stop = at + count * (28 if form == DOUBLE else 16)
             else:
+                # elements have different lengths, so these are walked through
                 shares = _shares(data, at, count, damaged)
                 end = stop = shares[-1]
             if stop > len(data):
                 raise damaged(len(data), "whole block of nodes or elements")
             found[key], at = Block(count, form, at, stop, shares), end
+        # results or the end of the file follow, else something was cut out
         if data[at : at + 5] not in (b"  100", b" 9999", b"    4") and data[at:].strip() != b"9999":
             raise damaged(at, "block of nodes, elements or results")
     if 3 in found and 2 not in found:

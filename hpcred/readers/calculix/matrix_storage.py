@@ -71,6 +71,7 @@ def files_of(path) -> dict[str, str]:
 def read_parts(path, comm) -> Parts:
     """Return K, M, row labels, nodes, elements, sets, held dofs of the files beside `path`. Collective."""
     with agreed(comm):
+        # the three files of one run
         files = files_of(path)
         for key, suffix in SUFFIXES.items():
             if key not in files:
@@ -79,11 +80,13 @@ def read_parts(path, comm) -> Parts:
                 raise InputError(f"{path}: found no {expected} beside it, expected one of CalculiX{hint}")
     triangles = {key: read_triangle(files[key], comm) for key in ("K", "M")}
     K, M = triangles["K"], triangles["M"]
+    # K and M of one run have the same pattern
     if (K.size, K.places) != (M.size, M.places):
         raise InputError(
             f"{files['M']}: found {M.places[0]} entries of {M.size} rows, at other places than the {K.places[0]} "
             f"entries of {K.size} rows of {files['K']}; one of the files is damaged, or of another run"
         )
+    # the rows, of which cyclic symmetry has two for each line
     label, row = read_dofs(files["dofs"], comm)
     count = comm.allreduce(len(label))
     if K.size == 2 * count:
@@ -95,6 +98,7 @@ def read_parts(path, comm) -> Parts:
         raise InputError(f"{files['dofs']}: found {count} lines, expected one for each of the {K.size} rows")
     parts = Parts({key: triangles.pop(key).mirrored() for key in ("K", "M")}, {key: files[key] for key in ("K", "M")})
     del K, M
+    # names come from the mesh beside the matrices; without it the matrices are read all the same
     try:
         name_rows(comm, parts, files, label, row)
     except Unnamed as reason:

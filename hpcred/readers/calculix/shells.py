@@ -21,6 +21,7 @@ def offsets(comm, mesh, node, number) -> np.ndarray | None:
 
     `node` (k,), `number` (k,): those of this rank, ascending. Collective.
     """
+    # one row for each node of each element: normal, thickness, and what tells how many nodes CalculiX made
     thickness, tied = _thickness(comm, mesh), _tied(comm, mesh)
     table = [np.zeros((0, 8))]
     kinds = [kind for kind in mesh.elements if kind in CORNERS]
@@ -28,17 +29,20 @@ def offsets(comm, mesh, node, number) -> np.ndarray | None:
         table.append(_of_elements(comm, mesh, kind, thickness[kind], tied[kind]))
     if any(len(part) for part in comm.allgather([kind for kind in mesh.elements if kind in ("line", "line3")])):
         return None
+    # rows of one node meet: normals are added, the others must agree
     label, *columns = sort_over_ranks(comm, *_split(np.concatenate(table)))
     label, start = np.unique(label, return_index=True)
     x, y, z, most, least, level, below, above = columns = [
         reduce.reduceat(column, start) if len(start) else column for reduce, column in zip(
             (np.add, np.add, np.add, np.maximum, np.minimum, np.maximum, np.maximum, np.maximum),
             [*columns[:4], columns[3], *columns[4:]], strict=True)]  # fmt: skip
+    # each made node is the k-th of those of its node
     every, place, count = _counted(comm, node, number)
     there, found = look_up(comm, label, columns, every)
     normal = np.array(found[:3]).T
     size = np.linalg.norm(normal, axis=1)
     good = there & (found[3] == found[4]) & (found[3] > 0) & (size > 0)
+    # its level through the thickness, by the number of levels that this kind of node has
     shift = np.zeros(len(every))
     for kind, levels in enumerate(LEVELS.values()):
         for low in (0, 1):

@@ -314,6 +314,7 @@ def _name_4(start):
 def _variables_4(path, file):
     size, at, found = Path(path).stat().st_size, 0, []
     while at < size:
+        # the header of a variable, and where its numbers end
         file.seek(at)
         start = file.read(20 + 64)
         header = _header_4(start[:20])
@@ -325,6 +326,7 @@ def _variables_4(path, file):
         count = rows * columns * (1 + (is_complex and kind == 0))
         if begin + count * width > size:
             raise damaged(path, at, f"a matrix '{name}' of {rows} x {columns} numbers that the file does not have")
+        # a full matrix is one run of numbers; a sparse one has columns of row, column and value
         runs = [Run(k * rows * width, dtype, rows) for k in range(columns if kind == 2 else 0)]
         if kind == 0:
             place = Place(begin, count * width, False, Run(0, dtype, rows * columns))
@@ -333,6 +335,7 @@ def _variables_4(path, file):
             if columns not in (3, 4) or rows < 1:
                 raise damaged(path, at, f"a sparse matrix '{name}' of {rows} x {columns} numbers")
             element = _Element(path, file, Place(begin, count * width, False))
+            # the last row of a sparse matrix has its shape
             shape = tuple(int(element.numbers(run, rows - 1, rows)[0]) for run in runs[:2])
             i, j, v = (Run(run.offset, dtype, rows - 1) for run in runs[:3])
             place = Place(begin, count * width, False, v, i, columns=j)

@@ -63,6 +63,7 @@ def read(path, comm, key="K", variables=None) -> Entries:
 
 def read_parts(path, comm, variables=None) -> Parts:
     """Return K, M and, where there is one, D; nodes and names of the rows where there are such arrays. Collective."""
+    # which variable is which matrix, by option or by name
     found = _variables(path, comm)
     with agreed(comm):
         unknown = sorted(set(variables or {}) - {"K", "M", "D"})
@@ -76,6 +77,7 @@ def read_parts(path, comm, variables=None) -> Parts:
         passed += left
         if damping is not None and (damping.shape == chosen["K"].shape or (variables or {}).get("D")):
             chosen["D"] = damping
+    # what was not taken is said, since names are a guess
     parts = Parts(
         {key: _entries(path, comm, variable) for key, variable in chosen.items()},
         {key: f"{path}: {variable.name}" for key, variable in chosen.items()},
@@ -95,6 +97,7 @@ def read_parts(path, comm, variables=None) -> Parts:
     if unread := _inputs_and_outputs(found, chosen["K"].shape[0]):
         parts.warnings.append(f"{path}: not read as inputs and outputs: {unread}; {_by_options(path)}")
     with agreed(comm):
+        # nodes and rows, where there are arrays of such names
         tables = {name: _table(path, found, name, parts.warnings) for name in USES}
     if tables["nodes"]:
         parts.nodes = _nodes(path, comm, *tables["nodes"], parts.warnings)

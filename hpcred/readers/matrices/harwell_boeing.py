@@ -229,6 +229,7 @@ def _entries(path, comm, header, parts):
         place, values = exchange(comm, owner(place), [place, values])
         return values[np.argsort(place, kind="stable")]
 
+    # a rank has read any part of the text, so pointers are checked among neighbours first
     number, pointer = read_here(0)
     pointer -= 1
     with agreed(comm):
@@ -238,8 +239,10 @@ def _entries(path, comm, header, parts):
         ends = ((number == 0) & (pointer != 0)) | ((number == header.shape[1]) & (pointer != header.entries))
         if low[0] < 0 or low[1] > header.entries or not ascending or ends.any():
             raise _damaged(path, f"pointers that do not ascend from 1 to {header.entries + 1}")
+    # each rank gets the columns that begin in its share, and counts those before them
     number, pointer = exchange(comm, owner(np.minimum(pointer, header.entries - 1)), [number, pointer])
     before = comm.exscan(len(pointer)) or 0
+    # the rows and values of its share, wherever they were read
     rows, values = met(1) - 1, met(2, float)
     with agreed(comm):
         order = np.argsort(number)
@@ -247,16 +250,19 @@ def _entries(path, comm, header, parts):
             len(number) and number.min() != before):  # fmt: skip
             raise _damaged(path, f"pointers that do not ascend from 1 to {header.entries + 1}")
         low, high = row_share(header.entries, comm.rank, comm.size)
+        # the column of an entry is the last one that begins at or before it
         begun = np.bincount(pointer[pointer < high] - low, minlength=max(high - low, 0))
         columns = before + np.cumsum(begun)[: high - low] - 1
         if len(rows) and rows.max() >= header.shape[0]:
             raise _damaged(path, f"the row {rows.max() + 1} of {header.shape[0]}")
         require_sane(values, f"{path}: found", "real")
         if ((np.diff(rows) <= 0) & (np.diff(columns) == 0)).any():
+            # rows that do not ascend are no fault where no entry comes twice
             key = np.sort(columns * header.shape[0] + rows)
             if (twice := key[1:][key[1:] == key[:-1]]).size:
                 column, row = divmod(int(twice[0]), header.shape[0])
                 raise _damaged(path, f"two entries of row {row + 1}, column {column + 1}")
+    # a triangle becomes a whole matrix
     if header.symmetry in "ur":
         return Entries(header.shape, rows, columns, values)
     sides = comm.allgather((bool((rows < columns).any()), bool((rows > columns).any())))

@@ -18,6 +18,7 @@ def read(path, comm) -> Entries:
     if kind == "array":
         return _read_array(path, comm, symmetry, shape, start)
     with agreed(comm):
+        # each rank reads its share of the lines
         found, above, below = Collected((np.int64, np.int64, float)), None, False
         for piece in pieces(path, comm, start):
             i, j, v, lines = triples(piece)
@@ -31,6 +32,7 @@ def read(path, comm) -> Entries:
                     piece.require((i != j) | (v == 0), lines, "no diagonal in a skew-symmetric matrix")
             found.add((i, j, v), piece.share)
         i, j, v = found.arrays
+    # what the header says: the number of entries, and one triangle of a symmetric matrix
     total = comm.allreduce(len(v))
     if total != count:
         raise InputError(f"{path}: found {total} entries, the header says {count}; the file is damaged")
@@ -68,6 +70,7 @@ def _header(path):
     """Return format, symmetry, shape, number of entries in the file and the byte where they begin."""
     with open_unpacked(path) as file:
         line = file.readline().removeprefix(BYTE_ORDER_MARK)
+        # the kind of matrix
         words = [word.decode("latin-1") for word in line.lower().split()]
         if (
             len(words) != 5 or words[:2] != ["%%matrixmarket", "matrix"] or words[2] not in ("coordinate", "array")
@@ -77,6 +80,7 @@ def _header(path):
                 f"{path}, line 1: found '{shown(line)}', expected a real Matrix Market header: '%%MatrixMarket "
                 f"matrix', coordinate or array, real or integer, {SYMMETRIES[0]}, {SYMMETRIES[1]} or {SYMMETRIES[2]}"
             )
+        # behind comments its size
         number, text = 2, file.readline()
         while text.lstrip()[:1] == b"%" or (text and not text.strip()):
             number, text = number + 1, file.readline()

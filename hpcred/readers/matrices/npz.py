@@ -35,6 +35,7 @@ def _read_archive(path, comm):
 
 
 def _read(path, archive, comm):
+    # what is in the archive, before anything of size n is read
     names = set(archive.namelist())
     if len(names) < len(archive.namelist()):
         raise InputError(f"{path}: found an array twice in the archive, expected each name once; the file is damaged")
@@ -57,6 +58,7 @@ def _read(path, archive, comm):
     for name in NEEDED[kind]:
         if f"{name}.npy" not in names:
             raise InputError(f"{path}: found no array '{name}', which the format {kind} needs")
+    # each rank reads its share: of the entries for coo, else of the lines, which need not be as long
     count = _length(path, archive, "data", "fiu")
     if kind == "coo":
         for name in NEEDED[kind]:
@@ -77,6 +79,7 @@ def _read(path, archive, comm):
         low, high = int(indptr[0]), int(indptr[-1])
         if not 0 <= low <= high <= count:
             raise InputError(f"{path}: found an array 'indptr' beyond the {count} entries; the file is damaged")
+        # the pointers of its lines say which part of the indices is its own
         i = np.repeat(np.arange(first, last), np.diff(indptr))
         j = _part(path, archive, "indices", low, high).astype(np.int64)
         if kind == "csc":

@@ -168,6 +168,7 @@ def read_deck(path, comm) -> Deck:
     segments, case = segments_of(path, comm)
     grids, cards, elements, other, unknown, point_mass = [_grids(Piece(path, b"", 0))], [], {}, [], set(), 0.0
     numbers = {}
+    # each rank reads its share of the lines: grids and elements by columns, small cards one by one
     with agreed(comm):
         for file, start, stop in segments:
             for piece in records(file, comm, start, stop, CARD):
@@ -179,13 +180,16 @@ def read_deck(path, comm) -> Deck:
                 grids.append(_grids(piece))
                 cards += [Card(name, tuple(fields), str(file), piece.start, line)
                           for name, fields, line in lines_of(piece, SMALL).listed()]  # fmt: skip
+    # the small cards are few, and each rank needs all of them
     cards = sum(comm.allgather(cards), [])
     with agreed(comm):
+        # GRDSET fills the fields that grids leave empty
         defaults = _defaults(cards)
         label, system, displacement, own_hold, xyz, held = map(np.concatenate, zip(*grids, strict=True))
         system = np.where(system < -1, defaults[0], system)
         displacement = np.where(displacement < -1, defaults[1], displacement)
         held[~own_hold] = defaults[2]
+    # elements and sets name points, so they come after all points are known
     elements = elements_of(comm, elements)
     sets, remarks = read_point_sets(path, comm, label, cards, case["SET"] if case else ())
     deck = Deck(
@@ -194,6 +198,7 @@ def read_deck(path, comm) -> Deck:
         comm.allreduce(point_mass), sets, remarks,
     )  # fmt: skip
     with agreed(comm):
+        # the materials of the elements, by their properties
         tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *numbers.get(kind, [])]) for kind in elements}
         deck.properties = properties_of(comm, cards, list(ELEMENTS), tables, deck.mass_unit)
     return deck
@@ -233,9 +238,11 @@ def _spans_of(path, comm, main):
         require_file(path)
         refuse_packed(path)
         size = path.stat().st_size
+        # the marks BEGIN, CEND, ENDDATA and INCLUDE, wherever the ranks find them
         mine = [(piece.start + match.start(), piece.start + match.end(), match.groupdict())
                 for piece in records(path, comm, 0, size, re.compile(rb"(?m)^")) for match in MARK.finditer(piece.text)]
     marks = sum(comm.allgather(mine), [])
+    # one section of bulk data, with its end
     begin = [mark for mark in marks if mark[2]["begin"]]
     with agreed(comm):
         if len(begin) > 1:
@@ -248,6 +255,7 @@ def _spans_of(path, comm, main):
         if begin and b"BULK" in begin[0][2]["begin"].upper() and not any(mark[2]["end"] for mark in marks):
             raise InputError(f"{path}: found BEGIN BULK but no ENDDATA; the file is cut off, or lacks that last line")
         first = begin[0][0] if begin else -1
+        # spans between the marks; what stands before CEND (executive control) and behind ENDDATA is not read
         at = max((high for _, high, groups in marks if groups["cend"] and high < first), default=0)
         spans = []
         for low, high, groups in marks:
@@ -386,12 +394,14 @@ def points_of(deck: Deck, comm) -> Points:
         deck.system, deck.displacement, *deck.coordinates.T, *deck.held.T)]  # fmt: skip
     require_once(comm, label, lambda twice: f"{deck.path}: found the point {twice} more than once, expected each point "
                                             "once")  # fmt: skip
+    # points in order of their numbers, spread evenly over the ranks
     label, scalar, system, displacement, x, y, z, *held = sort_over_ranks(
         comm, label, [np.arange(len(label)) >= len(deck.label), *padded]
     )
     if not comm.allreduce(len(label)):
         raise InputError(f"{deck.path}: found no points, expected GRID cards")
     coordinates, scalar = np.stack([x, y, z], axis=1), scalar.astype(bool)
+    # coordinates become basic ones
     systems = systems_of(comm, deck, label, system, coordinates)
     with agreed(comm):
         if unknown := {*system[~scalar].tolist(), *displacement[~scalar].tolist()} - set(systems):
@@ -406,6 +416,7 @@ def points_of(deck: Deck, comm) -> Points:
         if far.any():
             raise InputError(f"{deck.path}: found the point {label[far][0]} at {position[far][0].tolist()}, expected "
                              "finite coordinates")  # fmt: skip
+    # what the deck holds for good
     marks = np.where(np.stack(held, axis=1), HELD, 0).astype(np.uint8)
     return Points.in_systems(label, position, scalar, marks, displacement, systems)
 
@@ -413,12 +424,14 @@ def points_of(deck: Deck, comm) -> Points:
 def systems_of(comm, deck, label, system, coordinates):
     """Return all coordinate systems by number. Collective."""
     with agreed(comm):
+        # CORD1 cards are defined by points, which other ranks may have
         given = _definitions(deck.cards)
         wanted = [point for *_, points in given for point in points if isinstance(point, int)]
         mine = np.flatnonzero(np.isin(label, np.array(wanted, dtype=np.int64)))
         own = {int(label[k]): (int(system[k]), coordinates[k].tolist()) for k in mine}
     grids = {point: item for part in comm.allgather(own) for point, item in part.items()}
     with agreed(comm):
+        # all definitions; a second one of a number must be equal
         systems, open_ = {0: System()}, {}
         for card, number, points in given:
             if missing := [point for point in points if isinstance(point, int) and point not in grids]:
@@ -427,6 +440,7 @@ def systems_of(comm, deck, label, system, coordinates):
             if number == 0 or (number in open_ and str(open_[number][:2]) != str(item)):
                 raise card.error(f"found the coordinate system {number} a second time, expected one definition")
             open_[number] = *item, card
+        # systems are defined in others, so each pass resolves those whose references are known
         while open_:
             ready = [number for number, (_, points, _) in open_.items() if all(ref in systems for ref, _ in points)]
             if not ready:
@@ -471,6 +485,7 @@ def properties_of(comm, cards, names, tables: dict, mass_unit: float) -> Element
     """
     if not tables:
         return None
+    # materials by number; one with a stress-strain curve keeps its density and says why it has no stiffness
     materials = {}
     for card in cards:
         if card.name.startswith("MAT") and card.name[3:].isdigit():
@@ -480,6 +495,7 @@ def properties_of(comm, cards, names, tables: dict, mass_unit: float) -> Element
         if card.name == "MATS1" and number.isdigit() and (item := materials.get(int(number))):
             materials[int(number)] = Material(name=item.name, density=item.density, expansion=item.expansion,
                                               reason="found MATS1")  # fmt: skip
+    # the place of the material that each PSOLID names
     order = {number: place for place, number in enumerate(materials)}
     of_property = {}
     for card in cards:
@@ -488,10 +504,12 @@ def properties_of(comm, cards, names, tables: dict, mass_unit: float) -> Element
             of_property.setdefault(card.whole(0, "the number of a property"), place)
     known = np.array(sorted(of_property), np.int64)
     places = np.array([*(of_property[number] for number in known.tolist()), -1])
+    # in the tables, the number of the property gives way to the place of its material
     for table in tables.values():
         at = np.searchsorted(known, table[:, MATERIAL])
         there = np.append(known, -1)[at] == table[:, MATERIAL]
         table[:, MATERIAL] = places[np.where(there, at, -1)]
+    # only types and materials that some rank uses are kept
     used = [np.any(comm.allgather(_used(tables, column, size)), axis=0)
             for column, size in ((TYPE, len(names)), (MATERIAL, len(materials)))]  # fmt: skip
     for column, kept in zip((TYPE, MATERIAL), used, strict=True):

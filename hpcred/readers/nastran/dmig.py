@@ -71,11 +71,13 @@ def contents(path, comm) -> list[DmigMatrix]:
     with agreed(comm):
         first_bytes(path)
         refuse_packed(path, "DMIG cards")
+    # a file that was cut between two cards looks whole but for its end
     _require_end(path, comm)
     with agreed(comm):
         mine, used, ends = [], set(), []
         for piece in _pieces(path, comm):
             lines = lines_of(piece, NAME, strict=True)
+            # cards with 0 in their second field say form and type of a matrix
             table, number = lines.table(8)
             which = lines.card[lines.starts]
             edges = (int(which[0]), table[0, 0], lines.total - 1 - int(which[-1]), table[-1, 0]) if len(which) else ()
@@ -86,6 +88,7 @@ def contents(path, comm) -> list[DmigMatrix]:
             mine += [DmigMatrix(name.decode("latin-1"), *(int(item) for item in rest))
                      for name, *rest in zip(table[at, 0], form, kind, columns, strict=True)]  # fmt: skip
             used |= set(table[:, 0].tolist())
+    # each matrix has one such card, before its columns
     found = sum(comm.allgather(mine), [])
     _check_order(path, sorted(sum(comm.allgather(ends), [])))
     used = set().union(*comm.allgather(used))
@@ -123,6 +126,7 @@ def read(path, comm, key="K", variables=None) -> LabelledEntries:
 def read_matrices(path, comm, wanted: dict[str, DmigMatrix]) -> tuple[dict, list[str], Lacking | None]:
     """Return entries by key from one pass through a file, warnings, and what K lacks of its columns. Collective."""
     with agreed(comm):
+        # terms as they stand in the lines, of all wanted matrices in one pass
         for matrix in wanted.values():
             if matrix.form not in (SQUARE, SYMMETRIC) or matrix.kind not in (1, 2, 3, 4):
                 raise InputError(
@@ -146,6 +150,7 @@ def read_matrices(path, comm, wanted: dict[str, DmigMatrix]) -> tuple[dict, list
     for key, matrix in wanted.items():
         i, j, v = joined(parts.pop(key), (np.int64, np.int64, float))
         _require_once(path, comm, matrix, i, j)
+        # a matrix of all rows has entries in every column, unless the file was cut off or masses are 0
         columns = number_over_ranks(comm, j)[0]
         there = comm.allreduce(len(columns))
         if key == "K" and there < matrix.columns:
@@ -156,6 +161,7 @@ def read_matrices(path, comm, wanted: dict[str, DmigMatrix]) -> tuple[dict, list
             warnings.append(
                 f"{path}: the matrix {matrix.name} has {there} of {matrix.columns} columns, the others are 0"
             )
+        # one half of a symmetric matrix is written
         if matrix.form == SYMMETRIC:
             if not is_one_triangle(comm, i, j):
                 raise InputError(f"{path}: found both halves of the symmetric matrix {matrix.name}, expected one")

@@ -125,6 +125,7 @@ def _superelements(files, contents, comm):
 
 def _choices(path, names, se, variables):
     """Return pairs of matrices, the best first. Raises InputError."""
+    # names of the user go before all guesses
     if variables:
         places = named(path, names, variables)
         if not {"K", "M"} <= set(places):
@@ -133,6 +134,7 @@ def _choices(path, names, se, variables):
         if not {"K", "M"} <= set(places):
             raise none_found(path, names)
         return [Choice(places, letter_of(names[places["K"]]))]
+    # pairs of each superelement by itself
     found = []
     for number in sorted(set(se), key=lambda item: -1 if item is None else item):
         mine = [k for k, item in enumerate(se) if item == number]
@@ -140,6 +142,7 @@ def _choices(path, names, se, variables):
             found.append((number, Choice({key: mine[k] for key, k in choice.places.items()}, choice.letter)))
     if not found:
         raise none_found(path, names)
+    # the residual structure, or the only superelement there is
     groups = sorted({number for number, _ in found if number is not None})
     chosen = 0 if 0 in groups else groups[0] if len(groups) == 1 else None
     if groups and chosen is None:
@@ -148,6 +151,7 @@ def _choices(path, names, se, variables):
             "the residual structure (0); choose by --variables K=KAA:1,M=MAA:1"
         )
     found = [choice for number, choice in found if not groups or number == chosen]
+    # one name must be one matrix
     for key, place in found[0].places.items():
         again = [k for k, name in enumerate(names) if name == names[place] and se[k] == se[place]]
         if len(again) > 1:
@@ -191,6 +195,7 @@ def _rows_of(path, comm, candidates, insisted):
     op2_file, files = decided(comm, _companions, path)
     if op2_file is None and not files:
         return None, candidates[0][0], [f"{path}: the nodes are not known; {NO_USET}"]
+    # points are known from tables of an OP2 file, from the input file, or both
     groups = op2.points_by_superelement(op2_file, comm) if op2_file else []
     if op2_file == path and not groups and not files:
         return None, candidates[0][0], [f"{path}: found no tables BGPDT, EQEXIN and CSTM of all points; the nodes are "
@@ -198,6 +203,7 @@ def _rows_of(path, comm, candidates, insisted):
     decks = [bulk.read_deck(file, comm) for file in files]
     decks = [deck for deck in decks if comm.allreduce(len(deck.label))]
     reasons = []
+    # the first matrices whose number of rows one of the sets of points has
     for choice, size, se in candidates:
         letters = [choice.letter] if choice.letter else list(SETS)
         of_se = [item for item in groups if se is None or item[0] in (None, se)]
@@ -211,6 +217,7 @@ def _rows_of(path, comm, candidates, insisted):
                           for first in reasons[:1]]  # fmt: skip
                 return rows, choice, [*passed, *_said_of_rows(comm, rows, letter)]
             reasons += [] if deck is None else [f"{deck.path} has {reason}"]
+        # why these were passed over
         if groups and not decks:
             counts = {points.count(comm, points.of_set(letter)) for _, points in groups for letter in letters}
             reasons.append(f"{op2_file} has {' or '.join(map(str, sorted(counts)))} dofs in such a set")

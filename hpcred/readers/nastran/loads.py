@@ -36,15 +36,18 @@ def read_loads(path, sid: int, comm) -> DeckLoads:
     cards, combined, elements, numbers, remarks = _cards(path, comm)
     found = DeckLoads(remarks=remarks)
     with agreed(comm):
+        # the wanted set may be a LOAD, a sum of others with factors
         scales = _scales(path, sid, combined)
     wanted = sorted(scales)
     texts = [str(number).encode() for number in wanted]
     with agreed(comm):
+        # loads of other kinds in these sets would be left out silently
         for name in UNREAD:
             for piece, table, lines in cards[name]:
                 piece.require(~np.isin(table[:, 0], texts), lines, "only FORCE, MOMENT, PLOAD4, GRAV, LOAD of this set")
     systems = _coordinate_systems(path, comm, cards)
     counts = dict.fromkeys(wanted, 0)
+    # PLOAD4 names elements, whose faces are known when all elements are read
     pressed = []
     with agreed(comm):
         for name in READ[:4]:
@@ -61,6 +64,7 @@ def read_loads(path, sid: int, comm) -> DeckLoads:
                     _gravity(found, piece, table, lines, scale, systems)
                 else:
                     pressed.append(_pressures(piece, table, lines, scale))
+    # a set without cards would be a load of zero
     every = np.sum(comm.allgather([counts[number] for number in wanted]), axis=0)
     with agreed(comm):
         for number, count in zip(wanted, every, strict=True):

@@ -146,21 +146,25 @@ class _Heads(NamedTuple):
 def _heads(lines):
     """Return the heads of columns and strings, and the numbers of the columns."""
     heads, size = lines.heads, lines.size
+    # heads of columns have three numbers, those of strings two, or one in which both are packed
     is_column = (size[heads] > 2 * WHOLE) & (size[heads] <= 3 * WHOLE)
     columns, strings = heads[is_column], heads[~is_column]
     if lines.filled.size and (not columns.size or lines.filled[0] != columns[0]):
         lines.refuse(lines.filled[:1], "a column: its number, first row and number of words")
+    # columns ascend, and their head is followed by strings where the first row is 0
     number, first, words = (lines.whole(columns, k, WHOLE) for k in range(3))
     lines.refuse(columns[(number < 1) | (number > lines.matrix.shape[1] + 1) | (first < 0) | (words < 1)],
                  "the number of a column, its first row and number of words")  # fmt: skip
     lines.refuse(columns[1:][np.diff(number) <= 0], "a column behind the one before")
     lines.refuse(strings[size[strings] > 2 * WHOLE], "the header of a string of numbers")
+    # length and first row of each string; the length counts the head
     if lines.matrix.big:
         length, row = (lines.whole(strings, k, WHOLE) for k in range(2))
     else:
         length, row = np.divmod(lines.whole(strings, 0, 2 * WHOLE), SMALL)
     length = length - 1
     lines.refuse(strings[(length < 1) | (row < 1)], "the header of a string of numbers")
+    # heads in the order of the file: a string belongs to the last column before it
     order = np.argsort(np.concatenate([columns, strings]), kind="stable")
     column = np.concatenate([number, np.zeros(len(row), np.int64)])[order]
     at = np.maximum.accumulate(np.where(column > 0, np.arange(len(column)), 0))

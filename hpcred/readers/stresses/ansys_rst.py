@@ -90,14 +90,17 @@ def _sums(file, sets, nodes, share) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     sums, counts = np.zeros((len(local), len(sets), SIX)), np.zeros((len(sets), len(local)), np.int64)
     for k, (start, header) in enumerate(sets):
         start += int(header[STRESSES])
+        # where the record of each element begins
         table = file.record(start)[0]
         width = len(table) // int(header[COUNT])
         places = start + table[::width][share].astype(np.int64)
         stress = np.zeros(len(places), np.int64)
+        # from there, where its stresses begin; records of equal length are read together
         for which, pointers in _alike(file, places):
             if pointers.shape[1] <= STRESS:
                 raise file.damaged(int(places[which[0]]), f"{pointers.shape[1]} pointers of an element")
             stress[which] = pointers[:, STRESS]
+        # six components at each corner, added up at the nodes
         there = np.flatnonzero(stress > 0)
         for which, values in _alike(file, (places + stress)[there]):
             values = values.reshape(len(which), -1, SIX) if values.shape[1] % SIX == 0 else values[:, None]
@@ -107,6 +110,7 @@ def _sums(file, sets, nodes, share) -> tuple[np.ndarray, np.ndarray, np.ndarray]
                                  "those of shells and beams, expected solids")  # fmt: skip
             np.add.at(sums, (at, k), values)
             counts[k] += np.bincount(at.ravel(), minlength=len(local))
+    # a mean over other elements in each step would be no motion of one body
     if (counts != counts[:1]).any():
         raise InputError(f"{file.path}: found load steps with stresses of different elements")
     used = counts[0] > 0

@@ -61,6 +61,7 @@ def _blocks(path) -> list[Block]:
     """Return the blocks of displacements and stresses in their order. Raises InputError."""
     blocks = []
     with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        # blocks end with a line -3, and what is not asked for is passed over
         at = 0
         while match := HEAD.search(data, at):
             name = NAME.match(data, match.end())
@@ -80,6 +81,7 @@ def _blocks(path) -> list[Block]:
             blocks.append(Block(name[1], int(line[COUNT]), 5 if line[FORM] == b"0" else 10, name.end(), at))
         if data[at:].rstrip()[-4:] != b"9999":
             raise InputError(f"{path}: found no end (9999); the file is cut off")
+    # each step has displacements and then stresses, of the same nodes
     names = [block.name for block in blocks]
     if not names or names != [*FIELDS] * (len(names) // 2):
         raise InputError(f"{path}: found {names.count(b'DISP')} fields of displacements and {names.count(b'STRESS')} "
