@@ -54,11 +54,13 @@ def convert(
         show_table("Formats, each told by what the file begins with", hpcred.list_formats())
         session.warn(READERS.broken)
         return
+    # the last name is the model file, where -o does not give it
     files = list(files or [])
     if output is None:
         if not files or (len(files) == 1 and not (stiffness or mass) and os.path.exists(files[0])):
             raise InputError("convert: no model file to write; give its name last or by -o")
         output = files.pop()
+    # either one export or K and M
     if files and (len(files) > 1 or stiffness or mass):
         raise InputError("convert: expected one input file, or the matrices by -K and -M")
     if not files and not (stiffness and mass):
@@ -68,6 +70,7 @@ def convert(
              "--nodes": nodes, "--dofs": dofs}  # fmt: skip
     if files and (besides := [option for option, value in given.items() if value]):
         raise InputError(f"convert: {', '.join(besides)} belong to -K and -M only, found with {files[0]}")
+    # the tables of what was made
     names = values.names(variables, "--variables")
     source = files[0] if files else hpcred.Source(
         stiffness, mass, damping, input_file, output_file, nodes, dofs, names, velocity_file, acceleration_file

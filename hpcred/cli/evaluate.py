@@ -63,6 +63,7 @@ def evaluate(
     parts of the band; --full MODEL.h5 --check 5 sets it against full solves.
     """
     result = results[0]
+    # what cannot go together, each by the name of its option
     if len(results) > 1 and (estimate or figure or check is not None or full is None):
         raise InputError("evaluate: several results are compared with the model that --full names, and without "
                          "--estimate, --check or --figure; call evaluate once for each result")  # fmt: skip
@@ -85,6 +86,7 @@ def evaluate(
         raise InputError("--seed: belongs to --check")
     if measure is not None and (full is None or check is not None):
         raise InputError("--measure: belongs to --full without --check")
+    # one of four tables, by the options
     chosen = grid.given
     if estimate:
         report = _show_estimate(result, parts=grid.points, frequencies=chosen["frequencies"])

@@ -55,6 +55,7 @@ def recover(
     json: JsonFile = None,
 ):
     """Displacements, velocities and accelerations of nodes from reduced coordinates over time, and stresses."""
+    # three commands in one, of which each has options of its own
     if sum(item is not None for item in (motion, deck, answers)) != 1:
         raise InputError("recover: expected one of MOTION, --deck with --input, and --answers")
     if (deck is None) != (original is None):
@@ -70,6 +71,7 @@ def recover(
         raise InputError(f"{surplus}: belongs to MOTION; leave it out with --deck and --answers")
     if motion is not None and units != "SI":
         raise InputError("--units: belongs to --deck and --answers; what is recovered is in SI")
+    # a deck for stresses of the basis, the answers to it, or the motion
     if deck is not None:
         report = hpcred.write_deck(result, deck, original, output, units=units, progress=session.progress())
         print(f"{report['folder']}: {report['columns']} steps; run there {report['run']}")

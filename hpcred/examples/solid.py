@@ -51,6 +51,7 @@ def solid(
     InputError
         For cells, sizes and numbers of inputs out of range.
     """
+    # the numbers, each refused before anything of size n is made
     if dofs is not None:
         if cells is not None:
             raise InputError("dofs: found it beside cells, of which it takes the place; leave one out")
@@ -70,6 +71,7 @@ def solid(
     count = int(np.prod(grid)) - skipped
     if not 1 <= inputs <= 3 * grid[1] * grid[2]:
         raise InputError(f"inputs: found {inputs}, expected 1 to {3 * grid[1] * grid[2]}")
+    # nodes and rows of this rank; the clamped face is x = 0, whose nodes come first
     first, last = row_range(comm, 3 * count, 3)
     nodes = np.arange(first // 3, last // 3) + skipped
     place = np.array(np.unravel_index(nodes, grid)).T
@@ -79,6 +81,7 @@ def solid(
     held = _dofs(np.arange(*row_range(comm, skipped)), grid, size / cells, skipped) if clamped else None
     material = Material(name="solid", young=young, poisson=poisson, density=density)
     elements = {"hexahedron": _hexahedra(comm, cells, grid, skipped)}
+    # inputs are spread over the nodes of the face at the other end
     face = np.linspace(0, grid[1] * grid[2] - 1, -(-inputs // 3)).astype(int) + count - grid[1] * grid[2] + 1
     with SecondOrderModel.from_csr(
         comm, 3 * count, indptr, indices, values, dofs=dofs, held=held, name="solid", elements=elements,

@@ -55,11 +55,13 @@ def write_basis_of_machine(file, comm, results, parts: list[Part], T, numbers):
     ordered = _ordered(results, comm)
     with ExitStack() as stack, agreed(comm):
         for result, part, number, X, by_node in zip(results, parts, numbers, _parts_of(T, parts), ordered, strict=True):
+            # the files stay open, since what is read of them is written at the end
             of = stack.enter_context(reading(result.path, FORMAT, VERSION, SCHEMA))
             if "basis/V" not in of or "dofs" not in of:
                 continue
             rows = _rows_of_rank(of["dofs/node"], by_node["dofs"], comm)
             node, direction, position = (of[f"dofs/{key}"][rows] for key in LABELS)
+            # the basis of the body, turned and moved to its place, in the coordinates of the machine
             V = of["basis/V"][:, rows]
             if result.turn is not None:
                 V = result.turn.T @ V
@@ -70,6 +72,7 @@ def write_basis_of_machine(file, comm, results, parts: list[Part], T, numbers):
                 rows = _rows_of_rank(of["held/node"], by_node["held"], comm)
                 node, direction, position = _turned(part, *(of[f"held/{key}"][rows] for key in LABELS))
                 held.append((node + number, direction, position @ part.turn.T + part.shift))
+            # elements and sets go with it, under numbers and names of their own
             for kind, cells in of.get("elements", {}).items():
                 elements.setdefault(kind, []).append(cells[slice(*row_range(comm, len(cells)))] + number)
             for name, nodes in sets_of(of).items():

@@ -85,6 +85,7 @@ def write_model(path, model: SecondOrderModel):
         If the folder cannot be written.
     """
     require_model(model)
+    # all matrices have the pattern of K
     indptr, indices, values = model.K.getValuesCSR()
     parts = {"K": values.real}
     for key, mat in model.matrices.items():
@@ -102,6 +103,7 @@ def write_model(path, model: SecondOrderModel):
             file.attribute("circulatory", 1)
         if model.added:
             file.small(ADDED, adapter_of(LAWS).dump_json(laws_of(model.added)).decode())
+        # columns of inputs, rows of outputs
         for group, (mat, names) in dense.items():
             if mat is not None:
                 rows = np.ascontiguousarray(mat.getDenseArray().real.T)

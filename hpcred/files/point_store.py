@@ -98,10 +98,12 @@ class PointStore:
     def save(self, model, key, entry, say) -> None:
         """See Store. Of a disk that is full `say` gets a sentence, and nothing else happens."""
         comm, blocks = model.comm, []
+        # columns by the call that made them, on the rows of this rank
         if entry.block is not None:
             with local_rows(entry.block) as rows:
                 parts = np.split(rows.real, np.cumsum(entry.widths)[:-1], axis=1)
                 blocks = [np.ascontiguousarray(part, "<f8") for part in parts]
+        # the file gets its name only when it is whole; a number says which save it is of
         path, made = self.folder / name_of(key), comm.bcast(secrets.token_hex(8))
         temporary = path.with_name(f"{path.name}.tmp-{made}")
         about = {"key": _plain(key), "facts": entry.facts, "model": model.name, "made": made,
@@ -125,6 +127,7 @@ class PointStore:
                     with open(temporary, "rb") as file:
                         os.fsync(file.fileno())
                     os.replace(temporary, path)
+        # a store is a help: without it the run goes on, on all ranks alike
         except (ComputationError, OSError, RuntimeError, ValueError, TypeError) as error:
             reasons = comm.allgather(_reason_of_cause(error))
             reason = next((item for item in reasons if item is not None), None) or _text(error, path)

@@ -76,6 +76,7 @@ def recovered_table(path, points: Points, t, keys, comm):
 
     Raises InputError for a table that is too large for its purpose.
     """
+    # a table of too many numbers is of no use to a reader of text
     width = comm.allreduce(sum(int(np.prod(tails(points, key))) for key in keys))
     size = len(t) * (width + 1) * LETTERS
     if size > LARGEST_TABLE:
@@ -83,6 +84,7 @@ def recovered_table(path, points: Points, t, keys, comm):
             f"output {path}: {len(t)} instants of {width} numbers, about {size / 1e9:.3g} GB of text; expected at most "
             f"{LARGEST_TABLE / 1e9:g} GB: choose nodes or fewer instants (--nodes, --every), or write .h5"
         )
+    # columns of all ranks, quantity by quantity
     columns = [name for part in zip(*comm.allgather([_names(points, key) for key in keys]), strict=True)
                for names in part for name in names]  # fmt: skip
     done = 0

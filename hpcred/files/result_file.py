@@ -536,9 +536,11 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
     with agreed(comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
         group = file["reduced"]
         try:
+            # the record is text of its own, checked as settings are
             record = adapter_of(Record | None).validate_json(file["record"][()])
         except ValidationError as error:
             raise InputError(f"{path}: the record of the run is damaged: {error.errors()[0]['msg']}") from error
+        # the reduced model, with parameters where the file has their terms
         reduced = ReducedModel(
             **{key: group[key][...] for key in ARRAYS},
             **{key: group[key][...] for key in ("Cv", "Ca") if key in group},
@@ -550,6 +552,7 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
             **{ADDED: _added(group[ADDED]) if ADDED in group else ()},
         )
         result = Result(Path(path), with_parameters(file, reduced, path))
+        # what a body has beside it: stresses, floating frame, geometric stiffness, shapes of nodes
         if "basis/stress" in file:
             result.stress_nodes = file["basis/stress_node"].shape[0]
             result.stress_source = file["basis/stress_source"][()].decode()

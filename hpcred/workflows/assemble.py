@@ -192,6 +192,7 @@ def _read(body, comm):
 
 def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs) -> Assembly:
     """Return the machine, its model and what is known of its error."""
+    # the bodies, and the band that all of them know
     parts = [(measured_part if body.kind == "measured" else part_of)(body, result)
              for body, result in zip(bodies, results, strict=True)]  # fmt: skip
     measured = [part for part in parts if isinstance(part, MeasuredPart)]
@@ -199,6 +200,7 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
     if measured and not len(_inside(measured[0].lines, band)):
         raise InputError(f"band: body '{measured[0].name}' has no line in {band[0]:g} to {band[1]:g} Hz; it was "
                          f"measured from {measured[0].lines[0]:g} to {measured[0].lines[-1]:g} Hz")  # fmt: skip
+    # laws of joints by their tables, which have to reach over the band
     tables = {}
     for k, joint in enumerate(joints):
         if getattr(joint, "table", None):
@@ -208,6 +210,7 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
             rows = read_columns(joint.table, start, len(header))
             tables[k] = laws_of_table(header, rows, joint, band, f"joint[{k}]: table {joint.table}")
     machine = machine_of(parts, joints, masses, inputs, outputs, tables)
+    # a measured body is known at its lines only, so the machine has responses and no matrices
     if measured:
         if tolerance is not None:
             raise InputError(f"tolerance: the error of the measured body '{measured[0].name}' is not known")
@@ -215,6 +218,7 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
             f"body '{measured[0].name}' is measured: the machine has responses at its lines, and no modes, no state "
             "space and no estimated error"
         )])  # fmt: skip
+    # the assembled model: rigid joints are taken out of its coordinates
     tau = _tau(parts, band)
     reduced, T = machine.model(tau)
     warnings = list(machine.warnings)
@@ -226,6 +230,7 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
     still = int((reduced.frequencies == 0).sum())
     if still:
         warnings.append(f"the machine has {still} rigid-body motions without force: it has no response at 0 Hz")
+    # the error of the whole, by those of the bodies
     accuracy, budget = None, []
     why = why_not_known(machine, band) if band else "no body was reduced to a tolerance"
     if not why or tolerance is not None:
@@ -322,6 +327,7 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
     """
     with agreed(comm):
         job = read_machine(path, overrides)
+    # files that are read and written are checked before anything is computed
     reads = [path, *(item.result for item in job.body), *(item.table for item in job.joint if hasattr(item, "table"))]
     measured = any(item.kind == "measured" for item in job.body)
     if measured:
@@ -333,6 +339,7 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
                   progress=progress)  # fmt: skip
     made = assemble(job.body, job.joint, job.mass, band=job.band, tolerance=job.tolerance, inputs=job.inputs,
                     outputs=job.outputs, comm=comm, progress=progress)  # fmt: skip
+    # of measured bodies responses are written, else a result
     if made.reduced is None:
         found = made.responses()
         with progress.stage("write", job.output):

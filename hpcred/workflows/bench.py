@@ -61,6 +61,7 @@ def _measure(cells, folder, comm, progress):
     report = {"ranks": comm.size, "ranks_on_node": startup.ranks_on_node, "memory_mb_per_rank": available_mb(comm)}
     with solid(cells, comm=comm) as model, Owned(comm) as owned:
         report |= {"blas": processor.blas() or "unknown", "dofs": model.size, "nonzeros": model.nonzeros}
+        # one factor, as a search makes it
         with progress.stage("factor"):
             solver = owned.owns(ShiftedSolver(model))
             solver.factor(-((2 * np.pi * 100.0) ** 2))
@@ -73,6 +74,7 @@ def _measure(cells, folder, comm, progress):
             "factor_entries_per_dof": record.factor_entries / model.size,
             "bytes_per_entry": record.memory_mb_used_total * 2**20 / record.factor_entries,
         }
+        # solves by the number of columns; the first of each kind also sets up memory
         for columns in (1, COLUMNS):
             load, solution = random_block(model.K, columns), create_block(model.K, columns)
             with progress.stage("solve"):
@@ -85,9 +87,11 @@ def _measure(cells, folder, comm, progress):
         report["residual"] = record.residual
         with progress.stage("solve"):
             load, solution = random_block(model.K, MANY), create_block(model.K, MANY)
+            # many columns, by how many go at once
             report[f"solve_ms_per_column_of_{MANY}_by_width"] = {
                 width: 1e3 * _solve_seconds(solver, load, solution, width) / MANY for width in WIDTHS
             }
+        # what other orderings would take, then products and files
         solver.release()
         with progress.stage("orderings"):
             expected = solver.factors.expected((*orderings(), PORD))

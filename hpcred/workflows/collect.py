@@ -150,6 +150,7 @@ def _draw(folder, rows, curves, sweep, remarks) -> list[str]:
         asked = "evaluate = true in the sweep computes it" if sweep.evaluate is None else "the sweep has not come to it"
         remarks.append(f"no figures: no error is known; {asked}")
         return []
+    # keys of numbers become an axis, other keys name the curves
     keys = {key: [row[key] for row in known] for key in sweep.keys}
     numeric = [key for key, values in keys.items() if all(_is_number(value) for value in values)]
     words = [key for key in keys if key not in numeric]
@@ -158,6 +159,7 @@ def _draw(folder, rows, curves, sweep, remarks) -> list[str]:
     def method(row):
         return ", ".join(_said(key, row[key]) for key in words) or kinds[row["run"]]
 
+    # error over size, over each key of numbers, and over frequency
     size_figure(folder / "error_over_size", known, method, error)
     drawn.append("error_over_size")
     for key in numeric:

@@ -53,9 +53,11 @@ def convert(
         For files that cannot be read completely, or do not fit each other.
     """
     system = units_of(units)
+    # nothing that is read may be the output
     reads = source.files if isinstance(source, Source) else [source]
     reads = [*reads, *(part.file for part in viscoelastic if part.file is not None)]
     check_outputs({output: hdf5_kind(FORMAT)}, comm, reads, progress=progress)
+    # the model in SI, with what the files do not say
     name = Path(output).name
     with progress.stage("read", source.K if isinstance(source, Source) else str(source)):
         if isinstance(source, Source):
@@ -68,12 +70,14 @@ def convert(
             converted = in_si(model, system)
         model = converted
     for key, targets in (("inputs", inputs), ("outputs", outputs)):
+        # inputs and outputs name nodes, so they come after the units
         if targets:
             with model:
                 loaded = getattr(model, f"with_{key}")(targets)
             model = loaded
     with model:
         with progress.stage("check"):
+            # what looks wrong is said, and the model is written all the same
             report = check(model)
             report["warnings"] = [*report["warnings"], *comm.bcast(READERS.broken)]
         with progress.stage("write", str(output)):

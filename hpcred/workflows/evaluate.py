@@ -178,6 +178,7 @@ def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) ->
     else:
         if parts < 1:
             raise InputError(f"points: found {parts}, expected at least 1")
+        # the largest error of each part of the band
         S, curve = np.array(accuracy.frequencies), np.array(accuracy.eps)
         part = np.clip(((S - S[0]) / (S[-1] - S[0]) * parts).astype(int), 0, parts - 1)
         worst = [index[curve[index].argmax()] for k in range(parts) if len(index := np.flatnonzero(part == k))]

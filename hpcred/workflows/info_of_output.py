@@ -48,6 +48,7 @@ def result(path, comm) -> dict:
         "outputs": list(reduced.output_names),
         "interface_nodes": [shape.node for shape in found.nodes],
     }
+    # what the reduced model has beside M, D, K
     report |= reduced.operator.families
     if found.geometric_stiffness is not None:
         report["geometric_stiffness"] = list(found.geometric_stiffness.states)
@@ -56,6 +57,7 @@ def result(path, comm) -> dict:
         report["terms"] = [{"of": item.of, "factor": item.factor} for item in reduced.terms]
     if found.stress_nodes:
         report["stress"] = f"{found.stress_nodes} nodes; {found.stress_source}"
+    # where it comes from, and how accurate it is
     record = reduced.record
     if record is None:
         return report | {"warnings": []}

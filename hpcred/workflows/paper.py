@@ -65,6 +65,7 @@ def _reproduced(folder, figures, show, comm, progress):
     written = {folder / "section5.h5": hdf5_kind("hpcred-section5"), folder / "section5.json": JSON}
     written |= {folder / f"figure_{number}{suffix}": PICTURES[suffix] for suffix in (".png", ".svg")
                 for number in figures}  # fmt: skip
+    # tables come first, since figure 5 takes a simulation
     check_outputs(written, comm, progress=progress)
     data, results = {}, {}
     with linkage(comm) as model:
@@ -85,6 +86,7 @@ def _reproduced(folder, figures, show, comm, progress):
                         folder / f"figure_{setting.figure}", FREQUENCIES, curves,
                         f"Relative error of the reduced models, {setting.title.partition(':')[0]} case",
                     )  # fmt: skip
+        # figure 5: the motion of each reduced model against that of the full one
         if 5 not in figures:
             return data
         with progress.stage("figure 5"):

@@ -71,6 +71,7 @@ def recover(
     InputError
         For a result without nodes or basis, a motion of another body, unknown nodes, and numbers that are not finite.
     """
+    # what is asked for, and whether it can be written
     source, output = result.path if isinstance(result, Result) else result, Path(output)
     require_name(source)
     require_name(motion)
@@ -82,6 +83,7 @@ def recover(
     if output.suffix.lower() == ".pvd":
         check_series(output, comm, progress)
     with progress.stage("read", str(source)):
+        # coordinates over time, of the instants that are wanted, and rates where these are needed
         taken = read_result(source, comm)
         whole = coordinates_of(taken, motion, comm, first)
         if inertial:
@@ -92,6 +94,7 @@ def recover(
                                  "acceleration" in quantities)  # fmt: skip
         coordinates = whole.thinned(motion, start, end, every)
         points = read_points(source, comm, nodes, stress)
+    # places of the nodes in the body's frame, and where they are in inertial axes at the start
     origin = taken.floating_frame.origin if taken.floating_frame is not None else np.zeros(3)
     begin = start_places(points.position - origin, whole) if inertial else None
     remarks = list(coordinates.remarks)

@@ -27,17 +27,20 @@ def draw_files(folder, kind, sheets, chosen) -> list[str]:
             draw(temporary)
         written.append(str(path))
 
+    # one figure for each pair of output and input, with all results
     names = list(dict.fromkeys(name for pairs in chosen for name, _, _ in pairs))
     for name in names:
         curves = _curves_of(name, sheets, chosen)
         into(f"response_{name.replace('/', '-')}", lambda path, c=curves, n=name: pair_figure(
             path, c, *n.split("/", 1), kind=kind))  # fmt: skip
+    # the errors of all results, with the tolerance where it is the same
     errors = _errors_of(sheets)
     if errors:
         tolerances = {sheet.record.accuracy.tolerance for sheet in sheets if sheet.record.accuracy is not None}
         common = tolerances.pop() if len(tolerances) == 1 else None
         into("error", lambda path: errors_figure(path, errors, "relative error of all outputs and inputs", common,
                                                  kind=kind))  # fmt: skip
+    # of each result its diagrams and shapes
     for sheet in sheets:
         for name, draw in pictures_of_diagrams(sheet, kind):
             into(f"{name}_{sheet.name}", draw)
@@ -90,6 +93,7 @@ def write_tables(folder, sheets) -> list[str]:
     def target(key, sheet):
         return str(Path(folder) / f"{once.of(f'{key}_{sheet.name}')}.csv")
 
+    # error, points and directions of a model that was reduced to a tolerance
     for sheet in sheets:
         accuracy, reduced = sheet.record.accuracy, sheet.reduced
         tables = {"frequencies": frequency_rows(sheet)}
@@ -108,6 +112,7 @@ def write_tables(folder, sheets) -> list[str]:
         for key, rows in tables.items():
             written.append(target(key, sheet))
             _write_table(written[-1], rows)
+        # responses in the form that `evaluate -o` writes
         names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
         responses = {"response": (sheet.frequencies, {"reduced": sheet.response})}
         if sheet.full is not None:

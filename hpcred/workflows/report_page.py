@@ -23,6 +23,7 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
     for sheet, pairs in zip(sheets, chosen, strict=True):
         results.append(_shown(sheet))
         drawn.append(_drawn(sheet, pairs))
+    # curves in common units are said to be once
     whose = {sheet.name: sheet.words for sheet in sheets}
     if len(set(whose.values())) == 1:
         whose = {"all curves": sheets[0].words}
@@ -44,6 +45,7 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
         "parametric": any(result["diagrams"] for result in results),
         "with_modes": any(sheet.full is not None and len(sheet.full.modes) for sheet in sheets),
     }  # fmt: skip
+    # numbers for the pictures, apart from the text of the page
     several = sum(sheet.full is not None and not sheet.full_as_before for sheet in sheets) > 1
     data = {
         "results": drawn,
@@ -172,6 +174,7 @@ def frequency_rows(sheet) -> list[dict]:
 
 def _facts(sheet):
     record, reduced, frame = sheet.record, sheet.reduced, sheet.result.floating_frame
+    # the rigid body: mass, centre, inertia
     body = dict.fromkeys(("mass (kg)", "centre of mass (m)", "inertia about the centre of mass (kg m^2)"), "not known")
     if frame is not None and frame.mass > 0:
         centre = frame.mc / frame.mass
@@ -185,6 +188,7 @@ def _facts(sheet):
                  "yz": about[1, 2]}
             ),
         }  # fmt: skip
+    # the nodes that inputs and outputs name
     interface = sorted({target[0] for name in (*record.inputs, *record.outputs)
                         if isinstance(target := target_of(named_quantity(name)[1]), tuple)},
                        key=lambda node: (isinstance(node, str), node))  # fmt: skip

@@ -253,6 +253,7 @@ def _beside_others(progress, done, begin=lambda child: None):
     """Keep this sweep from computing a run of another sweep in its folder at the same time: a run has the lock of its
     log from before it begins to its end, and those of others come last. `done(child)`: whether another has finished it
     meanwhile; `begin(child)`: what is to be done before it."""
+    # runs that another sweep computes, and when each is looked at again
     later = {}
 
     def waits(child, who):

@@ -62,6 +62,7 @@ class UserElement(SuperelementWriter):
     nodes = r"(?m)^\*\* (?!modal coordinates$)(?P<name>.+)\n(?P<node>\d+), "
 
     def make(self, element, stem):
+        # interface nodes keep their numbers, modal coordinates get nodes of their own
         labels = element.labels(directions=3)
         count = len(element.interfaces)
         modal = np.unique(labels[6 * count :, 0]).tolist()
@@ -71,12 +72,14 @@ class UserElement(SuperelementWriter):
         for item in element.interfaces:
             lines += [f"** {item.name}", _node(item.node, item.position)]
         lines += ["** modal coordinates"] * bool(modal) + [_node(node, element.centre) for node in modal]
+        # one linear user element with K and M
         lines += [f"*USER ELEMENT, TYPE=U{number % 9999 + 1}, NODES={len(nodes)}, LINEAR, COORDINATES=3"]
         lines += _directions(count, len(modal), element.modal_count)
         for kind, matrix in (("STIFFNESS", element.K), ("MASS", element.M)):
             lines += [f"*MATRIX, TYPE={kind}", *_upper_half(matrix)]
         lines += [f"*ELEMENT, TYPE=U{number % 9999 + 1}, ELSET=BODY_{number}", *_listed([number, *nodes])]
         lines += [f"*UEL PROPERTY, ELSET=BODY_{number}"]
+        # a user element has no damping, so that comes as matrices of the same labels
         structural = element.loss_factor * element.K if element.loss_factor else None
         for what, name, matrix in (
             ("VISCOUS DAMPING", f"BODY_{number}_D", element.D),

@@ -162,10 +162,12 @@ def read_sid(path) -> Sid:
     if CONTROL.search(text):
         raise InputError(f"{path}: found a character that is no text; the file is damaged")
     reader = _Lines(path, text.split("\n"))
+    # the first line has the numbers that the rest is checked against
     head, _, comment = reader.next().partition(":")
     if not re.fullmatch(r"\s*\d{1,9}\s+\d{1,9}\s*", head):
         raise reader.unexpected("the numbers of nodes and of modes")
     nodes, modes = map(int, head.split())
+    # refmod: mass, and the names of the coordinates
     reader.expect("part")
     reader.expect("new modal")
     reader.expect("refmod")
@@ -174,10 +176,12 @@ def read_sid(path) -> Sid:
         raise reader.unexpected(f"nelastq = {modes} as in the first line")
     coordinates = [reader.text(f"ielastq ({k})") for k in range(1, modes + 1)]
     reader.expect("end refmod")
+    # frame: each node with its objects
     reader.expect("frame")
     found = []
     while reader.peek().startswith("new node"):
         node = SidNode(reader.count("new node"), rframe=reader.text("rframe"))
+        # the objects of the body, and nothing behind them
         node.objects = {name: _read_object(reader, name, modes) for name in OF_NODE}
         reader.expect("end node")
         found.append(node)

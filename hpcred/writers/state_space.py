@@ -50,6 +50,7 @@ def state_space(reduced: ReducedModel) -> dict:
         For structural damping and fractional laws.
     """
     require_finite(reduced)
+    # coordinates without mass and Maxwell elements have states of another number
     if static_coordinates(reduced):
         return _with_massless(reduced)
     if reduced.added:
@@ -57,6 +58,7 @@ def state_space(reduced: ReducedModel) -> dict:
     check_viscous(reduced, "a state space")
     M, D, K, B, C, size = reduced.M, reduced.D, reduced.K, reduced.B, reduced.C, reduced.size
     _, Cv, Ca = reduced.output_parts
+    # accelerations are M^-1 (B u - K q - D v), so outputs of them have feedthrough
     by_mass = np.linalg.solve(M.T, Ca.T).T
     zero, one = np.zeros((size, size)), np.eye(size)
     still, displaces = np.zeros((size, B.shape[1])), reduced.displaces
