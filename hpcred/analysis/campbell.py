@@ -128,11 +128,13 @@ def _matrices_of(model, over, fixed) -> Callable:
 
 def _campbell(matrices, values, shapes, axis, orders, highest, over, unit) -> Campbell:
     tracker = PoleTracker(matrices, values[0], np.inf)
+    # up to where poles are followed: a little above the lowest ones at both ends
     if highest is None:
         ends = [np.sort(tracker.at(value).poles.imag) for value in values[[0, -1]]]
         highest = 1.05 * max(end[:MODES].max(initial=0.0) for end in ends) / (2 * np.pi) or 1.0
     tracker.limit = 2 * np.pi * highest
     found, branches, unsure = tracker.over(values)
+    # columns of the branches that come below the limit somewhere
     chosen = _shown(found, branches, tracker.limit)
     column = {branch: k for k, branch in enumerate(chosen)}
     poles = np.full((len(found), len(chosen)), np.nan + 1j * np.nan)
@@ -143,6 +145,7 @@ def _campbell(matrices, values, shapes, axis, orders, highest, over, unit) -> Ca
         columns = [column[number] for number in numbers[there]]
         poles[row, columns] = part.poles[there]
         round_[row, columns] = _orbits(part, shapes, axis, speed)[there]
+    # what the branches cross: stability, and the lines of orders
     warnings = []
     if unsure:
         listed = ", ".join(f"{value:.6g}" for value in unsure[:5])

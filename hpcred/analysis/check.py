@@ -280,16 +280,19 @@ def warnings_of_units(model, mass, first=None) -> list[str]:
     """
     low, high = extent(model)
     written = units_of(model.converted_from) if model.converted_from else SI
+    # density and wave speed judged together, where both can be had
     numbers = _numbers_of_material(model, mass, high - low, first)
     mistakes = _mistakes(numbers, written)
     if numbers and not mistakes and all(map(operator.lt, _beyond(numbers)[: len(FAR)], FAR)):
         return []
+    # units in which the numbers are those of a material
     fitting = fitting_units(model, mass, high - low, first, written)
     size = " x ".join(f"{value:.4g}" for value in high - low)
     known = f" and a first frequency of {first:.4g} Hz" if first else ""
     reason = f"a mass of {mass:.4g} kg in a box of {size} m{known} is of no usual material"
     if numbers:
         reason += f", with a density of {numbers[1]:.3g} kg/m^3 and waves at {numbers[0]:.2g} m/s"
+    # with a mass that tells nothing, the waves alone
     if not fitting and not mistakes:
         speed = wave_speed(model)
         if not speed or SPEEDS[0] / FAR[0] <= speed <= SPEEDS[1] * FAR[0]:
@@ -299,6 +302,7 @@ def warnings_of_units(model, mass, first=None) -> list[str]:
         reason = f"waves that travel at {speed:.2g} m/s between neighbouring nodes are in no usual material"
     if any(np.allclose(units.sizes, written.sizes, rtol=1e-6, atol=0) for units in fitting):
         return []
+    # each cause that is possible, with what to do
     causes = [f"{words}: correct it, and write the matrices again" for words in mistakes]
     if fitting:
         causes.append(

@@ -110,6 +110,7 @@ def damped_modes(
     require_model(model)
     if declared("count", count, int) < 1:
         raise InputError(f"count: found {count}, expected at least 1")
+    # lowest modes in a real build, those nearest to a target in a complex one
     target = declared("target", target, float)
     within("target", target, FREQUENCY)
     if target and not is_complex():
@@ -119,6 +120,7 @@ def damped_modes(
         )
     if isinstance(frame, Buckens):
         raise InputError("frame: found the Buckens frame, expected one that holds the body, or none")
+    # s^2 M + s D + K has to be sparse, with constant matrices
     damping = damping_or_given(model, damping)
     if loss_factor_of(damping) or isinstance(damping, ModalDamping) or caughey_terms(damping) is not None:
         raise InputError(
@@ -136,6 +138,7 @@ def damped_modes(
         free = framed.model
         if count > free.size:
             raise InputError(f"count: {count} modes asked for, {model.name} has {free.size}")
+        # shift-and-invert of the quadratic form, beside 0 where K is singular
         shift = 2j * np.pi * target if target else 0.0
         kind = ComplexSolver if target else ShiftedSolver
         solver = owned.owns(kind(free, prefix="damped_", factoring=factoring))

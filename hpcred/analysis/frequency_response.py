@@ -81,11 +81,13 @@ def frequency_response(
     One factorization per frequency; equation (25) of Lehner and Eberhard (2006).
     """
     frequencies = checked_frequencies(frequencies)
+    # of a reduced model
     if isinstance(model, ReducedModel):
         if frame is not None or damping is not None:
             raise InputError("frame, damping: a reduced model has those that it was reduced with; leave them out")
         require_finite(model)
         return _reduced(model, frequencies)
+    # of a full model: what has a response, and how many ranks share a frequency
     require_model(model)
     progress = progress or Progress(model.comm)
     declared("factoring", factoring, Factoring | None)
@@ -101,6 +103,7 @@ def frequency_response(
     check_series(model, damping)
     require_room(model, len(frequencies))
     with in_usual_units(model) as (usual, inputs, outputs):
+        # frequencies by all ranks together, or each by one of the groups
         framed = apply_frame(usual, frame, damping)
         check_free_motions(framed.model, framed.rigid, factoring)
         if groups == 1:

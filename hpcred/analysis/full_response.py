@@ -151,12 +151,15 @@ def full_response(
         raise InputError("frequencies: found none, expected at least one, in Hz")
     if declared("check", check, int) < 0:
         raise InputError(f"check: found {check}, expected 0 or more fresh frequencies")
+    # the frequencies with the error that is allowed at them
     adaptive = _asked_accuracy(frequencies, tolerance, band, adaptive)
     frame, damping = frame or NoFrame(), damping_or_given(model, damping)
     progress = progress or Progress(model.comm)
     factoring = factoring or Factoring()
+    # searched in units in which inputs and outputs are alike
     with in_usual_units(model) as (usual, inputs, outputs):
         found, models = _by_search(usual, frequencies, frame, damping, adaptive, factoring, progress)
+        # set against full solves at fresh frequencies, and beside resonances
         if check:
             with progress.stage("check"):
                 accuracy = found.accuracy
@@ -206,6 +209,7 @@ def _by_search(
         with progress.stage("frame"):
             framed = apply_frame(model, frame, damping)
             warnings += inputs_without_effect(framed)
+        # the search of a reduction, without compression; massless dofs need the shifted inner product
         room, deflation = min(ROOM, adaptive.columns), deflation_of_search(framed.model)
         tau = 1 / (2 * np.pi * adaptive.band[1]) if singular or massless(framed.model) else 0.0
         run = owned.owns(Run(framed, progress, deflation, factoring, inertia=True, columns=room, tau=tau))
@@ -216,10 +220,12 @@ def _by_search(
         except InputError:
             if tau or not (run.notes.massless or run.notes.incomplete):
                 raise
+        # what has no mass may be seen only now, and the search begins again
         if not tau and (run.notes.massless or run.notes.incomplete):
             run.solvers.release()
             return _by_search(model, frequencies, frame, damping, adaptive, factoring, progress, singular=True)
         projections = search.projections
+        # responses of the largest model, with the error that the next smaller one has
         with progress.stage("evaluate"):
             outer = decided(model.comm, projections.model)
             seen = decided(model.comm, _seen, search, outer)

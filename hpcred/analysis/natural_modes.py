@@ -110,6 +110,7 @@ def natural_modes(
         if count > rigid:
             with progress.stage("modes", f"{count} lowest modes"):
                 try:
+                    # the lowest elastic modes; K is shifted where it is singular in spite of the frame
                     values, block = lowest(run, count - rigid)
                 except SingularMatrix:
                     values, block = lowest(run, count - rigid, SHIFT * framed.model.mean_eigenvalue)
@@ -120,10 +121,12 @@ def natural_modes(
                         f"{error}; where its files have few digits, hpcred modes {model.name} --frame none takes the "
                         "rigid-body modes as K has them"
                     ) from error
+        # what is below zero is an instability or round-off, and what is zero a motion without stiffness
         if unstable := growing(model, values):
             raise InputError(f"{unstable}, which have no natural frequency")
         still = values <= ZERO * framed.model.mean_eigenvalue
         residual = float(residuals(run, values, block)[~still].max(initial=0.0))
+        # shapes of all motions, rigid ones first, and the part of the mass that moves in each
         found = [framed.rigid.R] if rigid else []
         shapes = None if block is None else everywhere(model, framed, block)
         participation, masses = _participation(model, [*found, *([] if shapes is None else [shapes])])

@@ -333,6 +333,7 @@ def _chosen(parts, side, wanted) -> Channels:
 def laws_of_table(header, rows, joint: BushingJoint, band, key) -> dict[str, Tabulated]:
     """Return the laws by direction of a table with a header and rows (k, columns), at the value `at` of its parameter;
     `band` (Hz) must lie inside. Raises InputError."""
+    # columns by name: a frequency, real and imaginary parts, and at most one parameter
     known = {f"{part}_{name}" for part in ("re", "im") for name in SIX}
     more = [name for name in header if name not in known | {"f_hz"}]
     if "f_hz" not in header or len(more) > 1 or set(more) != set(joint.at) or not known & set(header):
@@ -340,6 +341,7 @@ def laws_of_table(header, rows, joint: BushingJoint, band, key) -> dict[str, Tab
                          f"and one for each parameter in `at` ({', '.join(joint.at) or 'none'}), at most one")
     columns, count = dict(zip(header, np.transpose(rows), strict=True)), len(rows)
     at, parameter = (joint.at[more[0]], columns[more[0]]) if more else (0.0, np.zeros(count))
+    # the same frequencies at each value of the parameter, over the whole band
     order, there = np.lexsort((columns["f_hz"], parameter)), np.unique(parameter)
     if not count or not np.isfinite(rows).all():
         raise InputError(f"{key}: found no lines, or numbers that are not finite")
@@ -353,6 +355,7 @@ def laws_of_table(header, rows, joint: BushingJoint, band, key) -> dict[str, Tab
     if not there[0] <= at <= there[-1]:
         raise InputError(f"{key}: at: found {more[0]} = {at:g}, expected {there[0]:g} to {there[-1]:g}, the range of "
                          "the table")  # fmt: skip
+    # one law a direction, interpolated linearly between values of the parameter
     laws = {}
     for name in SIX:
         if {f"re_{name}", f"im_{name}"} & set(header):

@@ -120,6 +120,7 @@ def reduced_at(body: Body, preload: Preload) -> ReducedModel:
         not exist, and where the body buckles.
     """
     declared("preload", preload, Preload)
+    # a body has one preload, of states that its result has
     stiffness, reduced = body.geometric_stiffness, getattr(body.reduced, "base", body.reduced)
     if body.prestress is not None or isinstance(body.floating_frame, StiffenedFrame):
         state = "stiffened (Body.stiffened)" if body.prestress is None else "at a preload"
@@ -137,6 +138,7 @@ def reduced_at(body: Body, preload: Preload) -> ReducedModel:
             raise InputError(
                 f"preload.forces: found '{state}', expected nodes with states of load: {', '.join(sorted(known))}"
             )
+    # the stiffness there, which has to be stable
     K = _stiffness(body, preload)
     squares = modes_of(K, reduced.M)[0]
     rigid = reduced.rigid_size
@@ -145,6 +147,7 @@ def reduced_at(body: Body, preload: Preload) -> ReducedModel:
             f"preload: the body has no stable state there: the lowest eigenvalue of its stiffness is {squares[0]:.4g} "
             "(rad/s)^2; it buckles, or flies apart, under a smaller load"
         )
+    # accuracy was that of the body without preload
     record = reduced.record and replace(reduced.record, accuracy=None)
     if record and (told := warning_of_basis(body, preload)):
         record = replace(record, warnings=(*record.warnings, told))
@@ -243,12 +246,14 @@ def preloaded(
     origin, values = np.asarray(origin, dtype=float), preload.values
     nodes = [state.rpartition(":")[0] for state in preload.forces]
     nodes = list(dict.fromkeys(int(node) if node.isdecimal() else node for node in nodes))
+    # stresses under the preload, as linear statics gives them
     found = displacements_of_states(model, solids, frame, origin, nodes, factoring, values)
     if found.free:
         raise InputError(
             f"preload: {model.name} is a free body, whose rigid-body motions a preload does not leave free; hold it by "
             "a frame, or take the reduced model at the preload (hpcred evaluate)"
         )
+    # K + K_G of these stresses, less the softening by the spin
     parts = [
         (node_stiffness(group.kind, group.rule, solids.position[members], stress).sum(axis=0), solids.rows[members])
         for group, members, stress in stresses(solids, found.field)
@@ -264,6 +269,7 @@ def preloaded(
         found.axpy(1.0, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         return found
 
+    # the other matrices on the pattern that K has now
     mats = {key: K if key == "K" else on_pattern(mat) for key, mat in model.matrices.items()}
     remark = remark_on_supports(model, solids, lambda points: preload.acceleration_at(points - origin))
     remarks = (*model.remarks, *solids.warnings(), *([remark] if remark else []))

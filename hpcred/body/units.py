@@ -25,10 +25,12 @@ def in_units(body: Body, units: Units) -> Body:
     reduced, quantities, prestress = body.reduced, body.floating_frame, body.prestress
     L, M = units.length, units.mass
     inertia, moment = M * L**2, M * L
+    # of each coordinate; M, D, K scale on both sides
     g = sizes_of(reduced, units)
     both = np.outer(g, g)
     force, measured = (np.array([_over_energy(kind, units) for kind in _kinds(reduced, names)])
                            for names in (reduced.input_names, reduced.output_names))  # fmt: skip
+    # inputs and outputs by what they are: forces, moments, displacements, rotations
     unit = np.repeat([units.energy / L, units.energy], 3)
     resultants = reduced.resultants
     if resultants is not None:

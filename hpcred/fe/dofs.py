@@ -73,6 +73,7 @@ def check_labels(dofs, rows: int, name: str):
     wrong = dofs.direction[(dofs.direction < 0) | (dofs.direction >= len(DIRECTIONS))]
     if wrong.size:
         raise InputError(f"{name}: dofs.direction: found {wrong[0]}, expected 0..5 for x..rz, and so on")
+    # rows of one node come together by sorting, where they do not stand so
     node, direction, position = dofs.node, dofs.direction, dofs.position
     if (node[1:] < node[:-1]).any():
         order = np.argsort(node, kind="stable")
@@ -86,6 +87,7 @@ def check_labels(dofs, rows: int, name: str):
         raise InputError(
             f"{name}: dofs: found two rows of node {node[twice[0]]}, {DIRECTIONS[direction[twice[0]]]}, expected one"
         )
+    # all rows of a node, but scalar ones, lie at one place
     same &= (direction[1:] != SCALAR) & (direction[:-1] != SCALAR)
     apart = np.abs(position[1:] - position[:-1]).max(axis=1, initial=0.0)
     apart = np.flatnonzero(same & (apart > SAME_PLACE * np.abs(position).max(initial=0.0)))

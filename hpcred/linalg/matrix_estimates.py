@@ -75,6 +75,7 @@ def extreme_quotients(matrix: PETSc.Mat, symmetric=True) -> tuple[float, float]:
     quotients of its symmetric part.
     """
     comm = matrix.comm.tompi4py()
+    # scaled by the diagonal, so that units and stiff entries do not hide the others
     scale, first = matrix.getDiagonal(), random_block(matrix, 1)
     sizes = np.abs(scale.getArray(readonly=True).real)
     least = min(comm.allgather(sizes[sizes > 0].min(initial=np.inf)))
@@ -87,6 +88,7 @@ def extreme_quotients(matrix: PETSc.Mat, symmetric=True) -> tuple[float, float]:
         now.setArray(rows[:, 0])
     now.normalize()
     before.set(0.0)
+    # Lanczos for the symmetric part, without reorthogonalisation: only the ends are wanted
     diagonal, beside = [], [0.0]
     for _ in range(min(STEPS, matrix.getSize()[0])):
         product.pointwiseMult(now, scale)

@@ -44,6 +44,7 @@ def material_stiffness(model: SecondOrderModel, material: str) -> PETSc.Mat:
     known = () if model.properties is None else tuple(item.name for item in model.properties.materials)
     if material not in known:
         raise InputError(f"{where}: {model.name} has no such material; it has {', '.join(known) or 'none'}")
+    # the stiffness of the elements of this material, on free rows
     solids = Solids(model)
     groups = [group for group in solids.groups if group.material.name == material]
     rows, columns, values = [NO_NODES], [NO_NODES], [np.zeros(0)]
@@ -59,12 +60,14 @@ def material_stiffness(model: SecondOrderModel, material: str) -> PETSc.Mat:
     rows, columns, values = (np.concatenate(part) for part in (rows, columns, values))
     if not model.comm.allreduce(len(values)):
         raise InputError(f"{where}: no solid element of {model.name} has it")
+    # assembled on the rank that has the row
     owner = np.searchsorted(model.row_starts, rows, side="right") - 1
     mine = exchange(model.comm, owner, [rows, columns, values])
     first, last = model.first_row, model.first_row + model.local_rows
     indptr, indices, found = compress({"K": tuple(mine)}, first, last, model.size)
     csr = (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType), found["K"])
     mat = PETSc.Mat().createAIJ(model.K.getSizes(), csr=csr, comm=model.K.comm)
+    # the program may have another formulation of these elements than ours, which its own rows show
     _check_rows(model, material, mat, where)
     return mat
 

@@ -152,6 +152,7 @@ def labels_of(K: PETSc.Mat, nodes, numbers, dofs, name: str) -> Dofs | None:
     rows, block = K.getLocalSize()[0], K.getBlockSize()
     if len(set(comm.allgather(dofs is not None))) > 1:
         raise InputError(f"{name}: dofs: found them on some ranks only, expected them on all or none")
+    # labels of each row, or none
     if not any(comm.allgather(nodes is not None or numbers is not None)):
         with agreed(comm):
             check_labels(dofs, rows, name)
@@ -159,6 +160,7 @@ def labels_of(K: PETSc.Mat, nodes, numbers, dofs, name: str) -> Dofs | None:
     with agreed(comm):
         if dofs is not None:
             raise InputError(f"{name}: found `nodes` or `numbers` beside `dofs`, expected one of them")
+        # coordinates of nodes, each with the same number of rows
         position = np.asarray(nodes)
         numeric = position.dtype.kind in "iuf" and np.isfinite(position).all()
         if position.ndim != 2 or position.shape[1] != 3 or not numeric:
@@ -174,6 +176,7 @@ def labels_of(K: PETSc.Mat, nodes, numbers, dofs, name: str) -> Dofs | None:
                     f"{name}: numbers: found {numbers.dtype} {numbers.shape}, expected a whole number from 1 for each "
                     f"of the {len(position)} nodes of this rank"
                 )
+    # how many rows a node has is told by the block size, or by the counts of all ranks
     counts = comm.allgather((len(position), rows))
     total = sum(count for count, _ in counts), sum(count for _, count in counts)
     per_node = block if block > 1 else total[1] // total[0] if total[0] else 0

@@ -178,14 +178,17 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
         raise InputError(f"units: {model.name} has interface nodes already; convert it before they are made")
     if model.loads:
         raise InputError(f"units: {model.name} has loads already, which are in SI; convert it before they are made")
+    # translations have the unit of length, rotations have none
     moved = _translations(model)
     scale = np.where(moved, units.length, 1.0)
+    # each entry by what its row and column are
     operator = model.operator.map(lambda mat: mat.copy())
     for key, mat in operator.matrices.items():
         scale_to_si(model, units, key, mat)
     dense = [None if mat is None else dense_matrix(model.K, _columns(model, mat, names, moved, scale, units, parts))
              for mat, names, parts in ((model.B, model.input_names, Rates()),
                                        (model.Ct, model.own_output_names, model.rates))]  # fmt: skip
+    # materials, places, and names of the units that were
     properties = model.properties
     if properties is not None:
         stress, density = units.energy / units.length**3, units.mass / units.length**3

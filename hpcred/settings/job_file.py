@@ -190,6 +190,7 @@ class Job:
             **{f"geometric_stiffness '{item.state}': {key}": getattr(item, key) for item in self.loaded_states
                for key in FILES_OF_STATE},
         )  # fmt: skip
+        # keys by themselves
         for key in ("inputs", "outputs"):
             _check_targets(key, getattr(self, key))
         within("body_origin", self.body_origin, COORDINATE)
@@ -199,6 +200,7 @@ class Job:
                 raise InputError("stress: found an empty list, expected nodes and names of node sets, true or false")
         if self.stress and not self.write_basis:
             raise InputError("stress: found it with write_basis = false; stresses belong to the basis, so write it too")
+        # a basis or a tolerance, and what belongs to a tolerance only
         if not self.basis and self.tolerance is None:
             raise InputError("basis: expected at least one [[basis]] table, or a tolerance with a band")
         if self.tolerance is not None and self.band is None:
@@ -211,6 +213,7 @@ class Job:
                 "adaptive: found limits of a search, but no tolerance that it is to reach; write tolerance and band "
                 "above the first table, or leave [adaptive] out"
             )
+        # parameters, and what belongs to them only
         if self.parameter or self.term:
             check_terms(self.parameter, [item.with_matrix(None) for item in self.term])
             checked_values(self.parameter, self.at)

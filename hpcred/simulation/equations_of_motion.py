@@ -195,23 +195,28 @@ class FlexibleBody:
         r, p, q, *_ = self.split(y)
         m, c, n = self.size, self.multipliers, len(y)
         motions = self.node_motions(r, rotation(p), q)
+        # known in closed form: tangents of springs and loads, mass matrix, constraints
         G, _ = self.constraints(t, motions)
         stiffness, damping = self._tangents(motions)
         stiffness[6:, 6:] += self._stiffness_of_loads(t, y, yp, motions)
+        # where the blocks of coordinates, velocities, multipliers and Maxwell elements begin
         at_q, at_z, at_m, at_e, at_d = 7, 7 + m, 13 + 2 * m, 13 + 2 * m + c, 16 + 2 * m + c
         dy, dyp = np.zeros((n, n)), np.eye(n)
         dyp[at_z:at_m, at_z:at_m] = self.floating_frame.mass_matrix(q)
         dyp[at_m:at_e, at_m:at_e] = 0.0
         base = self.residual(t, y, yp)
+        # by differences: places and quaternion of the frame, and its velocities
         placed = range(3) if self.springs or any(hold.support.turns for hold in self.holds) else ()
         for column in (*placed, *range(3, 7), *range(at_z, at_z + 6)):
             step = 1e-7 * max(1.0, abs(y[column]))
             moved = y.copy()
             moved[column] += step
             dy[:, column] = (self.residual(t, moved, yp) - base) / step
+        # the elastic coordinates, q' = v and M v' + D v + K q = ...
         dy[at_q:at_z, at_z + 6 : at_m] = -np.eye(m)
         dy[at_z:at_m, at_q:at_z] = stiffness[:, 6:]
         dy[at_z:at_m, at_z + 6 : at_m] = damping[:, 6:]
+        # Maxwell elements and constraint forces
         parts = self.elements
         pull, follow = parts.factors * parts.L, parts.L.T / parts.times[:, None]
         dy[at_z + 6 : at_m, at_q:at_z] += pull @ parts.L.T

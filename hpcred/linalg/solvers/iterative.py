@@ -82,12 +82,14 @@ class IterativeSolves:
         x[...] = 0.0
         r, before, first, loaded = b.copy(order="F"), inf, 0.0, scale > 0
         iterations = np.zeros(b.shape[1], dtype=int)
+        # the known directions that multigrid cannot see are solved for beside it
         multiply = self._multiplication(b.shape[1], terms)
         precondition = self._preconditioner(b.shape[1])
         if deflation is not None:
             V, inverse = deflation
             momentum = self._multiplication(b.shape[1], [(1.0, self.model.M)])
             precondition = self._beside(V, inverse, multiply, None if rough else momentum, precondition)
+        # the recursive residual drifts, so it is formed anew, and iterated on while that halves it
         for turn in range(RESTARTS + 2):
             if deflation is not None:
                 x += V @ (inverse @ summed(comm, V.T @ r))
@@ -102,6 +104,7 @@ class IterativeSolves:
             before = relative
             iterations += conjugate_gradients(comm, multiply, precondition, r, x, floor, self._most)
             _residual(multiply, b, x, r)
+        # a column that is stuck above round-off is no solution
         if not ((size <= floor).all() or relative <= self._accepted or backward <= BACKWARD):
             raise NotSolved(
                 f"the relative residual stays at {relative:.1e} (backward error {backward:.1e}) after "

@@ -77,6 +77,7 @@ def members(model, item) -> np.ndarray:
     comm, dofs, nodes, where = model.comm, model.dofs, item.nodes, f"interface '{item.name}'"
     if isinstance(nodes, str):
         raise InputError(f"{where}: nodes: found the text '{nodes}', expected numbers or Nodes")
+    # nodes by place or surface, by the name of a set, or by their numbers
     held = model.held if model.held is not None else dofs.take(slice(0, 0))
     placed = (dofs.direction != SCALAR, np.ones(len(held.node), bool))
     if isinstance(nodes, Nodes) and nodes.surface is not None:
@@ -93,6 +94,7 @@ def members(model, item) -> np.ndarray:
         missing = sorted(set(nodes) - set().union(*comm.allgather(mine)))
         if missing:
             raise InputError(f"{where}: nodes: node {missing[0]} does not exist in {model.name}")
+    # held nodes cannot move with the others
     stuck = [node for part in comm.allgather(held.node[inside[1]][:1].tolist()) for node in part]
     if stuck:
         raise InputError(

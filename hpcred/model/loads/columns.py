@@ -274,6 +274,7 @@ def column_of(model, forces: NodalForces, name, kind):
     """
     comm, dofs, where = model.comm, model.dofs, f"load '{name}'"
     size = max(comm.allgather(float(np.abs(forces.value).max(initial=0.0))))
+    # each dof once, and the row that it has
     place, direction = np.nonzero(np.abs(forces.value) > ROUND_OFF * size)
     keys, back = np.unique(forces.node[place] * STRIDE + direction, return_inverse=True)
     value = forces.value[place, direction]
@@ -283,6 +284,7 @@ def column_of(model, forces: NodalForces, name, kind):
     if model.held is not None:
         held, _ = look_up(comm, _keys(model.held), [], keys)
     with agreed(comm):
+        # forces on held dofs go to the support; other dofs without rows would be lost silently
         lost = keys[~there & ~held]
         if lost.size:
             node, axis = divmod(int(lost[0]), STRIDE)
@@ -292,10 +294,12 @@ def column_of(model, forces: NodalForces, name, kind):
             )
     sums = np.zeros(len(keys))
     np.add.at(sums, back, value)
+    # added up on the rank that has the row
     owner = np.searchsorted(model.row_starts, row[there], side="right") - 1
     rows, values = exchange(comm, owner, [row[there], sums[there]])
     column = np.zeros(model.local_rows)
     np.add.at(column, rows - model.first_row, values)
+    # sums of the load and of its held part about the origin
     still = np.zeros_like(forces.value)
     still[place, direction] = np.where((held & ~there)[back], value, 0.0)
     total, lost = (_sums(comm, forces.position, part) for part in (forces.value, still))

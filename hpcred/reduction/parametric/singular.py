@@ -38,6 +38,7 @@ def check_static(projections, points, band):
         return
     form = projections.form
     comm, parameters = form.parametric.comm, form.parametric.parameters
+    # K is singular somewhere between two points with different numbers of eigenvalues below zero
     counts = np.array(shared_out(comm, lambda point: _yielding(projections.at(point)), points))
 
     def between(level):
@@ -50,6 +51,7 @@ def check_static(projections, points, band):
             more, fewer = (middle, fewer) if _yielding(projections.at(middle)) >= level else (more, middle)
         return more
 
+    # a motion that no input pushes, or no output sees, leaves the response finite
     def refuse():
         for point in map(between, np.unique(counts)[1:]):
             if _is_infinite(projections.at(point)):
