@@ -166,8 +166,8 @@ def _labels(comm, parts, size, starts, name):
 def _placed(comm, parts, label):
     """Return the dofs of labels, and which of them (dofs,) have a place. Collective."""
     node, direction = node_and_direction(label)
-    found, position = look_up(comm, parts.nodes.label, list(parts.nodes.position.T), node)
-    return Dofs(node, direction, np.array(position).T.reshape(-1, 3).copy()), found
+    there, position = look_up(comm, parts.nodes.label, list(parts.nodes.position.T), node)
+    return Dofs(node, direction, np.array(position).T.reshape(-1, 3).copy()), there
 
 
 def with_transposed_pattern(entries: Entries) -> Entries:

@@ -49,12 +49,12 @@ def find_elements(comm, elements: dict, numbers: dict, wanted) -> dict[str, tupl
     `elements`, `numbers`: node numbers (e, n) and numbers of elements (e,) of this rank by kind, with the same kinds on
     all ranks.
     """
-    found = {}
+    members = {}
     for kind in sorted(elements):
         there, nodes = look_up(comm, numbers[kind], list(elements[kind].T), wanted)
         nodes = np.stack(nodes, axis=1) if nodes else np.zeros((len(wanted), NODES[kind]), np.int64)
-        found[kind] = np.flatnonzero(there), nodes[there]
-    return found
+        members[kind] = np.flatnonzero(there), nodes[there]
+    return members
 
 
 def faces_at(kind: str, nodes: np.ndarray, place: np.ndarray) -> Faces:

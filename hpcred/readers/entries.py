@@ -71,8 +71,8 @@ def asymmetry(comm, entries: Entries | LabelledEntries) -> float:
         i, j, v = entries.rows[part], entries.columns[part], entries.values[part]
         for name in (i, j):
             distinct, back = np.unique(name, return_inverse=True)
-            found, (size,) = look_up(comm, label, [diagonal], distinct)
-            v = v / np.sqrt(np.maximum(np.where(found, size, 0.0), least or 1.0))[back]
+            there, (size,) = look_up(comm, label, [diagonal], distinct)
+            v = v / np.sqrt(np.maximum(np.where(there, size, 0.0), least or 1.0))[back]
         v = np.clip(v, -HUGE, HUGE)
         for k in range(2):
             term = v * (_mixed(i, 2 * k) * _mixed(j, 2 * k + 1) - _mixed(j, 2 * k) * _mixed(i, 2 * k + 1))

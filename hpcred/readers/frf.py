@@ -24,23 +24,23 @@ def read_frf(path) -> Responses:
         raise absent(path)
     ending = path.suffix.lower()
     if ending in (".unv", ".uff", ".uf"):
-        found = _read_universal(path)
+        responses = _read_universal(path)
     elif ending in (".npz", ".mat"):
-        found = _read_arrays(path, ending)
+        responses = _read_arrays(path, ending)
     elif ending in (".h5", ".hdf5"):
-        found = read_responses(path)
-        if found.response is None:
-            found.response = found.full if found.reduced is None else found.reduced
+        responses = read_responses(path)
+        if responses.response is None:
+            responses.response = responses.full if responses.reduced is None else responses.reduced
     else:
         raise InputError(f"{path}: found the ending '{ending}', expected .unv, .uff, .npz, .mat or .h5")
-    F, H = found.frequencies, found.response
-    if H is None or H.shape != (len(F), len(found.output_names), len(found.input_names)) or not len(F):
+    F, H = responses.frequencies, responses.response
+    if H is None or H.shape != (len(F), len(responses.output_names), len(responses.input_names)) or not len(F):
         shape = "none" if H is None else H.shape
         raise InputError(f"{path}: found responses {shape}, expected one for each of {len(F)} frequencies, "
-                         f"{len(found.output_names)} outputs and {len(found.input_names)} inputs")  # fmt: skip
+                         f"{len(responses.output_names)} outputs and {len(responses.input_names)} inputs")  # fmt: skip
     if not (np.isfinite(F).all() and np.isfinite(H).all()) or (np.diff(F) <= 0).any() or F[0] < 0:
         raise InputError(f"{path}: found frequencies that do not ascend, or numbers that are not finite")
-    return _displacements(found, path)
+    return _displacements(responses, path)
 
 
 def _displacements(found, path) -> Responses:
@@ -110,7 +110,7 @@ def _read_universal(path) -> Responses:
     units = next((item for item in sets if item["type"] == 164), None)
     force, length = (1.0, 1.0) if units is None else (units["force"], units["length"])  # of the file in one of SI
     # one response for each pair, on the same lines
-    F, found = np.asarray(functions[0]["x"], dtype=float), {}
+    F, columns = np.asarray(functions[0]["x"], dtype=float), {}
     for item in functions:
         if len(item["x"]) != len(F) or not np.allclose(item["x"], F, rtol=1e-6, atol=1e-9 * F[-1]):
             raise InputError(f"{path}: found responses at different frequencies, expected the same in all")
@@ -122,18 +122,18 @@ def _read_universal(path) -> Responses:
                              "expected displacements (8), velocities (11) or accelerations (12); export it with its "
                              "quantity, or as .npz with names such as 'acceleration 20:z'")  # fmt: skip
         output = quantity_name(QUANTITIES[QUANTITY_NUMBERS.index(number)], output)
-        if (output, given) in found:
+        if (output, given) in columns:
             raise InputError(f"{path}: found the response {output}/{given} twice, expected each once; keep one")
         # rotations and moments have other units of length
         turns, moment = (abs(int(item[key])) > 3 for key in ("rsp_dir", "ref_dir"))
         factor = force * length ** (moment - (not turns))
-        found[output, given] = np.asarray(item["data"], dtype=complex) * factor * signs[0] * signs[1]
-    outputs, inputs = (tuple(dict.fromkeys(pair[k] for pair in found)) for k in (0, 1))
-    lacking = [f"{j}/{i}" for j in outputs for i in inputs if (j, i) not in found]
+        columns[output, given] = np.asarray(item["data"], dtype=complex) * factor * signs[0] * signs[1]
+    outputs, inputs = (tuple(dict.fromkeys(pair[k] for pair in columns)) for k in (0, 1))
+    lacking = [f"{j}/{i}" for j in outputs for i in inputs if (j, i) not in columns]
     if lacking:
         raise InputError(f"{path}: found no response {lacking[0]}, expected one for each pair of {len(outputs)} "
                          f"outputs and {len(inputs)} inputs; {len(lacking)} are missing")  # fmt: skip
-    H = np.array([[found[j, i] for i in inputs] for j in outputs]).transpose(2, 0, 1)
+    H = np.array([[columns[j, i] for i in inputs] for j in outputs]).transpose(2, 0, 1)
     # places of nodes, by the names that the responses have
     where = {int(n): np.array(place) / length for item in sets if item["type"] in (15, 2411)
              for n, *place in zip(item["node_nums"], item["x"], item["y"], item["z"], strict=True)}  # fmt: skip

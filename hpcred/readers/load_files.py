@@ -84,12 +84,12 @@ def _temperatures(comm, load):
     )
 
     def at(nodes):
-        there, (found,) = look_up(comm, node, [rise], nodes)
+        there, (values,) = look_up(comm, node, [rise], nodes)
         with agreed(comm):
             if not there.all():
                 raise InputError(f"{load.file}: found no temperature of the node {nodes[~there][0]}, expected one for "
                                  "each node of the solids")  # fmt: skip
-        return load.value * found
+        return load.value * values
 
     return at
 

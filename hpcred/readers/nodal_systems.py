@@ -46,12 +46,12 @@ def turn_to_global(comm, parts, node: np.ndarray, rotation: np.ndarray, where: s
         return 0
     label, row = parts.row_labels
     own, direction = node_and_direction(label)
-    found, factors = look_up(comm, node, list(rotation.reshape(-1, 9).T), own)
+    there, factors = look_up(comm, node, list(rotation.reshape(-1, 9).T), own)
     factors = np.array(factors).reshape(3, 3, -1)  # to, from
     came_from = direction % AXES
     target = np.array([label_of(own, direction - came_from + k) for k in range(AXES)])
     straight = np.arange(AXES)[:, None] == came_from
-    factor = np.where(found, factors[:, came_from, np.arange(len(label))], straight)
+    factor = np.where(there, factors[:, came_from, np.arange(len(label))], straight)
     factor[np.abs(factor) < ZERO] = 0.0
     exists, (place,) = look_up(comm, label, [row], target.ravel())
     exists, place = exists.reshape(AXES, -1), place.reshape(AXES, -1)
@@ -78,10 +78,10 @@ def turned_entries(comm, turn: Turn, entries):
     ends, values = (entries.rows, entries.columns), entries.values
     asked = np.unique(np.concatenate([np.unique(item) for item in ends]))
     arrays = [np.ascontiguousarray(part) for part in (*turn.target.T, *turn.factor.T)]
-    hit, found = look_up(comm, turn.key, arrays, asked)
+    hit, factors = look_up(comm, turn.key, arrays, asked)
     nil = np.full_like(asked, -1)
-    target = np.where(hit, np.array(found[:AXES]), np.array([asked, nil, nil]))
-    factor = np.where(hit, np.array(found[AXES:]), np.array([[1.0], [0.0], [0.0]]))
+    target = np.where(hit, np.array(factors[:AXES]), np.array([asked, nil, nil]))
+    factor = np.where(hit, np.array(factors[AXES:]), np.array([[1.0], [0.0], [0.0]]))
     places = [np.searchsorted(asked, item) for item in ends]
     touched = hit[places[0]] | hit[places[1]]
     parts = [(*(item[~touched] for item in ends), values[~touched])]

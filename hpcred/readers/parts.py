@@ -127,8 +127,8 @@ class Parts:
             parts.nodes = NodeTable(nodes[:, 0].astype(np.int64), nodes[:, 1:], first[0] + np.arange(len(nodes)))
         if comm.allreduce(len(dofs)):
             parts.row_labels = _labels(dofs), first[1] + np.arange(len(dofs))
-        for name, found in (("elements", elements), ("sets", sets)):
-            setattr(parts, name, {key: np.array(item, np.int64) for key, item in (found or {}).items()})
+        for name, given_by_name in (("elements", elements), ("sets", sets)):
+            setattr(parts, name, {key: np.array(item, np.int64) for key, item in (given_by_name or {}).items()})
         return parts
 
 

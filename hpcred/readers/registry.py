@@ -58,15 +58,15 @@ def _first(start, holds, vague):
 def read_by(reader: Reader, holds: str, path, comm, *named):
     """Read by a reader, and check the type that a reader of another package returns. Collective."""
     with blamed(reader):
-        found = getattr(reader, f"read_{holds}")(path, comm, *(named if reader.named else ()))
+        content = getattr(reader, f"read_{holds}")(path, comm, *(named if reader.named else ()))
     if reader.package != OWN:
         with agreed(comm):
-            if not hasattr(found, "matrices" if holds == "model" else "values"):
+            if not hasattr(content, "matrices" if holds == "model" else "values"):
                 raise InputError(
-                    f"{path}: '{reader.name}' of the package {reader.package} gave {type(found).__name__}, expected "
+                    f"{path}: '{reader.name}' of the package {reader.package} gave {type(content).__name__}, expected "
                     f"{'hpcred.Parts' if holds == 'model' else 'Entries'}; tell its authors"
                 )
-    return found
+    return content
 
 
 def with_broken(sentence: str) -> str:

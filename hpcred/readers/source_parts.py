@@ -60,14 +60,14 @@ def read_source(source: Source, comm) -> Parts:
             keywords = [section.keyword for section in mesh.sections]
             parts.all_massive = 0 < keywords.count("material") == keywords.count("density")
         elif calculix_frd.begins(start):
-            found = calculix_frd.read(source.nodes, comm)
-            if found is None:
+            results = calculix_frd.read(source.nodes, comm)
+            if results is None:
                 raise InputError(
                     f"{source.nodes}: found results of CalculiX without nodes, as a run that only writes matrices "
                     "leaves them; give those of another run of the same mesh, or the input file"
                 )
-            parts.nodes, parts.elements = found.nodes, found.elements
-            parts.warnings += found.notes(source.nodes)
+            parts.nodes, parts.elements = results.nodes, results.elements
+            parts.warnings += results.notes(source.nodes)
         elif ansys_nodes.begins(start):
             turned = ansys_nodes.read_nodes(source.nodes, comm)
             ansys_nodes.give_mesh(parts, turned)

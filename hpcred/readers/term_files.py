@@ -77,13 +77,13 @@ def _units_of_term(model, of, path, units):
             f"{path}: {model.name} was converted to SI from {model.converted_from}; write units = \"SI\", or the units "
             "of this file, such as \"mm,t,s\""
         )  # fmt: skip
-    found = units_of(units or "SI")
-    if found == units_of("SI"):
+    system = units_of(units or "SI")
+    if system == units_of("SI"):
         return None
     if of in ("B", "C") or not model.converted_from:
         expected = "columns in SI" if of in ("B", "C") else f"those of {model.name}, which was not converted"
         raise InputError(f"{path}: found units = '{units}' of a term of {of}, expected {expected}; leave them out")
-    return found
+    return system
 
 
 def _numbered(model, entries: LabelledEntries, path) -> Entries:
@@ -93,10 +93,10 @@ def _numbered(model, entries: LabelledEntries, path) -> Entries:
     labels = [label_of(part.node, part.direction) for part in (model.dofs, model.held) if part is not None]
     rows = [model.first_row + np.arange(model.local_rows), *(np.full(len(part), -1) for part in labels[1:])]
     wanted = np.concatenate([entries.rows, entries.columns])
-    found, (row,) = look_up(model.comm, np.concatenate(labels), [np.concatenate(rows)], wanted)
+    there, (row,) = look_up(model.comm, np.concatenate(labels), [np.concatenate(rows)], wanted)
     with agreed(model.comm):
-        if not found.all():
-            raise InputError(f"{path}: found {label_name(wanted[~found][0])}, a dof that {model.name} does not have")
+        if not there.all():
+            raise InputError(f"{path}: found {label_name(wanted[~there][0])}, a dof that {model.name} does not have")
     i, j = np.split(row, 2)
     kept = (i >= 0) & (j >= 0)
     return Entries((model.size, model.size), i[kept], j[kept], entries.values[kept])

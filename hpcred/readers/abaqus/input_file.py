@@ -203,8 +203,8 @@ def _own_sections(path, comm, calculix):
     with agreed(comm):
         require_file(path)
         refuse_packed(path)
-        found = [piece.start + match.start() for piece in pieces(path, comm) for match in KEYWORD.finditer(piece.text)]
-    positions = sum(comm.allgather(found), [])
+        starts = [piece.start + match.start() for piece in pieces(path, comm) for match in KEYWORD.finditer(piece.text)]
+    positions = sum(comm.allgather(starts), [])
     return decided(comm, _keywords, path, positions, calculix)
 
 

@@ -254,10 +254,10 @@ class _Reading:
 
     def _press(self, section, label, numbers, value):
         """Put the pressure (k,) on the faces of the elements (k,)."""
-        found = find_elements(self.comm, self.mesh.elements, self.numbers, numbers)
+        members = find_elements(self.comm, self.mesh.elements, self.numbers, numbers)
         there = np.zeros(len(numbers), bool)
         with agreed(self.comm):
-            for kind, (place, nodes) in found.items():
+            for kind, (place, nodes) in members.items():
                 there[place] = True
                 if not len(place):
                     continue
@@ -297,8 +297,8 @@ class _Reading:
         total = sum(self.mesh.counts.values())
         for key, (section, parts) in self.weighed.items():
             every = sort_over_ranks(self.comm, np.concatenate([np.zeros(0, np.int64), *parts]))[0]
-            found = find_elements(self.comm, self.mesh.elements, self.numbers, np.unique(every))
-            counts = [len(every), sum(len(place) for place, _ in found.values())]
+            members = find_elements(self.comm, self.mesh.elements, self.numbers, np.unique(every))
+            counts = [len(every), sum(len(place) for place, _ in members.values())]
             named, there = np.sum(self.comm.allgather(counts), axis=0)
             with agreed(self.comm):
                 if (named, there) != (total, total):
@@ -314,7 +314,7 @@ class _Reading:
 
     def _surfaces(self):
         """Return element or element set and face (P1, ...) of the surfaces, by name in small letters."""
-        found = {}
+        surfaces = {}
         with agreed(self.comm):
             for section in self.mesh.sections:
                 if section.keyword != "surface":
@@ -323,5 +323,5 @@ class _Reading:
                 lines = input_file.data_lines(section)
                 if kind.lower() != "element" or any(len(line) < 2 or line[1][:1].upper() != "S" for line in lines):
                     continue  # of nodes, or without faces: refused where a load names it
-                found[name.lower()] = [(line[0].strip('"'), f"P{line[1][1:]}") for line in lines]
-        return found
+                surfaces[name.lower()] = [(line[0].strip('"'), f"P{line[1][1:]}") for line in lines]
+        return surfaces

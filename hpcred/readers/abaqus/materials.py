@@ -25,16 +25,16 @@ def materials_of(sections, first_line) -> tuple[list[Material], list[str]]:
 
     `first_line` gives the fields of the first data line of a keyword, and how many lines there are.
     """
-    found, remarks, inside = {}, [], False
+    materials, remarks, inside = {}, [], False
     for section in sections:
         if section.keyword == "material":
             name, inside = section.parameters.get("name", ""), True
-            found[name.lower()] = name, {}, []
+            materials[name.lower()] = name, {}, []
         elif inside and section.keyword in HARMLESS | NOT_LINEAR:
-            _add(section, *found[name.lower()], remarks, first_line)
+            _add(section, *materials[name.lower()], remarks, first_line)
         else:
             inside = False
-    return [_material(name, known, reasons) for name, known, reasons in found.values()], remarks
+    return [_material(name, known, reasons) for name, known, reasons in materials.values()], remarks
 
 
 def _add(section, name, known, reasons, remarks, first_line):

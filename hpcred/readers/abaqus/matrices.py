@@ -53,10 +53,10 @@ def _pieces(path, comm):
 
 def _read_coordinates(path, comm):
     with agreed(comm):
-        found = Collected((np.int64, np.int64, float))
+        entries = Collected((np.int64, np.int64, float))
         for piece in _pieces(path, comm):
-            found.add(triples(piece, commas=True)[:3], piece.share)
-        i, j, v = found.arrays
+            entries.add(triples(piece, commas=True)[:3], piece.share)
+        i, j, v = entries.arrays
     below, above = sides(comm, i, j)
     if below != above:
         raise InputError(
@@ -114,26 +114,26 @@ def is_beside(path) -> bool:
 
 def _matrices_beside(path):
     """Return files by step and by kind (STIF, MASS, ...)."""
-    found = {}
+    files = {}
     pattern = re.compile(re.escape(path.stem) + r"_?(STIF|MASS|DMPV|DMPS)(\d+)\.mtx(\.gz)?")
     folder = path.parent
     for file in sorted(folder.iterdir()) if folder.is_dir() else ():
         match = pattern.fullmatch(file.name)
         if match:
-            found.setdefault(match[2], {}).setdefault(match[1], str(file))
-    return found
+            files.setdefault(match[2], {}).setdefault(match[1], str(file))
+    return files
 
 
 def files_beside(path) -> dict[str, str]:
     """Return K, M and perhaps D of Abaqus beside block.inp: block_STIF1.mtx or blockSTIF1.mtx, also .gz."""
     path = Path(path)
-    found = _matrices_beside(path)
-    if len(found) > 1:
+    steps = _matrices_beside(path)
+    if len(steps) > 1:
         raise InputError(
-            f"{path}: found matrices of the steps {', '.join(sorted(found, key=int))} beside it, expected those of one "
+            f"{path}: found matrices of the steps {', '.join(sorted(steps, key=int))} beside it, expected those of one "
             "step; give the files by -K and -M, and the input file by --nodes"
         )
-    files = next(iter(found.values()), {})
+    files = next(iter(steps.values()), {})
     for key in ("K", "M"):
         if ENDINGS[key] not in files:
             expected = path.with_name(f"{path.stem}_{ENDINGS[key]}1.mtx")

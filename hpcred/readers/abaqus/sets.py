@@ -45,17 +45,17 @@ def read_sets(path, comm, blocks, groups, named, elements, keys, wanted, unread)
     *Element of other kinds. Raises InputError.
     """
     # members by name, of *Nset and *Elset and of the parameters of other keywords
-    found = {}
+    known = {}
     with agreed(comm):
         for block in blocks:
-            _read_block(comm, block, GROUP * groups.index(block.group), found, wanted)
+            _read_block(comm, block, GROUP * groups.index(block.group), known, wanted)
         for (kind, name), numbers in named.items():
-            _members(found, kind, name).numbers += numbers
+            _members(known, kind, name).numbers += numbers
         for name in unread:
-            _members(found, "elset", name)
+            _members(known, "elset", name)
     # sets name other sets, and sets of elements stand for the nodes of these
     sets, members, lacking = {}, {}, []
-    for (kind, key), (name, numbers, of_elements, reached, hidden) in _with_their_parts(path, comm, found).items():
+    for (kind, key), (name, numbers, of_elements, reached, hidden) in _with_their_parts(path, comm, known).items():
         if kind == "elset":
             members[key] = numbers = np.unique(sort_over_ranks(comm, numbers)[0])
         if hidden:
@@ -84,11 +84,11 @@ def scopes_of(block) -> tuple[str, ...]:
     return "", block.prefix.lower(), f"{block.section.parameters.get('instance', '')}.".lower()
 
 
-def _members(found, kind, name):
-    return found.setdefault((kind, name.lower()), Members(name))
+def _members(known, kind, name):
+    return known.setdefault((kind, name.lower()), Members(name))
 
 
-def _read_block(comm, block, offset, found, wanted):
+def _read_block(comm, block, offset, known, wanted):
     """Put what the data lines of this rank say into `found`."""
     kind, given = block.section.keyword, block.section.parameters
     name = given.get(kind)
@@ -97,7 +97,7 @@ def _read_block(comm, block, offset, found, wanted):
     hidden = "internal" in given and not (kind == "elset" and (block.prefix + name).lower() in wanted)
     if hidden:
         return
-    members = _members(found, kind, block.prefix + name)
+    members = _members(known, kind, block.prefix + name)
     members.hidden |= "internal" in given
     if kind == "nset" and "elset" in given:
         if block.section.has_data():
@@ -138,13 +138,13 @@ def _ranges(piece):
     return np.concatenate(parts)
 
 
-def _with_their_parts(path, comm, found):
+def _with_their_parts(path, comm, known):
     """Return of every set of any rank its name, numbers and keys of elements, the sets in it, and if it is hidden.
 
     Numbers and keys are those of this rank, with those of the sets in it; of a set of elements both are its keys.
     """
     table, hidden = {}, set()
-    for part in comm.allgather({key: (members.name, members.parts, members.hidden) for key, members in found.items()}):
+    for part in comm.allgather({key: (members.name, members.parts, members.hidden) for key, members in known.items()}):
         for key, (name, parts, internal) in part.items():
             table.setdefault(key, (name, set()))[1].update(parts)
             hidden |= {key} if internal else set()
@@ -155,8 +155,8 @@ def _with_their_parts(path, comm, found):
             new = {item for one in new for item in _named_in(path, one, table)} - reached
             reached |= new
         of_kind = {"nset": [NOTHING], "elset": [NOTHING]}
-        for item in sorted(reached & set(found)):
-            of_kind[item[0]] += found[item].numbers
+        for item in sorted(reached & set(known)):
+            of_kind[item[0]] += known[item].numbers
         numbers, of_elements = (np.concatenate(of_kind[kind]) for kind in (key[0], "elset"))
         result[key] = table[key][0], numbers, of_elements, reached, key in hidden
     return result

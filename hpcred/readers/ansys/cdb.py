@@ -83,12 +83,12 @@ def read(path, comm, turned=False) -> Archive:
     with agreed(comm):
         require_file(path)
         # the commands, wherever the ranks find them; they say where the blocks are
-        found = [(piece.start + match.start(), match.lastgroup, match[0].decode("latin-1").strip())
+        heads = [(piece.start + match.start(), match.lastgroup, match[0].decode("latin-1").strip())
                  for piece in pieces(path, comm) for match in COMMAND.finditer(piece.text)]  # fmt: skip
-    found = sum(comm.allgather(found), [])
-    found = [item for item in found if not (turned and item[1] == "turn")]
+    heads = sum(comm.allgather(heads), [])
+    heads = [item for item in heads if not (turned and item[1] == "turn")]
     # the blocks of numbers, each rank its share of the lines
-    blocks, types = decided(comm, _blocks, path, found), decided(comm, _types, path, found)
+    blocks, types = decided(comm, _blocks, path, heads), decided(comm, _types, path, heads)
     nodes, elements, counts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))], {}, []
     tables = {}
     with agreed(comm):
@@ -110,19 +110,19 @@ def read(path, comm, turned=False) -> Archive:
     # materials, and components of nodes and elements
     elements = elements_of(comm, elements)
     tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *tables.get(kind, [])]) for kind in elements}
-    properties, remarks = _properties(comm, path, found, types, tables)
-    commands = [(position, line) for position, kind, line in found if kind == "set"]
+    properties, remarks = _properties(comm, path, heads, types, tables)
+    commands = [(position, line) for position, kind, line in heads if kind == "set"]
     label, position, angles = map(np.concatenate, zip(*nodes, strict=True))
     sets = read_components(path, comm, commands, label, elements, {kind: table[:, 0] for kind, table in tables.items()})
     return Archive(label, position, angles, elements, properties, remarks, sets)
 
 
-def _properties(comm, path, found, types, tables):
+def _properties(comm, path, heads, types, tables):
     """Return the properties of the elements, and remarks; `tables` (elements, 3) by kind: number, and the numbers of
     type and material in the file."""
     if not tables:
         return None, []
-    commands = [[word.strip() for word in line.split("!")[0].split(",")] for _, kind, line in found if kind == "data"]
+    commands = [[word.strip() for word in line.split("!")[0].split(",")] for _, kind, line in heads if kind == "data"]
     materials, options, remarks = material_and_options([[words[0].upper(), *words[1:]] for words in commands])
     for number, (_, given) in types.items():
         options[number] = given | options.get(number, {})
@@ -144,11 +144,11 @@ def _family(type_):
     return "SOLID" if type_ in SOLIDS else "SHELL" if type_ in SHELLS else "BEAM"
 
 
-def _blocks(path, found):
+def _blocks(path, heads):
     """Return the Blocks of the commands that were found (byte, kind, line), in order."""
     blocks = []
     with open_input(path) as file:
-        for index, (position, kind, line) in enumerate(found):
+        for index, (position, kind, line) in enumerate(heads):
             if kind == "node":
                 raise _refusal(path, position, "nodes as single commands, expected the blocks of CDWRITE,DB,file,cdb")
             if kind == "turn":
@@ -163,7 +163,7 @@ def _blocks(path, found):
             file.seek(position)
             file.readline()
             fields = fields_of_format(file.readline(), f"{path}, line {number + 1}")
-            end = found[index + 1] if index + 1 < len(found) else None
+            end = heads[index + 1] if index + 1 < len(heads) else None
             if end is None or end[1] != "end":
                 raise _refusal(path, position, f"no end of {name}; the file is cut off or damaged")
             if name == "NBLOCK" and not _fits(fields, words):
@@ -193,18 +193,18 @@ def _fits(fields, words):
     return count is not None and whole_numbers in [[True] * count + [False] * k for k in range(3, 7)]
 
 
-def _types(path, found):
+def _types(path, heads):
     """Return numbers of ANSYS' element types (185 of SOLID185), and key options, by the type numbers that elements
     name."""
     types = {}
-    for index, (position, kind, line) in enumerate(found):
+    for index, (position, kind, line) in enumerate(heads):
         words = [word.strip() for word in line.split("!")[0].split(",")]
         if kind == "type" and len(words) > 2 and words[1].isdecimal() and len(words[1]) < 12:
             digits = re.search(r"\d{1,9}$", words[2])
             if digits:
                 types[int(words[1])] = int(digits[0]), {}
         elif kind == "types":
-            types |= _types_of_block(path, position, found[index + 1 : index + 2])
+            types |= _types_of_block(path, position, heads[index + 1 : index + 2])
     return types
 
 
@@ -335,7 +335,7 @@ def material_and_options(commands) -> tuple[dict[int, Material], dict[int, dict[
         label, number, value, many = _constant(name, words + [""] * 8)
         if not number.isdecimal():
             continue
-        found, reason = known.setdefault(int(number), {}), reasons.setdefault(int(number), [])
+        given, reason = known.setdefault(int(number), {}), reasons.setdefault(int(number), [])
         if name == "TB":
             reason += [] if label[:4] in HARMLESS else [f"found TB,{label}"]
         elif label in ORTHOTROPIC:
@@ -344,13 +344,13 @@ def material_and_options(commands) -> tuple[dict[int, Material], dict[int, dict[
             values = parse_fortran(value.encode()) if value else None
             if values is None or len(values) != 1:
                 reason.append(f"found {label} '{value}', expected a number")
-            elif not (many and key in found):
-                found[key] = float(values[0])
+            elif not (many and key in given):
+                given[key] = float(values[0])
             if many:
                 tables.setdefault(int(number), set()).add(label)
     remarks = [f"{', '.join(sorted(labels))} of the material {number} have several temperatures; the first one counts"
                for number, labels in sorted(tables.items())]  # fmt: skip
-    return {number: _material(number, found, reasons[number]) for number, found in known.items()}, options, remarks
+    return {number: _material(number, given, reasons[number]) for number, given in known.items()}, options, remarks
 
 
 def _constant(name, words) -> tuple[str, str, str, bool]:

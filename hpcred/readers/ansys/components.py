@@ -52,11 +52,11 @@ def read_components(path, comm, commands, label, elements, numbers) -> dict[str,
             name = f"elements of {component.name}"
             nodes = [elements[kind][in_ranges(numbers[kind], ranges)].ravel() for kind in elements]
             nodes = np.concatenate([np.zeros(0, np.int64), *nodes])
-            found = np.unique(sort_over_ranks(comm, nodes[nodes > 0])[0])
+            members = np.unique(sort_over_ranks(comm, nodes[nodes > 0])[0])
         else:
-            name, found = component.name, label[in_ranges(label, ranges)]
-        if comm.allreduce(len(found)):
-            sets[name] = found
+            name, members = component.name, label[in_ranges(label, ranges)]
+        if comm.allreduce(len(members)):
+            sets[name] = members
     return sets
 
 
@@ -102,8 +102,8 @@ def _ranges(path, component) -> np.ndarray:
     refusal, numbers = f"{path}, line {component.line}: found ", [np.zeros(0, np.int64)]
     for piece in pieces(path, MPI.COMM_SELF, component.start, component.stop):
         values, counts, lines = ragged(separated(piece, component.fields), commas=False, expected="whole numbers")
-        found = whole(piece, values, np.repeat(lines, counts), "a number", -LARGEST_LABEL, LARGEST_LABEL)
-        numbers.append(found.astype(np.int64))
+        wholes = whole(piece, values, np.repeat(lines, counts), "a number", -LARGEST_LABEL, LARGEST_LABEL)
+        numbers.append(wholes.astype(np.int64))
     numbers = np.concatenate(numbers)
     if len(numbers) != component.announced:
         raise InputError(f"{refusal}{len(numbers)} numbers of the component '{component.name}', but it announces "

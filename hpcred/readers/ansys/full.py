@@ -411,14 +411,14 @@ def _among(rows, some):
 def _require_all(comm, file, header, key, place, terms, chain):
     """Raise InputError unless the pieces of all ranks are the whole matrix, one after the other."""
     pieces = sum(comm.allgather(chain), [])
-    position, column, found = place, 0, 0
+    position, column, total = place, 0, 0
     for begin, end, first, last, count in pieces:
         if begin != position or first != column + 1:
             raise file.damaged(position, f"the column {first} of {KINDS[key]}, expected {column + 1},")
-        position, column, found = end, last, found + count
-    if column != header.equations or found != terms:
+        position, column, total = end, last, total + count
+    if column != header.equations or total != terms:
         raise InputError(
-            f"{file.path}: found {column} columns with {found} entries in the {KINDS[key]} matrix, the header says "
+            f"{file.path}: found {column} columns with {total} entries in the {KINDS[key]} matrix, the header says "
             f"{header.equations} and {terms}; the file is damaged"
         )
 

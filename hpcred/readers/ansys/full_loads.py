@@ -34,8 +34,8 @@ def read_loads(path, comm) -> DeckLoads:
             raise InputError(f"{path}: found an imaginary load vector, expected real loads")
     # whose axes nodes have is not in this file
     label, held, slaves = rows_of(comm, file, header)
-    found = find_nodes(file.path, comm)
-    if found is None:
+    mesh = find_nodes(file.path, comm)
+    if mesh is None:
         raise InputError(f"{path}: found neither .cdb nor .rst file beside it, which tells of nodes with axes of their "
                          f"own; write it by CDWRITE,DB,{file.path.stem},cdb")  # fmt: skip
     low = comm.exscan(len(label)) or 0
@@ -56,7 +56,7 @@ def read_loads(path, comm) -> DeckLoads:
     table, unknown = np.zeros((len(node), SIX)), np.zeros((len(node), SIX), bool)
     unknown[at] = fixed | follows
     table[at] = np.where(unknown[at], 0.0, value)
-    turned, columns = look_up(comm, found.turned, list(found.rotation.reshape(-1, AXES**2).T), node)
+    turned, columns = look_up(comm, mesh.turned, list(mesh.rotation.reshape(-1, AXES**2).T), node)
     rotation = np.array(columns).T.reshape(-1, AXES, AXES)
     for part in (slice(0, AXES), slice(AXES, SIX)):
         axes, without = rotation[turned], unknown[turned, part]
@@ -67,7 +67,7 @@ def read_loads(path, comm) -> DeckLoads:
     which, direction = np.nonzero(unknown)
     remarks = [f"{path} has no loads on the {len(held)} dofs that are held there; its sums are without them"]
     return DeckLoads(nodal=[(node[loaded], table[loaded])], unknown=label_of(node[which], direction),
-                     remarks=remarks if len(held) else [], nodes=found.nodes)  # fmt: skip
+                     remarks=remarks if len(held) else [], nodes=mesh.nodes)  # fmt: skip
 
 
 def _share(file, position, count, low, size, what):

@@ -58,29 +58,29 @@ def find_nodes(path, comm, lists=False) -> FoundNodes | None:
     file = decided(comm, _file_beside, Path(path), lists)
     if file is None:
         return None
-    found, workbench = read_nodes(file, comm), Path(path).with_name(WORKBENCH)
+    nodes, workbench = read_nodes(file, comm), Path(path).with_name(WORKBENCH)
     if Path(file).suffix.lower() == ".rst" and decided(comm, _is_archive, workbench):
-        _take_mesh(comm, found, workbench)
-    return found
+        _take_mesh(comm, nodes, workbench)
+    return nodes
 
 
-def _take_mesh(comm, found, workbench):
+def _take_mesh(comm, known, workbench):
     """Put elements and sets of the input file of Workbench into nodes of a result file, where it is of the same model.
     """
     try:
         archive = ansys_cdb.read(workbench, comm, turned=True)
     except InputError as error:
-        found.remarks.append(f"{error}; elements and sets are not taken from this file")
+        known.remarks.append(f"{error}; elements and sets are not taken from this file")
         return
-    nodes = found.nodes
+    nodes = known.nodes
     there, places = look_up(comm, nodes.label, list(nodes.position.T), archive.label)
     scale = max(comm.allgather(float(np.abs(archive.position).max(initial=0.0))))
     same = there.all() and bool((np.abs(np.array(places).T - archive.position) <= SAME_PLACE * scale).all())
     if not all(comm.allgather(same)):
-        found.remarks.append(f"{workbench}: its nodes are not those of {found.file}, and nothing is taken from it")
+        known.remarks.append(f"{workbench}: its nodes are not those of {known.file}, and nothing is taken from it")
         return
-    found.elements, found.properties, found.sets = archive.elements, archive.properties, archive.sets
-    found.remarks += [*archive.remarks, f"{workbench}: elements and named selections are those of this file"]
+    known.elements, known.properties, known.sets = archive.elements, archive.properties, archive.sets
+    known.remarks += [*archive.remarks, f"{workbench}: elements and named selections are those of this file"]
 
 
 def _is_archive(path) -> bool:
@@ -104,19 +104,19 @@ def read_nodes(file, comm) -> FoundNodes:
     return FoundNodes(str(file), NodeTable.ascending(comm, label, position), label_turned, rotation, *mesh)
 
 
-def give_mesh(parts, found: FoundNodes):
+def give_mesh(parts, nodes: FoundNodes):
     """Put nodes, elements and sets into the parts of a model."""
-    parts.nodes, parts.elements, parts.properties = found.nodes, found.elements, found.properties
-    parts.sets = found.sets
-    parts.warnings += found.remarks
+    parts.nodes, parts.elements, parts.properties = nodes.nodes, nodes.elements, nodes.properties
+    parts.sets = nodes.sets
+    parts.warnings += nodes.remarks
 
 
-def turn_found(comm, parts, found: FoundNodes):
+def turn_found(comm, parts, nodes: FoundNodes):
     """Turn the matrices of the parts from the nodes' own axes to the global ones, with a word about it. Collective."""
-    count = turn_to_global(comm, parts, found.turned, found.rotation, found.file)
+    count = turn_to_global(comm, parts, nodes.turned, nodes.rotation, nodes.file)
     if count:
         parts.warnings.append(
-            f"{found.file}: {count} nodes have axes of their own; the matrices were turned to global x, y, z"
+            f"{nodes.file}: {count} nodes have axes of their own; the matrices were turned to global x, y, z"
         )
 
 

@@ -330,8 +330,8 @@ def _unfolded(file, words, first, lengths, size, position):
                 numbers[some] = 0.0
                 numbers[some[:, None], [k for k in range(size) if int(mask) >> k & 1]] = block[:, 2:].copy().view("<f8")
     for k in np.flatnonzero(flags == np.int32(WINDOWS)):
-        found = file.decoded(words[first[k] + 2 : first[k] + 2 + lengths[k]], WINDOWS, position + int(first[k]))
-        numbers[k] = found if len(found) == size else np.nan
+        values = file.decoded(words[first[k] + 2 : first[k] + 2 + lengths[k]], WINDOWS, position + int(first[k]))
+        numbers[k] = values if len(values) == size else np.nan
     wrong = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
     if wrong.size:
         raise file.damaged(position + int(first[wrong[0]]), f"no record of {size} finite numbers")

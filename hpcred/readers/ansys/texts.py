@@ -129,8 +129,8 @@ def _key(path, start):
     match = TITLE.match(harwell_boeing.title(start))
     if match:
         return KEYS[match[1].lower()]
-    found = [key for key, pattern in NAMES.items() if pattern.search(path.stem)]
-    return found[0] if len(found) == 1 else None
+    keys = [key for key, pattern in NAMES.items() if pattern.search(path.stem)]
+    return keys[0] if len(keys) == 1 else None
 
 
 def _listed(files):

@@ -82,7 +82,7 @@ def read(path, comm) -> Results | None:
 
 def _blocks(path) -> dict[int, Block]:
     """Return the blocks of nodes (2) and elements (3). Raises InputError."""
-    found = {}
+    blocks = {}
     require_file(path)
     refuse_packed(path, "results of CalculiX")
     with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
@@ -102,7 +102,7 @@ def _blocks(path) -> dict[int, Block]:
                 continue
             match = HEAD.fullmatch(line)
             key = int(line[4:5])
-            if match is None or key in found or int(match[3]) > DOUBLE:
+            if match is None or key in blocks or int(match[3]) > DOUBLE:
                 raise damaged(at, "head of one block of nodes, and one of elements behind it,")
             at, count, form, shares = at + len(line), int(match[2]), int(match[3]), ()
             # where the block ends: text by a line of its own, binary nodes by their number
@@ -119,13 +119,13 @@ def _blocks(path) -> dict[int, Block]:
                 end = stop = shares[-1]
             if stop > len(data):
                 raise damaged(len(data), "whole block of nodes or elements")
-            found[key], at = Block(count, form, at, stop, shares), end
+            blocks[key], at = Block(count, form, at, stop, shares), end
         # results or the end of the file follow, else something was cut out
         if data[at : at + 5] not in (b"  100", b" 9999", b"    4") and data[at:].strip() != b"9999":
             raise damaged(at, "block of nodes, elements or results")
-    if 3 in found and 2 not in found:
+    if 3 in blocks and 2 not in blocks:
         raise InputError(f"{path}: found elements but no nodes; the file is damaged")
-    return found
+    return blocks
 
 
 def _shares(data, at, count, damaged):
@@ -180,8 +180,8 @@ def _require_numbers(path, values):
 def _elements(path, comm, block):
     """Return node numbers of the elements of this rank by kind, as the only array of a list."""
     if block.form in (SHORT, LONG):
-        found = records(path, comm, block.start, block.stop, ELEMENT)
-        types, values = end_to_end(found, lambda piece: _elements_of_text(piece, block.form))
+        lines = records(path, comm, block.start, block.stop, ELEMENT)
+        types, values = end_to_end(lines, lambda piece: _elements_of_text(piece, block.form))
     else:
         count = len(block.shares) - 1
         low, high = (block.shares[count * rank // comm.size] for rank in (comm.rank, comm.rank + 1))

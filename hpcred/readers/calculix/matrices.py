@@ -50,7 +50,7 @@ def read_triangle(path, comm) -> Triangle:
     """Read the upper triangle of a matrix. Collective. Raises InputError."""
     with agreed(comm):
         require_last_line(path)
-        found, bounds, diagonal, places = Collected((np.int64, np.int64, float)), [], 0, 0
+        entries, bounds, diagonal, places = Collected((np.int64, np.int64, float)), [], 0, 0
         for piece in pieces(path, comm):
             i, j, v, lines = triples(piece)
             order = j * np.int64(2**31) + i  # rows stay below 2^31
@@ -62,8 +62,8 @@ def read_triangle(path, comm) -> Triangle:
                 bounds.append((piece.start, int(order[0]), int(order[-1])))
             diagonal += np.count_nonzero(i == j)
             places += int((order.astype(np.uint64) * np.uint64(MIXED) >> np.uint64(20)).sum(dtype=np.uint64))
-            found.add((i, j, v), piece.share)
-        i, j, v = found.arrays
+            entries.add((i, j, v), piece.share)
+        i, j, v = entries.arrays
     size = 1 + max(comm.allgather(int(j.max(initial=-1))))
     diagonal, places, count = (comm.allreduce(number) for number in (diagonal, places, len(v)))
     ends = sorted(item for part in comm.allgather(bounds) for item in part)

@@ -58,14 +58,14 @@ def files_of(path) -> dict[str, str]:
     """Return K, M, dofs, and, where there are, input and results of the set of a file; also packed ones."""
     path = Path(path)
     stem = path.with_suffix("") if path.suffix == ".gz" else path
-    found = {}
+    files = {}
     for key, suffix in {**SUFFIXES, "input": ".inp", "results": ".frd"}.items():
         plain = stem.with_suffix(suffix)
         packed = [plain.with_name(plain.name + ".gz")] * (key != "results")
         there = [item for item in (plain, *packed) if item.is_file()]
         if there:
-            found[key] = str(there[0])
-    return found
+            files[key] = str(there[0])
+    return files
 
 
 def read_parts(path, comm) -> Parts:
@@ -260,8 +260,8 @@ def _turning(comm, files, mesh, label, last):
     numbered behind the `last` one of the input file."""
     turning, without = rigid_bodies(mesh.sections)
     node, _ = node_and_direction(label)
-    found, _ = look_up(comm, mesh.nodes.label, [], node)
-    made = sorted(set().union(*comm.allgather(set(np.unique(node[~found])[: len(without) + 1].tolist()))))
+    there, _ = look_up(comm, mesh.nodes.label, [], node)
+    made = sorted(set().union(*comm.allgather(set(np.unique(node[~there])[: len(without) + 1].tolist()))))
     if made and made[0] < last:  # those that CalculiX makes are numbered after all others
         raise InputError(
             f"{files['dofs']}: found rows of the node {made[0]}, which is not in {files['input']}; expected the input "
@@ -334,7 +334,7 @@ def _element_types(sections):
 
 def rigid_bodies(sections) -> tuple[dict[int, int], list[int]]:
     """Return the REF node by ROT node, whose displacements are its rotations, and REF nodes without one, in order."""
-    found, without, coupled = {}, [], ""
+    followers, without, coupled = {}, [], ""
     for section in sections:
         if section.keyword == "coupling":
             coupled = section.parameters.get("refnode", "")
@@ -343,10 +343,10 @@ def rigid_bodies(sections) -> tuple[dict[int, int], list[int]]:
         if section.keyword == "rigidbody":
             turned, reference = (section.parameters.get(key, "") for key in ("rotnode", "refnode"))
             if turned.isdecimal() and reference.isdecimal():
-                found[int(turned)] = int(reference)
+                followers[int(turned)] = int(reference)
             elif reference.isdecimal():
                 without.append(int(reference))
-    return found, without
+    return followers, without
 
 
 def with_rotations(label, turning: dict[int, int]):
@@ -364,13 +364,13 @@ def held_by_boundary(comm, mesh, turning, rows):
     """Return labels of dofs of *Boundary without row, and the number of nodes held along other axes. Collective."""
     sets = {name.lower(): nodes for name, nodes in mesh.sets.items()}
     with agreed(comm):
-        found, inclined = [NO_NODES], [NO_NODES]
+        labels, inclined = [NO_NODES], [NO_NODES]
         for section in mesh.sections:
             if section.keyword == "boundary" and not MOVED & set(section.parameters):
-                found += _supports(comm, section, sets)
+                labels += _supports(comm, section, sets)
             elif section.keyword == "transform":
                 inclined.append(sets.get(section.parameters.get("nset", "").lower(), NO_NODES))
-        label = with_rotations(np.unique(np.concatenate(found)), turning)
+        label = with_rotations(np.unique(np.concatenate(labels)), turning)
     _, label = sort_over_ranks(comm, node_and_direction(label)[0], [label])  # all of a node on one rank
     label = np.unique(label)
     node, direction = node_and_direction(label)

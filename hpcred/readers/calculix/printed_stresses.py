@@ -33,9 +33,9 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             parts.append(stresses_of(Piece(path, TITLE.sub(b"", piece.text), piece.start)))
         element, point, stress = joined(parts, (np.int64, np.int64, float))
     stress = stress.reshape(-1, 6)
-    found = sorted(set().union(*comm.allgather(times)))
-    if len(found) != 1:
-        listed = ", ".join(time.decode(errors="replace") for time in found) or "none"
+    instants = sorted(set().union(*comm.allgather(times)))
+    if len(instants) != 1:
+        listed = ", ".join(time.decode(errors="replace") for time in instants) or "none"
         raise InputError(f"{path}: found stresses of the times {listed}, expected those of one")
     return element, point, stress
 

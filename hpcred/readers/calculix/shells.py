@@ -38,23 +38,23 @@ def offsets(comm, mesh, node, number) -> np.ndarray | None:
             [*columns[:4], columns[3], *columns[4:]], strict=True)]  # fmt: skip
     # each made node is the k-th of those of its node
     every, place, count = _counted(comm, node, number)
-    there, found = look_up(comm, label, columns, every)
-    normal = np.array(found[:3]).T
+    there, values = look_up(comm, label, columns, every)
+    normal = np.array(values[:3]).T
     size = np.linalg.norm(normal, axis=1)
-    good = there & (found[3] == found[4]) & (found[3] > 0) & (size > 0)
+    good = there & (values[3] == values[4]) & (values[3] > 0) & (size > 0)
     # its level through the thickness, by the number of levels that this kind of node has
     shift = np.zeros(len(every))
     for kind, levels in enumerate(LEVELS.values()):
         for low in (0, 1):
             for high in (0, 1):
                 left = np.array(levels[low : len(levels) - high])
-                mine = (found[5] == kind) & (found[6] == low) & (found[7] == high)
+                mine = (values[5] == kind) & (values[6] == low) & (values[7] == high)
                 good &= ~mine | (count == len(left))
                 mine &= good
                 shift[mine] = left[place[mine]]
     if not all(comm.allgather(bool(good.all()))):
         return None
-    return (shift * found[3] / 2)[:, None] * normal / np.maximum(size, 1e-300)[:, None]
+    return (shift * values[3] / 2)[:, None] * normal / np.maximum(size, 1e-300)[:, None]
 
 
 def _split(table):
@@ -72,7 +72,7 @@ def _counted(comm, node, number):
 
 def _thickness(comm, mesh) -> dict:
     """Return the thickness of each shell of this rank by kind; 0 where a section does not tell a plain one."""
-    found = {kind: np.zeros(len(nodes)) for kind, nodes in mesh.elements.items()}
+    of_elements = {kind: np.zeros(len(nodes)) for kind, nodes in mesh.elements.items()}
     for section in mesh.sections:
         if section.keyword != "shellsection":
             continue
@@ -83,14 +83,14 @@ def _thickness(comm, mesh) -> dict:
         except ValueError:
             value = 0.0
         numbers = mesh.element_sets.get(section.parameters.get("elset", "").lower(), np.zeros(0, np.int64))
-        for kind, thickness in found.items():
+        for kind, thickness in of_elements.items():
             thickness[look_up(comm, numbers, [], mesh.keys[kind])[0]] = value
-    return found
+    return of_elements
 
 
 def _tied(comm, mesh) -> dict:
     """Return by kind whether the nodes of each element of this rank (elements, 2) are tied below and above."""
-    found = {kind: np.zeros((len(nodes), 2), bool) for kind, nodes in mesh.elements.items()}
+    tied = {kind: np.zeros((len(nodes), 2), bool) for kind, nodes in mesh.elements.items()}
     surfaces = {section.parameters.get("name", "").lower(): data_lines(section) for section in mesh.sections
                 if section.keyword == "surface"}  # fmt: skip
     slaves = [line[0].lower() for section in mesh.sections if section.keyword == "tie" for line in data_lines(section)]
@@ -101,9 +101,9 @@ def _tied(comm, mesh) -> dict:
             numbers = np.array([int(name)][: comm.rank == 0], np.int64)
         if side is None:
             continue
-        for kind, flags in found.items():
+        for kind, flags in tied.items():
             flags[look_up(comm, numbers, [], mesh.keys[kind])[0], int(side > 0)] = True
-    return found
+    return tied
 
 
 def _of_elements(comm, mesh, kind, thickness, tied) -> np.ndarray:

@@ -96,13 +96,13 @@ class _Element:
             if self._unpack.eof:
                 return b""
             try:
-                found = self._unpack.decompress(text, count)
+                unpacked = self._unpack.decompress(text, count)
             except zlib.error as error:
                 what = f"a packed element that cannot be read ({error})"
                 raise damaged(self._path, self._place.start, what) from error
             self._rest = self._unpack.unconsumed_tail
-            if found or (not text and not self._rest):
-                return found
+            if unpacked or (not text and not self._rest):
+                return unpacked
 
     def skip(self, count):
         if self._unpack is None and self.position + count <= self._place.size:
@@ -140,7 +140,7 @@ def variables(path) -> list[Variable]:
         if not begins_version_5(start):
             return _variables_4(path, file)
         order = "<" if start[126:128] == b"IM" else ">"
-        size, at, found = Path(path).stat().st_size, 128, []
+        size, at, listed = Path(path).stat().st_size, 128, []
         while at < size:
             file.seek(at)
             tag = file.read(8)
@@ -151,13 +151,13 @@ def variables(path) -> list[Variable]:
                 raise damaged(path, at, f"an element of type {kind} and {count} bytes")
             try:
                 these = _Level5(path, file, Place(at + 8, count, kind == PACKED), order).found
-                found += [item for item in these if item.name]  # without: what MATLAB keeps for objects
+                listed += [item for item in these if item.name]  # without: what MATLAB keeps for objects
             except (ValueError, IndexError, OverflowError) as error:
                 if isinstance(error, InputError):
                     raise
                 raise damaged(path, at, "a variable that fits no rule") from error
             at += 8 + count
-        return found
+        return listed
 
 
 class _Level5:
@@ -312,7 +312,7 @@ def _name_4(start):
 
 
 def _variables_4(path, file):
-    size, at, found = Path(path).stat().st_size, 0, []
+    size, at, listed = Path(path).stat().st_size, 0, []
     while at < size:
         # the header of a variable, and where its numbers end
         file.seek(at)
@@ -330,7 +330,7 @@ def _variables_4(path, file):
         runs = [Run(k * rows * width, dtype, rows) for k in range(columns if kind == 2 else 0)]
         if kind == 0:
             place = Place(begin, count * width, False, Run(0, dtype, rows * columns))
-            found.append(Variable(name, (rows, columns), complex=is_complex, place=place))
+            listed.append(Variable(name, (rows, columns), complex=is_complex, place=place))
         elif kind == 2:
             if columns not in (3, 4) or rows < 1:
                 raise damaged(path, at, f"a sparse matrix '{name}' of {rows} x {columns} numbers")
@@ -339,9 +339,9 @@ def _variables_4(path, file):
             shape = tuple(int(element.numbers(run, rows - 1, rows)[0]) for run in runs[:2])
             i, j, v = (Run(run.offset, dtype, rows - 1) for run in runs[:3])
             place = Place(begin, count * width, False, v, i, columns=j)
-            found.append(Variable(name, shape, True, rows - 1, columns == 4, place))
+            listed.append(Variable(name, shape, True, rows - 1, columns == 4, place))
         at = begin + count * width
-    return found
+    return listed
 
 
 def entries(path, variable, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -42,15 +42,15 @@ def _require_own_numbers(path, item):
 
 def variables(path) -> list[Variable]:
     """Return all numeric matrices of a file, those in structs and cells included. Raises InputError."""
-    found, seen = [], set()
+    listed, seen = [], set()
     with _opened(path) as file:
         for name in file:
             if not name.startswith("#"):
-                _look(path, file, file[name], name, found, seen, 0)
-    return found
+                _look(path, file, file[name], name, listed, seen, 0)
+    return listed
 
 
-def _look(path, file, item, name, found, seen, depth):
+def _look(path, file, item, name, listed, seen, depth):
     if depth > DEPTH or isinstance(item, h5py.Datatype):
         return
     if isinstance(item, h5py.Group) and not _is_new(item, seen):
@@ -60,22 +60,22 @@ def _look(path, file, item, name, found, seen, depth):
         return
     if isinstance(item, h5py.Group):
         if "MATLAB_sparse" in item.attrs:
-            found.append(_sparse(path, item, name))
+            listed.append(_sparse(path, item, name))
             return
         for key in item:
             part = item[key]
             if isinstance(part, h5py.Dataset) and part.dtype == h5py.ref_dtype and "MATLAB_class" not in part.attrs:
-                _references(path, file, part, lambda k, key=key: f"{name}({k}).{key}", found, seen, depth)  # an array
+                _references(path, file, part, lambda k, key=key: f"{name}({k}).{key}", listed, seen, depth)  # an array
             else:
-                _look(path, file, part, f"{name}.{key}", found, seen, depth + 1)
+                _look(path, file, part, f"{name}.{key}", listed, seen, depth + 1)
     elif item.dtype == h5py.ref_dtype:
-        _references(path, file, item, lambda k: f"{name}{{{k}}}", found, seen, depth)
+        _references(path, file, item, lambda k: f"{name}{{{k}}}", listed, seen, depth)
     elif item.attrs.get("MATLAB_empty", 0):
         shape = tuple(int(number) for number in item[...].ravel()[:32])
         if _class_of(item) not in ("char", "cell", "struct"):
-            found.append(Variable(name, shape, place=None))
+            listed.append(Variable(name, shape, place=None))
     elif _class_of(item) not in ("char", "cell", "struct") and (item.dtype.kind in "fiub" or item.dtype.names):
-        found.append(Variable(name, item.shape[::-1], complex=bool(item.dtype.names), place=item.name))
+        listed.append(Variable(name, item.shape[::-1], complex=bool(item.dtype.names), place=item.name))
 
 
 def _is_new(item, seen):

@@ -108,12 +108,12 @@ def read_parts(path, comm, variables=None) -> Parts:
     return parts
 
 
-def _inputs_and_outputs(found, rows) -> str:
+def _inputs_and_outputs(variables, rows) -> str:
     """Return B (n, p) and C, Cv, Ca (r, n), in words; those of the size of K may be anything."""
     fitting = [
         item
         for key, along in (("B", 0), ("C", 1), ("Cv", 1), ("Ca", 1))
-        for item in found
+        for item in variables
         if item.name.lower() in NAMES[key] and len(item.shape) == 2
         and item.shape[along] == rows != item.shape[1 - along]
     ]  # fmt: skip
@@ -141,16 +141,16 @@ def _entries(path, comm, variable) -> Entries:
         return Entries(variable.shape, *_reader(path).entries(path, variable, comm.rank, comm.size))
 
 
-def _chosen(path, found, key, name, needed=True, residual=True) -> tuple[Variable | None, list[Variable]]:
+def _chosen(path, variables, key, name, needed=True, residual=True) -> tuple[Variable | None, list[Variable]]:
     """Return the variable of a key, and others passed over; `residual`: whether k0 may stand for several."""
-    listed = ", ".join(f"{item.name} ({item.in_words()})" for item in found[:12]) or "no numeric matrix"
+    listed = ", ".join(f"{item.name} ({item.in_words()})" for item in variables[:12]) or "no numeric matrix"
     if name:
-        fitting = [item for item in found if item.name == name] or [
-            item for item in found if item.name.lower() == name.lower()]  # fmt: skip
+        fitting = [item for item in variables if item.name == name] or [
+            item for item in variables if item.name.lower() == name.lower()]  # fmt: skip
         if len(fitting) != 1:
             raise InputError(f"{path}: found no variable '{name}' for {key}; the file has {listed}")
         return _real(path, fitting[0], key), []
-    matrices = [item for item in found if len(item.shape) == 2 and item.shape != (1, 1)]
+    matrices = [item for item in variables if len(item.shape) == 2 and item.shape != (1, 1)]
     usual = [item for item in matrices if set(_words(item.name)) & set(NAMES[key])]
     for fitting in _by_preference(usual, NAMES[key]):
         best = fitting
@@ -197,9 +197,9 @@ def _real(path, variable, key):
     return variable
 
 
-def _table(path, found, name, warnings) -> tuple[Variable, str] | None:
+def _table(path, variables, name, warnings) -> tuple[Variable, str] | None:
     """Return the dense array of a name and its key of FORMS, or None with a warning of other shapes."""
-    named = [item for item in found if _words(item.name)[-1] == name]
+    named = [item for item in variables if _words(item.name)[-1] == name]
     fitting = [item for item in named if _forms(name, item)]
     depth = min((len(_words(item.name)) for item in fitting), default=0)
     fitting = [item for item in fitting if len(_words(item.name)) == depth]

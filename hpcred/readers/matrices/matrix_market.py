@@ -19,7 +19,7 @@ def read(path, comm) -> Entries:
         return _read_array(path, comm, symmetry, shape, start)
     with agreed(comm):
         # each rank reads its share of the lines
-        found, above, below = Collected((np.int64, np.int64, float)), None, False
+        entries, above, below = Collected((np.int64, np.int64, float)), None, False
         for piece in pieces(path, comm, start):
             i, j, v, lines = triples(piece)
             piece.require((i < shape[0]) & (j < shape[1]), lines,
@@ -30,8 +30,8 @@ def read(path, comm) -> Entries:
                 below = below or bool((j < i).any())
                 if symmetry == "skew-symmetric":
                     piece.require((i != j) | (v == 0), lines, "no diagonal in a skew-symmetric matrix")
-            found.add((i, j, v), piece.share)
-        i, j, v = found.arrays
+            entries.add((i, j, v), piece.share)
+        i, j, v = entries.arrays
     # what the header says: the number of entries, and one triangle of a symmetric matrix
     total = comm.allreduce(len(v))
     if total != count:

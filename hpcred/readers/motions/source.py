@@ -15,21 +15,21 @@ def read_coordinates(path, count: int, basis: str, outputs: dict, comm, first: i
 
     Collective. `outputs`: rows (count,) of C by the names of an FMU. `first`: see exudyn.read. Raises InputError.
     """
-    found = None
+    coordinates = None
     with agreed(comm):
         if comm.rank == 0:
-            found = _read(path, count, first)
-            if found.q.shape[1] != count:
+            coordinates = _read(path, count, first)
+            if coordinates.q.shape[1] != count:
                 raise InputError(
-                    f"{path}: found {found.q.shape[1]} coordinates, expected {count} of the result; the motion "
+                    f"{path}: found {coordinates.q.shape[1]} coordinates, expected {count} of the result; the motion "
                     "is that of another body"
                 )
-            if found.basis and basis and found.basis != basis:
+            if coordinates.basis and basis and coordinates.basis != basis:
                 raise InputError(f"{path}: the motion is that of another result, with another basis; give the result "
                                  "that was simulated, or simulate this one")  # fmt: skip
-            found.require_sound(path)
-            found.require_outputs(path, outputs)
-    return comm.bcast(found)
+            coordinates.require_sound(path)
+            coordinates.require_outputs(path, outputs)
+    return comm.bcast(coordinates)
 
 
 def _read(path, count, first) -> Coordinates:

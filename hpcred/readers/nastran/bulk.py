@@ -158,8 +158,8 @@ def beside(path) -> list[Path]:
 def companions(path) -> list[Path]:
     """Return the input files beside a file, that of an external superelement first."""
     suffixes = (".pch", ".bdf", ".dat", ".nas", ".fem", ".blk", ".asm")
-    found = [file for file in beside(path) if file.suffix.lower() in suffixes and begins(first_bytes(file))]
-    return sorted(found, key=lambda file: suffixes.index(file.suffix.lower()))
+    files = [file for file in beside(path) if file.suffix.lower() in suffixes and begins(first_bytes(file))]
+    return sorted(files, key=lambda file: suffixes.index(file.suffix.lower()))
 
 
 def read_deck(path, comm) -> Deck:
@@ -172,10 +172,10 @@ def read_deck(path, comm) -> Deck:
     with agreed(comm):
         for file, start, stop in segments:
             for piece in records(file, comm, start, stop, CARD):
-                found = lines_of(piece, ANY_ELEMENT)
-                for name in np.unique(found.name):
-                    _elements(found.of(name.decode()), name.decode(), elements, numbers, other, unknown)
-                table, number = found.of("CONM2").table(4)
+                lines = lines_of(piece, ANY_ELEMENT)
+                for name in np.unique(lines.name):
+                    _elements(lines.of(name.decode()), name.decode(), elements, numbers, other, unknown)
+                table, number = lines.of("CONM2").table(4)
                 point_mass += float(reals(piece, table[:, 3], number, "a mass").sum())
                 grids.append(_grids(piece))
                 cards += [Card(name, tuple(fields), str(file), piece.start, line)
@@ -307,8 +307,8 @@ def _case(segments):
         with open_input(path) as file:
             file.seek(start)
             text += file.read(stop - start)
-    found = [(match["word"].decode().upper(), int(match["number"])) for match in CASE.finditer(text) if match["word"]]
-    return {**{key: {number for word, number in found if word == key} for key in ("SPC", "MPC")},
+    asked = [(match["word"].decode().upper(), int(match["number"])) for match in CASE.finditer(text) if match["word"]]
+    return {**{key: {number for word, number in asked if word == key} for key in ("SPC", "MPC")},
             "SET": sets_of_case(text)}  # fmt: skip
 
 
@@ -460,18 +460,18 @@ def systems_of(comm, deck, label, system, coordinates):
 
 def _definitions(cards):
     """Return card, number and three points (a grid point, or system and coordinates) of each system."""
-    found = []
+    definitions = []
     for card in cards:
         if card.name.startswith("CORD2"):
             reference = card.whole(1, "the system of reference", 0)
             values = [card.real(k, "a coordinate") for k in range(2, 11)]
             points = [(reference, values[k : k + 3]) for k in (0, 3, 6)]
-            found.append((card, card.whole(0, "the number of the system"), points))
+            definitions.append((card, card.whole(0, "the number of the system"), points))
         elif card.name.startswith("CORD1"):
             for start in (0, 4) if card.text(4) else (0,):  # a card may define two
                 points = [card.whole(start + k, "a grid point") for k in (1, 2, 3)]
-                found.append((card, card.whole(start, "the number of the system"), points))
-    return found
+                definitions.append((card, card.whole(start, "the number of the system"), points))
+    return definitions
 
 
 # Give solids of Nastran their materials: CTETRA, CHEXA, CPENTA name a PSOLID, which names a MAT1.
@@ -523,10 +523,10 @@ def properties_of(comm, cards, names, tables: dict, mass_unit: float) -> Element
 
 def _used(tables, column, size):
     """Return which places (size,) stand in a column of the tables."""
-    found = np.zeros(size, bool)
+    used = np.zeros(size, bool)
     for table in tables.values():
-        found[table[table[:, column] >= 0, column]] = True
-    return found
+        used[table[table[:, column] >= 0, column]] = True
+    return used
 
 
 def _material(card, mass_unit) -> Material:

@@ -70,17 +70,17 @@ class Lines:
 
     def listed(self) -> list[tuple[str, list[str], int]]:
         """Return Name, fields without the empty ones at the end, and line of each card; of cards that are few."""
-        found = []
+        rows = []
         for name, starts, number, count, fields in zip(
             self.name, self.starts, self.number, self.count, self.fields, strict=True
         ):
             if starts:
-                found.append((name.decode(), [], int(number)))
-            found[-1][1].extend(field.decode("latin-1") for field in fields[:count])
-        for _, fields, _ in found:
+                rows.append((name.decode(), [], int(number)))
+            rows[-1][1].extend(field.decode("latin-1") for field in fields[:count])
+        for _, fields, _ in rows:
             while fields and not fields[-1]:
                 fields.pop()
-        return found
+        return rows
 
 
 def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:

@@ -89,15 +89,15 @@ def contents(path, comm) -> list[DmigMatrix]:
                      for name, *rest in zip(table[at, 0], form, kind, columns, strict=True)]  # fmt: skip
             used |= set(table[:, 0].tolist())
     # each matrix has one such card, before its columns
-    found = sum(comm.allgather(mine), [])
+    matrices = sum(comm.allgather(mine), [])
     _check_order(path, sorted(sum(comm.allgather(ends), [])))
     used = set().union(*comm.allgather(used))
-    without = sorted(name.decode("latin-1") for name in used - {item.name.encode("latin-1") for item in found})
+    without = sorted(name.decode("latin-1") for name in used - {item.name.encode("latin-1") for item in matrices})
     if without:
         raise InputError(
             f"{path}: found DMIG cards of {without[0]!r}, which has no card with its form and type; the file is damaged"
         )
-    return found
+    return matrices
 
 
 def _check_order(path, pieces):
@@ -135,9 +135,9 @@ def read_matrices(path, comm, wanted: dict[str, DmigMatrix]) -> tuple[dict, list
                 )
         parts, digits = {key: [] for key in wanted}, 0
         for piece in _pieces(path, comm):
-            found = lines_of(piece, NAME, strict=True)
+            lines = lines_of(piece, NAME, strict=True)
             for key, matrix in wanted.items():
-                part, most = _entries(piece, found, matrix)
+                part, most = _entries(piece, lines, matrix)
                 parts[key].append(part)
                 digits = max(digits, most)
     digits = max(comm.allgather(digits))
@@ -191,8 +191,8 @@ def _pieces(path, comm):
 def _require_end(path, comm):
     """Raise InputError where cards stand behind ENDDATA, or the last line may be cut. Collective."""
     with agreed(comm):
-        found = [piece.start + match.start() for piece in _pieces(path, comm) for match in END.finditer(piece.text)]
-    decided(comm, _check_end, path, min(sum(comm.allgather(found), []), default=None))
+        ends = [piece.start + match.start() for piece in _pieces(path, comm) for match in END.finditer(piece.text)]
+    decided(comm, _check_end, path, min(sum(comm.allgather(ends), []), default=None))
 
 
 def _check_end(path, end):

@@ -135,30 +135,30 @@ def _choices(path, names, se, variables):
             raise none_found(path, names)
         return [Choice(places, letter_of(names[places["K"]]))]
     # pairs of each superelement by itself
-    found = []
+    choices = []
     for number in sorted(set(se), key=lambda item: -1 if item is None else item):
         mine = [k for k, item in enumerate(se) if item == number]
         for choice in pairs([names[k] for k in mine]):
-            found.append((number, Choice({key: mine[k] for key, k in choice.places.items()}, choice.letter)))
-    if not found:
+            choices.append((number, Choice({key: mine[k] for key, k in choice.places.items()}, choice.letter)))
+    if not choices:
         raise none_found(path, names)
     # the residual structure, or the only superelement there is
-    groups = sorted({number for number, _ in found if number is not None})
+    groups = sorted({number for number, _ in choices if number is not None})
     chosen = 0 if 0 in groups else groups[0] if len(groups) == 1 else None
     if groups and chosen is None:
         raise InputError(
             f"{path}: found matrices of the superelements {', '.join(map(str, groups))}, expected those of one or of "
             "the residual structure (0); choose by --variables K=KAA:1,M=MAA:1"
         )
-    found = [choice for number, choice in found if not groups or number == chosen]
+    choices = [choice for number, choice in choices if not groups or number == chosen]
     # one name must be one matrix
-    for key, place in found[0].places.items():
+    for key, place in choices[0].places.items():
         again = [k for k, name in enumerate(names) if name == names[place] and se[k] == se[place]]
         if len(again) > 1:
             raise InputError(
                 f"{path}: found {len(again)} matrices {names[place]}; choose by --variables {key}={names[place]}:1"
             )
-    return found
+    return choices
 
 
 def _taken(path, origins, names):
@@ -235,11 +235,11 @@ def _rows_of(path, comm, candidates, insisted):
 def _companions(path):
     """Return the OP2 with tables, or None, and the input files. Raises InputError for an .op2 that is none."""
     beside = bulk.beside(path)
-    found = next((file for file in (path, *beside) if op2.begins(first_bytes(file))), None)
-    other = next((file for file in beside if found is None and file.suffix.lower() == ".op2"), None)
+    op2_file = next((file for file in (path, *beside) if op2.begins(first_bytes(file))), None)
+    other = next((file for file in beside if op2_file is None and file.suffix.lower() == ".op2"), None)
     if other is not None:
         raise InputError(f"{other}: found a file that begins with {first_bytes(other)[:12]!r}, expected one of OUTPUT2")
-    return found, bulk.companions(path)
+    return op2_file, bulk.companions(path)
 
 
 def _rows_of_op2(file, groups, decks, comm, letter, size):
@@ -274,18 +274,18 @@ def _said_of_rows(comm, rows, letter):
     points, source = rows.points, rows.source
     held = comm.allreduce(int(np.count_nonzero(points.there() & (points.marks & HELD > 0))))
     gone = points.count(comm, points.there()) - points.count(comm, rows.mask)
-    found = [f"nodes and sets of dofs are those of {source}"]
+    said = [f"nodes and sets of dofs are those of {source}"]
     if letter == "G":
-        found.append(LOOSE.format("KAA and MAA"))
+        said.append(LOOSE.format("KAA and MAA"))
     else:
         if held:
-            found.append(f"{held} dofs are held by supports: their mass is missing in the mass of the body")
+            said.append(f"{held} dofs are held by supports: their mass is missing in the mass of the body")
         if gone > held:
-            found.append(f"{gone - held} dofs have no row, since they depend on others or were condensed")
+            said.append(f"{gone - held} dofs have no row, since they depend on others or were condensed")
     if points.rough:
-        found.append(f"{source} gives places with 7 digits only, in which rigid-body motions of the nodes meet forces; "
-                     "put the input file beside it")  # fmt: skip
-    return found
+        said.append(f"{source} gives places with 7 digits only, in which rigid-body motions of the nodes meet forces; "
+                    "put the input file beside it")  # fmt: skip
+    return said
 
 
 def _without_empty_rows(comm, matrices, warnings):
@@ -317,8 +317,8 @@ def _label_rows(comm, parts, rows, kept):
     number = np.full(mask.shape, -1)
     number[mask] = sum(counts[: comm.rank]) + np.arange(counts[comm.rank])
     if kept is not None:
-        found, (new,) = look_up(comm, kept, [(comm.exscan(len(kept)) or 0) + np.arange(len(kept))], number[mask])
-        number[mask] = np.where(found, new, -1)
+        there, (new,) = look_up(comm, kept, [(comm.exscan(len(kept)) or 0) + np.arange(len(kept))], number[mask])
+        number[mask] = np.where(there, new, -1)
         mask = number >= 0
     turn = turn_of(points, mask, number, by_label=False)
     _turn(comm, parts, turn)
@@ -407,8 +407,8 @@ def turn_rows(comm, parts, points, path):
         turn = turn_of(points, present(comm, points, labels), own, by_label=True)
     else:
         label, row = parts.row_labels or labels_in_order(comm, parts.nodes, common_size(parts), parts.files["K"])
-        found, (number,) = look_up(comm, label, [row], own.ravel())
-        mask, number = found.reshape(own.shape), np.where(found, number, -1).reshape(own.shape)
+        there, (number,) = look_up(comm, label, [row], own.ravel())
+        mask, number = there.reshape(own.shape), np.where(there, number, -1).reshape(own.shape)
         turn = turn_of(points, mask, number, by_label=False)
         known, (new,) = look_up(comm, own[mask], [turn.label[mask]], label)
         parts.row_labels = np.where(known, new, label), row
@@ -503,8 +503,8 @@ def _name_scalars(comm, parts, points):
         for end in ("rows", "columns"):
             label = getattr(item, end)
             node, direction = np.divmod(label, STRIDE)
-            found, _ = look_up(comm, mine, [mine], node)
-            setattr(item, end, np.where(found & (direction == 0), label_of(node, np.full(len(node), SCALAR)), label))
+            there, _ = look_up(comm, mine, [mine], node)
+            setattr(item, end, np.where(there & (direction == 0), label_of(node, np.full(len(node), SCALAR)), label))
 
 
 class Op4(Reader):

@@ -34,7 +34,7 @@ def read_loads(path, sid: int, comm) -> DeckLoads:
     """Return the loads of a number. Collective. Raises InputError."""
     path = Path(path)
     cards, combined, elements, numbers, remarks = _cards(path, comm)
-    found = DeckLoads(remarks=remarks)
+    loads = DeckLoads(remarks=remarks)
     with agreed(comm):
         # the wanted set may be a LOAD, a sum of others with factors
         scales = _scales(path, sid, combined)
@@ -59,9 +59,9 @@ def read_loads(path, sid: int, comm) -> DeckLoads:
                 for number in own.tolist():
                     counts[number] += 1
                 if name in ("FORCE", "MOMENT"):
-                    _forces(found, name, piece, table, lines, scale, systems)
+                    _forces(loads, name, piece, table, lines, scale, systems)
                 elif name == "GRAV":
-                    _gravity(found, piece, table, lines, scale, systems)
+                    _gravity(loads, piece, table, lines, scale, systems)
                 else:
                     pressed.append(_pressures(piece, table, lines, scale))
     # a set without cards would be a load of zero
@@ -71,9 +71,9 @@ def read_loads(path, sid: int, comm) -> DeckLoads:
             if not count:
                 of = "" if number == sid else f", which LOAD {sid} names"
                 raise InputError(f"{path}: found no FORCE, MOMENT, PLOAD4 or GRAV of the load set {number}{of}")
-    found.acceleration = np.sum(comm.allgather(found.acceleration), axis=0)
-    _press(path, comm, found, pressed, elements, numbers)
-    return found
+    loads.acceleration = np.sum(comm.allgather(loads.acceleration), axis=0)
+    _press(path, comm, loads, pressed, elements, numbers)
+    return loads
 
 
 def _cards(path, comm):
@@ -86,17 +86,17 @@ def _cards(path, comm):
         remarks = [remark for file in to_their_end for remark in warnings_of_end(file)]
         for file, start, stop in segments:
             for piece in records(file, comm, start, stop, CARD):
-                found = lines_of(piece, CARDS)
-                for name in np.unique(found.name):
+                lines = lines_of(piece, CARDS)
+                for name in np.unique(lines.name):
                     if name == b"LOAD":
                         combined += [bulk.Card(word, tuple(fields), str(file), piece.start, line)
-                                     for word, fields, line in found.of("LOAD").listed()]  # fmt: skip
+                                     for word, fields, line in lines.of("LOAD").listed()]  # fmt: skip
                     else:
-                        cards[name.decode()].append((piece, *found.of(name.decode()).table(WIDTH)))
-                found = lines_of(piece, bulk.ANY_ELEMENT)
-                for name in map(bytes.decode, np.unique(found.name)):
+                        cards[name.decode()].append((piece, *lines.of(name.decode()).table(WIDTH)))
+                lines = lines_of(piece, bulk.ANY_ELEMENT)
+                for name in map(bytes.decode, np.unique(lines.name)):
                     if name in bulk.ELEMENTS and bulk.ELEMENTS[name][1][0] in FACES:
-                        bulk.elements_by_number(found.of(name), name, elements, numbers)
+                        bulk.elements_by_number(lines.of(name), name, elements, numbers)
     kinds = sorted(set().union(*comm.allgather(set(elements))))
     return (
         cards, sum(comm.allgather(combined), []),
@@ -150,7 +150,7 @@ def _vectors(piece, table, lines, systems, place, first, what):
     return vectors
 
 
-def _forces(found, name, piece, table, lines, scale, systems):
+def _forces(loads, name, piece, table, lines, scale, systems):
     node = wholes(piece, table[:, 1], lines, "the number of a grid point", 1)
     size = reals(piece, table[:, 3], lines, "a scale factor") * scale
     vectors = size[:, None] * _vectors(piece, table, lines, systems, 2, 4, "a component")
@@ -158,13 +158,13 @@ def _forces(found, name, piece, table, lines, scale, systems):
         raise piece.refusal(int(lines[(table[:, 7:] != b"").any(axis=1)][0]), f"a {name} of at most seven fields")
     both = np.zeros((len(node), 6))
     both[:, 3 * (name == "MOMENT") :][:, :3] = vectors
-    found.nodal.append((node, both))
+    loads.nodal.append((node, both))
 
 
-def _gravity(found, piece, table, lines, scale, systems):
+def _gravity(loads, piece, table, lines, scale, systems):
     size = reals(piece, table[:, 2], lines, "an acceleration") * scale
     vectors = _vectors(piece, table, lines, systems, 1, 3, "a component")
-    found.acceleration = found.acceleration + size @ vectors
+    loads.acceleration = loads.acceleration + size @ vectors
 
 
 def _pressures(piece, table, lines, scale):
@@ -190,7 +190,7 @@ def _pressures(piece, table, lines, scale):
     return numbers, (pressure * scale)[card], corners[card], through[card]
 
 
-def _press(path, comm, found, pressed, elements, numbers):
+def _press(path, comm, loads, pressed, elements, numbers):
     """Put pressures on the faces that cards name. Collective. Raises InputError."""
     empty = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 2), np.int64), np.zeros(0, bool)
     wanted, pressure, corners, through = (np.concatenate(part) for part in zip(empty, *pressed, strict=True))
@@ -208,7 +208,7 @@ def _press(path, comm, found, pressed, elements, numbers):
                     f"element {wanted[place][face < 0][0]}; expected G1 and G3, opposite corners of it, of a triangle "
                     "G1 only, or G1 and for tetrahedra G4, the corner that is not on it"
                 )
-            found.pressed.append((faces_at(kind, nodes, face), pressure[place]))
+            loads.pressed.append((faces_at(kind, nodes, face), pressure[place]))
         if not there.all():
             raise InputError(
                 f"{path}: PLOAD4: found a pressure on the element {wanted[~there][0]}, which is none of solids or "
@@ -218,7 +218,7 @@ def _press(path, comm, found, pressed, elements, numbers):
 
 def _faces_named(kind, nodes, corners):
     """Return which faces (k,) of FACES the grid points (k, 2) tell of elements with nodes (k, n); -1 for none."""
-    found = np.full(len(nodes), -1)
+    faces = np.full(len(nodes), -1)
     first, second = corners.T
     for k, face in enumerate(FACES[kind]):
         count = CORNERS[len(face)]
@@ -232,5 +232,5 @@ def _faces_named(kind, nodes, corners):
         else:
             at = (on == first[:, None]).argmax(axis=1)
             fits = has & (on[np.arange(len(on)), (at + 2) % 4] == second)
-        found[fits] = k
-    return found
+        faces[fits] = k
+    return faces

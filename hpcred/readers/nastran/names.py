@@ -20,7 +20,7 @@ class Choice:
 
 def pairs(names: list[str]) -> list[Choice]:
     """Return all pairs of stiffness and mass with names that fit, the best first; of equal names the first counts."""
-    found = []
+    choices = []
     for name in dict.fromkeys(names):
         if name in WORDS:
             mass, damping, rest = *WORDS[name], ""
@@ -36,8 +36,8 @@ def pairs(names: list[str]) -> list[Choice]:
         places = {"K": names.index(name), "M": names.index(mass)}
         if damping in names:
             places["D"] = names.index(damping)
-        found.append((rank, Choice(places, letter)))
-    return [choice for _, choice in sorted(found, key=lambda item: item[0])]
+        choices.append((rank, Choice(places, letter)))
+    return [choice for _, choice in sorted(choices, key=lambda item: item[0])]
 
 
 def _set_of(rest):
@@ -51,7 +51,7 @@ def _set_of(rest):
 
 def named(path, names: list[str], variables: dict[str, str]) -> dict[str, int]:
     """Return places of the matrices that a user named by key; KAA:2 is the second of that name. Raises InputError."""
-    found = {}
+    chosen = {}
     for key, wanted in variables.items():
         name, _, which = wanted.upper().partition(":")
         places = [k for k, item in enumerate(names) if item == name]
@@ -62,8 +62,8 @@ def named(path, names: list[str], variables: dict[str, str]) -> dict[str, int]:
                 f"{path}: found {len(places)} matrices {name}; say which: --variables {key}={name}:1 to "
                 f"{name}:{len(places)}"
             )
-        found[key] = places[int(which or 1) - 1]
-    return found
+        chosen[key] = places[int(which or 1) - 1]
+    return chosen
 
 
 def letter_of(name: str) -> str | None:

@@ -57,8 +57,8 @@ def points_by_superelement(path, comm) -> list[tuple[int | None, Points]]:
     numbers = slist.integers(0)[::7].tolist() if slist is not None else []
     if len(numbers) != len(groups):
         numbers = [None] * len(groups)
-    found = [(number, _points(path, comm, group)) for number, group in zip(numbers, groups, strict=True)]
-    return [(number, points) for number, points in found if points is not None]
+    by_number = [(number, _points(path, comm, group)) for number, group in zip(numbers, groups, strict=True)]
+    return [(number, points) for number, points in by_number if points is not None]
 
 
 class _Chain:
@@ -160,8 +160,8 @@ class Block:
     def integers(self, record: int, low=0, high=None) -> np.ndarray:
         """Return words low..high of a record as whole numbers."""
         high = self.length(record) // self.size if high is None else high
-        found = self.bytes(record, low * self.size, high * self.size)
-        return found.view(f"{self.order}i{self.size}").astype(np.int64)
+        raw = self.bytes(record, low * self.size, high * self.size)
+        return raw.view(f"{self.order}i{self.size}").astype(np.int64)
 
 
 def walk(path):
@@ -302,9 +302,9 @@ def _numbered(comm, numbers, first, count_here, damaged):
             raise damaged("numbers of points that do not agree")
     twice = repeated_key(comm, pairs[:, 1])
     wanted = first + 1 + np.arange(count_here)
-    found, (label, code) = look_up(comm, pairs[:, 1], [pairs[:, 0], codes[:, 1]], wanted)
+    there, (label, code) = look_up(comm, pairs[:, 1], [pairs[:, 0], codes[:, 1]], wanted)
     with agreed(comm):
-        if twice is not None or not found.all() or not np.isin(code % 10, (1, SCALAR_CODE)).all():
+        if twice is not None or not there.all() or not np.isin(code % 10, (1, SCALAR_CODE)).all():
             raise damaged("numbers of points that do not agree")
     return label, code // 10, code % 10 == SCALAR_CODE
 
@@ -321,7 +321,7 @@ def _systems(table):
             raise InputError(f"{table.path}: found {table.length(0)} bytes in the table {table.name}, expected "
                              f"{kind.itemsize} a coordinate system")  # fmt: skip
         items = [(*row["whole"], row["real"]) for row in table.bytes(0, 0, table.length(0)).view(kind)]
-    found = {}
+    systems = {}
     for number, kind, values in items:
         axes = np.array(values[3:], dtype=float).reshape(-1, 3)
         if kind not in (1, 2, 3) or axes.shape != (3, 3) or np.abs(axes.T @ axes - np.eye(3)).max() > 1e-5:
@@ -329,5 +329,5 @@ def _systems(table):
                 f"{table.path}: found no axes of the coordinate system {number} in the table {table.name}; the file is "
                 "damaged"
             )
-        found[int(number)] = System(int(kind), np.array(values[:3], dtype=float), axes)
-    return found
+        systems[int(number)] = System(int(kind), np.array(values[:3], dtype=float), axes)
+    return systems

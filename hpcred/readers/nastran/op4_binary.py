@@ -32,7 +32,7 @@ def layout_of(start: bytes) -> tuple[str, int] | None:
 
 def contents(path, order: str, size: int) -> list[Op4Matrix]:
     """Return the matrices of a file, from one walk along its records on one rank."""
-    found, end = [], os.path.getsize(path)
+    matrices, end = [], os.path.getsize(path)
     head = struct.Struct(order + ("ii" if size == 4 else "iq")).unpack_from
     whole = 4 + 6 * size + 4
     with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
@@ -41,7 +41,7 @@ def contents(path, order: str, size: int) -> list[Op4Matrix]:
             if end - at < whole or head(data, at)[0] != 6 * size:
                 raise InputError(
                     f"{path}: found no header of a matrix at byte {at} of {end}, behind "
-                    f"{found[-1].name if found else 'the start'}; the file is damaged or cut off"
+                    f"{matrices[-1].name if matrices else 'the start'}; the file is damaged or cut off"
                 )
             numbers = struct.unpack_from(order + ("4i" if size == 4 else "4q"), data, at + 4)
             name = data[at + 4 + 4 * size : at + 4 + 6 * size]
@@ -72,8 +72,8 @@ def contents(path, order: str, size: int) -> list[Op4Matrix]:
             if struct.unpack_from(order + "i", data, at - 4)[0] != length:
                 raise InputError(f"{path}: found no end of the record at byte {at - 4}; the file is damaged")
             place = {"starts": tuple(starts), "layout": (order, size), "is_text": False}
-            found.append(matrix_of(path, f"byte {starts[0] - whole}", numbers, name, **place))
-    return found
+            matrices.append(matrix_of(path, f"byte {starts[0] - whole}", numbers, name, **place))
+    return matrices
 
 
 def read(path, comm, matrix: Op4Matrix) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -158,19 +158,19 @@ def _records(path, order, low, high):
     with open_input(path) as file:
         file.seek(low)
         data = file.read(high - low)
-    found, at, end = [], 0, high - low
+    records, at, end = [], 0, high - low
     while at < end:
-        found.append(at)
+        records.append(at)
         at += unpack(data, at)[0] + 8
     if at != end or len(data) < end:
         raise InputError(f"{path}: found records that overlap between the bytes {low} and {high}; the file is damaged")
-    return np.array(found, dtype=np.int64) // 4
+    return np.array(records, dtype=np.int64) // 4
 
 
 def _strings(words, big, column, at, end, damaged):
     """Return (column, row, first word, last word) of strings: the k-th of all columns in one step."""
     step = words.size // 4
-    found = []
+    strings = []
     while len(at):
         if big:
             length, row = words.integers(at) - 1, words.integers(np.minimum(at + step, len(words.raw) - step))
@@ -181,7 +181,7 @@ def _strings(words, big, column, at, end, damaged):
         stop = at + length * step
         if (length < 1).any() or (stop > end).any():
             raise damaged("a string of numbers that goes beyond its column")
-        found.append((column, row, at, stop))
+        strings.append((column, row, at, stop))
         more = stop < end
         column, at, end = column[more], stop[more], end[more]
-    return found
+    return strings

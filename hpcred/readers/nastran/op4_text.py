@@ -168,14 +168,14 @@ def _heads(lines):
     order = np.argsort(np.concatenate([columns, strings]), kind="stable")
     column = np.concatenate([number, np.zeros(len(row), np.int64)])[order]
     at = np.maximum.accumulate(np.where(column > 0, np.arange(len(column)), 0))
-    found = _Heads(
+    all_heads = _Heads(
         row=np.concatenate([first, row])[order],
         words=np.concatenate([np.where(first > 0, words, 0), length])[order],
         in_all=np.concatenate([words, np.zeros(len(row), np.int64)])[order],
         column=column[at],
         at=at,
     )
-    return found, number
+    return all_heads, number
 
 
 def _check_counts(lines, heads, count, closing):
@@ -221,7 +221,7 @@ def _fixed_numbers(piece, text, start, counts, width):
         values = parse_fortran(plain)
     if values is None or len(values) != len(line):
         for k, field in enumerate(fields):
-            found = parse_fortran(field.tobytes())
-            if found is None or len(found) != 1:
+            numbers = parse_fortran(field.tobytes())
+            if numbers is None or len(numbers) != 1:
                 raise piece.refusal(int(np.count_nonzero(text[: start[line[k]]] == ord("\n"))), "numbers")
     return values

@@ -38,10 +38,10 @@ def read_point_sets(path, comm, label, cards, of_case) -> tuple[dict[str, np.nda
 
     `label`: points of this rank; `cards` and sets `of_case` control are the same on all ranks.
     """
-    found = [*of_case, *_of_cards(cards)]
-    names, sets, left = Counter(item.name for item in found), {}, []
+    given = [*of_case, *_of_cards(cards)]
+    names, sets, left = Counter(item.name for item in given), {}, []
     label = np.unique(sort_over_ranks(comm, label)[0])
-    for item in found:
+    for item in given:
         there, _ = look_up(comm, label, [], np.array(item.single, np.int64))
         if names[item.name] > 1 or not item.ranges or not there.all():
             left.append(item.name)
@@ -60,9 +60,9 @@ def sets_of_case(text: bytes) -> list[PointSet]:
     numbers."""
     text = re.sub(rb"\$[^\n]*", b"", text)
     asked = {int(match["number"]) for match in OF_ELEMENTS.finditer(text)}
-    found = [(int(match["number"]), match["list"].decode("latin-1")) for match in SET.finditer(text)]
+    sets = [(int(match["number"]), match["list"].decode("latin-1")) for match in SET.finditer(text)]
     return [PointSet(f"SET {number}", *_numbers(re.split(r"[,\s]+", words.strip(", \t\r\n"))))
-            for number, words in found if number not in asked and words.strip().upper() != "ALL"]  # fmt: skip
+            for number, words in sets if number not in asked and words.strip().upper() != "ALL"]  # fmt: skip
 
 
 def _of_cards(cards):

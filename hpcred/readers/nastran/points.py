@@ -122,12 +122,12 @@ class Points:
 
 def refined(comm, points: Points, finer: Points) -> Points:
     """Return the points with places and directions of other ones, if these have them all. Collective."""
-    found, place = look_up(comm, finer.label, list(finer.position.T), points.label)
-    if not all(comm.allgather(bool((found | points.scalar).all()))):
+    there, place = look_up(comm, finer.label, list(finer.position.T), points.label)
+    if not all(comm.allgather(bool((there | points.scalar).all()))):
         return points
     place = np.where(points.scalar[:, None], points.position, np.stack(place, axis=1))
-    found, axes = look_up(comm, finer.label[finer.turned], list(finer.axes.reshape(-1, 9).T), points.label)
-    turned = np.flatnonzero(found & ~points.scalar)
+    there, axes = look_up(comm, finer.label[finer.turned], list(finer.axes.reshape(-1, 9).T), points.label)
+    turned = np.flatnonzero(there & ~points.scalar)
     axes = np.stack(axes, axis=1)[turned].reshape(-1, 3, 3)
     return Points(points.label, place, points.scalar, points.marks, turned, axes)
 
@@ -181,5 +181,5 @@ def present(comm, points: Points, labels: np.ndarray) -> np.ndarray:
     """Return which dofs (points, 6) occur among labels, some on each rank. Collective."""
     distinct, _ = number_over_ranks(comm, labels)
     mine = points.local_labels()
-    found, _ = look_up(comm, distinct, [distinct], mine.ravel())
-    return found.reshape(mine.shape) & points.there()
+    there, _ = look_up(comm, distinct, [distinct], mine.ravel())
+    return there.reshape(mine.shape) & points.there()

@@ -126,13 +126,13 @@ def _dependent(card) -> list[Marked]:
     if name in ("RBE1", "RBE3"):
         if "UM" not in words:
             raise card.error("found no UM, expected the dependent dofs behind it")
-        found, k = [], words.index("UM") + 1
+        labels, k = [], words.index("UM") + 1
         while k + 1 < len(words) and (not words[k] or words[k].isdecimal()):
             if words[k]:
-                found.append(_named(card, k))
+                labels.append(_named(card, k))
                 k += 1
             k += 1  # three pairs a line, the first field of a line further down is empty
-        return found
+        return labels
     a, b = card.whole(1, "a point"), card.whole(2, "a point")
     if name == "RBAR1":
         return [_one(b, card.directions(3) if card.text(3) else np.ones(6, bool))]

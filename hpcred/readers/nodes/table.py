@@ -46,8 +46,8 @@ class NodeTable:
 def elements_of(comm, parts: dict[str, list[np.ndarray]], order=None) -> dict[str, np.ndarray]:
     """Return node numbers (elements of this rank, nodes), `order` of them by kind, the same kinds on all ranks."""
     kinds = sorted(set().union(*comm.allgather(set(parts))))
-    found = {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *parts.get(kind, [])]) for kind in kinds}
-    return {kind: nodes[:, (order or {}).get(kind, slice(None))] for kind, nodes in found.items()}
+    elements = {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *parts.get(kind, [])]) for kind in kinds}
+    return {kind: nodes[:, (order or {}).get(kind, slice(None))] for kind, nodes in elements.items()}
 
 
 def read(path, comm) -> NodeTable:
@@ -84,13 +84,13 @@ def read_node_numbers(path) -> tuple[int, ...]:
     """Return the numbers of nodes in a text, one or several a line, in their order; on this rank. Raises InputError."""
     if not Path(path).is_file():
         raise InputError(f'{path}: no such file of node numbers; a node set is {{set = "{Path(path).name}"}}')
-    found = []
+    numbers = []
     for piece in pieces(path, MPI.COMM_SELF):
         values, counts, lines = ragged(piece, expected="node numbers")
-        found += labels(piece, values, np.repeat(lines, counts)).tolist()
-    if not found:
+        numbers += labels(piece, values, np.repeat(lines, counts)).tolist()
+    if not numbers:
         raise InputError(f"{path}: found no node numbers")
-    return tuple(found)
+    return tuple(numbers)
 
 
 def finite(piece, values, lines):

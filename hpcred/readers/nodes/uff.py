@@ -110,7 +110,7 @@ def read(path, comm) -> Mesh:
 
 def _datasets(path, marks):
     """Return Number, first and last byte of the lines of the datasets of text."""
-    found, at, size = [], 0, os.path.getsize(path)  # at: the byte up to which all is understood
+    datasets, at, size = [], 0, os.path.getsize(path)  # at: the byte up to which all is understood
     with open_input(path) as file:
         while (place := bisect_left(marks, at)) < len(marks):
             _require_nothing(path, file, at, marks[place])
@@ -125,12 +125,12 @@ def _datasets(path, marks):
                 raise InputError(f"{path}: found '{below}' below a line of -1, expected the number of a dataset")
             if place + 1 == len(marks):
                 raise InputError(f"{path}: found {len(marks)} lines of -1, expected two a dataset; the file is cut off")
-            found.append((int(match[1]), file.tell(), marks[place + 1]))
+            datasets.append((int(match[1]), file.tell(), marks[place + 1]))
             file.seek(marks[place + 1])
             file.readline()
             at = file.tell()
         _require_nothing(path, file, at, size)
-    return found
+    return datasets
 
 
 def _require_nothing(path, file, low, high):
@@ -160,7 +160,7 @@ def _end_of_functions(path, file, line):
 
 def _global_systems(path, sets):
     """Return the numbers of the coordinate systems that are the global one."""
-    found = dict.fromkeys(GLOBAL.tolist(), True)
+    known = dict.fromkeys(GLOBAL.tolist(), True)
     for number, start, stop in sets:
         with open_input(path) as file:
             file.seek(start)
@@ -177,10 +177,10 @@ def _global_systems(path, sets):
                     is_global = head[2] == 0 and values[:3] == [0, 0, 0] and along
                 else:
                     is_global = values == [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0]
-                found[head[0]] = head[1] == 0 and is_global
+                known[head[0]] = head[1] == 0 and is_global
             except (ValueError, IndexError):  # what cannot be read is not the global one
                 return np.zeros(1, np.int64)
-    return np.array([key for key, is_global in found.items() if is_global])
+    return np.array([key for key, is_global in known.items() if is_global])
 
 
 def _nodes(piece, systems, number, widths):
@@ -203,7 +203,7 @@ def _nodes(piece, systems, number, widths):
 def _elements(path, sets):
     """Return parts of node numbers and of numbers of elements by kind, read on one rank: where an element begins is
     seen from the one before."""
-    found, numbers = {}, {}
+    elements, numbers = {}, {}
     for number, start, stop in sets:
         with open_input(path) as file:
             file.seek(start)
@@ -236,9 +236,9 @@ def _elements(path, sets):
             if mine.any():
                 table = values[at[first[mine]][:, None] + np.arange(NODES[name])]
                 whole(piece, table.ravel(), np.repeat(lines[heads[mine]], NODES[name]), "a node of an element", 1)
-                found.setdefault(name, []).append(table.astype(np.int64))
+                elements.setdefault(name, []).append(table.astype(np.int64))
                 numbers.setdefault(name, []).append(values[at[heads[mine]]].astype(np.int64))
-    return found, numbers
+    return elements, numbers
 
 
 def _members(path, number, start, stop) -> list[tuple[str, int, np.ndarray]]:
@@ -247,7 +247,7 @@ def _members(path, number, start, stop) -> list[tuple[str, int, np.ndarray]]:
         file.seek(start)
         lines = file.read(stop - start).splitlines(keepends=True)
     place = start + np.cumsum([0, *map(len, lines)])
-    found, at, width = [], 0, GROUPS[number]
+    members, at, width = [], 0, GROUPS[number]
     while at < len(lines):
         head = HEAD.fullmatch(lines[at])
         count = int(head["count"]) if head else 0
@@ -260,9 +260,9 @@ def _members(path, number, start, stop) -> list[tuple[str, int, np.ndarray]]:
             )
         table = whole(piece, values, np.repeat(rows, counts), "kind and number of a member of a group", 0)
         name = shown(lines[at + 1], 200) or f"group {int(head['number'])}"
-        found.append((name, int(head["number"]), table.reshape(count, width)[:, :2]))
+        members.append((name, int(head["number"]), table.reshape(count, width)[:, :2]))
         at += 2 + len(below)
-    return found
+    return members
 
 
 def _groups(path, members, elements, numbers) -> tuple[dict[str, np.ndarray], list[str]]:

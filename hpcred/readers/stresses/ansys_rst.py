@@ -75,12 +75,12 @@ def _nodes(file, header, share) -> np.ndarray:
     table = file.record(start)[0]
     width = len(table) // max(int(header[IN_ALL]), 1)  # words of a place
     places = table[::width][share].astype(np.int64)
-    found = np.zeros((len(places), 0), np.int64)
+    corners = np.zeros((len(places), 0), np.int64)
     for which, numbers in _alike(file, places + (start if width == 2 else 0)):
         nodes = numbers[:, CORNERS:]
-        found = np.pad(found, ((0, 0), (0, max(0, nodes.shape[1] - found.shape[1]))))
-        found[which, : nodes.shape[1]] = nodes
-    return found
+        corners = np.pad(corners, ((0, 0), (0, max(0, nodes.shape[1] - corners.shape[1]))))
+        corners[which, : nodes.shape[1]] = nodes
+    return corners
 
 
 def _sums(file, sets, nodes, share) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

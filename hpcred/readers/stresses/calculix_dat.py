@@ -95,15 +95,15 @@ def _step(path, comm, blocks, mesh, name):
             decode = _moved if block.title == MOVED else stresses_of
             tables[block.title].append(end_to_end(pieces(path, comm, block.start, block.stop), decode))
     label, place = (np.concatenate(part) for part in zip(*tables[MOVED], strict=True))
-    found = PointStresses(comm, *(np.concatenate(part) for part in zip(*tables[STRESSES], strict=True)), path, name)
+    stresses = PointStresses(comm, *(np.concatenate(part) for part in zip(*tables[STRESSES], strict=True)), path, name)
     at, stress = [np.zeros(0, np.int64)], [np.zeros((0, 6))]
     for kind in SOLIDS:
         if kind not in mesh.elements:
             continue
-        for scheme, mine, sigma in found.of_elements(kind, mesh.properties.table[kind][:, NUMBER]):
+        for scheme, mine, sigma in stresses.of_elements(kind, mesh.properties.table[kind][:, NUMBER]):
             at.append(mesh.elements[kind][mine].ravel())
             stress.append(np.einsum("kg,egc->ekc", extrapolation(kind, scheme), sigma).reshape(-1, 6))
-    found.require_all()
+    stresses.require_all()
     return label, place, np.concatenate(at), np.concatenate(stress)
 
 

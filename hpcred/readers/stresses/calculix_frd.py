@@ -42,19 +42,19 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     Collective. Raises InputError.
     """
     blocks = decided(comm, _blocks, path)
-    node, found = None, {name: [] for name in FIELDS}
+    node, fields = None, {name: [] for name in FIELDS}
     with agreed(comm):
         for block in blocks:
             label, values = _values(path, comm, block)
             node = label if node is None else node
             if len(label) != len(node) or (label != node).any():
                 raise InputError(f"{path}: found steps with results of different nodes, expected those of all nodes")
-            found[block.name].append(values)
+            fields[block.name].append(values)
     total = comm.allreduce(len(node))
     if total != blocks[0].count:
         raise InputError(f"{path}: found results of {total} nodes, expected {blocks[0].count}; the file is cut off or "
                          "damaged")  # fmt: skip
-    return node, *(np.stack(found[name]) for name in FIELDS)
+    return node, *(np.stack(fields[name]) for name in FIELDS)
 
 
 def _blocks(path) -> list[Block]:

@@ -74,12 +74,12 @@ def _steps(path) -> list[list[Entries]]:
             raise InputError(f"{path}: found a record of the table {table.name} without one of {DESCRIPTION} words "
                              "that describes it; the file is damaged or of a kind that is not read")  # fmt: skip
         for k in range(0, len(table.records), 2):
-            found = _described(table, k)
-            others = steps.setdefault(found.subcase, {})
-            if found.type_ in others:
-                what = f"stresses of the element type {found.type_}" if found.type_ else "displacements"
-                raise InputError(f"{path}: found {what} twice in subcase {found.subcase}, expected those of one run")
-            others[found.type_] = found
+            entries = _described(table, k)
+            others = steps.setdefault(entries.subcase, {})
+            if entries.type_ in others:
+                what = f"stresses of the element type {entries.type_}" if entries.type_ else "displacements"
+                raise InputError(f"{path}: found {what} twice in subcase {entries.subcase}, expected those of one run")
+            others[entries.type_] = entries
     without = [number for number, step in sorted(steps.items()) if 0 not in step or len(step) == 1]
     if without or not steps:
         where = f" in subcase {without[0]}" if without else ""
@@ -107,13 +107,13 @@ def _described(table, k) -> Entries:
         raise InputError(f"{table.path}: found the kind {words[KIND]} of the table {table.name}, expected stresses "
                          "(0 or 1), no strains")  # fmt: skip
     expected = HEAD + CORNER * (1 + CORNERS[type_]) if type_ else 8
-    found = Entries(table, k + 1, subcase, type_, 0, expected)
+    entries = Entries(table, k + 1, subcase, type_, 0, expected)
     if width != expected or subcase < 1:
-        raise found.damaged(f"entries of {width} words, expected {expected},")
+        raise entries.damaged(f"entries of {width} words, expected {expected},")
     count, rest = divmod(table.length(k + 1), expected * table.size)
     if rest:
-        raise found.damaged(f"{table.length(k + 1)} bytes, expected entries of {expected} words,")
-    return found._replace(count=count)
+        raise entries.damaged(f"{table.length(k + 1)} bytes, expected entries of {expected} words,")
+    return entries._replace(count=count)
 
 
 def _step(comm, step):

@@ -56,13 +56,13 @@ def read_answers(path, comm) -> Answers:
     _, read, source = known[0]
     try:
         with np.errstate(all="ignore"):  # numbers that are none are refused below
-            found = Answers(*read(path, comm), source)
+            answers = Answers(*read(path, comm), source)
     except DAMAGES as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: found records that do not fit each other ({error}); the file is damaged") from error
     with agreed(comm):
         for what in ("displacement", "stress"):
-            if not (np.abs(getattr(found, what)) <= LARGEST).all():
+            if not (np.abs(getattr(answers, what)) <= LARGEST).all():
                 raise InputError(f"{path}: found a {what} that is no number, or none of a body; the file is damaged")
-    return found
+    return answers
