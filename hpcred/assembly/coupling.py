@@ -224,12 +224,12 @@ def _modes(K, M, tau):
 
 def _together(added):
     """Return added terms, those of one law and joint as one."""
-    found = {}
+    groups = {}
     for item in added:
         key = (item.name.rpartition(":")[0], item.law)
-        before = found.get(key)
-        found[key] = item if before is None else replace(before, matrix=before.matrix + item.matrix, name=key[0])
-    return found.values()
+        before = groups.get(key)
+        groups[key] = item if before is None else replace(before, matrix=before.matrix + item.matrix, name=key[0])
+    return groups.values()
 
 
 def machine_of(parts: list[Part], joints, masses=(), inputs=None, outputs=None, tables=None) -> Machine:
@@ -261,7 +261,7 @@ def _conditions(parts, joint, key, laws_of_table) -> list[Condition]:
     ends = [part_and_node(parts, name, key) for name in joint.bodies if name != GROUND]
     known = [part.places[node] for part, node in ends if np.isfinite(part.places[node]).all()]
     place, axes = known[0] if known else np.full(3, np.nan), np.kron(np.eye(2), matrix_of(joint.turn).T)
-    found = []
+    conditions = []
     for d, name in enumerate(SIX):
         laws: tuple[tuple[float, Law], ...] = ()
         if isinstance(joint, RigidJoint):
@@ -279,40 +279,40 @@ def _conditions(parts, joint, key, laws_of_table) -> list[Condition]:
             weights = sign * axes[d] @ rigid_rows(np.arange(6), np.tile(arm, (6, 1)))
             before = rows.get(part.name, (0.0, 0.0))
             rows[part.name] = tuple(map(np.add, before, part.functional(node, weights, key)))
-        found.append(Condition(label=f"{key} between {joint.bodies[0]} and {joint.bodies[1]}:{name}", rows=rows,
-                               laws=laws))  # fmt: skip
-    return found
+        conditions.append(Condition(label=f"{key} between {joint.bodies[0]} and {joint.bodies[1]}:{name}", rows=rows,
+                                    laws=laws))  # fmt: skip
+    return conditions
 
 
 def _laws(joint: BushingJoint, d: int) -> tuple:
     """Return values and laws of a direction of a bushing."""
     k, c = ((*part, *[0.0] * 6)[d] for part in (joint.stiffness, joint.damping))
-    found = ((k, Power(0)),) * bool(k) + ((c, Power(1)),) * bool(c)
+    terms = ((k, Power(0)),) * bool(k) + ((c, Power(1)),) * bool(c)
     if joint.law is not None and k:
         # `stiffness` is the static one, whatever the law has at rest
-        found += ((k, joint.law), (-k * joint.law.static, Power(0))) if joint.law.static else ((k, joint.law),)
-    return found
+        terms += ((k, joint.law), (-k * joint.law.static, Power(0))) if joint.law.static else ((k, joint.law),)
+    return terms
 
 
 def _of_mass(parts, mass: PointMass, key) -> list[Condition]:
     part, node = part_and_node(parts, mass.at, key)
-    found = []
+    conditions = []
     for d, value in enumerate((mass.mass,) * 3 + mass.inertia):
         if value:
             rows = {part.name: part.functional(node, np.eye(6)[d], key)}
-            found.append(Condition(label=f"{key} at {mass.at}:{SIX[d]}", rows=rows, laws=((value, Power(2)),)))
-    return found
+            conditions.append(Condition(label=f"{key} at {mass.at}:{SIX[d]}", rows=rows, laws=((value, Power(2)),)))
+    return conditions
 
 
 def _parameters(parts) -> tuple[Parameter, ...]:
     """Return the parameters of all bodies, those of one name as one. Raises InputError where they differ."""
-    found: dict[str, Parameter] = {}
+    parameters: dict[str, Parameter] = {}
     for part in parts:
         for item in part.parameters:
-            if found.setdefault(item.name, item) != item:
+            if parameters.setdefault(item.name, item) != item:
                 raise InputError(f"body '{part.name}': parameter '{item.name}': has another range, reference or unit "
                                  "than that of another body; a parameter of a name is one of the machine")  # fmt: skip
-    return tuple(found.values())
+    return tuple(parameters.values())
 
 
 def _chosen(parts, side, wanted) -> Channels:

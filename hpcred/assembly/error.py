@@ -51,8 +51,8 @@ class Sensitivity:
         radius = np.abs(np.linalg.eigvals(N)).max(axis=-1)
         known = radius < 1
         inverse = np.linalg.inv(np.eye(len(factors)) - np.where(known[..., None, None], N, 0.0))
-        found = np.where(known[..., None, None], (self.out * factors) @ inverse @ self.into, np.inf)
-        return found / self.scale[:, None]
+        errors = np.where(known[..., None, None], (self.out * factors) @ inverse @ self.into, np.inf)
+        return errors / self.scale[:, None]
 
     def each(self, factors: np.ndarray) -> np.ndarray:
         """Return the estimated error of every response (S, r, p); inf where it is not known."""
@@ -159,29 +159,29 @@ def accuracy_of_machine(machine: Machine, tau: float, band, tolerance: float | N
         raise InputError(f"tolerance: {why}")
     measured = machine.as_measured()
     reduced = measured.model(tau)[0]
-    found = sensitivity(measured, reduced, band)
+    sensed = sensitivity(measured, reduced, band)
     eps = np.array([part.eps for part in machine.parts.values()])
-    curve = found.curve()
+    curve = sensed.curve()
     largest = float(curve.max())
     asked = largest if tolerance is None else tolerance
-    needed = eps * (1.0 if tolerance is None else found.needed(asked))
+    needed = eps * (1.0 if tolerance is None else sensed.needed(asked))
     rows = [
         {"body": name, "error": e, "in the machine": a} | ({} if tolerance is None else {"needs": n})
-        for name, e, a, n in zip(machine.parts, eps.tolist(), found.shares().tolist(), needed.tolist(), strict=True)
+        for name, e, a, n in zip(machine.parts, eps.tolist(), sensed.shares().tolist(), needed.tolist(), strict=True)
     ]  # fmt: skip
     # a machine that moves freely has no response at 0 Hz
-    over = (found.frequencies[0], band[1]) if (reduced.frequencies == 0).any() else band
+    over = (sensed.frequencies[0], band[1]) if (reduced.frequencies == 0).any() else band
     finite = np.where(np.isfinite(curve), curve, UNKNOWN)
     again = [f"'{row['body']}' to {row['needs']:.1e}" for row in rows if tolerance and row["needs"] < row["error"]]
     accuracy = Accuracy(
         tolerance=asked if np.isfinite(asked) else UNKNOWN, band=tuple(map(float, over)),
         reached=bool(tolerance is None or largest <= tolerance),
         stopped="" if not again else f"reduce {', '.join(again)}",
-        largest=float(finite.max()), worst=float(found.frequencies[finite.argmax()]), mean=float(finite.mean()),
+        largest=float(finite.max()), worst=float(sensed.frequencies[finite.argmax()]), mean=float(finite.mean()),
         noise=0.0, measured="estimated from the errors of the bodies, with the damping that these were measured with",
         uncompressed_size=sum(part.size for part in machine.parts.values()), highest=band[1], missing_modes=None,
-        points=(), proofs=(), frequencies=tuple(found.frequencies.tolist()), eps=tuple(finite.tolist()),
-        unproven="an estimate from the errors of the bodies", measure=found.measure,
+        points=(), proofs=(), frequencies=tuple(sensed.frequencies.tolist()), eps=tuple(finite.tolist()),
+        unproven="an estimate from the errors of the bodies", measure=sensed.measure,
         loss_factor=damping_of_errors(machine) or 0.0, beside_damping=True,
     )  # fmt: skip
     return accuracy, rows

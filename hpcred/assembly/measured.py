@@ -36,23 +36,23 @@ class MeasuredPart(Part):
         return (1 - part) * self.H[k] + part * self.H[k + 1]
 
 
-def measured_part(body: MachineBody, found) -> MeasuredPart:
+def measured_part(body: MachineBody, frf) -> MeasuredPart:
     """Return a measured body, of files.response_file.Responses of displacements. Raises InputError."""
     turn, where = matrix_of(body.turn), f"body '{body.name}'"
-    known = {node: number for node, (number, _) in (found.places or {}).items()}
-    for node in map(node_of, (*found.input_names, *found.output_names)):
+    known = {node: number for node, (number, _) in (frf.places or {}).items()}
+    for node in map(node_of, (*frf.input_names, *frf.output_names)):
         if node is not None:
             known.setdefault(str(node), node if isinstance(node, int) else 0)  # 0: of no number
     numbers = new_names(body, known, where)
-    inputs, outputs = ([renamed(name, numbers) for name in names] for names in (found.input_names, found.output_names))
+    inputs, outputs = ([renamed(name, numbers) for name in names] for names in (frf.input_names, frf.output_names))
     nodes = {str(node_of(name)) for name in inputs if node_of(name) is not None}
     if not nodes:
         raise InputError(f"body '{body.name}': has no interfaces or nodes among its inputs "
-                         f"({', '.join(found.input_names[:3])}), expected names such as 20:z or foot:z")  # fmt: skip
-    at = {numbers.get(name, name): place for name, (_, place) in (found.places or {}).items()}
+                         f"({', '.join(frf.input_names[:3])}), expected names such as 20:z or foot:z")  # fmt: skip
+    at = {numbers.get(name, name): place for name, (_, place) in (frf.places or {}).items()}
     places = {node: turn @ at[node] + body.position if node in at else np.full(3, np.nan) for node in nodes}
     return MeasuredPart(
         name=body.name, model=None, inputs=_channels(body.name, inputs, turn), places=places, turn=turn,
-        outputs=_channels(body.name, outputs, turn), lines=found.frequencies, H=found.response,
+        outputs=_channels(body.name, outputs, turn), lines=frf.frequencies, H=frf.response,
     )  # fmt: skip
 

@@ -148,13 +148,13 @@ def _base(reduced: ReducedModel) -> ReducedModel:
     return reduced.base if isinstance(reduced, ParametricReducedModel) else reduced
 
 
-def part_of(body: MachineBody, found: Any) -> Part:
+def part_of(body: MachineBody, result: Any) -> Part:
     """Return a body of the machine, of a result as files.result_file.Result or anything with its `reduced`,
     `floating_frame` and `nodes`. Raises InputError."""
-    where, reduced = f"body '{body.name}'", found.reduced
+    where, reduced = f"body '{body.name}'", result.reduced
     require_finite(reduced)
     # where its nodes are, and what they are called
-    names, labels, numbers = _names(body, found, where)
+    names, labels, numbers = _names(body, result, where)
     inputs, outputs = ([renamed(item, names) for item in part]
                        for part in (reduced.input_names, reduced.output_names))  # fmt: skip
     places = {label: np.array(place) for label, place in numbers.items()}
@@ -163,14 +163,14 @@ def part_of(body: MachineBody, found: Any) -> Part:
                          "joints and axes need; reduce a model with node coordinates and [[interface]]")  # fmt: skip
     warnings = [] if units_of(reduced) else _doubtful_units(reduced, places, where)
     # rigid-body motions, put before the coordinates of a free body whose frame has taken them out
-    motions, origin = _free_motions(reduced, found.floating_frame, where)
+    motions, origin = _free_motions(reduced, result.floating_frame, where)
     model = replace(reduced, record=None, columns=None, left_columns=None, model=None)
     if motions.shape[1]:
         if any(item.of in "MB" for item in getattr(reduced, "terms", ())) or reduced.resultants is None:
             raise InputError(f"{where}: its mass or loads depend on parameters, and its rigid-body motions are those "
                              "of the reference; reduce with coordinates = 'interface'")  # fmt: skip
         rows = [_moved(name, places, origin, where) for name in outputs]
-        model = _with_motions(model, motions, found.floating_frame, rows, origin)
+        model = _with_motions(model, motions, result.floating_frame, rows, origin)
     if isinstance(reduced, ParametricReducedModel):
         kinds = [f"damping of kind '{reduced.record.damping.kind}'"] if reduced.damping_follows else []
         if reduced.loss_factor and any(item.of == "K" for item in reduced.terms):
@@ -293,7 +293,7 @@ def _with_motions(reduced, motions, frame, rows, origin) -> ReducedModel:
     # loads act on rigid-body motions by their resultants about the origin of the frame
     force, moment = reduced.resultants[:, :3], reduced.resultants[:, 3:]
     loads = np.hstack([force, moment - np.cross(origin, force)])
-    found = reduced.in_coordinates(np.eye(m, k + m, k))
+    elastic = reduced.in_coordinates(np.eye(m, k + m, k))
 
     def moved(matrices):
         changed = {"M": T.T @ mass @ T, "B": np.vstack([motions.T @ loads.T, matrices["B"][k:]])}
@@ -303,12 +303,12 @@ def _with_motions(reduced, motions, frame, rows, origin) -> ReducedModel:
                 changed[key] = np.hstack([rigid @ motions, matrices[key][:, k:]])
         return changed
 
-    base = _base(found)
+    base = _base(elastic)
     base = replace(base, **moved({key: getattr(base, key) for key in ("B", "C", "Cv", "Ca")}))
-    if not isinstance(found, ParametricReducedModel):
+    if not isinstance(elastic, ParametricReducedModel):
         return base
-    constant = found.constant | moved(found.constant)
-    return ParametricReducedModel.of(base, parameters=found.parameters, constant=constant, terms=found.terms)
+    constant = elastic.constant | moved(elastic.constant)
+    return ParametricReducedModel.of(base, parameters=elastic.parameters, constant=constant, terms=elastic.terms)
 
 
 def _channels(body, names, turn) -> Channels:

@@ -223,47 +223,47 @@ def has_no_inertia(body: Body) -> bool:
 
 def remarks(body: Body) -> list[str]:
     """Return one sentence on each approximation and each missing quantity."""
-    found, masses = [], body.floating_frame.masses
+    said, masses = [], body.floating_frame.masses
     if masses.min() < (1 - SAME_MASS) * masses.max():
         listed = ", ".join(f"{mass:.6g}" for mass in masses)
-        found.append(f"the masses in x, y, z are {listed} kg, because not all nodes move in all directions")
+        said.append(f"the masses in x, y, z are {listed} kg, because not all nodes move in all directions")
     integrals, _, left_out = body.floating_frame.integrals.partition("; ")
     if integrals != "consistent":
-        found.append(f"integrals quadratic in the shapes: {integrals}, an approximation")
+        said.append(f"integrals quadratic in the shapes: {integrals}, an approximation")
     if left_out:
-        found.append(left_out)
+        said.append(left_out)
     if has_no_inertia(body):
-        found.append("the body has no inertia about one of its axes, as where every mass lies on a line; hold it there")
+        said.append("the body has no inertia about one of its axes, as where every mass lies on a line; hold it there")
     if body.prestress is not None and body.prestress.load:
-        found.append(f"K has the stress of the preload {body.prestress.load}")
+        said.append(f"K has the stress of the preload {body.prestress.load}")
         if body.prestress.softening.any():
-            found.append("K has the spin softening of the preload, which programs that rotate the body add themselves")
+            said.append("K has the spin softening of the preload, which programs that rotate the body add themselves")
     still = [str(shape.node) for shape in body.nodes if not shape.rotates]
     if still:
-        found.append(f"no rotational dofs at nodes {', '.join(still)}: psi is zero there")
-    return found + _follow_the_frame(body) + instability(body.reduced)
+        said.append(f"no rotational dofs at nodes {', '.join(still)}: psi is zero there")
+    return said + _follow_the_frame(body) + instability(body.reduced)
 
 
 def _follow_the_frame(body) -> list[str]:
     """Return remarks on interfaces whose set does not move them in some directions: their shapes are zero there."""
-    record, found = body.reduced.record, []
+    record, remarks = body.reduced.record, []
     known = {} if record is None else {item.node: item for item in record.interface_nodes}
     for item in (known[shape.node] for shape in body.nodes if shape.node in known):
         still = [name for name in DIRECTIONS[:6] if name not in item.directions]
         if still:
-            found.append(
+            remarks.append(
                 f"the set of interface '{item.name}' does not move it in {', '.join(still)}, where it follows the "
                 "body frame: let no joint or force act there"
             )
-    return found
+    return remarks
 
 
 def resultants_of(body: Body) -> np.ndarray | None:
     """Return force and moment about the origin of the body frame (p, 6) of each input at 1; None where not known."""
-    found = body.reduced.resultants
-    if found is None:
+    resultants = body.reduced.resultants
+    if resultants is None:
         return None
-    return np.hstack([found[:, :3], found[:, 3:] - np.cross(body.floating_frame.origin, found[:, :3])])
+    return np.hstack([resultants[:, :3], resultants[:, 3:] - np.cross(body.floating_frame.origin, resultants[:, :3])])
 
 
 def without_node(names) -> list[str]:
@@ -273,11 +273,11 @@ def without_node(names) -> list[str]:
 
 def inputs_without_node(body: Body) -> list[str]:
     """Return remarks on inputs and outputs that belong to no node, which formats of nodes leave out."""
-    found = []
+    without = []
     for kind, names in (("inputs", body.reduced.input_names), ("outputs", body.reduced.output_names)):
         if lost := without_node(names):
-            found.append(f"{kind} that belong to no node are left out: {', '.join(lost)}")
-    return found
+            without.append(f"{kind} that belong to no node are left out: {', '.join(lost)}")
+    return without
 
 
 def instability(reduced: ReducedModel) -> list[str]:

@@ -102,18 +102,18 @@ class Coordinates:
 
         Raises InputError for too few instants.
         """
-        found, remarks = {}, []
+        given, remarks = {}, []
         if (velocity or acceleration) and self.velocity is None:
-            found["velocity"] = self._difference(path, self.q, "velocities", "coordinates", remarks)
+            given["velocity"] = self._difference(path, self.q, "velocities", "coordinates", remarks)
         if acceleration and self.acceleration is None:
-            rates = found.get("velocity", self.velocity)
-            found["acceleration"] = self._difference(path, rates, "accelerations", "velocities", remarks)
+            rates = given.get("velocity", self.velocity)
+            given["acceleration"] = self._difference(path, rates, "accelerations", "velocities", remarks)
         if acceleration and self.frame and self.frame.acceleration is None:
             names = (("acceleration", "velocity"), ("angular_acceleration", "angular_velocity"))
             rates = {key: self._difference(path, getattr(self.frame, of), f"{key.replace('_', ' ')}s of the frame",
                                            "velocities", remarks) for key, of in names}  # fmt: skip
-            found["frame"] = replace(self.frame, **rates)
-        return replace(self, **found, remarks=(*self.remarks, *remarks))
+            given["frame"] = replace(self.frame, **rates)
+        return replace(self, **given, remarks=(*self.remarks, *remarks))
 
     def _difference(self, path, values, what, of, remarks):
         if len(self.t) < FEWEST:

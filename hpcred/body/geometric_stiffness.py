@@ -165,11 +165,11 @@ class StiffenedFrame(FloatingFrame):
     @cached_property
     def J2(self) -> np.ndarray:
         """(m, m, 3, 3): centrifugal forces are half the derivative of J(q), and minus those of Oe."""
-        found, stiffness = super().J2.copy(), self._of(VELOCITIES)
+        inertia, stiffness = super().J2.copy(), self._of(VELOCITIES)
         for column, (a, b) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))):
-            found[..., a, b] -= stiffness[..., column] / (1 if a == b else 2)
-            found[..., b, a] = found[..., a, b]
-        return found
+            inertia[..., a, b] -= stiffness[..., column] / (1 if a == b else 2)
+            inertia[..., b, a] = inertia[..., a, b]
+        return inertia
 
 
 def stiffened_node(node: NodeShape, stiffness: GeometricStiffness) -> NodeShape:

@@ -110,15 +110,15 @@ def stiffness_of_stresses(model, columns, element, point, stress, name) -> np.nd
     if model.properties is None:
         raise InputError(f"{name}: the elements of {model.name} have no numbers; convert it from its input file")
     count = int(np.diff(columns.getActiveColumns())[0])
-    total, found = np.zeros((1, count, count)), PointStresses(model.comm, element, point, stress, name, model.name)
+    total, stresses = np.zeros((1, count, count)), PointStresses(model.comm, element, point, stress, name, model.name)
     for kind, cells in element_rows(model).items():
         number = model.properties.table[kind][:, NUMBER]
         shapes = ValuesAtRows(model, cells.rows).of(columns)
-        for scheme, mine, sigma in found.of_elements(kind, number, cells.placed):
+        for scheme, mine, sigma in stresses.of_elements(kind, number, cells.placed):
             rule = UNIFORM if (kind, scheme) == ("hexahedron", "reduced") else Rule(scheme)
             matrices = node_stiffness(kind, rule, cells.position[mine], sigma[..., None])
             total += projected(matrices, shapes[mine])
-    found.require_all()
+    stresses.require_all()
     return _symmetric(model, summed(model.comm, total)[0])
 
 
@@ -255,11 +255,11 @@ def sign_of_stress_stiffness(model, stiffness: PETSc.Mat, state: str, value: flo
     moved = dofs.direction < 3
     key = STRIDE * dofs.node.astype(np.int64) + dofs.direction
     others = np.where(moved[:, None], key[:, None] - dofs.direction[:, None] + np.arange(3), 0)
-    there, (found,) = look_up(model.comm, key, [force], others.ravel())
-    there, found = there.reshape(-1, 3), found.reshape(-1, 3)
+    there, (forces,) = look_up(model.comm, key, [force], others.ravel())
+    there, forces = there.reshape(-1, 3), forces.reshape(-1, 3)
     inside = moved & there.all(axis=1)
     inside &= np.abs(held[:, :3]).max(axis=1) <= NEAR * stiffness.norm(PETSc.NormType.INFINITY)
-    turned = np.cross(np.eye(3)[None], found[inside, None])  # (rows, 3, 3): of each theta, all components
+    turned = np.cross(np.eye(3)[None], forces[inside, None])  # (rows, 3, 3): of each theta, all components
     wanted = np.take_along_axis(turned, dofs.direction[inside, None, None].astype(np.int64), axis=2)[..., 0]
     given = held[inside, 3:]
     sums = [(given * wanted).sum(), (wanted**2).sum(), (given**2).sum()]

@@ -81,9 +81,9 @@ def node_shapes(model, columns, nodes) -> list[NodeShape]:
     references = [item for item in model.interfaces if item.node in nodes]
     if references:
         return _with_references(model, columns, nodes, references)
-    found = np.flatnonzero(np.isin(dofs.node, list(nodes)))
+    chosen = np.flatnonzero(np.isin(dofs.node, list(nodes)))
     with local_rows(columns) as rows:
-        part = dofs.node[found], dofs.direction[found], dofs.position[found], rows.real[found].copy()
+        part = dofs.node[chosen], dofs.direction[chosen], dofs.position[chosen], rows.real[chosen].copy()
     if model.held is not None:
         held = model.held.take(np.isin(model.held.node, list(nodes)))
         zero = np.zeros((len(held.node), part[3].shape[1]))

@@ -83,9 +83,9 @@ class Preload(Settings):
         """Return the values of the states of load that are not zero."""
         w = self.omega
         products = [*(x * x for x in w), w[0] * w[1], w[1] * w[2], w[0] * w[2]]
-        found = dict(zip(ACCELERATIONS + ANGULAR_ACCELERATIONS + VELOCITIES,
-                         (*self.acceleration, *self.angular_acceleration, *products), strict=True))  # fmt: skip
-        return {state: value for state, value in (found | self.forces).items() if value}
+        values = dict(zip(ACCELERATIONS + ANGULAR_ACCELERATIONS + VELOCITIES,
+                          (*self.acceleration, *self.angular_acceleration, *products), strict=True))  # fmt: skip
+        return {state: value for state, value in (values | self.forces).items() if value}
 
     @property
     def words(self) -> str:
@@ -247,8 +247,8 @@ def preloaded(
     nodes = [state.rpartition(":")[0] for state in preload.forces]
     nodes = list(dict.fromkeys(int(node) if node.isdecimal() else node for node in nodes))
     # stresses under the preload, as linear statics gives them
-    found = displacements_of_states(model, solids, frame, origin, nodes, factoring, values)
-    if found.free:
+    states = displacements_of_states(model, solids, frame, origin, nodes, factoring, values)
+    if states.free:
         raise InputError(
             f"preload: {model.name} is a free body, whose rigid-body motions a preload does not leave free; hold it by "
             "a frame, or take the reduced model at the preload (hpcred evaluate)"
@@ -256,7 +256,7 @@ def preloaded(
     # K + K_G of these stresses, less the softening by the spin
     parts = [
         (node_stiffness(group.kind, group.rule, solids.position[members], stress).sum(axis=0), solids.rows[members])
-        for group, members, stress in stresses(solids, found.field)
+        for group, members, stress in stresses(solids, states.field)
     ]
     K = model.K.copy()
     K.axpy(1.0, assembled(model, parts))
@@ -264,10 +264,10 @@ def preloaded(
         K.axpy(1.0, spin_softening(model, preload.omega))
 
     def on_pattern(mat):
-        found = K.copy()
-        found.zeroEntries()
-        found.axpy(1.0, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        return found
+        widened = K.copy()
+        widened.zeroEntries()
+        widened.axpy(1.0, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        return widened
 
     # the other matrices on the pattern that K has now
     mats = {key: K if key == "K" else on_pattern(mat) for key, mat in model.matrices.items()}

@@ -36,14 +36,14 @@ class Recovery:
 
     def motion(self, shapes, part: slice, quantities) -> dict[str, np.ndarray]:
         """Return quantities (b, k, 3) of the nodes of shapes (m, 3 k) in the body frame, at the instants of a part."""
-        found = {key: self._product(key, self._given[key][part], shapes) for key in quantities}
-        return {key: values.reshape(len(values), -1, 3) for key, values in found.items()}
+        motion = {key: self._product(key, self._given[key][part], shapes) for key in quantities}
+        return {key: values.reshape(len(values), -1, 3) for key, values in motion.items()}
 
     def stresses(self, modes, part: slice) -> dict[str, np.ndarray]:
         """Return the stresses (b, s, 6) of modes (m, 6 s), and von Mises' (b, s), at the instants of a part."""
-        found = self._product("stress", self._given["displacement"][part], modes)
-        found = found.reshape(len(found), -1, 6)
-        return {"stress": found, "von_mises": von_mises(found)}
+        stresses = self._product("stress", self._given["displacement"][part], modes)
+        stresses = stresses.reshape(len(stresses), -1, 6)
+        return {"stress": stresses, "von_mises": von_mises(stresses)}
 
     def _product(self, key, values, shapes):
         room = self._room.setdefault(key, np.empty((self._step, shapes.shape[1])))
@@ -55,7 +55,7 @@ def start_places(local, coordinates: Coordinates) -> np.ndarray:
     return coordinates.frame.position[0] + local @ rotation(coordinates.frame.quaternion[0]).T
 
 
-def inertial_motion(found: dict, local, start, coordinates: Coordinates, part: slice) -> dict[str, np.ndarray]:
+def inertial_motion(motion: dict, local, start, coordinates: Coordinates, part: slice) -> dict[str, np.ndarray]:
     """Return what Recovery.motion found in inertial axes, with the places and the elastic part of the displacements.
 
     `local` (k, 3): undeformed places from the origin of the body frame, in its axes; `start` (k, 3): start_places of
@@ -64,23 +64,23 @@ def inertial_motion(found: dict, local, start, coordinates: Coordinates, part: s
     frame = coordinates.frame
     axes = rotation(frame.quaternion[part])
     turn = axes.transpose(0, 2, 1)
-    u = found["displacement"]
+    u = motion["displacement"]
     place = (local + u) @ turn + frame.position[part, None]
     result = {"displacement": place - start, "place": place, "elastic": u @ turn}
-    if "velocity" in found:
-        rates = frame.velocity[part, None] + (local + u) @ _spin(frame.angular_velocity[part]) + found["velocity"]
+    if "velocity" in motion:
+        rates = frame.velocity[part, None] + (local + u) @ _spin(frame.angular_velocity[part]) + motion["velocity"]
         result["velocity"] = rates @ turn
-    if "acceleration" in found:
+    if "acceleration" in motion:
         # v' + w x v of the frame, and what turning adds to a node that moves in it
         v, w, dw = frame.velocity[part], frame.angular_velocity[part], frame.angular_acceleration[part]
         spin = _spin(w)
         rates = (frame.acceleration[part] + np.cross(w, v))[:, None] + (local + u) @ (_spin(dw) + spin @ spin)
-        result["acceleration"] = (rates + 2 * found["velocity"] @ spin + found["acceleration"]) @ turn
-    return {key: result[key] for key in ("place", "elastic", *found)}
+        result["acceleration"] = (rates + 2 * motion["velocity"] @ spin + motion["acceleration"]) @ turn
+    return {key: result[key] for key in ("place", "elastic", *motion)}
 
 
 def _spin(w) -> np.ndarray:
     """Return matrices (b, 3, 3) with x @ matrix = w x x for rows x."""
-    found = np.zeros((len(w), 3, 3))
-    found[:, 0, 1], found[:, 0, 2], found[:, 1, 2] = w[:, 2], -w[:, 1], w[:, 0]
-    return found - found.transpose(0, 2, 1)
+    matrices = np.zeros((len(w), 3, 3))
+    matrices[:, 0, 1], matrices[:, 0, 2], matrices[:, 1, 2] = w[:, 2], -w[:, 1], w[:, 0]
+    return matrices - matrices.transpose(0, 2, 1)

@@ -46,21 +46,21 @@ def continuous(vectors) -> np.ndarray:
     Each differs by whole turns about its axis and is as near as possible to the one before it. Beside a full turn,
     rotations about other axes have no vector near that: a single such time does not change the number of turns.
     """
-    found = np.array(vectors, dtype=float)
-    if not len(found):
-        return found
-    steps = np.linalg.norm(np.diff(found, axis=0), axis=-1).reshape(len(found) - 1, -1)
+    rotations = np.array(vectors, dtype=float)
+    if not len(rotations):
+        return rotations
+    steps = np.linalg.norm(np.diff(rotations, axis=0), axis=-1).reshape(len(rotations) - 1, -1)
     turning = np.flatnonzero((steps > 3.0).any(axis=1))  # steps below pi need no turns
     if not turning.size:
-        return found
-    last, lost = found[turning[0]], np.zeros(found.shape[1:-1], dtype=bool)
-    for i in range(turning[0] + 1, len(found)):
-        near = _nearest(found[i], last)
+        return rotations
+    last, lost = rotations[turning[0]], np.zeros(rotations.shape[1:-1], dtype=bool)
+    for i in range(turning[0] + 1, len(rotations)):
+        near = _nearest(rotations[i], last)
         far = np.linalg.norm(near - last, axis=-1) > np.pi
-        near = np.where((far & lost)[..., None], _nearest(found[i], found[i - 1]), near)
+        near = np.where((far & lost)[..., None], _nearest(rotations[i], rotations[i - 1]), near)
         last = np.where((far & ~lost)[..., None], last, near)
-        found[i], lost = near, far & ~lost
-    return found
+        rotations[i], lost = near, far & ~lost
+    return rotations
 
 
 def _nearest(vector, other):

@@ -79,11 +79,11 @@ def geometric_stiffness(
     """
     solids = require_stresses(model)
     origin = np.asarray(origin, dtype=float)
-    found = displacements_of_states(model, solids, frame, origin, nodes, factoring)
+    states = displacements_of_states(model, solids, frame, origin, nodes, factoring)
     shapes = ValuesAtRows(model, solids.rows).of(columns)
-    total = summed(model.comm, sum_over_elements(solids, found.field, shapes))
+    total = summed(model.comm, sum_over_elements(solids, states.field, shapes))
     matrices = model.comm.bcast(total)
-    return GeometricStiffness(found.states, (matrices + matrices.transpose(0, 2, 1)) / 2, origin)
+    return GeometricStiffness(states.states, (matrices + matrices.transpose(0, 2, 1)) / 2, origin)
 
 
 class StaticStates(NamedTuple):

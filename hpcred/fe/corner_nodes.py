@@ -28,17 +28,17 @@ def corner_interpolation(comm, elements, nodes: np.ndarray, size: int):
     first = np.concatenate([[True], middles[1:] != middles[:-1]]) if len(middles) else np.zeros(0, bool)
     named = np.flatnonzero(nodes >= 0)
     at_corner, _ = look_up(comm, corners, [], nodes[named])
-    found, pairs = look_up(comm, middles[first], [one[first], other[first]], nodes[named])
-    found &= ~at_corner
+    known, pairs = look_up(comm, middles[first], [one[first], other[first]], nodes[named])
+    known &= ~at_corner
     pairs = np.stack(pairs, axis=1)
-    there, _ = look_up(comm, nodes[named[~found]], [], pairs.ravel())
-    found &= there.reshape(-1, 2).all(axis=1)
-    if not comm.allreduce(int(found.sum())):
+    there, _ = look_up(comm, nodes[named[~known]], [], pairs.ravel())
+    known &= there.reshape(-1, 2).all(axis=1)
+    if not comm.allreduce(int(known.sum())):
         return None
     kept = np.ones(len(nodes), bool)
-    kept[named[found]] = False
+    kept[named[known]] = False
     number = np.cumsum(kept) - kept + (comm.exscan(int(kept.sum())) or 0)
-    _, (place,) = look_up(comm, nodes[named[~found]], [number[named[~found]]], pairs[found].ravel())
+    _, (place,) = look_up(comm, nodes[named[~known]], [number[named[~known]]], pairs[known].ravel())
     columns = np.stack([number, number], axis=1)
     columns[~kept] = place.reshape(-1, 2)
     count = comm.allreduce(int(kept.sum()))

@@ -71,7 +71,7 @@ def on_cylinder(faces: Faces, points, normals, cylinder: Cylinder, tolerance: fl
     place = np.where(there, corners, corners[:, :1])
     near = cylinder.near(points, tolerance)
     hit = near[place].all(axis=1)  # most faces end here
-    found = np.zeros(len(corners), bool)
+    inside = np.zeros(len(corners), bool)
     corners, middles, there, place = corners[hit], middles[hit], there[hit], place[hit]
     # the cosine of the angle between the ends of each edge, half of it where the middle lies on the cylinder too
     arm = cylinder.outwards(points[place])
@@ -84,8 +84,8 @@ def on_cylinder(faces: Faces, points, normals, cylinder: Cylinder, tolerance: fl
     mean, normals = unit.mean(axis=1), normals[hit]
     facing = (mean * normals).sum(axis=1) / np.maximum(np.linalg.norm(mean, axis=1), 1e-300)
     facing = np.where(faces.behind[hit] < 0, np.abs(facing), -facing if inwards else facing)
-    found[hit] = (between >= WIDEST).all(axis=1) & (np.abs(normals @ cylinder.axis) <= STEEPEST) & (facing > RADIAL)
-    return found
+    inside[hit] = (between >= WIDEST).all(axis=1) & (np.abs(normals @ cylinder.axis) <= STEEPEST) & (facing > RADIAL)
+    return inside
 
 
 def nodes_on_cylinder(model, ends, radius: float, inwards: bool) -> np.ndarray:

@@ -110,10 +110,10 @@ def rows_of_node(model, node: int) -> dict[int, int]:
     dofs = require_dofs(model, f"node {node}")
     local = np.flatnonzero(dofs.node == node)
     mine = {int(dofs.direction[i]): int(i) + model.first_row for i in local}
-    found = {}
+    rows = {}
     for part in model.comm.allgather(mine):
-        found |= part
-    if not found:
+        rows |= part
+    if not rows:
         averaged = next((item for item in model.interfaces if item.node == node), None)
         if averaged is not None:
             raise InputError(
@@ -130,7 +130,7 @@ def rows_of_node(model, node: int) -> dict[int, int]:
         high = model.comm.allgather(int(dofs.node.max()) if dofs.node.size else None)
         low, high = (f([v for v in values if v is not None]) for f, values in ((min, low), (max, high)))
         raise InputError(f"node {node} does not exist in {model.name}; its nodes are numbered {low} to {high}")
-    return found
+    return rows
 
 
 def held_directions(model, node: int) -> list[int]:

@@ -76,10 +76,10 @@ def node_rows(model, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     keys, row, place = (np.concatenate(parts) for parts in (keys, row, place))
     # what other ranks have of the nodes that this one asks for
     wanted = (3 * np.asarray(numbers, dtype=np.int64)[:, None] + np.arange(3)).ravel()
-    found, (row, *place) = look_up(model.comm, keys, [row, *place.T.astype(float)], wanted)
-    found, row = found.reshape(-1, 3), np.where(found, row, -1).reshape(-1, 3)
-    position = np.where(found[..., None], np.stack(place, axis=-1).reshape(-1, 3, 3), np.nan)
-    first = found.argmax(axis=1)  # the position is the same in all directions
+    there, (row, *place) = look_up(model.comm, keys, [row, *place.T.astype(float)], wanted)
+    there, row = there.reshape(-1, 3), np.where(there, row, -1).reshape(-1, 3)
+    position = np.where(there[..., None], np.stack(place, axis=-1).reshape(-1, 3, 3), np.nan)
+    first = there.argmax(axis=1)  # the position is the same in all directions
     return position[np.arange(len(position)), first], row
 
 
@@ -123,6 +123,6 @@ def added_up(adding: PETSc.Mat, values: np.ndarray) -> np.ndarray:
     given.setUp()
     given.getDenseArray()[...] = values
     given.assemble()
-    found = create_dense(adding, values.shape[1])
-    multiply_dense(adding, given, found)
-    return found.getDenseArray().real.copy()
+    sums = create_dense(adding, values.shape[1])
+    multiply_dense(adding, given, sums)
+    return sums.getDenseArray().real.copy()

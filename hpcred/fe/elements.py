@@ -96,10 +96,10 @@ def all_faces(cells: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.
     for kind, nodes in cells.items():
         for face in FACES.get(kind, ()):
             count = CORNERS[len(face)]
-            for found, places in ((corners, face[:count]), (middles, face[count:])):
+            for target, places in ((corners, face[:count]), (middles, face[count:])):
                 part = np.full((len(nodes), 4), -1)
                 part[:, : len(places)] = nodes[:, list(places)]
-                found.append(part)
+                target.append(part)
             solid.append(np.full(len(nodes), kind not in SHELLS))
     return np.concatenate(corners), np.concatenate(middles), np.concatenate(solid)
 
@@ -193,8 +193,8 @@ def solid_volume(comm, elements, label, position) -> float | None:
     total, known = 0.0, True
     for kind in kinds:
         nodes = np.asarray(elements.get(kind, np.zeros((0, NODES[kind]))), dtype=np.int64)
-        found, places = look_up(comm, label, list(position.T), nodes.ravel())
-        known &= bool(found.all())
+        there, places = look_up(comm, label, list(position.T), nodes.ravel())
+        known &= bool(there.all())
         points = np.stack(places, axis=1).reshape(-1, NODES[kind], 3)
         corners = sorted({place for face in FACES[kind] for place in face[: CORNERS[len(face)]]})
         middle = points[:, corners].mean(axis=1)

@@ -62,8 +62,8 @@ def surface_faces(comm, elements: dict) -> Faces:
 def places_of(model, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Test whether nodes (k,) have a place, and their positions (k, 3) in m. Collective."""
     node, position = placed_nodes(model)
-    found, columns = look_up(model.comm, node, list(position.T), wanted)
-    return found, np.stack(columns, axis=1)
+    there, columns = look_up(model.comm, node, list(position.T), wanted)
+    return there, np.stack(columns, axis=1)
 
 
 def placed_nodes(model) -> tuple[np.ndarray, np.ndarray]:

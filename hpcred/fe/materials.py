@@ -119,10 +119,10 @@ def properties_in_words(properties: ElementProperties, comm, units: bool = True)
     counts = np.zeros(len(properties.types), int)
     for table in properties.table.values():
         counts += np.bincount(table[:, TYPE], minlength=len(counts))
-    found = {"element_types": dict(zip(properties.types, comm.allreduce(counts).tolist(), strict=True))}
+    words = {"element_types": dict(zip(properties.types, comm.allreduce(counts).tolist(), strict=True))}
     if properties.materials:
-        found["materials"] = {item.name: _in_words(item, units) for item in properties.materials}
-    return found
+        words["materials"] = {item.name: _in_words(item, units) for item in properties.materials}
+    return words
 
 
 def _in_words(item, units):

@@ -38,9 +38,9 @@ class PointStresses:
                 continue
             points = len(integration_points(kind, scheme)[1])
             wanted = number[:, None] * MOST_POINTS + np.arange(1, points + 2)  # and none more
-            found, parts = look_up(self.comm, self.key, list(self.stress.T), wanted.ravel())
-            found = found.reshape(wanted.shape)
-            mine = left & found[:, :-1].all(axis=1) & ~found[:, -1] & placed
+            there, parts = look_up(self.comm, self.key, list(self.stress.T), wanted.ravel())
+            there = there.reshape(wanted.shape)
+            mine = left & there[:, :-1].all(axis=1) & ~there[:, -1] & placed
             left &= ~mine
             self.used += int(mine.sum()) * points
             yield scheme, mine, np.stack(parts, axis=-1).reshape(*wanted.shape, 6)[mine, :-1]

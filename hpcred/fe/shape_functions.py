@@ -94,7 +94,7 @@ def _powers(kind):
     """Return the exponents (k, dim) of the monomials that the shape functions of a kind are made of."""
     curved, base = kind in EDGES, corner_kind(kind)
     dim = len(CORNERS[base][0])
-    found = []
+    powers = []
     for power in product(range(3 if curved else 2), repeat=dim):
         if base in ("triangle", "tetra"):
             inside = sum(power) <= 1 + curved
@@ -103,8 +103,8 @@ def _powers(kind):
         else:  # serendipity: terms of second order are linear in the other directions
             inside = sum(p for p in power if p == 2) <= 2
         if inside:
-            found.append(power)
-    return np.array(found)
+            powers.append(power)
+    return np.array(powers)
 
 
 def _monomials(points, powers):

@@ -44,7 +44,7 @@ def kind_of_campbell(path, parameter: str) -> str | OtherKind:
                 lambda found: found.startswith(start) and b"f_1_hz" in found.splitlines()[0])  # fmt: skip
 
 
-def write_campbell(path, found: Campbell, comm, record: dict | None = None):
+def write_campbell(path, diagram: Campbell, comm, record: dict | None = None):
     """Write a Campbell diagram as a .csv, or else as HDF5, whole or not at all. Collective.
 
     Parameters
@@ -67,34 +67,34 @@ def write_campbell(path, found: Campbell, comm, record: dict | None = None):
     if str(path).endswith(".csv"):
         with atomic_output(path, comm) as temporary, agreed(comm):
             if comm.rank == 0:
-                _write_csv(temporary, found)
+                _write_csv(temporary, diagram)
         return
     with writing(path, comm) as file:
-        for key, value in (("format", FORMAT), ("version", VERSION), ("parameter", found.parameter),
-                           ("unit", found.unit), ("highest", found.highest)):  # fmt: skip
+        for key, value in (("format", FORMAT), ("version", VERSION), ("parameter", diagram.parameter),
+                           ("unit", diagram.unit), ("highest", diagram.highest)):  # fmt: skip
             file.attribute(key, value)
         for key in ("values", "poles", "orbits"):
-            file.small(key, getattr(found, key), gaps=True)
-        file.small("orders", np.array(found.orders, dtype=float))
-        for key in CRITICAL if found.critical_speeds else ():
-            file.small(f"critical_speeds/{key}", [getattr(item, key) for item in found.critical_speeds])
-        if found.full:
-            sizes = [len(item.poles) for item in found.full]
-            file.small("full/value", np.repeat([item.value for item in found.full], sizes))
-            file.small("full/poles", np.concatenate([item.poles for item in found.full]))
-            file.small("full/residual", np.repeat([item.residual for item in found.full], sizes))
-        limit = () if found.stability_limit is None else (found.stability_limit, found.unstable_frequency)
+            file.small(key, getattr(diagram, key), gaps=True)
+        file.small("orders", np.array(diagram.orders, dtype=float))
+        for key in CRITICAL if diagram.critical_speeds else ():
+            file.small(f"critical_speeds/{key}", [getattr(item, key) for item in diagram.critical_speeds])
+        if diagram.full:
+            sizes = [len(item.poles) for item in diagram.full]
+            file.small("full/value", np.repeat([item.value for item in diagram.full], sizes))
+            file.small("full/poles", np.concatenate([item.poles for item in diagram.full]))
+            file.small("full/residual", np.repeat([item.residual for item in diagram.full], sizes))
+        limit = () if diagram.stability_limit is None else (diagram.stability_limit, diagram.unstable_frequency)
         file.small("stability", np.array(limit, dtype=float))
-        file.small("record", {"warnings": list(found.warnings)} | (record or {}))
+        file.small("record", {"warnings": list(diagram.warnings)} | (record or {}))
 
 
-def _write_csv(path, found):
-    columns = {found.parameter: found.values}
-    if found.unit == "rad/s":
-        columns["rpm"] = found.values * 30 / np.pi
-    for k in range(found.poles.shape[1]):
-        columns |= {f"f_{k + 1}_hz": found.frequencies[:, k], f"damping_{k + 1}": found.damping_ratios[:, k],
-                    f"orbit_{k + 1}": found.orbits[:, k]}  # fmt: skip
+def _write_csv(path, diagram):
+    columns = {diagram.parameter: diagram.values}
+    if diagram.unit == "rad/s":
+        columns["rpm"] = diagram.values * 30 / np.pi
+    for k in range(diagram.poles.shape[1]):
+        columns |= {f"f_{k + 1}_hz": diagram.frequencies[:, k], f"damping_{k + 1}": diagram.damping_ratios[:, k],
+                    f"orbit_{k + 1}": diagram.orbits[:, k]}  # fmt: skip
     np.savetxt(path, np.array(list(columns.values())).T, "%.16e", ",", header=",".join(columns), comments="",
                encoding="utf-8")  # fmt: skip
 

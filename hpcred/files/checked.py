@@ -104,14 +104,14 @@ class CheckedFile:
     def table(self, name) -> dict:
         """The table that a text holds as JSON. Raises InputError."""
         try:
-            found = json.loads(self[name][()])
+            parsed = json.loads(self[name][()])
         except InputError:
             raise
         except (ValueError, TypeError, RecursionError) as error:
             raise damaged(self.path, f"/{name} is no table in JSON ({type(error).__name__})") from error
-        if not isinstance(found, dict):
-            raise damaged(self.path, f"/{name} is no table in JSON, but {type(found).__name__}")
-        return found
+        if not isinstance(parsed, dict):
+            raise damaged(self.path, f"/{name} is no table in JSON, but {type(parsed).__name__}")
+        return parsed
 
     def verify(self, first=lambda rows: (0, rows)) -> int:
         """Check all datasets, of each the rows that `first` names (low, high); returns their number."""
@@ -156,9 +156,9 @@ class CheckedGroup:
 
     def items(self) -> list:
         """Names and datasets of the group itself."""
-        found = ((key[len(self._start) :], item) for key, item in self._file.datasets.items()
-                 if key.startswith(self._start))  # fmt: skip
-        return [(key, item) for key, item in found if "/" not in key]
+        own = ((key[len(self._start) :], item) for key, item in self._file.datasets.items()
+               if key.startswith(self._start))  # fmt: skip
+        return [(key, item) for key, item in own if "/" not in key]
 
 
 def _size(size, sizes, found):
@@ -224,18 +224,18 @@ class CheckedDataset:
         everything = not parts or parts[0] is Ellipsis
         others = [part for part in leading if isinstance(part, slice) and part == slice(None)]
         if everything or self.axis < 0 or len(parts) > self.axis + 1 or len(alone) + len(others) < len(leading):
-            found = self._between(0, self.rows)
-            return found if everything else found[key]
+            values = self._between(0, self.rows)
+            return values if everything else values[key]
         place = tuple(part if isinstance(part, slice) else slice(part, part + 1) for part in leading)
         if isinstance(last, slice):
             low, high, step = last.indices(self.rows)
-            found = self._between(low, max(high, low), place)
+            values = self._between(low, max(high, low), place)
             if step != 1:
                 raise IndexError(f"{self.name}: a step of {step}")
         else:
-            found = self._picked(np.atleast_1d(last), place)
-            found = found if np.ndim(last) else np.take(found, 0, axis=self.axis)
-        return found[0] if alone else found
+            values = self._picked(np.atleast_1d(last), place)
+            values = values if np.ndim(last) else np.take(values, 0, axis=self.axis)
+        return values[0] if alone else values
 
     @property
     def digest(self) -> str:
@@ -258,8 +258,8 @@ class CheckedDataset:
             block = self._between(chunk * ROWS_OF_SUM, min((chunk + 1) * ROWS_OF_SUM, self.rows), leading)
             mine = np.sort(rows[rows // ROWS_OF_SUM == chunk]) - chunk * ROWS_OF_SUM
             parts.append(np.take(block, mine, axis=self.axis))
-        found = np.concatenate([part for part in parts if part.shape[self.axis]] or parts, axis=self.axis)
-        return np.take(found, np.argsort(order), axis=self.axis)
+        values = np.concatenate([part for part in parts if part.shape[self.axis]] or parts, axis=self.axis)
+        return np.take(values, np.argsort(order), axis=self.axis)
 
     def _between(self, low, high, leading=()):
         """Rows low .. high along the axis, with the chunks that they are in checked; `leading`: slices before it."""
@@ -269,14 +269,14 @@ class CheckedDataset:
         place = (*leading, *[slice(None)] * (self.axis - len(leading)))
         ends = [item.indices(size)[:2] for item, size in zip(place, self.shape, strict=False)]
         sizes = (*(b - a for a, b in ends), end - begin, *self.shape[self.axis + 1 :])
-        found, sums = np.empty(sizes, self.dtype.str), []  # MPI knows this byte order
+        values, sums = np.empty(sizes, self.dtype.str), []  # MPI knows this byte order
         for start, stop in self._steps(begin, end):
-            part = found[start - begin : stop - begin] if self.axis == 0 else found
+            part = values[start - begin : stop - begin] if self.axis == 0 else values
             self._guarded(partial(self._read, part, [*ends, (start, stop)]))
             sums.append(self._guarded(partial(sums_of, part, self.axis, self._tag)))
         chunks = (place[0] if place else slice(None), slice(begin // ROWS_OF_SUM, -(-end // ROWS_OF_SUM)))
-        self._compare(found, np.concatenate(sums, axis=1), chunks)
-        return found[(*[slice(None)] * self.axis, slice(low - begin, high - begin))]
+        self._compare(values, np.concatenate(sums, axis=1), chunks)
+        return values[(*[slice(None)] * self.axis, slice(low - begin, high - begin))]
 
     def _whole(self):
         """What has one sum for all of it."""

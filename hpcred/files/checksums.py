@@ -30,12 +30,12 @@ def sums_of(array: np.ndarray, axis: int, tag: int, low: int = 0, high: int | No
     width = len(content) // max(leading * rows, 1)  # bytes of a row
     high = rows if high is None else high
     starts = range(low, high, ROWS_OF_SUM)
-    found = [
+    sums = [
         hashed(content[(line + start) * width : (line + min(start + ROWS_OF_SUM, high)) * width])
         for line in range(0, leading * rows, max(rows, 1))
         for start in starts
     ]
-    return np.array(found, np.uint64).reshape(leading, len(starts)) ^ np.uint64(tag)
+    return np.array(sums, np.uint64).reshape(leading, len(starts)) ^ np.uint64(tag)
 
 
 def tag_of(dtype, shape, axis: int) -> int:

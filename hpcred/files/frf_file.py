@@ -81,7 +81,7 @@ def _entity(node) -> str:
 
 def _tables(responses) -> dict[str, np.ndarray]:
     """Return the columns of pyFBS' tables of channels and impacts."""
-    found = {}
+    tables = {}
     for prefix, names, force in (("chn", responses.output_names, False), ("imp", responses.input_names, True)):
         rows = []
         for name in names:
@@ -93,11 +93,11 @@ def _tables(responses) -> dict[str, np.ndarray]:
             unit = load.strip("()") if force else output
             rows.append((name, "Force" if force else quantity.capitalize(), unit, at,
                          np.zeros(3) if d is None else np.eye(3)[d % 3]))  # fmt: skip
-        found |= {f"{prefix}_Name": np.array([row[0] for row in rows]),
-                  f"{prefix}_Quantity": np.array([row[1] for row in rows]),
-                  f"{prefix}_Unit": np.array([row[2] for row in rows]),
-                  f"{prefix}_Grouping": np.ones(len(rows), dtype=int)}  # fmt: skip
+        tables |= {f"{prefix}_Name": np.array([row[0] for row in rows]),
+                   f"{prefix}_Quantity": np.array([row[1] for row in rows]),
+                   f"{prefix}_Unit": np.array([row[2] for row in rows]),
+                   f"{prefix}_Grouping": np.ones(len(rows), dtype=int)}  # fmt: skip
         for k in range(3):
-            found[f"{prefix}_Position_{k + 1}"] = np.array([row[3][k] for row in rows])
-            found[f"{prefix}_Direction_{k + 1}"] = np.array([row[4][k] for row in rows])
-    return found
+            tables[f"{prefix}_Position_{k + 1}"] = np.array([row[3][k] for row in rows])
+            tables[f"{prefix}_Direction_{k + 1}"] = np.array([row[4][k] for row in rows])
+    return tables

@@ -125,10 +125,10 @@ def lock(path: Path, called=None):
 
 def _words(file: int) -> str | None:
     """What an open lock says, nothing perhaps; None where no run wrote it, or where it has other names."""
-    found = os.pread(file, LONGEST_LOCK + 1, 0)
-    if not LOCK.fullmatch(found) or len(found) > LONGEST_LOCK or os.fstat(file).st_nlink > 1:
+    text = os.pread(file, LONGEST_LOCK + 1, 0)
+    if not LOCK.fullmatch(text) or len(text) > LONGEST_LOCK or os.fstat(file).st_nlink > 1:
         return None
-    return found.decode(errors="replace")
+    return text.decode(errors="replace")
 
 
 def _is_file(name, file: int) -> bool:
@@ -146,8 +146,8 @@ def left_by_the_dead(path: Path) -> list[Path]:
         names = os.listdir(path.parent)
     except OSError:
         return []
-    found = [match for match in map(pattern.fullmatch, names) if match]
-    return [path.with_name(match[0]) for match in found if not psutil.pid_exists(int(match[1]))]
+    matches = [match for match in map(pattern.fullmatch, names) if match]
+    return [path.with_name(match[0]) for match in matches if not psutil.pid_exists(int(match[1]))]
 
 
 def unlock(path: Path):

@@ -37,15 +37,15 @@ def first_numbers(results: list[Result], comm) -> list[int]:
 def nodes_of_machine(results, parts: list[Part], T, numbers) -> list[NodeShape]:
     """Return the shapes of the interface nodes of all bodies in the coordinates of the machine; `T` (n, m): from these
     to those of all parts."""
-    found = []
+    nodes = []
     for result, part, number, X in zip(results, parts, numbers, _parts_of(T, parts), strict=True):
         for shape in result.nodes:
             moved = rigid_rows(np.arange(6), np.tile(shape.position - part.origin, (6, 1))) @ part.rigid_motions
             phi, psi = np.hstack([moved[:3], shape.phi]), np.hstack([moved[3:], shape.psi])
             name = f"{part.name}.{part.labels[shape.node]}"
-            found.append(NodeShape(shape.node + number, part.turn @ shape.position + part.shift, part.turn @ phi @ X,
+            nodes.append(NodeShape(shape.node + number, part.turn @ shape.position + part.shift, part.turn @ phi @ X,
                                    part.turn @ psi @ X, shape.rotates, name))  # fmt: skip
-    return found
+    return nodes
 
 
 def write_basis_of_machine(file, comm, results, parts: list[Part], T, numbers):
@@ -97,14 +97,14 @@ def _parts_of(T, parts) -> list[np.ndarray]:
 
 def _ordered(results, comm) -> list[dict[str, bool]]:
     """Return for each result whether its dofs, and those that are held, are ordered by node. Collective."""
-    found = np.ones((len(results), 2), dtype=bool)
+    ordered = np.ones((len(results), 2), dtype=bool)
     with agreed(comm):
         for k, result in enumerate(results):
             with reading(result.path, FORMAT, VERSION, SCHEMA) as file:
                 for j, node in enumerate(file.get(f"{group}/node", np.zeros(0)) for group in ("dofs", "held")):
                     first, last = row_range(comm, len(node))
-                    found[k, j] = (np.diff(node[max(first - 1, 0) : last].astype(float)) >= 0).all()
-    return [dict(zip(("dofs", "held"), row, strict=True)) for row in np.all(comm.allgather(found), axis=0).tolist()]
+                    ordered[k, j] = (np.diff(node[max(first - 1, 0) : last].astype(float)) >= 0).all()
+    return [dict(zip(("dofs", "held"), row, strict=True)) for row in np.all(comm.allgather(ordered), axis=0).tolist()]
 
 
 def _rows_of_rank(node, ordered: bool, comm) -> slice:

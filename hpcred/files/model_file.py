@@ -283,5 +283,5 @@ def _block(model):
     """Dofs a node if it is the same for all nodes, so that a rank gets whole nodes; else 1. Collective."""
     if model.dofs is None:
         return 1
-    found = set(model.comm.allgather(dofs_per_node(model.dofs) if len(model.dofs.node) else None)) - {None}
-    return found.pop() if len(found) == 1 else 1
+    sizes = set(model.comm.allgather(dofs_per_node(model.dofs) if len(model.dofs.node) else None)) - {None}
+    return sizes.pop() if len(sizes) == 1 else 1

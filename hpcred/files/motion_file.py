@@ -94,8 +94,8 @@ def coordinates_of(motion) -> Coordinates:
 def read_coordinates(path) -> Coordinates:
     """Read the elastic coordinates and the motion of the frame of simulation.h5, on this rank. Raises InputError."""
     with reading(path, FORMAT, VERSION, SCHEMA) as file:
-        found = SimpleNamespace(**{key: file[key][...] for key in ("t", "elastic", "elastic_velocity", *FRAME)})
-        return replace(coordinates_of(found), basis=file.table("provenance").get("basis", ""))
+        motion = SimpleNamespace(**{key: file[key][...] for key in ("t", "elastic", "elastic_velocity", *FRAME)})
+        return replace(coordinates_of(motion), basis=file.table("provenance").get("basis", ""))
 
 
 def write_motion_csv(path, motion: Motion):

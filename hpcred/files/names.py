@@ -25,11 +25,11 @@ class FileNames:
         return self._once(name, str)
 
     def _once(self, name, alike):
-        number, found = 1, name
-        while alike(found) in self._taken:
-            number, found = number + 1, f"{name}_{number + 1}"
-        self._taken.add(alike(found))
-        return found
+        number, unique = 1, name
+        while alike(unique) in self._taken:
+            number, unique = number + 1, f"{name}_{number + 1}"
+        self._taken.add(alike(unique))
+        return unique
 
 
 def in_text(path) -> str:

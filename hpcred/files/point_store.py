@@ -72,9 +72,9 @@ class PointStore:
                 blocks, arrays = _read(file, model, most)
         except Exception as error:  # whatever a damaged file makes HDF5 and what follows it raise
             reason = _text(error, path)
-        found = comm.allgather((reason, about and about["made"]))
-        reason = next((item for item, _ in found if item is not None), None)
-        if reason is None and any(made != found[0][1] for _, made in found):
+        outcomes = comm.allgather((reason, about and about["made"]))
+        reason = next((item for item, _ in outcomes if item is not None), None)
+        if reason is None and any(made != outcomes[0][1] for _, made in outcomes):
             reason = "it was replaced while it was read"
         if reason is not None:
             say(f"store: {path.name} is not used ({reason}); what it should have is computed")
@@ -156,8 +156,8 @@ def entries_of(folder) -> list[Path]:
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"store {folder}: no such folder")
-    found = (path for path in folder.iterdir() if NAME.fullmatch(path.name))
-    return sorted(path for path in found if path.is_file() and not path.is_symlink())
+    paths = (path for path in folder.iterdir() if NAME.fullmatch(path.name))
+    return sorted(path for path in paths if path.is_file() and not path.is_symlink())
 
 
 def describe_entry(path: Path, check: bool = False) -> dict | None:
@@ -165,10 +165,10 @@ def describe_entry(path: Path, check: bool = False) -> dict | None:
     valid, with the reason where not; `check` reads all of it. None for a file of another format. On one rank."""
     state = path.stat()
     kind = path.name.partition("-")[0].replace("chain", "krylov")
-    found = {"entry": path.name, "kind": kind, "model": None, "point": None, "blocks": None, "columns": None,
-             "bytes": state.st_size, "date": None, "used": state.st_mtime, "valid": False}  # fmt: skip
+    row = {"entry": path.name, "kind": kind, "model": None, "point": None, "blocks": None, "columns": None,
+           "bytes": state.st_size, "date": None, "used": state.st_mtime, "valid": False}  # fmt: skip
     if ".tmp-" in path.name:
-        return found | {"reason": "being written, or left by a run that was killed"}
+        return row | {"reason": "being written, or left by a run that was killed"}
     try:
         with opened_hdf5(path) as file:
             kind = file.attrs.get("format")
@@ -178,18 +178,18 @@ def describe_entry(path: Path, check: bool = False) -> dict | None:
                 raise ValueError(f"version {file.attrs['version']}, expected {VERSION}")
             checked = CheckedFile(file, path)
             about = about_of(checked)
-            found |= {"model": about["model"], "date": about["date"], "point": _point_of(about["key"])}
+            row |= {"model": about["model"], "date": about["date"], "point": _point_of(about["key"])}
             if name_of(about["key"]) != path.name:
                 raise ValueError("it belongs to another key")
             blocks = _group(checked, "blocks")
-            found |= {"blocks": len(blocks), "columns": sum(block.shape[1] for block in blocks.values())}
+            row |= {"blocks": len(blocks), "columns": sum(block.shape[1] for block in blocks.values())}
             for value in _group(checked, "arrays").values():
                 value.verify(0, value.rows)
             if check:
                 checked.verify()
     except Exception as error:  # whatever a damaged file makes HDF5 raise
-        return found | {"reason": _text(error, path)}
-    return found | {"valid": True, "reason": ""}
+        return row | {"reason": _text(error, path)}
+    return row | {"valid": True, "reason": ""}
 
 
 def _point_of(key) -> str:

@@ -128,11 +128,11 @@ def write_responses(path, responses: Responses, comm, polar=False):
 
 
 def _write_csv(path, responses, polar):
-    found = [key for key in RESPONSES if getattr(responses, key) is not None]
+    given = [key for key in RESPONSES if getattr(responses, key) is not None]
     columns, once = {"f_hz": responses.frequencies}, FileNames()
-    for key in found:
+    for key in given:
         values = getattr(responses, key)
-        tail = "" if len(found) == 1 else f"_{key}"
+        tail = "" if len(given) == 1 else f"_{key}"
         for name, i, j in responses.pairs:
             name, H = once.of_column(f"{name}{tail}"), values[:, i, j]
             if polar:

@@ -206,19 +206,19 @@ class Result:
                     f"{self.path}: node '{unknown[0]}': no interface or node set of this name; interfaces: "
                     f"{listed(interfaces)}; node sets: {listed(sorted(sets))}"
                 )
-            found = {name: sets[name][...] for name in names}
-            wanted = np.unique(np.concatenate(list(found.values())))
+            members = {name: sets[name][...] for name in names}
+            wanted = np.unique(np.concatenate(list(members.values())))
             nodes = file["dofs/node"]
             starts = range(0, len(nodes), ROWS_AT_A_TIME)
             there = [np.intersect1d(nodes[low : low + ROWS_AT_A_TIME], wanted) for low in starts]
             if "held" in file:
                 there.append(np.intersect1d(file["held/node"][...], wanted))
         there = np.concatenate(there)
-        found = {name: numbers[np.isin(numbers, there)].tolist() for name, numbers in found.items()}
-        for name, numbers in found.items():
+        members = {name: numbers[np.isin(numbers, there)].tolist() for name, numbers in members.items()}
+        for name, numbers in members.items():
             if not numbers:
                 raise InputError(f"{self.path}: no node of the set '{name}' has dofs; choose another")
-        return found
+        return members
 
     def _shapes_of_nodes(self, nodes):
         with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
@@ -391,10 +391,10 @@ class Shapes:
         node, modes = self._stress["stress_node"][...], self._stress["stress"]
         place = np.searchsorted(self.nodes, node).clip(max=len(self.nodes) - 1)
         there = self.nodes[place] == node
-        found = np.full((len(self.nodes), 6), np.nan)
+        stresses = np.full((len(self.nodes), 6), np.nan)
         q = q if self._turn is None else self._turn @ q
-        found[place[there]] = sum(part * modes[k] for k, part in enumerate(q) if part)[there]
-        return found
+        stresses[place[there]] = sum(part * modes[k] for k, part in enumerate(q) if part)[there]
+        return stresses
 
     def column(self, number) -> np.ndarray:
         """(k, 3); the translational dofs of a column of the basis, which belongs to a coordinate."""

@@ -31,8 +31,8 @@ def write_parameters(file, reduced: ParametricReducedModel):
     for key in ("of", "factor"):
         file.small(f"parameters/terms/{key}", [getattr(item, key) for item in reduced.terms])
     for key in SHAPES:
-        if found := [item.matrix for item in reduced.terms if item.of == key]:
-            file.small(f"parameters/terms/{key}", np.array(found))
+        if matrices := [item.matrix for item in reduced.terms if item.of == key]:
+            file.small(f"parameters/terms/{key}", np.array(matrices))
 
 
 def with_parameters(file, reduced: ReducedModel, path) -> ReducedModel:

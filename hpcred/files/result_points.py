@@ -228,9 +228,9 @@ def _columns(dataset, rows, places, count) -> np.ndarray:
     low, high = (int(rows.min()), int(rows.max()) + 1) if len(rows) else (0, 0)
     if len(rows) == count == high - low and (np.diff(rows) == 1).all() and (np.diff(places) == 1).all():
         return dataset[:, low:high].reshape(dataset.shape[0], -1)  # as they stand in the file
-    found = np.zeros((dataset.shape[0], count, width))
+    shapes = np.zeros((dataset.shape[0], count, width))
     near = high - low <= SPARSE * len(rows)
     for k in range(dataset.shape[0] if len(rows) else 0):
         part = dataset[k, low:high][rows - low] if near else dataset[k, rows]
-        found[k, places] = part.reshape(-1, width)
-    return found.reshape(dataset.shape[0], -1)
+        shapes[k, places] = part.reshape(-1, width)
+    return shapes.reshape(dataset.shape[0], -1)

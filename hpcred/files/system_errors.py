@@ -71,9 +71,9 @@ def _not_waiting(path, flags) -> int:
 
 def read_numbers(path, dtype, count: int, offset: int = 0) -> np.ndarray:
     """Numbers (count,) of a binary file from a byte on. Raises InputError, too where the file ends before."""
-    found = np.empty(count, dtype)
+    values = np.empty(count, dtype)
     with open_input(path) as file:
         file.seek(offset)
-        if file.readinto(found.view(np.uint8)) < found.nbytes:
+        if file.readinto(values.view(np.uint8)) < values.nbytes:
             raise InputError(f"{path}: found its end in the middle of numbers; the file is cut off")
-    return found
+    return values

@@ -239,17 +239,17 @@ def places(comm, counts: list[tuple[int, int]]) -> np.ndarray:
     return np.concatenate(parts) if parts else np.zeros(0, np.int64)
 
 
-def end_to_end(found, decode) -> list[np.ndarray]:
+def end_to_end(arrays, decode) -> list[np.ndarray]:
     """The arrays that `decode` makes of each of the Pieces, end to end; without any, those of an empty one."""
-    return _joined([decode(piece) for piece in found], decode)
+    return _joined([decode(piece) for piece in arrays], decode)
 
 
 def read_lines(path, comm, decode, start=0) -> list[np.ndarray]:
     """As `end_to_end` of the Pieces of a file, and the place in it of each line. Collective. Raises InputError."""
     with agreed(comm):
-        found = {piece.start: decode(piece) for piece in pieces(path, comm, start)}
-        arrays = _joined(found.values(), decode)
-    return [*arrays, places(comm, [(begin, len(part[0])) for begin, part in found.items()])]
+        decoded = {piece.start: decode(piece) for piece in pieces(path, comm, start)}
+        arrays = _joined(decoded.values(), decode)
+    return [*arrays, places(comm, [(begin, len(part[0])) for begin, part in decoded.items()])]
 
 
 def _joined(parts, decode):

@@ -137,9 +137,9 @@ def triples(piece: Piece, commas=False) -> tuple[np.ndarray, np.ndarray, np.ndar
     if commas:
         refuse_empty_fields(piece, without_comments(piece.text))
     if fast_matrix_market is not None or SCIPY_HAS_IT:
-        found = _plain_triples(piece.text.replace(b",", b" ") if commas else piece.text)
-        if found is not None:
-            return *found, None
+        plain = _plain_triples(piece.text.replace(b",", b" ") if commas else piece.text)
+        if plain is not None:
+            return *plain, None
     table, lines = numbers(piece, 3, commas)
     rows, columns = (whole(piece, table[:, k], lines, f"the {what} number") - 1
                      for k, what in enumerate(("row", "column")))  # fmt: skip
@@ -176,8 +176,8 @@ def _by_fast_matrix_market(source):
         return values, rows, columns
     from scipy.io import mmread  # slow to import
 
-    found = mmread(source)
-    return found.data, found.row, found.col
+    matrix = mmread(source)
+    return matrix.data, matrix.row, matrix.col
 
 
 class _Marked:

@@ -134,7 +134,7 @@ def _drop(group):
 
 def _kept(group) -> list[tuple[str, str]]:
     """Copy what takes long to compute to other places; return the names of both."""
-    found = []
+    kept = []
     for item in group:
         for place in rescue_places(item.path) if item.dear else ():
             try:
@@ -142,6 +142,6 @@ def _kept(group) -> list[tuple[str, str]]:
             except OSError:
                 os.truncate(place, 0)
                 continue
-            found.append((item.path.name, os.path.abspath(place)))
+            kept.append((item.path.name, os.path.abspath(place)))
             break
-    return found
+    return kept

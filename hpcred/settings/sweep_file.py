@@ -335,11 +335,11 @@ def read_sweep(path, store=None, *, runs_come=True) -> Sweep:
     return Sweep(path, folder, tuple(runs), keys, file.launch, evaluation)
 
 
-def _evaluation(found, folder):
-    if not isinstance(found, Evaluation):
-        return Evaluation() if found else None
-    full = os.path.join(folder, found.full) if found.full else None
-    return Evaluation(full=full, band=found.band, points=found.points, frequencies=found.frequencies)
+def _evaluation(table, folder):
+    if not isinstance(table, Evaluation):
+        return Evaluation() if table else None
+    full = os.path.join(folder, table.full) if table.full else None
+    return Evaluation(full=full, band=table.band, points=table.points, frequencies=table.frequencies)
 
 
 def _runs(file, base, base_folder, folder):

@@ -57,7 +57,7 @@ def parse(kind, table: dict):
     except RecursionError as error:
         raise InputError("tables inside tables, thousands deep; expected a table of keys") from error
     try:
-        found = adapter_of(kind).validate_json(text, strict=True)
+        settings = adapter_of(kind).validate_json(text, strict=True)
     except ValidationError as error:
         if r"\udc" in text and (stray := _stray_text(table)) is not None:  # as JSON has such bytes
             raise InputError(f"{stray[0]}: {_not_in_locale(stray[1])}") from error
@@ -65,8 +65,8 @@ def parse(kind, table: dict):
         meant = (UNKNOWN, "value_error")
         details = max(error.errors(), key=lambda item: (len(item["loc"]), item["type"] in meant))
         raise InputError(_sentence(kind, table, details)) from error
-    _refuse_blank(found, "")
-    return found
+    _refuse_blank(settings, "")
+    return settings
 
 
 def _refuse_blank(settings, where):
@@ -122,7 +122,7 @@ def _stray_text(value, key="") -> tuple[str, str] | None:
         items += [(key, name) for name in value]
     else:
         items = [(f"{key}[{k}]", item) for k, item in enumerate(value)] if isinstance(value, list) else []
-    return next((found for name, item in items if (found := _stray_text(item, name)) is not None), None)
+    return next((place for name, item in items if (place := _stray_text(item, name)) is not None), None)
 
 
 def require_kind(path, table, key):

@@ -147,13 +147,13 @@ class FlexibleBody:
 
     def reactions(self, t, motions, multipliers) -> dict:
         """Return force and moment (6,) of the constraints on each held node, by number; inertial axes."""
-        found, first = {}, 0
+        wrenches, first = {}, 0
         for hold in self.holds:
             node = hold.shape.node
             mine = multipliers[first : first + len(hold)] @ hold.directions(t, motions[node].R)
-            found[node] = found.get(node, 0.0) + mine
+            wrenches[node] = wrenches.get(node, 0.0) + mine
             first += len(hold)
-        return found
+        return wrenches
 
     def residual(self, t, y, yp):
         """Return F(t, y, y') of the index-2 system."""
@@ -233,7 +233,7 @@ class FlexibleBody:
         body, A = self.floating_frame, rotation(p)
         v, w = z[:3], z[3:6]
         products = np.concatenate([w * w, [w[0] * w[1], w[1] * w[2], w[0] * w[2]]])
-        found = body.Ct1 @ (zp[:3] + cross(w, v) - A.T @ self.gravity) + body.Cr1 @ zp[3:6] + body.Oe1 @ products
+        stiffness = body.Ct1 @ (zp[:3] + cross(w, v) - A.T @ self.gravity) + body.Cr1 @ zp[3:6] + body.Oe1 @ products
         wrenches = self.reactions(t, motions, multipliers)
         for item in (*self.loads, *self.springs):
             node, x = item.shape.node, motions[item.shape.node]
@@ -242,9 +242,9 @@ class FlexibleBody:
         for node, wrench in wrenches.items():
             shape = self._shapes[node]
             if shape.phi1 is not None:
-                found -= np.tensordot(wrench[:3] @ A, shape.phi1, axes=1)
-                found -= np.tensordot(wrench[3:] @ A, shape.psi1, axes=1)
-        return found
+                stiffness -= np.tensordot(wrench[:3] @ A, shape.phi1, axes=1)
+                stiffness -= np.tensordot(wrench[3:] @ A, shape.psi1, axes=1)
+        return stiffness
 
     def _tangents(self, motions):
         """Return stiffness and damping (6 + m, 6 + m) of the elastic coordinates and of the springs."""

@@ -129,8 +129,8 @@ class Simulation:
     def nodes(self) -> list:
         """All nodes that are observed, loaded, held or driven: numbers, then names."""
         tables = (*self.force, *self.moment, *self.constraint, *self.drive, *self.spring)
-        found = {*self.observe, *(item.node for item in tables)}
-        return sorted(found, key=lambda node: (isinstance(node, str), node))
+        numbers = {*self.observe, *(item.node for item in tables)}
+        return sorted(numbers, key=lambda node: (isinstance(node, str), node))
 
     def numbered(self, body: Body) -> Simulation:
         """Return the settings with numbers of nodes for their names. Raises InputError for an unknown name."""
@@ -347,8 +347,8 @@ def _require_possible_speeds(system, setup, r, p, q, z):
     motions = system.node_motions(r, A, q)
     forces = [system.applied(t, A, q, z, motions)[0] for t in np.linspace(0.0, setup.end, SAMPLES)]
     with np.errstate(all="ignore"):
-        found = np.linalg.lstsq(M, np.array(forces).T, rcond=None)[0][:3]
-        mean = float(np.linalg.norm(found, axis=0).mean())
+        accelerations = np.linalg.lstsq(M, np.array(forces).T, rcond=None)[0][:3]
+        mean = float(np.linalg.norm(accelerations, axis=0).mean())
     if not mean * setup.end <= SPEED[1]:
         raise InputError(
             f"gravity and loads make accelerations of {mean:.2g} m/s^2 in the mean, which in end = {setup.end:g} s are "
@@ -422,21 +422,21 @@ def _integrate(system, setup, y0, yp0, limits, progress):
     for steps, what in ((setup.end / longest, "the fastest load or drive"), (_steps_of_turns(setup), "its turns")):
         if steps > MOST_STEPS:
             raise _too_many(f"end = {setup.end:g} s takes {steps:.1e} steps of {what}", "leave out what is so fast")
-    found = solve_dae(
+    solution = solve_dae(
         residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
         first_step=FIRST_STEP * longest,
         rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
         events=[_twists(system), pace.stepped, limits],
     )  # fmt: skip
-    if not found.success:
-        last = found.t[-1] if len(found.t) else 0.0
+    if not solution.success:
+        last = solution.t[-1] if len(solution.t) else 0.0
         stopped = (
-            f"the integrator stopped at t = {last:.4g} s: {found.message.rstrip('.')}; look for loads, drives and "
+            f"the integrator stopped at t = {last:.4g} s: {solution.message.rstrip('.')}; look for loads, drives and "
             "velocities that are too large, loosen the tolerances, or leave out pseudo-modes far above the band "
             "(drop_above)"
         )
         raise ComputationError("; ".join([*limits.warnings, stopped]))
-    return found.t, found.y, found.yp, int(found.nlu)
+    return solution.t, solution.y, solution.yp, int(solution.nlu)
 
 
 def _steps_of_turns(setup) -> float:
@@ -448,8 +448,8 @@ def _steps_of_turns(setup) -> float:
     return STEPS_OF_A_TURN * turned / (2 * np.pi)
 
 
-def _too_many(found: str, advice: str, most=MOST_STEPS) -> InputError:
-    return InputError(f"{found}, expected at most {most:.0e}; end earlier, or {advice}")
+def _too_many(solution: str, advice: str, most=MOST_STEPS) -> InputError:
+    return InputError(f"{solution}, expected at most {most:.0e}; end earlier, or {advice}")
 
 
 class _Pace:

@@ -119,13 +119,13 @@ class BodyNpz(Writer):
             names = archive.namelist()
             if sum(name.endswith(".npy") for name in names) < 2 or "data.npy" in names:  # as that of a sparse matrix
                 return {}
-            found = {}
+            rows = {}
             for name in names:
                 with archive.open(name) as file:  # the head alone
                     heads = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
                     shape = heads[npy.read_magic(file)](file)[0]
-                found[name.removesuffix(".npy")] = " x ".join(map(str, shape)) or "1"
-        return {"format": "NumPy arrays (.npz)", "arrays": found}
+                rows[name.removesuffix(".npy")] = " x ".join(map(str, shape)) or "1"
+        return {"format": "NumPy arrays (.npz)", "arrays": rows}
 
 
 class BodyMat(Writer):

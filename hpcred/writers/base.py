@@ -168,5 +168,5 @@ class SuperelementWriter(Writer):
 
     def describe(self, path):
         text = Path(path).read_text(encoding="utf-8", errors="replace")
-        found = {item["name"]: int(item["node"]) for item in re.finditer(self.nodes, text)}
-        return {"format": f"superelement: {self.title}", "interface_nodes": found}
+        interfaces = {item["name"]: int(item["node"]) for item in re.finditer(self.nodes, text)}
+        return {"format": f"superelement: {self.title}", "interface_nodes": interfaces}

@@ -323,11 +323,11 @@ def _outputs(reduced, family, part=None) -> list[_Output]:
     follow the inputs at once; with the rows of another `part` of its matrices."""
     constant = part is None or part is family.constant
     direct = family.feedthrough if constant else np.zeros_like(family.feedthrough)
-    found, still, rates = state_space(part or reduced), np.zeros(reduced.B.shape[1]), []
+    matrices, still, rates = state_space(part or reduced), np.zeros(reduced.B.shape[1]), []
     outputs = []
     rated = reduced.displaces & ~family.feedthrough.any(axis=1)
     for name, row, through, displaces in zip(
-        reduced.output_names, found["C"], found["D"] + direct, rated, strict=True
+        reduced.output_names, matrices["C"], matrices["D"] + direct, rated, strict=True
     ):
         quantity, place = named_quantity(name)
         words = _kind(place, reduced)[1:]

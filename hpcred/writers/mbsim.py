@@ -33,7 +33,7 @@ def datasets_of(body) -> dict:
     check_moving(body, "a file for MBSim")
     frame, reduced, nodes = body.floating_frame, body.reduced, body.nodes
     size = reduced.size
-    found = {
+    datasets = {
         "mass": frame.mass,
         "position integral": frame.mc,
         "position position integral": _symmetric("inertia", np.trace(frame.J) / 2 * np.eye(3) - frame.J),
@@ -44,18 +44,18 @@ def datasets_of(body) -> dict:
         "shape function shape function integral": np.concatenate([frame.S[pair] for pair in PAIRS]),
     }
     if nodes:
-        found |= {
+        datasets |= {
             "node numbers": np.array([node.node for node in nodes], dtype="i4"),
             "nodal relative position": np.concatenate([node.position - frame.origin for node in nodes]),
             "nodal shape matrix of translation": np.concatenate([node.phi for node in nodes]),
             "nodal shape matrix of rotation": np.concatenate([node.psi for node in nodes]),
         }
     if nodes and body.stress is not None:
-        place = np.searchsorted(body.stress.node, found["node numbers"]).clip(max=len(body.stress.node) - 1)
-        there = body.stress.node[place] == found["node numbers"]
+        place = np.searchsorted(body.stress.node, datasets["node numbers"]).clip(max=len(body.stress.node) - 1)
+        there = body.stress.node[place] == datasets["node numbers"]
         stress = np.where(there[None, :, None], body.stress.stress[:, place], 0.0)  # (m, nodes, 6)
-        found["nodal stress matrix"] = stress.transpose(1, 2, 0).reshape(-1, size)
-    return found
+        datasets["nodal stress matrix"] = stress.transpose(1, 2, 0).reshape(-1, size)
+    return datasets
 
 
 class MbsimFile(Writer):

@@ -54,12 +54,12 @@ def _selectors(element):
 
 def _matrices(element, name):
     """Matrices by name; that of structural damping is eta K."""
-    found = {name.format("K"): element.K, name.format("M"): element.M}
+    matrices = {name.format("K"): element.K, name.format("M"): element.M}
     if element.D is not None:
-        found[name.format("B")] = element.D
+        matrices[name.format("B")] = element.D
     if element.loss_factor:
-        found[name.format("K4")] = element.loss_factor * element.K
-    return found
+        matrices[name.format("K4")] = element.loss_factor * element.K
+    return matrices
 
 
 def _points(element, labels):

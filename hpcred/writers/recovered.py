@@ -74,16 +74,16 @@ def write_recovered(path, points: Points, coordinates: Coordinates, quantities, 
     with output as put:
         for first in range(0, len(t), step):
             part = slice(first, min(first + step, len(t)))
-            found = recovery.motion(points.shapes, part, wanted)
+            fields = recovery.motion(points.shapes, part, wanted)
             if moved:
-                found = inertial_motion(found, local, start, coordinates, part)
+                fields = inertial_motion(fields, local, start, coordinates, part)
             if points.stress is not None:
-                found |= recovery.stresses(points.stress, part)
+                fields |= recovery.stresses(points.stress, part)
             with agreed(comm):
-                _require_numbers(found, dtype)
-            _keep_largest(largest, {key: found[key] for key in keys if key != "stress"}, points, t[part])
-            found = {key: found[key] for key in chosen}
-            put(_at_all(found, points) if shown else found)
+                _require_numbers(fields, dtype)
+            _keep_largest(largest, {key: fields[key] for key in keys if key != "stress"}, points, t[part])
+            fields = {key: fields[key] for key in chosen}
+            put(_at_all(fields, points) if shown else fields)
             if progress is not None:
                 progress.step("instants", part.stop, len(t))
         # the largest of all ranks
@@ -92,20 +92,20 @@ def write_recovered(path, points: Points, coordinates: Coordinates, quantities, 
     return report
 
 
-def _require_numbers(found, dtype):
+def _require_numbers(fields, dtype):
     """Raise ComputationError for fields that overflow, as numbers or as their squares."""
     most = min(np.finfo(dtype).max, LARGEST)
-    for key, values in found.items():
+    for key, values in fields.items():
         if not (np.abs(values) <= most).all():
             raise ComputationError(f"the recovered {key} is beyond {most:.2g}, and is not written; the motion is too "
                                    "large for this body, or for --single")  # fmt: skip
 
 
-def _at_all(found, points) -> dict:
+def _at_all(fields, points) -> dict:
     """Return fields for all nodes of this rank, NaN where there are no stresses."""
-    result = dict(found)
-    for key in set(STRESSES).intersection(found):
-        values = found[key]
+    result = dict(fields)
+    for key in set(STRESSES).intersection(fields):
+        values = fields[key]
         result[key] = np.full((len(values), len(points.node), *values.shape[2:]), np.nan)
         result[key][:, points.stressed] = values
     return result
@@ -128,5 +128,5 @@ def _keep_largest(largest, fields, points, t):
 def _all_largest(largest, comm) -> dict:
     """Return the largest of each field over the ranks, by the names of UNITS. Collective."""
     parts = comm.allgather(largest)
-    found = {key: max((part[key] for part in parts), key=lambda item: item[0]) for key in largest}
-    return {UNITS[key]: {"value": value, "node": node, "t_s": t} for key, (value, node, t) in found.items()}
+    largest_of_all = {key: max((part[key] for part in parts), key=lambda item: item[0]) for key in largest}
+    return {UNITS[key]: {"value": value, "node": node, "t_s": t} for key, (value, node, t) in largest_of_all.items()}

@@ -178,14 +178,14 @@ def read_sid(path) -> Sid:
     reader.expect("end refmod")
     # frame: each node with its objects
     reader.expect("frame")
-    found = []
+    read = []
     while reader.peek().startswith("new node"):
         node = SidNode(reader.count("new node"), rframe=reader.text("rframe"))
         # the objects of the body, and nothing behind them
         node.objects = {name: _read_object(reader, name, modes) for name in OF_NODE}
         reader.expect("end node")
-        found.append(node)
-    if len(found) != nodes:
+        read.append(node)
+    if len(read) != nodes:
         raise reader.unexpected(f"{nodes} nodes as in the first line")
     reader.expect("end frame")
     objects = {name: _read_object(reader, name, modes) for name in OBJECTS}
@@ -194,7 +194,7 @@ def read_sid(path) -> Sid:
     if reader.peek():
         reader.next()
         raise reader.unexpected("nothing behind 'end part'")
-    return Sid(mass, coordinates, found, objects, comment)
+    return Sid(mass, coordinates, read, objects, comment)
 
 
 def _read_object(reader, name, modes):
@@ -209,10 +209,10 @@ def _read_object(reader, name, modes):
     m1 = np.zeros((rows, nq, columns)) if order else None
     seen = set()
     while not reader.peek().startswith("end"):
-        found = ENTRY.fullmatch(reader.key())
+        entry = ENTRY.fullmatch(reader.key())
         value = reader.value(reader.key())
-        index = tuple(int(number) - 1 for number in found[2].split(",")) if found else ()
-        target = {"m0": m0 if structure not in (0, 4) else None, "m1": m1}.get(found[1]) if found else None
+        index = tuple(int(number) - 1 for number in entry[2].split(",")) if entry else ()
+        target = {"m0": m0 if structure not in (0, 4) else None, "m1": m1}.get(entry[1]) if entry else None
         if (target is None or len(index) != target.ndim or index in seen
                 or any(not 0 <= i < n for i, n in zip(index, target.shape, strict=True))):  # fmt: skip
             raise reader.unexpected(f"an entry of {name} with {rows} rows and {columns} columns, each once")
@@ -359,13 +359,13 @@ class SidFile(Writer):
         return write_sid(target, source.body, ge_order=source.options.ge_order)
 
     def describe(self, path):
-        found = read_sid(path)
+        sid = read_sid(path)
         return {
             "format": "SID file of a flexible body",
-            "mass": found.mass,  # in units that the file does not say
-            "coordinates": found.coordinates,
-            "interface_nodes": [node.node for node in found.nodes],
-            "inertia_xx_yy_zz_xy_xz_yz": found.objects["J"].m0.ravel().tolist(),
-            "damping": "none" if found.objects["De"].structure == 0 else "given",
-            "comment": found.comment,
+            "mass": sid.mass,  # in units that the file does not say
+            "coordinates": sid.coordinates,
+            "interface_nodes": [node.node for node in sid.nodes],
+            "inertia_xx_yy_zz_xy_xz_yz": sid.objects["J"].m0.ravel().tolist(),
+            "damping": "none" if sid.objects["De"].structure == 0 else "given",
+            "comment": sid.comment,
         }

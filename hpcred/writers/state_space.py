@@ -91,14 +91,14 @@ def _with_massless(reduced) -> dict:
     """The matrices of a model with coordinates without mass, whose second-order form keeps them."""
     check_viscous(reduced, "a state space")
     whole = with_maxwell_states(reduced)[0] if reduced.added else reduced
-    found = first_order(whole)
+    matrices = first_order(whole)
     elastic = reduced.M.any(axis=0)
     # rates of what follows forces at once are none of the states
     moved = reduced.displaces & ~(np.abs(reduced.C[:, ~elastic]) > 0).any(axis=1)
     names = [f"velocity of {name}" for name, shown in zip(reduced.output_names, moved, strict=True) if shown]
     outputs = {"velocity_matrix": whole.Cv, "acceleration_matrix": whole.Ca}
-    return found | {
-        "C_velocity": found["C"][moved] @ found["A"],
+    return matrices | {
+        "C_velocity": matrices["C"][moved] @ matrices["A"],
         "mass": whole.M, "damping": whole.D, "stiffness": whole.K, "input_matrix": whole.B, "output_matrix": whole.C,
         **{key: part for key, part in outputs.items() if part is not None},
         "input_names": np.array(reduced.input_names, dtype=str),
@@ -147,10 +147,10 @@ def words_on_states(reduced) -> list[str]:
 
 def _arrays(source) -> dict:
     """Return the arrays of a file."""
-    found, parametric = state_space(source.reduced), source.parametric
+    arrays, parametric = state_space(source.reduced), source.parametric
     if parametric is not None and parametric.added:
         parametric, _ = with_maxwell_states(parametric)
-    return found | arrays_of_parameters(parametric)
+    return arrays | arrays_of_parameters(parametric)
 
 
 def _words(source) -> list[str]:

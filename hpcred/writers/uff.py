@@ -74,7 +74,7 @@ class UffFile(Writer):
     def describe(self, path):
         nodes, elements, *_ = uff.read(path, MPI.COMM_SELF)
         with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
-            shapes = [found[1].decode(errors="replace").strip() for found in SHAPE.finditer(text)]
+            shapes = [match[1].decode(errors="replace").strip() for match in SHAPE.finditer(text)]
         return {
             "format": "universal file (UFF)",
             "nodes": len(nodes.label),

@@ -93,9 +93,9 @@ def describe(path) -> dict:
             name = item.get("Name")
             if group == "PointData" and name not in names:
                 names.append(name)
-            found = _types(item, root)
-            if group == "Cells" and name == "types" and found is not None:
-                kinds.update(found)
+            types = _types(item, root)
+            if group == "Cells" and name == "types" and types is not None:
+                kinds.update(types)
             item.clear()
     if kinds and kinds.total() != cells:
         raise ValueError(f"types: found {kinds.total()}, expected {cells}")

@@ -115,8 +115,8 @@ def _mesh(points, comm, dtype) -> list[Rows]:
     ends = np.cumsum(sizes) + (comm.exscan(int(sizes.sum())) or 0)
     arrays = {"connectivity": np.concatenate([nodes.ravel() for nodes in cells.values()]).astype(index),
               "offsets": ends.astype(index), "types": types.astype(np.uint8)}  # fmt: skip
-    found = [_rows(name, "Cells", local, comm) for name, local in arrays.items()]
-    return [*found, _rows("node", "PointData", points.node.astype(np.int64), comm)]
+    rows = [_rows(name, "Cells", local, comm) for name, local in arrays.items()]
+    return [*rows, _rows("node", "PointData", points.node.astype(np.int64), comm)]
 
 
 def _rows(name, group, local, comm):
