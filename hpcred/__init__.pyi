@@ -4,7 +4,6 @@ from .analysis.campbell import campbell as campbell
 from .analysis.campbell_diagram import Campbell as Campbell
 from .analysis.campbell_diagram import CriticalSpeed as CriticalSpeed
 from .analysis.campbell_diagram import FullPoles as FullPoles
-from .analysis.check import check as check
 from .analysis.damped_modes import DampedModes as DampedModes
 from .analysis.damped_modes import damped_modes as damped_modes
 from .analysis.error import error_integral as error_integral

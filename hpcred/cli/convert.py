@@ -10,9 +10,10 @@ import typer
 import hpcred
 
 from ..parallel.failures import InputError
-from ..report.tables import in_words, show_table
+from ..report.tables import show_table
 from ..settings.viscoelastic import viscoelastic_of
 from . import session, values
+from .details import show_report
 from .options import Inputs, JsonFile, Outputs
 
 Viscoelastic = Annotated[
@@ -77,12 +78,7 @@ def convert(
         variables=names, units=units, viscoelastic=viscoelastic_of(viscoelastic), circulatory=circulatory,
         progress=session.progress(),
     )  # fmt: skip
-    told = ("output", "sentences", "warnings", "loads")
-    show_table(None, [{"": key.replace("_", " "), output: in_words(value)} for key, value in report.items()
-                      if key not in told])  # fmt: skip
-    session.show_loads(report.get("loads", []))
-    for sentence in report["sentences"]:
-        print(sentence)
+    show_report(output, report)
     session.warn(report["warnings"])
     session.write_json(json, report)
 

@@ -10,13 +10,11 @@ import hpcred
 
 from ..parallel.declared import flattened
 from ..parallel.failures import InputError
-from ..report.tables import in_words, show_table
+from ..report.tables import show_table
 from ..settings.preload_text import preload_of
 from . import session, values
-from .details import show_details
-from .options import INTERFACES, Details, JsonFile, PreloadTable, Solving
-
-MOST_SETS = 20  # node sets that are listed
+from .details import show_details, show_report
+from .options import Details, JsonFile, PreloadTable, Solving
 
 
 def info(
@@ -48,18 +46,7 @@ def info(
         file, frequencies=values.numbers(below, "--below"), band_top=band_top, modes=modes, figure=figure,
         sets=names.split(",") if names else None, progress=session.progress(),
     )  # fmt: skip
-    below_it = ("sets", "interfaces", "parameters", "terms", "loads", "warnings")
-    rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
-    show_table(None, rows)
-    if not details:  # which have them
-        show_table(INTERFACES, report.get("interfaces", []))
-        session.show_loads(report.get("loads", []))
-    show_table("Parameters", report.get("parameters", []))
-    show_table("Terms that the matrices have for them", report.get("terms", []))
-    sets = [{"node set": name, "nodes": count} for name, count in report.get("sets", {}).items()]
-    show_table(None, sets[:MOST_SETS])
-    if len(sets) > MOST_SETS:
-        print(f"and {len(sets) - MOST_SETS} more node sets; --json - lists all")
+    show_report(file, report, details)
     if details:
         record = hpcred.read_result(file).reduced.record
         if record is not None:

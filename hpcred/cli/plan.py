@@ -42,4 +42,5 @@ def plan(
         print(f"\nFor {report['best']}:\n{report['script']}")
     else:
         print("nothing fits: take more nodes, or multigrid on fewer ranks")
+    session.warn(report["warnings"])
     session.write_json(json, report)

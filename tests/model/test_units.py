@@ -114,7 +114,7 @@ def test_units_on_the_command_line(folder, capsys, text):
     write_block(*SYSTEMS[text.replace("inch,lbf,s", "inch-lbf-s")])
     assert run([*CONVERT, "--units", text, "--json", "c.json"]) == 0
     report = json.loads(Path("c.json").read_text())
-    assert report["masses_in_x_y_z"] == pytest.approx([7850 * 0.3 * 0.1 * 0.08] * 3)
+    assert report["masses_in_x_y_z_kg"] == pytest.approx([7850 * 0.3 * 0.1 * 0.08] * 3)
     assert report["units"] == "m, kg, s" and report["converted_from"] and not report["warnings"]
     assert run(["info", "model.h5", "--modes", "7", "--json", "i.json"]) == 0
     report = json.loads(Path("i.json").read_text())

@@ -198,10 +198,10 @@ def test_what_does_not_go_with_it_is_refused(comm):
                        lambda: hpcred.full_response(model, [1.0, 2.0])):  # fmt: skip
             with pytest.raises(InputError, match=says):
                 refuse()
-        assert any("unless it is meant to be so (of K" in text for text in hpcred.check(model)["warnings"])
+        assert any("unless it is meant to be so (of K" in text for text in hpcred.inspect(model)["warnings"])
     asked = {"tolerance": 1e-3, "band": (0.0, 5.0)}
     with friction_model(comm, name="brake") as model:
-        assert not [text for text in hpcred.check(model)["warnings"] if "symmetric" in text]
+        assert not [text for text in hpcred.inspect(model)["warnings"] if "symmetric" in text]
         for more, message in [
             ({**asked, "damping": ModalDamping(0.01)}, "found 'modal', which is made from eigenfrequencies"),
             ({**asked, "frame": Buckens()}, "the Buckens frame does not go with the unsymmetric K of brake"),
