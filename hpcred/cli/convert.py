@@ -52,7 +52,7 @@ def convert(
     if list_formats:
         from ..readers.registry import READERS
 
-        show_table("Formats, each told by what the file begins with", hpcred.list_formats())
+        show_table("Formats, each told by what the file begins with", hpcred.workflows.list_formats())
         session.warn(READERS.broken)
         return
     files = list(files or [])
@@ -70,7 +70,7 @@ def convert(
     if files and (besides := [option for option, value in given.items() if value]):
         raise InputError(f"convert: {', '.join(besides)} belong to -K and -M only, found with {files[0]}")
     names = values.names(variables, "--variables")
-    source = files[0] if files else hpcred.Source(
+    source = files[0] if files else hpcred.settings.Source(
         stiffness, mass, damping, input_file, output_file, nodes, dofs, names, velocity_file, acceleration_file
     )  # fmt: skip
     report = hpcred.convert(
@@ -111,6 +111,6 @@ def crank(
 
 
 def _example(name, output, **keywords):
-    report = hpcred.write_example(name, output, progress=session.progress(), **keywords)
+    report = hpcred.example(name, output, progress=session.progress(), **keywords)
     known = "; ".join(f"{key} {', '.join(report[key])}" for key in ("inputs", "sets") if report[key])
     print(f"{output}: {report['size']} dofs, {known}")

@@ -82,14 +82,14 @@ def test_other_units_are_noticed_both_ways(comm, name):
     def doubts(model):
         return [line for line in hpcred.inspect(model)["warnings"] if "the numbers look like" in line]
 
-    with BODIES[name](comm) as model, hpcred.in_si(model, millimetres) as said_to_be_mm:
+    with BODIES[name](comm) as model, hpcred.model.in_si(model, millimetres) as said_to_be_mm:
         assert not doubts(model)
         (line,) = doubts(said_to_be_mm)
         assert "look like m, kg, s" in line and "not mm,t,s; convert with --units SI" in line
-        with hpcred.in_si(model, Units("", 1e3, 1e-3, 1.0)) as made, made.with_fields(converted_from="") as bare:
+        with hpcred.model.in_si(model, Units("", 1e3, 1e-3, 1.0)) as made, made.with_fields(converted_from="") as bare:
             (line,) = doubts(bare)
             assert "not SI; convert with --units mm,t,s" in line
-            with hpcred.in_si(bare, millimetres) as right:
+            with hpcred.model.in_si(bare, millimetres) as right:
                 assert not doubts(right)
 
 
@@ -220,10 +220,10 @@ def test_a_density_in_other_units_than_the_rest(comm, density, name, times, word
         assert not any("would explain it" in line for line in hpcred.inspect(model)["warnings"])
         with scaled(model, *units.sizes, times) as wrong:
             for text in said:
-                with hpcred.in_si(wrong, units_of(text)) if text else wrong.shared() as read:
+                with hpcred.model.in_si(wrong, units_of(text)) if text else wrong.shared() as read:
                     report = hpcred.inspect(read)
                     assert sum(words in line for line in report["warnings"]) == 1 and report["units"] is None
-        with scaled(model, *units.sizes) as right, hpcred.in_si(right, units) as read:
+        with scaled(model, *units.sizes) as right, hpcred.model.in_si(right, units) as read:
             assert not any("would explain it" in line for line in hpcred.inspect(read)["warnings"])
 
 
