@@ -25,7 +25,8 @@ def measured():
     from directions import sparse
 
     import hpcred
-    from hpcred import Buckens, CraigBampton, Interface, Modes, Nodes, ResidualAttachment
+    from hpcred import Buckens, CraigBampton, Interface, Modes, Nodes
+    from hpcred.reduction import ResidualAttachment
 
     bearings = [Interface(name=name, nodes=Nodes(set=name)) for name in ("BIG_EYE", "SMALL_EYE")]
     rows, roms = [], {}

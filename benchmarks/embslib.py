@@ -33,7 +33,7 @@ def body(folder):
         rom = hpcred.reduce(model, [hpcred.Modes(count=5)], hpcred.Buckens(), hpcred.ModalDamping(0.02))
         hpcred.write_result(folder / "rod.h5", rom, model)
         found = body_of(model, rom)
-    hpcred.export_result(folder / "rod.h5", "sid", folder / "rod.SID_FEM", options={"ge_order": "coordinate"})
+    hpcred.export(folder / "rod.h5", "sid", folder / "rod.SID_FEM", options={"ge_order": "coordinate"})
     return found
 
 

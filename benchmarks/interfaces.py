@@ -43,7 +43,8 @@ def methods(dofs):
     """In a job of its own: rows of the first table."""
 
     import hpcred
-    from hpcred import Buckens, CraigBampton, Interface, Krylov, Modes, Nodes, Rayleigh, ResidualAttachment
+    from hpcred import Buckens, CraigBampton, Interface, Krylov, Modes, Nodes, Rayleigh
+    from hpcred.reduction import ResidualAttachment
 
     hpcred.start("complex")
     bearings = [Interface(name=name, nodes=Nodes(set=f"{name.upper()}_EYE")) for name in ("big", "small")]

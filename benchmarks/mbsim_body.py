@@ -28,7 +28,7 @@ def compared(folder):
     folder = Path(folder)
     with h5py.File(folder / "input_data.h5") as file:
         theirs = {key: file[key][()] for key in file}
-    with hpcred.load_export(folder / "calculix.sti", all_ranks(None), "MBSim's body") as model:
+    with hpcred.readers.load_export(folder / "calculix.sti", all_ranks(None), "MBSim's body") as model:
         M, K = (scipy.sparse.csr_matrix(mat.getValuesCSR()[::-1]) for mat in (model.M, model.K))
         order = np.lexsort((model.dofs.direction, model.dofs.node))  # of MBSim: by node
         place = model.dofs.position[order][::3]

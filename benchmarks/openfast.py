@@ -79,7 +79,7 @@ def main():
             (folder / "build").mkdir(exist_ok=True)
             subprocess.run(command, cwd=folder / "build", check=True, stdout=subprocess.DEVNULL)
         size, H = body(folder)
-        hpcred.export_result(folder / "tower.h5", "openfast", options={"layout": layout})
+        hpcred.export(folder / "tower.h5", "openfast", options={"layout": layout})
         t, moved = motion()
         np.savetxt(folder / "motion.txt", np.hstack(moved), header=f"{len(t)} {t[1]:.17e}", comments="")
         command = [folder / "build/extptfm", "tower_ExtPtfm_input.dat", "motion.txt", "forces.txt"]

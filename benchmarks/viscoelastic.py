@@ -28,13 +28,13 @@ def random_case(seed: int) -> tuple[Sandwich, tuple[float, float], float]:
         kind, time = random.integers(3), 10 ** random.uniform(-6, -1)
         if kind == 0:
             count = random.integers(1, 5)
-            return hpcred.Maxwell(10 ** random.uniform(-2, 1.5, count), 10 ** random.uniform(-6, -1, count),
+            return hpcred.laws.Maxwell(10 ** random.uniform(-2, 1.5, count), 10 ** random.uniform(-6, -1, count),
                                   float(random.choice([0.0, 1.0])))  # fmt: skip
         exponent = random.uniform(0.2, 1.0)
         if kind == 1:
             low = 10 ** random.uniform(-2, 1)
-            return hpcred.Fractional(low, low * 10 ** random.uniform(0.1, 3), time, exponent)
-        return hpcred.FractionalKelvinVoigt(random.uniform(0, 2), 10 ** random.uniform(-2, 1), time, exponent)
+            return hpcred.laws.Fractional(low, low * 10 ** random.uniform(0.1, 3), time, exponent)
+        return hpcred.laws.FractionalKelvinVoigt(random.uniform(0, 2), 10 ** random.uniform(-2, 1), time, exponent)
 
     laws = [law() for _ in range(random.integers(1, 4))]
     case = sandwich(laws, n=int(2 * random.integers(10, 25)), inputs=int(random.integers(1, 4)), seed=seed,

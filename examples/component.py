@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import hpcred
-from hpcred import Component, InputError
+from hpcred import InputError
 from hpcred.linalg.blocks import create_block, from_dense
+from hpcred.reduction import Component
 
 
 @dataclass(frozen=True, kw_only=True)

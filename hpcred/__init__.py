@@ -1,13 +1,13 @@
 """Reduced flexible bodies by moment matching, in parallel.
 
-The names of __init__.pyi are the public interface; the command line uses nothing else of hpcred. A name is imported
-when it is first used, and PETSc when something is computed, so that `hpcred.start("complex")` can choose the build
-before.
+The names of __init__.pyi and of the public modules that it lists are the public interface; the command line uses
+nothing else of hpcred. A name is imported when it is first used, and PETSc when something is computed, so that
+`hpcred.start("complex")` can choose the build before.
 """
 
 import os
 
-import lazy_loader
+from .public_names import attached
 
 # One thread a rank: ranks are the parallelism, and threads of BLAS would share their cores. HDF5 has no use for
 # file locks on parallel file systems. Both must be known before numpy and h5py are imported.
@@ -20,38 +20,38 @@ for _name, _value in {
 }.items():
     os.environ.setdefault(_name, _value)
 
-_loaded, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
-_COMMANDS = {  # under the names of the command line, but `report`, which is a room of the package
-    "bores": "bores_of_file",
-    "collect": "collect_sweep",
-    "demo": "run_demo",
-    "evaluate": "evaluate_result",
-    "example": "write_example",
-    "export": "export_result",
-    "info": "describe_file",
-    "modes": "modes_of_file",
-    "paper": "reproduce",
-    "plan": "plan_file",
-    "response": "response_file",
-    "store": "list_store",
-    "sweep": "run_sweep",
+_OF_PLACES = {  # names that were those of hpcred in the version before
+    "analysis": "Bore Campbell Check CriticalSpeed DampedModes FullPoles FullResponse NaturalModes error_integral",
+    "assembly": "BushingJoint MachineBody PointMass RigidJoint Turn",
+    "body": "Body FloatingFrame GeometricStiffness LoadedState Preload StressModes body_of von_mises",
+    "fe": "ElementProperties Material",
+    "files": "Responses Result read_campbell read_responses write_campbell write_responses",
+    "laws": "Fractional FractionalKelvinVoigt Hysteretic Maxwell",
+    "loads": "Centrifugal DeckLoad GivenLoad Gravity LineLoad LoadColumn MovingLoad Pressure Temperature Traction",
+    "model": "InterfaceNode Units in_si units_of",
+    "outputs": "CutOutput MotionOutput StressOutput",
+    "readers": "Parts Reader load_export load_source read_load",
+    "reduction": (
+        "Accuracy Component ConstraintModes FixedInterfaceModes Guyan Limits Measure ParameterAccuracy "
+        "ParameterPoint ParametricReducedModel Record ReducedTerm Reductor ResidualAttachment"
+    ),
+    "settings": "Job Source read_job",
+    "simulation": (
+        "Bushing ConstantDrive ConstantForce ConstantLoad ConstantMoment Joint LineSpring Motion RampDrive "
+        "SineDrive SineForce SineLoad SineMoment TableDrive TableForce TableLoad TableMoment"
+    ),
+    "workflows": (
+        "Assembly add_stresses check_result compare_results estimate_of_result export_reduced inspect_file "
+        "installation list_formats mass_in_words plot_campbell plot_modes plot_response prune_store "
+        "tables_of_modes verify_file write_deck write_script"
+    ),
+    "writers": "ExportSource Writer read_sid write_fmu write_sid",
 }
-
-
-def __dir__():
-    return sorted([*__all__, *_COMMANDS])
-
-
-def __getattr__(name):
-    if name.startswith("_"):
-        raise AttributeError(f"hpcred has no '{name}'", name=name)
-    if name not in __all__ and name not in _COMMANDS:
-        from .parallel.declared import nearest
-
-        raise AttributeError(f"hpcred has no '{name}'{nearest(name, __dir__())}", name=name)
-    found = _loaded(_COMMANDS.get(name, name))
-    if not isinstance(found, type):
-        return found
-    from .parallel.declared import with_spelled_fields
-
-    return with_spelled_fields(found)
+_MOVED = {name: f"{place}.{name}" for place, names in _OF_PLACES.items() for name in names.split()} | {
+    "check": "inspect",
+    "bores_of_file": "bores", "collect_sweep": "collect", "describe_file": "info", "evaluate_result": "evaluate",
+    "export_result": "export", "list_store": "store", "modes_of_file": "modes", "plan_file": "plan",
+    "reproduce": "paper", "response_file": "response", "run_demo": "demo", "run_sweep": "sweep",
+    "write_example": "example",
+}
+__getattr__, __dir__, __all__ = attached(__name__, __file__, _MOVED)

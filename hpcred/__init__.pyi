@@ -1,55 +1,39 @@
-from .analysis.bores import Bore as Bore
+from . import analysis as analysis
+from . import assembly as assembly
+from . import body as body
+from . import fe as fe
+from . import files as files
+from . import laws as laws
+from . import loads as loads
+from . import model as model
+from . import outputs as outputs
+from . import readers as readers
+from . import reduction as reduction
+from . import settings as settings
+from . import simulation as simulation
+from . import workflows as workflows
+from . import writers as writers
 from .analysis.bores import find_bores as find_bores
 from .analysis.campbell import campbell as campbell
-from .analysis.campbell_diagram import Campbell as Campbell
-from .analysis.campbell_diagram import CriticalSpeed as CriticalSpeed
-from .analysis.campbell_diagram import FullPoles as FullPoles
-from .analysis.check import check as check
-from .analysis.damped_modes import DampedModes as DampedModes
 from .analysis.damped_modes import damped_modes as damped_modes
-from .analysis.error import error_integral as error_integral
 from .analysis.error import relative_error as relative_error
-from .analysis.error_check import Check as Check
 from .analysis.error_check import check_reduced as check_reduced
 from .analysis.frequency_response import frequency_response as frequency_response
-from .analysis.full_response import FullResponse as FullResponse
 from .analysis.full_response import full_response as full_response
-from .analysis.natural_modes import NaturalModes as NaturalModes
 from .analysis.natural_modes import natural_modes as natural_modes
 from .analysis.summary import inspect as inspect
-from .assembly.joints import BushingJoint as BushingJoint
-from .assembly.joints import MachineBody as MachineBody
-from .assembly.joints import PointMass as PointMass
-from .assembly.joints import RigidJoint as RigidJoint
-from .assembly.joints import Turn as Turn
-from .body.body import Body as Body
-from .body.body import body_of as body_of
-from .body.floating_frame import FloatingFrame as FloatingFrame
 from .body.floating_frame import floating_frame as floating_frame
-from .body.geometric_stiffness import GeometricStiffness as GeometricStiffness
-from .body.loaded_states import LoadedState as LoadedState
 from .body.node_shapes import node_shapes as node_shapes
-from .body.preload import Preload as Preload
 from .body.preload import preloaded as preloaded
-from .body.stress import StressModes as StressModes
 from .body.stress import stress_modes as stress_modes
-from .body.stress import von_mises as von_mises
 from .body.unit_states import geometric_stiffness as geometric_stiffness
 from .examples.crank import crank as crank
 from .examples.linkage import linkage as linkage
 from .examples.solid import solid as solid
 from .fe.dofs import Dofs as Dofs
-from .fe.materials import ElementProperties as ElementProperties
-from .fe.materials import Material as Material
-from .files.campbell_file import read_campbell as read_campbell
-from .files.campbell_file import write_campbell as write_campbell
 from .files.model_file import read_model as read_model
 from .files.model_file import write_model as write_model
 from .files.point_store import PointStore as PointStore
-from .files.response_file import Responses as Responses
-from .files.response_file import read_responses as read_responses
-from .files.response_file import write_responses as write_responses
-from .files.result_file import Result as Result
 from .files.result_file import read_result as read_result
 from .files.result_file import write_result as write_result
 from .linalg.solvers.settings import Factoring as Factoring
@@ -66,149 +50,53 @@ from .model.frames import NoFrame as NoFrame
 from .model.frames import Tangent as Tangent
 from .model.from_pymor import from_pymor as from_pymor
 from .model.interfaces.nodes import Interface as Interface
-from .model.interfaces.nodes import InterfaceNode as InterfaceNode
 from .model.interfaces.nodes import Nodes as Nodes
-from .model.laws.hysteretic import Hysteretic as Hysteretic
-from .model.laws.viscoelastic import Fractional as Fractional
-from .model.laws.viscoelastic import FractionalKelvinVoigt as FractionalKelvinVoigt
-from .model.laws.viscoelastic import Maxwell as Maxwell
-from .model.loads.kinds import Centrifugal as Centrifugal
-from .model.loads.kinds import DeckLoad as DeckLoad
-from .model.loads.kinds import GivenLoad as GivenLoad
-from .model.loads.kinds import Gravity as Gravity
-from .model.loads.kinds import LineLoad as LineLoad
-from .model.loads.kinds import LoadColumn as LoadColumn
-from .model.loads.kinds import MovingLoad as MovingLoad
-from .model.loads.kinds import Pressure as Pressure
-from .model.loads.kinds import Temperature as Temperature
-from .model.loads.kinds import Traction as Traction
 from .model.material_stiffness import material_stiffness as material_stiffness
-from .model.outputs.cuts import CutOutput as CutOutput
-from .model.outputs.motions import MotionOutput as MotionOutput
-from .model.outputs.stresses import StressOutput as StressOutput
 from .model.parameters.definitions import Parameter as Parameter
 from .model.parameters.definitions import Term as Term
 from .model.parameters.parametric_model import ParametricModel as ParametricModel
 from .model.rotation import rotation_terms as rotation_terms
 from .model.second_order_model import SecondOrderModel as SecondOrderModel
-from .model.units import Units as Units
-from .model.units import in_si as in_si
-from .model.units import units_of as units_of
 from .model.viscoelastic import Viscoelastic as Viscoelastic
 from .parallel.failures import ComputationError as ComputationError
 from .parallel.failures import InputError as InputError
 from .parallel.failures import agreed as agreed
 from .parallel.progress import Progress as Progress
 from .parallel.startup import start as start
-from .readers.base import Reader as Reader
-from .readers.load_files import read_load as read_load
-from .readers.model_source import load_export as load_export
-from .readers.model_source import load_source as load_source
-from .readers.parts import Parts as Parts
-from .reduction.components.component import Component as Component
-from .reduction.components.craig_bampton import ConstraintModes as ConstraintModes
 from .reduction.components.craig_bampton import CraigBampton as CraigBampton
-from .reduction.components.craig_bampton import FixedInterfaceModes as FixedInterfaceModes
-from .reduction.components.craig_bampton import Guyan as Guyan
-from .reduction.components.craig_bampton import ResidualAttachment as ResidualAttachment
 from .reduction.components.krylov import Krylov as Krylov
 from .reduction.components.krylov import StaticCorrection as StaticCorrection
 from .reduction.components.modes import Modes as Modes
 from .reduction.components.second_order_krylov import SecondOrderKrylov as SecondOrderKrylov
 from .reduction.irka import IRKA as IRKA
-from .reduction.parametric.reduced import ParametricReducedModel as ParametricReducedModel
-from .reduction.parametric.reduced import ReducedTerm as ReducedTerm
 from .reduction.parametric.settings import ParameterSearch as ParameterSearch
 from .reduction.reduce import reduce as reduce
-from .reduction.reductor import Reductor as Reductor
-from .reduction.result.accuracy import Accuracy as Accuracy
-from .reduction.result.measure import Measure as Measure
-from .reduction.result.parameter_accuracy import ParameterAccuracy as ParameterAccuracy
-from .reduction.result.parameter_accuracy import ParameterPoint as ParameterPoint
-from .reduction.result.record import Record as Record
 from .reduction.result.reduced_model import ReducedModel as ReducedModel
 from .reduction.search.goal import Adaptive as Adaptive
-from .reduction.search.goal import Limits as Limits
 from .reduction.settings import Reduction as Reduction
-from .settings.job_file import Job as Job
-from .settings.job_file import read_job as read_job
-from .settings.source import Source as Source
-from .simulation.drives import ConstantDrive as ConstantDrive
-from .simulation.drives import RampDrive as RampDrive
-from .simulation.drives import SineDrive as SineDrive
-from .simulation.drives import TableDrive as TableDrive
-from .simulation.joints import Joint as Joint
-from .simulation.loads import ConstantForce as ConstantForce
-from .simulation.loads import ConstantLoad as ConstantLoad
-from .simulation.loads import ConstantMoment as ConstantMoment
-from .simulation.loads import SineForce as SineForce
-from .simulation.loads import SineLoad as SineLoad
-from .simulation.loads import SineMoment as SineMoment
-from .simulation.loads import TableForce as TableForce
-from .simulation.loads import TableLoad as TableLoad
-from .simulation.loads import TableMoment as TableMoment
-from .simulation.simulation import Motion as Motion
 from .simulation.simulation import Simulation as Simulation
 from .simulation.simulation import simulate as simulate
-from .simulation.springs import Bushing as Bushing
-from .simulation.springs import LineSpring as LineSpring
-from .workflows.assemble import Assembly as Assembly
 from .workflows.assemble import assemble as assemble
 from .workflows.assemble import assemble_file as assemble_file
-from .workflows.batch import write_script as write_script
 from .workflows.bench import bench as bench
-from .workflows.bores import bores_of_file as bores_of_file
 from .workflows.campbell import campbell_file as campbell_file
-from .workflows.collect import collect_sweep as collect_sweep
-from .workflows.compare import compare_results as compare_results
 from .workflows.convert import convert as convert
-from .workflows.convert import list_formats as list_formats
-from .workflows.demo import run_demo as run_demo
-from .workflows.evaluate import check_result as check_result
-from .workflows.evaluate import estimate_of_result as estimate_of_result
-from .workflows.evaluate import evaluate_result as evaluate_result
-from .workflows.example import write_example as write_example
-from .workflows.export import export_reduced as export_reduced
-from .workflows.export import export_result as export_result
-from .workflows.info import describe_file as describe_file
-from .workflows.info import inspect_file as inspect_file
-from .workflows.info import installation as installation
-from .workflows.info_of_output import verify_file as verify_file
-from .workflows.modes import mass_in_words as mass_in_words
-from .workflows.modes import modes_of_file as modes_of_file
-from .workflows.modes import tables_of_modes as tables_of_modes
-from .workflows.notebook import plot_campbell as plot_campbell
-from .workflows.notebook import plot_modes as plot_modes
-from .workflows.notebook import plot_response as plot_response
-from .workflows.paper import reproduce as reproduce
-from .workflows.plan import plan_file as plan_file
 from .workflows.recover import recover as recover
 from .workflows.reduce import reduce_job as reduce_job
 from .workflows.report import report_file as report_file
-from .workflows.response import response_file as response_file
 from .workflows.simulate import simulate_file as simulate_file
-from .workflows.store import list_store as list_store
-from .workflows.store import prune_store as prune_store
-from .workflows.stress_decks import add_stresses as add_stresses
-from .workflows.stress_decks import write_deck as write_deck
-from .workflows.sweep import run_sweep as run_sweep
-from .writers.base import ExportSource as ExportSource
-from .writers.base import Writer as Writer
-from .writers.fmu import write_fmu as write_fmu
-from .writers.sid import read_sid as read_sid
-from .writers.sid import write_sid as write_sid
 from .writers.state_space import state_space as state_space
 
-bores = bores_of_file
-collect = collect_sweep
-demo = run_demo
-evaluate = evaluate_result
-example = write_example
-export = export_result
-info = describe_file
-modes = modes_of_file
-paper = reproduce
-plan = plan_file
-response = response_file
-store = list_store
-sweep = run_sweep
+bores = workflows.bores_of_file
+collect = workflows.collect_sweep
+demo = workflows.run_demo
+evaluate = workflows.evaluate_result
+example = workflows.write_example
+export = workflows.export_result
+info = workflows.describe_file
+modes = workflows.modes_of_file
+paper = workflows.reproduce
+plan = workflows.plan_file
+response = workflows.response_file
+store = workflows.list_store
+sweep = workflows.run_sweep

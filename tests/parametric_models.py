@@ -9,19 +9,8 @@ import numpy as np
 from adaptive_models import chain, dashpots, dynamic, pair, unit
 from mpi4py import MPI
 
-from hpcred import (
-    Fractional,
-    FractionalKelvinVoigt,
-    GivenDamping,
-    Maxwell,
-    NoDamping,
-    Parameter,
-    ParametricModel,
-    Rayleigh,
-    SecondOrderModel,
-    Term,
-    Viscoelastic,
-)
+from hpcred import GivenDamping, NoDamping, Parameter, ParametricModel, Rayleigh, SecondOrderModel, Term, Viscoelastic
+from hpcred.laws import Fractional, FractionalKelvinVoigt, Maxwell
 from hpcred.reduction.result.measure import MEASURES
 from hpcred.reduction.small.damping import measured_damping
 from hpcred.reduction.small.error_estimate import measure_over

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 import hpcred
+from hpcred.assembly import MachineBody
 from hpcred.assembly.coupling import machine_of
 from hpcred.assembly.error import sensitivity
 from hpcred.assembly.parts import part_of
@@ -102,7 +103,7 @@ def random_machine(seed):
     """The machine of full bodies and of reduced ones, by a seed."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(2, 4))
-    bodies = [hpcred.MachineBody(name=f"b{k}", result="-", position=tuple(rng.normal(size=3))) for k in range(count)]
+    bodies = [MachineBody(name=f"b{k}", result="-", position=tuple(rng.normal(size=3))) for k in range(count)]
     results = random_bodies(rng, count)
     joints = []
     for k in range(1, count):
@@ -110,13 +111,13 @@ def random_machine(seed):
             ends = f"b{int(rng.integers(0, k))}.{label}", f"b{k}.{label if rng.random() < 0.5 else 'c'}"
             # bodies of three directions a node have no lever: the joint holds displacements alike
             if rng.random() < 0.5:
-                joints.append(hpcred.RigidJoint(bodies=ends, directions="xyz"[: int(rng.integers(1, 4))]))
+                joints.append(hpcred.assembly.RigidJoint(bodies=ends, directions="xyz"[: int(rng.integers(1, 4))]))
             else:
-                law = hpcred.Maxwell((float(rng.uniform(0.2, 3)),), (float(10 ** rng.uniform(-3, -1.5)),))
+                law = hpcred.laws.Maxwell((float(rng.uniform(0.2, 3)),), (float(10 ** rng.uniform(-3, -1.5)),))
                 stiffness, damping = 10.0 ** rng.uniform(3, 7, 3), 10.0 ** rng.uniform(0, 3, 3)
-                joints.append(hpcred.BushingJoint(bodies=ends, stiffness=stiffness, damping=damping,
+                joints.append(hpcred.assembly.BushingJoint(bodies=ends, stiffness=stiffness, damping=damping,
                                                   law=law if rng.random() < 0.4 else None))  # fmt: skip
-    masses = [hpcred.PointMass(at="b1.c", mass=float(10 ** rng.uniform(-1, 1)))] if rng.random() < 0.5 else []
+    masses = [hpcred.assembly.PointMass(at="b1.c", mass=float(10 ** rng.uniform(-1, 1)))] if rng.random() < 0.5 else []
     parts = [[without_places(part_of(body, pair[side])) for body, pair in zip(bodies, results, strict=True)]
              for side in (0, 1)]  # fmt: skip
     return [machine_of(side, joints, masses) for side in parts]

@@ -219,11 +219,11 @@ def fractional(rng) -> Case:
         columns = rng.normal(size=(n, int(rng.integers(1, n))))
         K_v = columns @ columns.T * 10.0 ** rng.uniform(1, 5) / n
         time, exponent = 10.0 ** rng.uniform(-6, 1), rng.uniform(0.05, 1.0)
-        law = hpcred.FractionalKelvinVoigt(rng.choice([0.0, 1.0]), 10.0 ** rng.uniform(-2, 0.5), time, exponent)
+        law = hpcred.laws.FractionalKelvinVoigt(rng.choice([0.0, 1.0]), 10.0 ** rng.uniform(-2, 0.5), time, exponent)
         if rng.random() < 0.4:
-            law = hpcred.Fractional(rng.uniform(0, 1), rng.uniform(1, 20), time, exponent)
+            law = hpcred.laws.Fractional(rng.uniform(0, 1), rng.uniform(1, 20), time, exponent)
         elif rng.random() < 0.2:
-            law = hpcred.Maxwell([rng.uniform(0.1, 5.0)], [10.0 ** rng.uniform(-5, 4)], rng.uniform(0, 1))
+            law = hpcred.laws.Maxwell([rng.uniform(0.1, 5.0)], [10.0 ** rng.uniform(-5, 4)], rng.uniform(0, 1))
         case.parts.append((K_v, law))
     return case
 

@@ -60,7 +60,7 @@ def model_of(kind, program, type_, points, elements, material, comm, K=None, hel
     share = slice(*row_range(comm, len(elements)))
     table = np.zeros((len(elements), 3), int)
     table[:, 0] = np.arange(1, len(elements) + 1)
-    properties = hpcred.ElementProperties(program, (type_,), (material,), {kind: table[share]})
+    properties = hpcred.fe.ElementProperties(program, (type_,), (material,), {kind: table[share]})
     free = np.flatnonzero(~stuck)
     given = dofs.take(stuck).take(slice(*row_range(comm, int(stuck.sum())))) if stuck.any() else None
     return hpcred.SecondOrderModel.from_scipy(

@@ -6,9 +6,11 @@ import subprocess
 import sys
 from graphlib import TopologicalSorter
 from importlib.util import resolve_name
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
+from docs_pages import reference
 from launch import mpi_environment
 
 import hpcred
@@ -18,7 +20,9 @@ FLOORS = ["cli", "workflows", "report", "writers", "readers", "settings", "files
 FLOORS += ["examples", "simulation", "assembly", "body", "analysis", "reduction", "model", "fe", "linalg", "parallel"]
 ROOMS = {"reduction": ["", "parametric", "search", "components", "run", "small", "result"]}  # "": modules in no room
 PEERS = {"control", "exudyn", "fmpy", "meshio", "pymor", "pyNastran", "pyuff", "pyyeti"}
-DOORS = ("", "__main__")  # hpcred/__init__.py, which names everything, and `python -m hpcred`
+DOORS = ("", "__main__", "public_names", "laws", "loads", "outputs")  # the street door, and public modules beside it
+ATTACHED = "public_names.attached"
+PUBLIC = r'""".+"""\n\nfrom \.+public_names import attached\n\n__getattr__, __dir__, __all__ = attached\(.+\)\n'
 FACADE = {  # methods that stand for public functions of rooms above
     "Campbell": {"plot"},
     "ReducedModel": {"export", "frequency_response", "plot", "save", "to_pymor", "to_state_space"},
@@ -83,7 +87,8 @@ def test_every_room_has_its_floor():
 
 
 def test_no_import_goes_up():
-    arrows = [(name, target) for name in MODULES if name not in DOORS for target in imports(name, MODULES[name])]
+    arrows = [(name, target) for name in MODULES if name not in DOORS for target in imports(name, MODULES[name])
+              if target != ATTACHED]  # fmt: skip
     assert not [arrow for arrow in arrows if arrow[1].split(".")[0] not in FLOORS], "names of the street door"
     assert not [arrow for arrow in arrows if floor(arrow[1]) < floor(arrow[0])]
 
@@ -137,13 +142,27 @@ def test_make_test_peers_runs_the_tests_with_a_package(package):
 
 
 def test_public_names_resolve_and_say_what_they_are():
-    assert not [name for name in hpcred.__all__ if not getattr(hpcred, name).__doc__]
+    assert not [name for name, item in reference.public_names().items() if not item.__doc__]
+
+
+def test_no_public_name_of_a_room_is_that_of_a_module_in_it():
+    """An import of the module would put it in place of the other."""
+    hidden = [name for name in reference.public_names() if name in MODULES or name.rpartition(".")[2] in MODULES]
+    assert hidden == []
+
+
+def test_names_of_the_version_before_are_found_with_a_warning():
+    for name, place in hpcred._MOVED.items():
+        with pytest.warns(DeprecationWarning, match=f"hpcred.{name} is hpcred.{place}; "):
+            assert getattr(hpcred, name) is attrgetter(place)(hpcred)
 
 
 def test_modules_say_what_they_do_and_rooms_are_empty():
     for name, path in MODULES.items():
         tree = ast.parse(path.read_text())
-        if path.name == "__init__.py" and name not in ("", "parallel"):  # which says where mpi4py is missing
+        if path.with_suffix(".pyi").exists() and name:
+            assert re.fullmatch(PUBLIC, path.read_text()), name
+        elif path.name == "__init__.py" and name not in ("", "parallel"):  # which says where mpi4py is missing
             assert not tree.body or (len(tree.body) == 1 and ast.get_docstring(tree)), name
         else:
             assert ast.get_docstring(tree), name

@@ -28,7 +28,7 @@ def folder(tmp_path):
         (tmp_path / f"calculix.{suffix}").write_bytes(gzip.decompress(packed.read_bytes()))
     (tmp_path / "calculix.dof").write_bytes((DATA / "calculix/quadratic.dof").read_bytes())
     (tmp_path / "calculix.frd").write_bytes((DATA / "calculix/quadratic_text.frd").read_bytes())
-    with hpcred.load_export(tmp_path / "calculix.sti", all_ranks(None), "body") as model:
+    with hpcred.readers.load_export(tmp_path / "calculix.sti", all_ranks(None), "body") as model:
         n = model.size
         M, K = (scipy.sparse.csr_matrix(mat.getValuesCSR()[::-1]).toarray() for mat in (model.M, model.K))
         place = model.dofs.position[::3]

@@ -88,7 +88,7 @@ def test_made_into_a_file_with_its_job(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert program.main(["make", "shaft", "--data", str(made.path().parent), "shaft.h5"]) == 0
     (tmp_path / "job.toml").write_text(capsys.readouterr().out)
-    job = hpcred.read_job("job.toml")
+    job = hpcred.settings.read_job("job.toml")
     assert job.band == made.band
     with hpcred.read_model("shaft.h5") as model:
         assert model.size == 400

@@ -109,8 +109,8 @@ def _of_long_commands(monkeypatch):
               "largest |u_y - reference| (m)": 1.23456e-9, "constraint drift (m)": 1.23456e-12,
               "energy defect": 1.23456e-12}  # fmt: skip
     rows["figure_5"] = [figure, figure]
-    monkeypatch.setattr(hpcred, "run_demo", lambda *_, **__: rows["table_1"], raising=False)
-    monkeypatch.setattr(hpcred, "reproduce", lambda *_, show, **__: show(rows) or rows, raising=False)
+    monkeypatch.setattr(hpcred, "demo", lambda *_, **__: rows["table_1"], raising=False)
+    monkeypatch.setattr(hpcred, "paper", lambda *_, show, **__: show(rows) or rows, raising=False)
     machine = {"processor": "a processor with a long name of many words that fills more than a line of 80, 3 GHz"}
     monkeypatch.setattr(hpcred, "bench", lambda *_, **__: machine | {"hints": []}, raising=False)
     timing = SimpleNamespace(elapsed=1.0, memory_mb_per_rank=(100.0,), seconds={"other": 1.0})

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hpcred import Fractional, FractionalKelvinVoigt, Maxwell, SecondOrderModel, Viscoelastic
+from hpcred import SecondOrderModel, Viscoelastic
+from hpcred.laws import Fractional, FractionalKelvinVoigt, Maxwell
 
 MAXWELL = Maxwell(factors=[2.0, 5.0, 1.0], times=[1e-2, 3e-4, 2e-5], constant=0.4)
 ZENER = Fractional(low=0.5, high=40.0, time=1e-5, exponent=0.6)

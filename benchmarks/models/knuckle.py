@@ -84,7 +84,7 @@ def assembled(path, comm) -> hpcred.SecondOrderModel:
             run_calculix(folder, "knuckle", lines, "*FREQUENCY, SOLVER=MATRIXSTORAGE")
     folder, nodes = comm.bcast((folder, nodes))
     try:
-        with hpcred.load_export(f"{folder}/knuckle.inp", comm, "knuckle") as model:
+        with hpcred.readers.load_export(f"{folder}/knuckle.inp", comm, "knuckle") as model:
             return model.with_inputs([(node, "all") for node in nodes])
     finally:
         comm.Barrier()

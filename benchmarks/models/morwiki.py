@@ -45,7 +45,7 @@ class MatrixMarket(Published):
         return Arrays(M=M, D=self.beta * K if self.beta else None, K=K, B=B.toarray(), C=C.toarray())
 
     def model(self, comm=None, folder=None) -> hpcred.SecondOrderModel:
-        return hpcred.load_source(hpcred.Source(**self.paths(folder)), all_ranks(comm), self.name)
+        return hpcred.readers.load_source(hpcred.settings.Source(**self.paths(folder)), all_ranks(comm), self.name)
 
     @property
     def damping(self) -> hpcred.Rayleigh | None:

@@ -15,7 +15,7 @@ import hpcred
 from .published import Arrays, Published, unit_columns, variables
 
 # Van Beeumen, Meerbergen and Michiels, SIAM Journal on Scientific Computing 35 (2013)
-CORE = hpcred.Fractional(low=3.504e5, high=3.062e9, time=8.230e-9, exponent=0.675)
+CORE = hpcred.laws.Fractional(low=3.504e5, high=3.062e9, time=8.230e-9, exponent=0.675)
 WHERE = "github.com/ftisseur/nlevp"
 
 

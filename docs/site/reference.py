@@ -5,13 +5,11 @@ Nothing here names a key, an array, an option or a function of hpcred: what is a
 
 from __future__ import annotations
 
-import ast
 import importlib
 import inspect
 import pkgutil
 import re
 from dataclasses import MISSING, fields, is_dataclass
-from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -30,7 +28,8 @@ ON_FILES = (
     "other reader."
 )
 ON_PYTHON = (
-    'Every public name is one of `hpcred` itself: `hpcred.reduce`, `hpcred.Krylov`. "Collective." in a text means that '
+    'Most public names are those of `hpcred` itself: `hpcred.reduce`, `hpcred.Krylov`. Others are those of a public '
+    'module, such as `hpcred.loads.Gravity`: {modules}. "Collective." in a text means that '
     "all ranks call it, with the same arguments. Frequencies are in Hz, all other quantities in the units of the "
     "model, SI where it is in SI."
 )
@@ -310,7 +309,9 @@ def _default(value):
 def python_names() -> str:
     """A page with the public names by room, for mkdocstrings."""
     rooms = public_places()
-    parts = ["# Python", ON_PYTHON]
+    modules = ", ".join(f"`hpcred.{name}` ({', '.join(f'`{item}`' for item in module.__all__)})"
+                        for name in hpcred.__all__ if inspect.ismodule(module := getattr(hpcred, name)))  # fmt: skip
+    parts = ["# Python", ON_PYTHON.format(modules=modules)]
     for room in [*ROOMS, *(room for room in rooms if room not in ROOMS)]:
         if room in rooms:
             functions_first = sorted(rooms[room], key=lambda place: place.rpartition(".")[2][0].isupper())
@@ -321,9 +322,16 @@ def python_names() -> str:
 def public_places() -> dict[str, list[str]]:
     """Where the public names are in the code, by room."""
     rooms = {}
-    stub = ast.parse((Path(hpcred.__file__).parent / "__init__.pyi").read_text())
-    for node in stub.body:
-        if isinstance(node, ast.ImportFrom):
-            for alias in node.names:
-                rooms.setdefault(node.module.partition(".")[0], []).append(f"hpcred.{node.module}.{alias.name}")
-    return rooms
+    for name, item in public_names().items():
+        own = item.__name__ if hasattr(item, "__name__") else name.rpartition(".")[2]
+        rooms.setdefault(item.__module__.split(".")[1], {})[f"{item.__module__}.{own}"] = None
+    return {room: sorted(places) for room, places in rooms.items()}
+
+
+def public_names() -> dict[str, object]:
+    """The public names, such as "reduce" and "loads.Gravity", and what they stand for."""
+    flat = {name: getattr(hpcred, name) for name in hpcred.__all__}
+    return {name: item for name, item in flat.items() if not inspect.ismodule(item)} | {
+        f"{name}.{other}": getattr(module, other)
+        for name, module in flat.items() if inspect.ismodule(module) for other in module.__all__
+    }  # fmt: skip

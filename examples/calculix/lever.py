@@ -98,7 +98,7 @@ def main(size=0.012):
     for here, there in zip(found, own, strict=True):
         print(f"{here:12.3f} Hz, CalculiX {there:12.3f} Hz, difference {abs(here / there - 1):.1e}")
     for kind, path in (("sid", "lever.SID_FEM"), ("exudyn", "lever_exudyn.npz")):
-        report = hpcred.export_result("lever.h5", kind, path)
+        report = hpcred.export("lever.h5", kind, path)
         print(f"{report['output']}: {report['coordinates']} elastic coordinates, nodes {report['nodes']}")
     return float(np.abs(found / own - 1).max())
 

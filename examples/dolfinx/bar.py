@@ -113,7 +113,7 @@ def main(along=24):
             for found, beam in zip(reduced.frequencies, slender_beam(3), strict=False):
                 say(f"{found:10.2f} Hz, slender beam {beam:10.2f} Hz")
     for kind, path in (("sid", "bar.SID_FEM"), ("vtk", "bar.vtu")):
-        hpcred.export_result("bar.h5", kind, path)
+        hpcred.export("bar.h5", kind, path)
 
 
 if __name__ == "__main__":

@@ -141,7 +141,7 @@ class Campbell:
         """
         import hpcred  # the public functions, which stand above
 
-        return hpcred.plot_campbell(self, title)
+        return hpcred.workflows.plot_campbell(self, title)
 
     def _repr_html_(self):
         """Return stability, modes at both ends and critical speeds for notebooks."""

@@ -1,1 +1,5 @@
-"""Put reduced bodies together, linearly, with joints; small matrices, local, without PETSc."""
+"""Joints and bodies of machines that are put together from reduced bodies."""
+
+from ..public_names import attached
+
+__getattr__, __dir__, __all__ = attached(__name__, __file__)

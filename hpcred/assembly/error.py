@@ -27,7 +27,6 @@ from .coupling import Machine, blocks
 
 CIRCLE, ANGLES = 0.5, 6  # radius over the distance to the nearest pole of the machine, and points on it
 LEAST = 1e-4  # of the band's upper end: free bodies have no response at 0 Hz
-UNKNOWN = 1e30  # in place of an error that nothing bounds
 MOST = 150  # frequencies at which the error is estimated, besides those at resonances
 ROUNDS = 60  # in which errors are made smaller until the machine has its tolerance
 
@@ -154,7 +153,8 @@ def damping_of_errors(machine: Machine) -> float | None:
 
 def accuracy_of_machine(machine: Machine, tau: float, band, tolerance: float | None) -> tuple[Accuracy, list[dict]]:
     """Return the estimated accuracy of a machine, and a row for each body: its error, by how much it is multiplied,
-    what it would have to be for the tolerance. Raises InputError where it cannot be estimated."""
+    what it would have to be for the tolerance; inf where nothing bounds it. Raises InputError where it cannot be
+    estimated."""
     if why := why_not_known(machine, band):
         raise InputError(f"tolerance: {why}")
     measured = machine.as_measured()
@@ -171,16 +171,15 @@ def accuracy_of_machine(machine: Machine, tau: float, band, tolerance: float | N
     ]  # fmt: skip
     # a machine that moves freely has no response at 0 Hz
     over = (sensed.frequencies[0], band[1]) if (reduced.frequencies == 0).any() else band
-    finite = np.where(np.isfinite(curve), curve, UNKNOWN)
     again = [f"'{row['body']}' to {row['needs']:.1e}" for row in rows if tolerance and row["needs"] < row["error"]]
     accuracy = Accuracy(
-        tolerance=asked if np.isfinite(asked) else UNKNOWN, band=tuple(map(float, over)),
+        tolerance=asked, band=tuple(map(float, over)),
         reached=bool(tolerance is None or largest <= tolerance),
         stopped="" if not again else f"reduce {', '.join(again)}",
-        largest=float(finite.max()), worst=float(sensed.frequencies[finite.argmax()]), mean=float(finite.mean()),
+        largest=largest, worst=float(sensed.frequencies[curve.argmax()]), mean=float(curve.mean()),
         noise=0.0, measured="estimated from the errors of the bodies, with the damping that these were measured with",
         uncompressed_size=sum(part.size for part in machine.parts.values()), highest=band[1], missing_modes=None,
-        points=(), proofs=(), frequencies=tuple(sensed.frequencies.tolist()), eps=tuple(finite.tolist()),
+        points=(), proofs=(), frequencies=tuple(sensed.frequencies.tolist()), eps=tuple(curve.tolist()),
         unproven="an estimate from the errors of the bodies", measure=sensed.measure,
         loss_factor=damping_of_errors(machine) or 0.0, beside_damping=True,
     )  # fmt: skip

@@ -39,7 +39,7 @@ def paper(
     progress = session.progress()
     chosen = [] if figures == "none" else [int(part) if part % 1 == 0 else part
                                            for part in values.numbers(figures, "--figures")]  # fmt: skip
-    data = hpcred.reproduce(output, figures=chosen, show=_show_tables, progress=progress)
+    data = hpcred.paper(output, figures=chosen, show=_show_tables, progress=progress)
     show_table("Figure 5. u_y of node 20 in time, against all elastic modes", data.get("figure_5", ())[1:])
     drawn = f"figure{'s' * (len(chosen) > 1)} {', '.join(map(str, chosen))} (png, svg), " if chosen else ""
     print(f"{drawn}section5.h5 and section5.json written to {output}")

@@ -10,9 +10,10 @@ import typer
 import hpcred
 
 from ..parallel.failures import InputError
-from ..report.tables import in_words, show_table
+from ..report.tables import show_table
 from ..settings.viscoelastic import viscoelastic_of
 from . import session, values
+from .details import show_report
 from .options import Inputs, JsonFile, Outputs
 
 Viscoelastic = Annotated[
@@ -51,7 +52,7 @@ def convert(
     if list_formats:
         from ..readers.registry import READERS
 
-        show_table("Formats, each told by what the file begins with", hpcred.list_formats())
+        show_table("Formats, each told by what the file begins with", hpcred.workflows.list_formats())
         session.warn(READERS.broken)
         return
     # the last name is the model file, where -o does not give it
@@ -72,7 +73,7 @@ def convert(
         raise InputError(f"convert: {', '.join(besides)} belong to -K and -M only, found with {files[0]}")
     # the tables of what was made
     names = values.names(variables, "--variables")
-    source = files[0] if files else hpcred.Source(
+    source = files[0] if files else hpcred.settings.Source(
         stiffness, mass, damping, input_file, output_file, nodes, dofs, names, velocity_file, acceleration_file
     )  # fmt: skip
     report = hpcred.convert(
@@ -80,12 +81,7 @@ def convert(
         variables=names, units=units, viscoelastic=viscoelastic_of(viscoelastic), circulatory=circulatory,
         progress=session.progress(),
     )  # fmt: skip
-    told = ("output", "sentences", "warnings", "loads")
-    show_table(None, [{"": key.replace("_", " "), output: in_words(value)} for key, value in report.items()
-                      if key not in told])  # fmt: skip
-    session.show_loads(report.get("loads", []))
-    for sentence in report["sentences"]:
-        print(sentence)
+    show_report(output, report)
     session.warn(report["warnings"])
     session.write_json(json, report)
 
@@ -118,6 +114,6 @@ def crank(
 
 
 def _example(name, output, **keywords):
-    report = hpcred.write_example(name, output, progress=session.progress(), **keywords)
+    report = hpcred.example(name, output, progress=session.progress(), **keywords)
     known = "; ".join(f"{key} {', '.join(report[key])}" for key in ("inputs", "sets") if report[key])
     print(f"{output}: {report['size']} dofs, {known}")

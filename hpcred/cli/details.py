@@ -1,4 +1,4 @@
-"""Show the details of a result: all directions, basis, expansion points and their checks, time and memory."""
+"""Show the report of a file, and the details of a result: directions, basis, points and their checks, time, memory."""
 
 from __future__ import annotations
 
@@ -8,6 +8,26 @@ from ..reduction.result.directions import rows_of_directions
 from ..report.tables import in_words, show_table, show_timing
 from . import session
 from .options import DIRECTIONS, INTERFACES
+
+MOST_SETS = 20  # node sets that are listed
+
+
+def show_report(file, report, details=False):
+    """Print what is known of a file, in numbers and sentences; interfaces and loads where no details have them."""
+    below_it = ("output", "sets", "interfaces", "parameters", "terms", "loads", "sentences", "warnings")
+    rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
+    show_table(None, rows)
+    if not details:
+        show_table(INTERFACES, report.get("interfaces", []))
+        session.show_loads(report.get("loads", []))
+    show_table("Parameters", report.get("parameters", []))
+    show_table("Terms that the matrices have for them", report.get("terms", []))
+    sets = [{"node set": name, "nodes": count} for name, count in report.get("sets", {}).items()]
+    show_table(None, sets[:MOST_SETS])
+    if len(sets) > MOST_SETS:
+        print(f"and {len(sets) - MOST_SETS} more node sets; --json - lists all")
+    for sentence in report.get("sentences", []):
+        print(sentence)
 
 
 def show_details(record):

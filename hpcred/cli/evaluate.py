@@ -105,7 +105,7 @@ def evaluate(
 
 
 def _show_comparison(results, full, **keywords):
-    report = hpcred.compare_results(results, full, **keywords)
+    report = hpcred.workflows.compare_results(results, full, **keywords)
     show_table(f"against {full}, {report['frequencies_hz'][0]:g} to {report['frequencies_hz'][-1]:g} Hz",
                report["rows"])  # fmt: skip
     show_table("lowest modes of the model", report["modes"])
@@ -115,7 +115,7 @@ def _show_comparison(results, full, **keywords):
 
 
 def _show_estimate(result, **keywords):
-    report = hpcred.estimate_of_result(result, **keywords)
+    report = hpcred.workflows.estimate_of_result(result, **keywords)
     session.verdict(report["sentence"], report["reached"])
     show_table(result, report["rows"])
     show_table(DIRECTIONS, report["direction_rows"])
@@ -125,7 +125,7 @@ def _show_estimate(result, **keywords):
 
 
 def _show_check(result, full, count, **keywords):
-    report = hpcred.check_result(result, full, count, **keywords)
+    report = hpcred.workflows.check_result(result, full, count, **keywords)
     session.verdict(f"{report['sentence']}\n{report['claim']}", report["passed"])
     show_table(result, report["rows"])
     print(report["measured"])
@@ -133,7 +133,7 @@ def _show_check(result, full, count, **keywords):
 
 
 def _show_responses(result, full, **keywords):
-    report = hpcred.evaluate_result(result, full, **keywords)
+    report = hpcred.evaluate(result, full, **keywords)
     columns = {"f (Hz)": "frequencies_hz", "|H| reduced": "reduced_norm", "|H| full": "full_norm", "eps": "eps"}
     columns = {title: report[key] for title, key in columns.items() if key in report}
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
@@ -181,7 +181,7 @@ def response(
 ):
     """Frequency response of the full model at many frequencies, to a tolerance, from a handful of factorisations."""
     how = solving.given
-    report = hpcred.response_file(
+    report = hpcred.response(
         model, **grid.given, **how, tolerance=tolerance, frame=values.frame(frame) if frame else None,
         damping=None if damping is None else values.damping(damping),
         inputs=values.targets(inputs, "--inputs"), outputs=values.targets(outputs, "--outputs"), check=check, seed=seed,

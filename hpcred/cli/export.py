@@ -56,7 +56,7 @@ def export(
         raise InputError(f"export: found '{more[0]}' after {result}; a format is named by --format and the file to "
                          f"write by -o: hpcred export {result} {option} {more[0]}")  # fmt: skip
     shapes = values.whole_numbers(modes, "--modes")
-    report = hpcred.export_result(
+    report = hpcred.export(
         result, kind, output, nodes=values.labels(nodes), units=units, modes=shapes, options=options,
         preload=preload_of(preload), at=values.parameters(at, "--at"), progress=session.progress(),
     )

@@ -10,13 +10,11 @@ import hpcred
 
 from ..parallel.declared import flattened
 from ..parallel.failures import InputError
-from ..report.tables import in_words, show_table
+from ..report.tables import show_table
 from ..settings.preload_text import preload_of
 from . import session, values
-from .details import show_details
-from .options import INTERFACES, Details, JsonFile, PreloadTable, Solving
-
-MOST_SETS = 20  # node sets that are listed
+from .details import show_details, show_report
+from .options import Details, JsonFile, PreloadTable, Solving
 
 
 def info(
@@ -36,7 +34,7 @@ def info(
     if file is None:
         if below or band_top or modes or verify or figure or names or details:
             raise InputError("FILE: is missing, which the options ask about")
-        report = hpcred.installation()
+        report = hpcred.workflows.installation()
         show_table(None, [{"": key.replace("_", " "), "this installation": value} for key, value in report.items()])
         session.write_json(json, report)
         return
@@ -44,22 +42,11 @@ def info(
         raise InputError("--sets: belongs to --figure")
     if verify and (below or band_top or modes or figure):
         raise InputError("--verify: cannot be combined with other questions; call info twice")
-    report = hpcred.verify_file(file, progress=session.progress()) if verify else hpcred.describe_file(
+    report = hpcred.workflows.verify_file(file, progress=session.progress()) if verify else hpcred.info(
         file, frequencies=values.numbers(below, "--below"), band_top=band_top, modes=modes, figure=figure,
         sets=names.split(",") if names else None, progress=session.progress(),
     )  # fmt: skip
-    below_it = ("sets", "interfaces", "parameters", "terms", "loads", "warnings")
-    rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
-    show_table(None, rows)
-    if not details:  # which have them
-        show_table(INTERFACES, report.get("interfaces", []))
-        session.show_loads(report.get("loads", []))
-    show_table("Parameters", report.get("parameters", []))
-    show_table("Terms that the matrices have for them", report.get("terms", []))
-    sets = [{"node set": name, "nodes": count} for name, count in report.get("sets", {}).items()]
-    show_table(None, sets[:MOST_SETS])
-    if len(sets) > MOST_SETS:
-        print(f"and {len(sets) - MOST_SETS} more node sets; --json - lists all")
+    show_report(file, report, details)
     if details:
         record = hpcred.read_result(file).reduced.record
         if record is not None:
@@ -76,7 +63,7 @@ def bores(
     json: JsonFile = None,
 ):
     """Find the holes and pins of a model, and print them as interfaces for a job."""
-    report = hpcred.bores_of_file(model, turn=turn, figure=figure, progress=session.progress())
+    report = hpcred.bores(model, turn=turn, figure=figure, progress=session.progress())
     rows = [
         {"name": row["name"], **dict(zip(("centre x", "y", "z"), row["centre"], strict=True)),
          "axis": values.direction(row["axis"]), "radius": row["radius"], "length": row["length"],
@@ -107,20 +94,20 @@ def modes(
 
     The rigid-body modes of a free body are counted, not listed.
     """
-    report = hpcred.modes_of_file(
+    report = hpcred.modes(
         model, count, frame=None if frame == "auto" else values.frame(frame), figure=figure,
         preload=preload_of(preload), **solving.given,
     )  # fmt: skip
     f, rigid = report["frequencies_hz"], report["rigid_body_modes"]
     if "masses" in report and rigid < 6:  # all of which take all of the mass
-        share, factors = hpcred.tables_of_modes(report)
+        share, factors = hpcred.workflows.tables_of_modes(report)
         show_table(f"{model}: effective masses in % of the mass along x, y, z and of the inertia about them", share)
         show_table("Participation factors (kg^(1/2); kg^(1/2) m)", factors)
-        print(hpcred.mass_in_words(report))
+        print(hpcred.workflows.mass_in_words(report))
     else:
         show_table(model, [{"mode": i, "f (Hz)": value} for i, value in enumerate(f[rigid:], rigid + 1)])
         if "masses" in report:
-            print(hpcred.mass_in_words(report))
+            print(hpcred.workflows.mass_in_words(report))
     moved = " at 0 Hz, which move all of the mass" if rigid == 6 else ""
     print(f"{rigid} rigid-body modes{moved}; largest residual {report['residual']:.1e}")
     session.written(figure)

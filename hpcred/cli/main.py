@@ -96,7 +96,7 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
         raise typer.Exit
     if context.invoked_subcommand is None:
         progress, output = session.progress(), "demo_result.h5"
-        rows = hpcred.run_demo(output, progress=progress)
+        rows = hpcred.demo(output, progress=progress)
         show_table("Stabilisation linkage, force at node 20, 0 to 300 Hz, and the paper's Table 1", rows)
         session.write_json(json, rows)
         timing = progress.timing()

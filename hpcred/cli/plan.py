@@ -24,7 +24,7 @@ def plan(
     json: JsonFile = None,
 ):
     """Say what a reduction will take, and print a script for SLURM."""
-    report = hpcred.plan_file(
+    report = hpcred.plan(
         file, ranks=ranks, nodes=nodes, memory_gb=memory, gflops=gflops, analyse=analyse, progress=session.progress()
     )
     print(f"{report['model']}: {report['dofs']} dofs, {report['nonzeros']} nonzeros")
@@ -42,4 +42,5 @@ def plan(
         print(f"\nFor {report['best']}:\n{report['script']}")
     else:
         print("nothing fits: take more nodes, or multigrid on fewer ranks")
+    session.warn(report["warnings"])
     session.write_json(json, report)

@@ -73,12 +73,12 @@ def recover(
         raise InputError("--units: belongs to --deck and --answers; what is recovered is in SI")
     # a deck for stresses of the basis, the answers to it, or the motion
     if deck is not None:
-        report = hpcred.write_deck(result, deck, original, output, units=units, progress=session.progress())
+        report = hpcred.workflows.write_deck(result, deck, original, output, units=units, progress=session.progress())
         print(f"{report['folder']}: {report['columns']} steps; run there {report['run']}")
         session.write_json(json, report)
         return
     if answers is not None:
-        report = hpcred.add_stresses(result, answers, output, units=units, progress=session.progress())
+        report = hpcred.workflows.add_stresses(result, answers, output, units=units, progress=session.progress())
         print(f"{report['output']}: stresses of {report['columns']} columns at {report['nodes']} nodes "
               f"({report['source']})")  # fmt: skip
         session.write_json(json, report)

@@ -108,13 +108,13 @@ def store(
     if not prune and any(value is not None for value in given.values()):
         raise InputError(f"{next(key for key in given if given[key] is not None)}: belongs to --prune")
     if prune:
-        rows = hpcred.prune_store(
+        rows = hpcred.workflows.prune_store(
             folder, older=values.amount(older, "--older", {"m": 60, "h": 3600, "d": 86400, "w": 604800}),
             below=values.amount(below, "--below", {"k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12}), model=model,
             broken=broken,
         )  # fmt: skip
     else:
-        rows = hpcred.list_store(folder, check=check)
+        rows = hpcred.store(folder, check=check)
     show_table(folder, [
         {"entry": row["kind"] if row["valid"] and row["kind"] else row["entry"],
          **{key: "" if row[key] is None else row[key] for key in ("model", "point", "blocks", "columns")},

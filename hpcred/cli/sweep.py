@@ -36,11 +36,11 @@ def sweep(
                              "--slurm: write one script after the other, --slurm or --pbs")  # fmt: skip
         if dry_run or parallel is not None or index is not None or of is not None:
             raise InputError("--slurm, --pbs: a script is written and nothing runs; leave the other options out")
-        report = hpcred.write_script(file, "slurm" if slurm else "pbs", store=store, submit=submit)
+        report = hpcred.workflows.write_script(file, "slurm" if slurm else "pbs", store=store, submit=submit)
         print(f"{report['script']} written; " + (report["said"] or f"submit it by: {report['command']}"))
         session.write_json(json, report)
         return 0
-    report = hpcred.run_sweep(
+    report = hpcred.sweep(
         file, parallel=parallel, index=index, of=of, store=store, dry_run=dry_run, progress=session.progress()
     )
     columns = [key for key in report["runs"][0] if key not in ("sentence", "output")] if report["runs"] else []
@@ -70,7 +70,7 @@ def collect(
     json: JsonFile = None,
 ):
     """One table of the results of a sweep, and figures that compare them."""
-    report = hpcred.collect_sweep(file, output=output, figures=figures, store=store)
+    report = hpcred.collect(file, output=output, figures=figures, store=store)
     rows = report["rows"]
     short = {"factorisations": "factored", "factorisations_saved": "saved", "memory_mb": "MB"}
     known = [key for key in rows[0] if any(row[key] is not None for row in rows)]

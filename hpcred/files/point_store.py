@@ -11,7 +11,6 @@ and checksums and a seal, as all files of hpcred (files.checked, files.seal)
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import re
@@ -24,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from ..linalg.blocks import create_block, local_rows
+from ..parallel.digest import name_of_plain
 from ..parallel.failures import ComputationError, InputError, Owned, agreed, reason_of, unfinished
 from ..parallel.petsc import MPI
 from ..reduction.components.points import point_name
@@ -141,7 +141,7 @@ class PointStore:
 
 def name_of(key: dict) -> str:
     """The file of a key."""
-    return f"{key['kind']}-{hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:32]}.h5"
+    return f"{key['kind']}-{name_of_plain(key, 32)}.h5"
 
 
 def about_of(file) -> dict:

@@ -1,12 +1,10 @@
 """Compute digests of the contents of a model: the same on any number of ranks and in both builds of PETSc."""
 
-import json
 from dataclasses import asdict, replace
 
 import numpy as np
-from xxhash import xxh3_128
 
-from ..parallel.digest import digest, digest_of_block
+from ..parallel.digest import digest, digest_of_block, digest_of_plain
 from ..parallel.petsc import MPI
 from .operator import ADDED
 from .outputs.rates import KEY as RATES
@@ -47,11 +45,6 @@ def digest_of(model, key: str) -> str | None:
     starts = np.searchsorted(kept, indptr)
     parts = [(starts, indices[kept].astype(number, copy=False)), (starts, values[kept].real)]
     return digest(model.comm, first, parts)
-
-
-def digest_of_plain(value) -> str:
-    """Return the digest of plain data."""
-    return xxh3_128(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
 def _rounded(comm, values, columns, count=None):

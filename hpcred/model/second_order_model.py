@@ -609,11 +609,11 @@ class SecondOrderModel:
 
         Examples
         --------
-        >>> loaded = model.with_loads([hpcred.Pressure(name="oil", on="BORE", value=2e6)])
+        >>> loaded = model.with_loads([hpcred.loads.Pressure(name="oil", on="BORE", value=2e6)])
         """
         import hpcred  # the public functions, which stand above
 
-        return with_loads(self, loads, given, hpcred.read_load)
+        return with_loads(self, loads, given, hpcred.readers.read_load)
 
     def with_output_columns(
         self, local: ArrayLike | None, names: Iterable[str], *, Cv: ArrayLike | None = None,
@@ -696,7 +696,7 @@ class SecondOrderModel:
 
         Examples
         --------
-        >>> rubber = hpcred.Maxwell(factors=[0.5, 0.8], times=[1e-2, 1e-4], constant=1.0)
+        >>> rubber = hpcred.laws.Maxwell(factors=[0.5, 0.8], times=[1e-2, 1e-4], constant=1.0)
         >>> damped = model.with_viscoelastic([hpcred.Viscoelastic(Kv, rubber)])
         """
         return with_viscoelastic(self, parts)
@@ -758,7 +758,7 @@ class SecondOrderModel:
         return hpcred.frequency_response(self, frequencies, frame, damping, **more)
 
     def plot_modes(self, count: int = 6, *, frame=None, factoring=None) -> Figure | None:
-        """Draw the lowest elastic modes of a model with nodes, as hpcred.plot_modes.
+        """Draw the lowest elastic modes of a model with nodes, as hpcred.workflows.plot_modes.
 
         Collective.
 
@@ -778,7 +778,7 @@ class SecondOrderModel:
         """
         import hpcred  # the public functions, which stand above
 
-        return hpcred.plot_modes(self, count, frame=frame, factoring=factoring)
+        return hpcred.workflows.plot_modes(self, count, frame=frame, factoring=factoring)
 
     @classmethod
     @spelled_with(Labels)

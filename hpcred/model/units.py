@@ -89,7 +89,7 @@ def units_of(text: str) -> Units:
 
     Examples
     --------
-    >>> hpcred.units_of("mm,t,s").mass
+    >>> hpcred.model.units_of("mm,t,s").mass
     1000.0
     """
     if text.strip().upper() == "SI":

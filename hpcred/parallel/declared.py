@@ -132,7 +132,7 @@ def spelled_with(table: type) -> Callable[[Function], Function]:
     """As spelled, of a function that takes the keys of a TypedDict as well."""
 
     def decorated(function: Function) -> Function:
-        parameters = signature(function).parameters.values()
+        parameters = [*signature(function).parameters.values()]
         names = [item.name for item in parameters if item.kind in (item.POSITIONAL_OR_KEYWORD, item.KEYWORD_ONLY)]
         names = [name for name in names if name != "self"] + list(getattr(table, "__annotations__", ()))
         *_, owner, own = ("", *function.__qualname__.split("."))
@@ -148,6 +148,11 @@ def spelled_with(table: type) -> Callable[[Function], Function]:
                     )
             return function(*arguments, **keywords)
 
+        more = [Parameter(key, Parameter.KEYWORD_ONLY, default=None, annotation=getattr(kind, "__forward_arg__", kind))
+                for key, kind in getattr(table, "__annotations__", {}).items()]  # fmt: skip
+        if more:  # shown in place of **keywords
+            plain = [item for item in parameters if item.kind is not Parameter.VAR_KEYWORD]
+            checked.__signature__ = Signature([*plain, *more])  # type: ignore[attr-defined]
         return checked  # type: ignore[return-value]
 
     return decorated

@@ -1,6 +1,12 @@
-"""Compute digests of distributed arrays that do not depend on how many ranks share the rows."""
+"""Compute digests of distributed arrays that do not depend on how many ranks share the rows, and of plain data.
+
+XXH3 tells contents from others, fast; names of files, which stand for all that they depend on, are of SHA-256.
+"""
 
 from __future__ import annotations
+
+import json
+from hashlib import sha256
 
 import numpy as np
 from xxhash import xxh3_128
@@ -47,3 +53,17 @@ def digest_of_block(comm, first: int, values: np.ndarray) -> str:
     """The digest of an array (rows, columns), C-contiguous, as digest() has it. Collective."""
     rows, columns = values.shape
     return digest(comm, first, [(np.arange(rows + 1) * columns, values.reshape(-1))])
+
+
+def digest_of_plain(value) -> str:
+    """Return the digest of plain data."""
+    return xxh3_128(_plain(value)).hexdigest()
+
+
+def name_of_plain(value, digits: int) -> str:
+    """Return so many hexadecimal digits that stand for plain data in the name of a file."""
+    return sha256(_plain(value)).hexdigest()[:digits]
+
+
+def _plain(value) -> bytes:
+    return json.dumps(value, sort_keys=True).encode()

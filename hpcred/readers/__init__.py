@@ -1,0 +1,5 @@
+"""Models of other programs, and readers of one's own."""
+
+from ..public_names import attached
+
+__getattr__, __dir__, __all__ = attached(__name__, __file__)

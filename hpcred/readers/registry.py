@@ -64,7 +64,7 @@ def read_by(reader: Reader, holds: str, path, comm, *named):
             if not hasattr(content, "matrices" if holds == "model" else "values"):
                 raise InputError(
                     f"{path}: '{reader.name}' of the package {reader.package} gave {type(content).__name__}, expected "
-                    f"{'hpcred.Parts' if holds == 'model' else 'Entries'}; tell its authors"
+                    f"{'hpcred.readers.Parts' if holds == 'model' else 'Entries'}; tell its authors"
                 )
     return content
 

@@ -1,0 +1,5 @@
+"""Components of a basis, reductors, and what a reduction records."""
+
+from ..public_names import attached
+
+__getattr__, __dir__, __all__ = attached(__name__, __file__)

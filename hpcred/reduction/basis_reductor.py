@@ -17,7 +17,6 @@ from ..model.damping import Damping, NoDamping, caughey_terms, loss_factor_of, w
 from ..model.frames import Frame, FramedModel, NoFrame, apply_frame, inputs_without_effect
 from ..model.input_output_counts import require_room
 from ..model.loads.columns import loads_of, resultants
-from ..model.parameters.parametric_model import ParametricModel
 from ..model.scales import in_usual_units
 from ..model.second_order_model import SecondOrderModel, massless, require_model
 from ..parallel.decisions import decided
@@ -73,10 +72,7 @@ class Subspaces(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class BasisReductor(Reductor):
-    """Reduce by a one-sided projection onto the span of the components: V^T M V = I, V^T K V diagonal.
-
-    `parametric`: the model with parameters that is reduced at its reference, if it is one.
-    """
+    """Reduce by a one-sided projection onto the span of the components: V^T M V = I, V^T K V diagonal."""
 
     basis: tuple[Component, ...] = ()
     frame: Frame = NoFrame()
@@ -85,9 +81,9 @@ class BasisReductor(Reductor):
     factoring: Factoring = Factoring()
     store: Store | None = None
     progress: Progress = field(compare=False)
-    parametric: ParametricModel | None = None
 
     projection = "one_sided"
+    constant = None  # the part of a model with parameters that has none
     counts_modes = False  # whether factors count negative pivots on any number of ranks
 
     def reduce(self, model) -> ReducedModel:
@@ -156,8 +152,7 @@ class BasisReductor(Reductor):
         warnings = warnings_of_damping(self.damping)
         if model.D is not None and isinstance(self.damping, NoDamping):
             warnings += (f"damping: none, though {model.name} has a damping matrix, which kind = 'given' takes",)
-        constant = None if self.parametric is None else self.parametric.model
-        return warnings_of(model, self.frame, constant) + warnings
+        return warnings_of(model, self.frame, self.constant) + warnings
 
     def plan(self, framed) -> Plan:
         """Plan the bases. Collective. Raises InputError where they cannot fit."""

@@ -11,7 +11,6 @@ import numpy as np
 from ..linalg.blocks import copy_of
 from ..model.damping import GivenDamping
 from ..model.definiteness import check_definite
-from ..model.digests import digest_of_plain
 from ..model.frames import Buckens, apply_frame
 from ..model.loads.columns import resultants
 from ..model.parameters.parametric_model import ParametricModel
@@ -20,6 +19,7 @@ from ..model.rigid_body.modes import acts_on_free_motions
 from ..model.second_order_model import SAY_SO, SYMMETRIC_TO
 from ..parallel.decisions import decided
 from ..parallel.declared import declared
+from ..parallel.digest import digest_of_plain
 from ..parallel.failures import InputError, Owned
 from ..parallel.petsc import PETSc, free_dropped
 from ..parallel.progress import counted
@@ -34,15 +34,27 @@ from .result.parameter_accuracy import ParameterAccuracy, in_words
 from .result.record import TERMS
 from .run.notes import Notes
 from .run.run import Run
-from .search.outcome import PASSES, Outcome, accuracy_of, ask_for_digits, changed
-from .small.compression import LITTLE
+from .search.outcome import Outcome, accuracy_of, changed, project_until_settled
 from .tolerance_reductor import ToleranceReductor
 
 CORNERS = 32  # of the ranges, unless they are more, at which stability is looked at
 
 
 @dataclass(frozen=True, kw_only=True)
-class ParametricBasisReductor(BasisReductor):
+class AtReference:
+    """What reductors of models with parameters have besides: `parametric`, the model that is reduced at its reference.
+    """
+
+    parametric: ParametricModel | None = None
+
+    @property
+    def constant(self):
+        """The part of the model without parameters."""
+        return self.parametric.model
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParametricBasisReductor(AtReference, BasisReductor):
     """Reduce by the components of a basis at some values of the parameters, one after the other on one basis.
 
     `parameter_points`: the values, by default the reference.
@@ -72,7 +84,7 @@ class ParametricBasisReductor(BasisReductor):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ParametricReductor(ToleranceReductor):
+class ParametricReductor(AtReference, ToleranceReductor):
     """Reduce until eps(f) <= tolerance is proven over the band and the ranges of the parameters (see greedy)."""
 
     parameter_search: ParameterSearch = ParameterSearch()
@@ -144,20 +156,20 @@ class ParametricReductor(ToleranceReductor):
 
 
 def _project_again(greedy, kept) -> tuple[np.ndarray, float]:
-    """Project on the pseudo-modes at the reference where models lack digits or have noise that matters, as a search at
-    one value does (see outcome). Returns the columns `kept` in terms of the new basis, and the noise of the models.
-    Collective."""
+    """Project on the pseudo-modes at the reference, as a search at one value does (see project_until_settled). Returns
+    the columns `kept` in terms of the new basis, and the noise of the models. Collective."""
     comm, judge, projections = greedy.parametric.comm, greedy.first.judge, greedy.projections
-    noise = max(search.judge.noise for search in greedy.searches)
-    pair, outward, inward = decided(comm, turned, projections, greedy.reference, greedy.goal)
-    lacks = ask_for_digits(greedy.run, judge, pair.outer) or noise > judge.goal
-    for _ in range(PASSES if lacks else 0):
+    last = decided(comm, turned, projections, greedy.reference, greedy.goal)
+
+    def rotated():
+        nonlocal kept, last
+        pair, outward, inward = last
         projections.rotate(outward)
-        kept, before = inward @ kept, pair.outer
-        pair, outward, inward = decided(comm, turned, projections, greedy.reference, greedy.goal)
-        noise = decided(comm, changed, before, pair, greedy.goal.band)
-        if noise <= LITTLE * judge.goal:
-            break
+        kept, last = inward @ kept, decided(comm, turned, projections, greedy.reference, greedy.goal)
+        return decided(comm, changed, pair.outer, last[0], greedy.goal.band)
+
+    noise = max(search.judge.noise for search in greedy.searches)
+    noise = project_until_settled(greedy.run, judge, last[0].outer, noise, rotated)
     return kept, noise
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, TypedDict
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ..model.damping import Damping, damping_or_given
 from ..model.frames import Frame, NoFrame
 from ..model.parameters.parametric_model import ParametricModel
 from ..model.second_order_model import SecondOrderModel, require_model
-from ..parallel.declared import declared, refuse_file, spelled
+from ..parallel.declared import declared, refuse_file, spelled_with
 from ..parallel.failures import InputError
 from ..parallel.progress import Progress
 from .basis_reductor import BasisReductor
@@ -32,18 +32,37 @@ from .settings import Reduction
 from .tolerance_reductor import ToleranceReductor
 from .two_sided import TwoSidedReductor
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
-@spelled
+
+class Accurately(TypedDict, total=False):
+    """Fields of Adaptive that may be given without one."""
+
+    tolerance: float | None
+    band: Sequence[float] | np.ndarray | None
+    measure: Literal["directions", "paper"] | Measure | None
+    static: Literal["tolerance", "exact"] | None
+
+
+class Asked(Accurately, total=False):
+    """Fields of Adaptive and of Reduction that `reduce` takes as keywords."""
+
+    deflation_tolerance: float | None
+    drop_above: float | None
+    projection: Literal["one_sided", "two_sided"] | None
+    allow_unstable: bool | None
+    groups: int | Literal["auto"] | None
+    coordinates: Literal["modal", "interface"] | None
+
+
+@spelled_with(Asked)
 def reduce(
     model: SecondOrderModel | ParametricModel,
     basis: Component | Iterable[Component] = (),
     frame: Frame | None = None,
     damping: Damping | None = None,
     *,
-    tolerance: float | None = None,
-    band: Sequence[float] | np.ndarray | None = None,
-    measure: Literal["directions", "paper"] | Measure | None = None,
-    static: Literal["tolerance", "exact"] | None = None,
     adaptive: Adaptive | None = None,
     parameter_search: ParameterSearch | None = None,
     parameter_points: Iterable[Mapping[str, float]] | None = None,
@@ -51,12 +70,7 @@ def reduce(
     factoring: Factoring | None = None,
     store: Store | None = None,
     progress: Progress | None = None,
-    deflation_tolerance: float | None = None,
-    drop_above: float | None = None,
-    projection: Literal["one_sided", "two_sided"] | None = None,
-    allow_unstable: bool | None = None,
-    groups: int | Literal["auto"] | None = None,
-    coordinates: Literal["modal", "interface"] | None = None,
+    **asked: Unpack[Asked],
 ) -> ReducedModel:
     """Reduce a model to a tolerance, or by projection onto the span of the components of a basis.
 
@@ -84,14 +98,14 @@ def reduce(
     static : {"tolerance", "exact"}, optional
         See Adaptive.
     adaptive : Adaptive, optional
-        Tolerance and band with more settings, in place of the four above.
+        Tolerance and band with more settings, in place of these four.
     parameter_search : ParameterSearch, optional
         For a ParametricModel: at how many values errors are estimated, and at how many the model may be factored.
     parameter_points : iterable of mapping, optional
         For a ParametricModel without a tolerance: values by name at which the components of the basis are made; by
         default the reference values.
     settings : Reduction, optional
-        The keywords from `deflation_tolerance` on are its fields, and replace them.
+        Keywords that are its fields replace them.
     factoring : Factoring, optional
         How to factor, and in how much memory.
     store : Store, optional
@@ -122,14 +136,9 @@ def reduce(
     refuse_file("model", model, "reduce_job")
     parametric = isinstance(model, ParametricModel)
     require_model(model.model if parametric else model)
-    given = {
-        "deflation_tolerance": deflation_tolerance, "drop_above": drop_above, "projection": projection,
-        "allow_unstable": allow_unstable, "groups": groups, "coordinates": coordinates,
-    }  # fmt: skip
-    settings = replace(
-        declared("settings", settings, Reduction | None) or Reduction(),
-        **{key: value for key, value in given.items() if value is not None},
-    )
+    given = {key: value for key, value in asked.items() if value is not None}
+    accuracy = {key: given.pop(key) for key in Accurately.__annotations__ if key in given}
+    settings = replace(declared("settings", settings, Reduction | None) or Reduction(), **given)
     declared("factoring", factoring, Factoring | None)
     declared("progress", progress, Progress | None)
     if store is not None and not isinstance(store, Store):
@@ -139,9 +148,7 @@ def reduce(
     if isinstance(basis, tuple):  # that of a record
         basis = tuple(map(_known_part, basis))
     basis = declared("basis", (basis,) if isinstance(basis, Component) else basis or (), tuple[Component, ...])
-    adaptive = _asked_accuracy(
-        declared("adaptive", adaptive, Adaptive | None), tolerance, band, measure=measure, static=static
-    )
+    adaptive = _asked_accuracy(declared("adaptive", adaptive, Adaptive | None), **accuracy)
     frame = declared("frame", frame, Frame | None) or NoFrame()
     damping = damping_or_given(model.model if parametric else model, damping)
     points = declared("parameter_points", tuple(map(dict, parameter_points or ())), tuple[dict[str, float], ...])
@@ -151,23 +158,23 @@ def reduce(
             raise InputError(f"{key}: found it for a model without parameters; leave it out")
     # the reductor of the kind of model and goal
     progress = progress or Progress(model.comm)
-    asked = {"basis": basis, "frame": frame, "damping": damping, "settings": settings,
-             "factoring": factoring or Factoring(), "store": store,
-             "progress": progress}  # fmt: skip
+    chosen = {"basis": basis, "frame": frame, "damping": damping, "settings": settings,
+              "factoring": factoring or Factoring(), "store": store,
+              "progress": progress}  # fmt: skip
     if parametric:
         if adaptive is None:
             if parameter_search is not None:
                 raise InputError("parameter_search: found it without a tolerance, to which it belongs; leave it out")
-            return progress.found(ParametricBasisReductor(**asked, parameter_points=points).reduce(model))
+            return progress.found(ParametricBasisReductor(**chosen, parameter_points=points).reduce(model))
         if points:
             raise InputError("parameter_points: found it beside a tolerance, which chooses them; leave it out")
         search = parameter_search or ParameterSearch()
-        return progress.found(ParametricReductor(**asked, goal=adaptive, parameter_search=search).reduce(model))
+        return progress.found(ParametricReductor(**chosen, goal=adaptive, parameter_search=search).reduce(model))
     if settings.projection == "two_sided" and model.Ct is not None:
         if adaptive is not None:
             raise InputError("projection: a reduction to a tolerance is one-sided, which keeps stability; leave it out")
-        return progress.found(TwoSidedReductor(**asked).reduce(model))
-    reductor = BasisReductor(**asked) if adaptive is None else ToleranceReductor(**asked, goal=adaptive)
+        return progress.found(TwoSidedReductor(**chosen).reduce(model))
+    reductor = BasisReductor(**chosen) if adaptive is None else ToleranceReductor(**chosen, goal=adaptive)
     return progress.found(reductor.reduce(model))
 
 
@@ -184,9 +191,8 @@ def _known_part(part):
     return found
 
 
-def _asked_accuracy(adaptive, tolerance, band, **more) -> Adaptive | None:
+def _asked_accuracy(adaptive, tolerance=None, band=None, **more) -> Adaptive | None:
     """Return the settings of a search: `adaptive`, or those of a tolerance, its band and `more`; None for neither."""
-    more = {key: value for key, value in more.items() if value is not None}
     if tolerance is None and band is None and not more:
         return adaptive
     if adaptive is not None:

@@ -1,0 +1,5 @@
+"""Job files."""
+
+from ..public_names import attached
+
+__getattr__, __dir__, __all__ = attached(__name__, __file__)

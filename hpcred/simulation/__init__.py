@@ -1,0 +1,5 @@
+"""Simulation in time: joints, springs, drives and forces."""
+
+from ..public_names import attached
+
+__getattr__, __dir__, __all__ = attached(__name__, __file__)

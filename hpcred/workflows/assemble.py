@@ -9,7 +9,7 @@ import numpy as np
 
 from ..analysis.frequency_response import checked_frequencies
 from ..assembly.coupling import Machine, laws_of_table, machine_of
-from ..assembly.error import UNKNOWN, accuracy_of_machine, damping_of_errors, why_not_known
+from ..assembly.error import accuracy_of_machine, damping_of_errors, why_not_known
 from ..assembly.measured import MeasuredPart, measured_part
 from ..assembly.parts import Part, part_of
 from ..body.node_shapes import NodeShape
@@ -130,7 +130,7 @@ class Assembly:
         accuracy = self.accuracy
         if accuracy is None:
             return "the error of the machine is not estimated"
-        size = f"about {accuracy.largest:.1e}" if accuracy.largest < UNKNOWN else "not known"
+        size = f"about {accuracy.largest:.1e}" if np.isfinite(accuracy.largest) else "not known"
         asked = f" (tolerance {accuracy.tolerance:g})" if "needs" in self.budget[0] else ""
         again = f"; {accuracy.stopped}" if accuracy.stopped else ""
         return (f"{'' if accuracy.reached else 'NOT REACHED: '}largest error of the machine {size}{asked} over "
@@ -235,7 +235,7 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
     why = why_not_known(machine, band) if band else "no body was reduced to a tolerance"
     if not why or tolerance is not None:
         accuracy, budget = accuracy_of_machine(machine, tau, band, tolerance)
-        if accuracy.largest >= UNKNOWN:
+        if not np.isfinite(accuracy.largest):
             warnings.append("the errors of the bodies are too large for an estimate at sharp resonances; "
                             "reduce them to a smaller tolerance")  # fmt: skip
         if machine.parameters:
@@ -279,7 +279,7 @@ def _record(results, parts, numbers, made: Assembly, progress, comm) -> Record:
         for result, part, number in zip(results, parts, numbers, strict=True) for shape in result.nodes
     )  # fmt: skip
     # an error is that of a damping, which a record has as one loss factor
-    if accuracy is not None and accuracy.largest >= UNKNOWN:
+    if accuracy is not None and not np.isfinite(accuracy.largest):
         accuracy = None
     elif accuracy is not None and damping_of_errors(made.machine) is None:
         warnings = [*warnings, "the errors of the bodies were measured with different damping: that of the machine is "
@@ -356,7 +356,7 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
         "inputs": list(made.reduced.input_names), "outputs": list(made.reduced.output_names),
         "parameters": [asdict(item) for item in getattr(made.reduced, "parameters", ())],
         "budget": made.budget, "sentence": made.sentence, "reached": accuracy is None or accuracy.reached,
-        "error": None if accuracy is None or accuracy.largest >= UNKNOWN else accuracy.largest,
+        "error": None if accuracy is None or not np.isfinite(accuracy.largest) else accuracy.largest,
         "warnings": made.warnings,
         "timing": asdict(progress.timing()),
     }  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..analysis.check import check
+from ..analysis.summary import inspect
 from ..files.model_file import FORMAT, write_model
 from ..files.outputs import check_outputs, hdf5_kind
 from ..files.together import rescued
@@ -44,8 +44,8 @@ def convert(
     Returns
     -------
     dict
-        What check says of the model: plain numbers for a table or JSON, with `sentences` on them and `warnings` of what
-        looks wrong.
+        The report of inspect on the model: plain numbers for a table or JSON, with `sentences` on them and `warnings`
+        of what looks wrong.
 
     Raises
     ------
@@ -78,14 +78,11 @@ def convert(
     with model:
         with progress.stage("check"):
             # what looks wrong is said, and the model is written all the same
-            report = check(model)
+            report = inspect(model, progress=progress)
             report["warnings"] = [*report["warnings"], *comm.bcast(READERS.broken)]
         with progress.stage("write", str(output)):
             rescued(lambda place: write_model(place, model), output, comm)
-        names = {"inputs": list(model.input_names)}
-        if model.output_names != model.input_names:
-            names["outputs"] = list(model.output_names)
-        return {"output": str(output), **names, **report}
+        return {"output": str(output), **report}
 
 
 def list_formats() -> list[dict]:

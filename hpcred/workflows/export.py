@@ -178,7 +178,7 @@ def export_reduced(
     declared("reduced", reduced, ReducedModel)
     if reduced.model is None:
         raise InputError("export: found a reduced model without its full model, as one that was read from a file or "
-                         "closed; export the file by hpcred.export_result")  # fmt: skip
+                         "closed; export the file by hpcred.export")  # fmt: skip
     with folder_of_all(reduced.model.comm) as folder:
         result = folder / f"{Path(path).stem or 'result'}.h5"
         origin = (0.0, 0.0, 0.0) if geometric_stiffness is None else geometric_stiffness.origin

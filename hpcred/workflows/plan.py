@@ -11,6 +11,7 @@ import shlex
 from dataclasses import dataclass
 from math import ceil, log2, sqrt
 
+from ..analysis.summary import inspect
 from ..files.hdf5 import reading
 from ..files.model_file import FORMAT, SCHEMA, VERSION
 from ..linalg.solvers.mumps import Mumps, nested_dissection
@@ -129,14 +130,14 @@ def plan_file(
         "source": size.source, "factors": factors, "points": points,
         "rows": [_row(way, ranks, nodes, None if memory_gb is None else room) for way in ways],
         "best": best and best.name, "script": _script(best, str(path), job, ranks, nodes) if best else "",
-        "warnings": [],
+        "warnings": list(size.warnings),
     }  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class Size:
     """Of a model: its dofs and the nonzeros of K; operations and entries of a factor, MB in core and on a disk, as
-    estimated for `ranks`, and the `source` of these."""
+    estimated for `ranks`, the `source` of these, and what looks wrong with the model."""
 
     dofs: int
     nonzeros: int
@@ -146,6 +147,7 @@ class Size:
     mb_on_disk: float
     ranks: int
     source: str
+    warnings: tuple[str, ...] = ()
 
 
 def _size(model, analyse, comm, progress) -> Size:
@@ -163,12 +165,12 @@ def _size(model, analyse, comm, progress) -> Size:
         found = factor.expected([nested_dissection()])[nested_dissection()]
         factor.close()
         nonzeros = int(loaded.K.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
-        dofs = loaded.size
+        dofs, warnings = loaded.size, tuple(inspect(loaded, progress=progress)["warnings"])
     if is_complex():
         found |= {key: found[key] / 2 for key in ("mb", "mb_on_disk")}
     source = f"by MUMPS' analysis on {counted(comm.size, 'rank')} here"
     return Size(
-        dofs=dofs, nonzeros=nonzeros, ranks=comm.size, source=source,
+        dofs=dofs, nonzeros=nonzeros, ranks=comm.size, source=source, warnings=warnings,
         **{key: found[key] for key in ("flops", "entries", "mb", "mb_on_disk")},
     )  # fmt: skip
 

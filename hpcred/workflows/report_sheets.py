@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..analysis.campbell_diagram import Campbell
-from ..analysis.check import check
 from ..analysis.error import Errors, as_compared, errors_of
 from ..analysis.error_check import measuring_damping
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
+from ..analysis.summary import inspect
 from ..files.result_file import Result, read_result
 from ..model.damping import Damping
 from ..parallel.declared import declared
@@ -151,7 +151,7 @@ def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
         with full_of_record(path, sheet.record, sheet.result.path, damping=sheet.damping, factoring=factoring,
                             at=sheet.result.values, comm=comm) as full_model:  # fmt: skip
             sheet.full = _solved(full_model, sheet, count, groups, progress)
-            units = check(full_model.model)["units"] if full_model.model.dofs is not None else None
+            units = inspect(full_model.model, progress=progress).get("units")
         sheet.notes += [f"{path} looks like {units}: from its mass, size, and speed of waves"] if units else []
     found = frequency_response(sheet.measured, sheet.full.frequencies)
     sheet.errors = errors_of(

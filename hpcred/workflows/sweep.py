@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import shlex
 import shutil
@@ -22,6 +20,7 @@ from ..files.locks import Taken, lock, locks_given_back, unlock
 from ..files.outputs import check_kept
 from ..files.result_file import FORMAT, VERSION
 from ..parallel.declared import spelled
+from ..parallel.digest import name_of_plain
 from ..parallel.failures import InputError
 from ..parallel.progress import MINUTE, Progress, in_time
 from ..parallel.stopping import Stopped
@@ -196,8 +195,7 @@ def _shared_bases(sweep) -> dict[str, SweepRun]:
         if run.job.parameter and run.job.search is not None and any(key.split(".")[0] == "at" for key in run.values):
             with suppress(InputError):  # a job that needs its values
                 basis = SweepRun("ranges", {}, {}, job_of_ranges(run.job, sweep.folder / "ranges.h5"))
-                words = json.dumps(basis.known_by(content)).encode()
-                name = f"ranges-{hashlib.blake2b(words, digest_size=6).hexdigest()}"
+                name = f"ranges-{name_of_plain(basis.known_by(content), 12)}"
                 users.setdefault(name, (basis, []))[1].append(run.name)
     return {
         run: SweepRun(name, {}, {}, replace(basis.job, output=str(sweep.folder / f"{name}.h5")))
@@ -364,8 +362,7 @@ def response_of(sweep, run, content) -> Path:
     settings += [job[key] for key in TERMS_OF_MODEL if job[key]]
     grid = asked.frequencies or [asked.band or run.job.band, asked.points]
     what = [content(full), [content(name) for name in run.job.files[1:]], *settings, grid]
-    digest = hashlib.blake2b(json.dumps(what).encode(), digest_size=6).hexdigest()
-    return sweep.folder / f"full-{digest}.h5"
+    return sweep.folder / f"full-{name_of_plain(what, 12)}.h5"
 
 
 def responses_of(sweep) -> dict[str, Path]:

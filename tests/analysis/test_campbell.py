@@ -258,7 +258,7 @@ def test_structural_damping_is_refused():
 
 
 def test_fractional_laws_are_refused():
-    part = hpcred.Viscoelastic(np.eye(2), hpcred.Fractional(low=1.0, high=2.0, time=0.1, exponent=0.5), "core")
+    part = hpcred.Viscoelastic(np.eye(2), hpcred.laws.Fractional(low=1.0, high=2.0, time=0.1, exponent=0.5), "core")
     model = SimpleNamespace(at=lambda omega: SimpleNamespace(loss_factor=0.0, added=(part,)))
     with pytest.raises(hpcred.InputError, match="core is fractional, .* of states has in a Campbell diagram; take"):
         hpcred.campbell(model, values=[0, 1])
@@ -281,7 +281,7 @@ def test_a_rotor_in_viscoelastic_bearings_against_its_polynomial():
     """z = x + i y of a Jeffcott rotor: (1 + time s) (s^2 + d s + k - i c omega) + g time s = 0."""
     internal, factor, time = 0.2, 30.0, 0.05
     shaft = jeffcott(external=0.0, internal=internal)
-    law = hpcred.Maxwell(factors=[factor], times=[time])
+    law = hpcred.laws.Maxwell(factors=[factor], times=[time])
     model = Viscoelastic(shaft.function, (hpcred.Viscoelastic(np.eye(2), law),))
 
     def exact(omega):
@@ -306,7 +306,7 @@ def test_a_rotor_in_viscoelastic_bearings_against_its_polynomial():
 
 def test_modes_that_are_relaxations_are_left_out():
     """Of a body in oil, at all values, or from a damping ratio of 0.9 on."""
-    part = hpcred.Viscoelastic(1e-6 * np.eye(2), hpcred.Maxwell([1.0], [1.0]))
+    part = hpcred.Viscoelastic(1e-6 * np.eye(2), hpcred.laws.Maxwell([1.0], [1.0]))
     for first, shown in ((100.0, []), (0.0, [0.0, 6.0, 12.0])):
         values = first + np.array([0.0, 6.0, 12.0, 24.0])
         model = Viscoelastic(lambda omega: (np.eye(2), omega * np.eye(2), 100.0 * np.eye(2)), (part,))
@@ -322,7 +322,7 @@ def test_maxwell_elements_against_a_singular_pencil(seed):
     size = int(rng.integers(3, 7))
     A, G, N, *V = (rng.normal(size=(size, size)) for _ in range(5))
     M, K = np.eye(size) + 0.05 * A @ A.T, np.diag(rng.uniform(5, 30, size) ** 2) + A @ A.T
-    laws = hpcred.Maxwell([1.0, 0.5], [0.3, 0.01]), hpcred.Maxwell([2.0], [1e-4])
+    laws = hpcred.laws.Maxwell([1.0, 0.5], [0.3, 0.01]), hpcred.laws.Maxwell([2.0], [1e-4])
     parts = tuple(hpcred.Viscoelastic(part[:, :2] @ part[:, :2].T, law) for part, law in zip(V, laws, strict=True))
     model = Viscoelastic(lambda p: (M, 0.002 * K + p * (G - G.T), K - 0.05 * p**2 * N @ N.T), parts)
     found = hpcred.campbell(model, "p", np.linspace(0, 3, 7), highest=100.0)
@@ -343,7 +343,7 @@ def test_maxwell_elements_against_a_singular_pencil(seed):
 
 def test_a_reduced_rotor_with_viscoelastic_parts(comm):
     """One that keeps all modes, beside that of the matrices."""
-    law = hpcred.Maxwell(factors=[0.5, 0.2], times=[1e-3, 1e-5])
+    law = hpcred.laws.Maxwell(factors=[0.5, 0.2], times=[1e-3, 1e-5])
     with overhung_rotor(comm, elements=2) as rotor:
         K, M, D, G = (to_dense(mat)[6:, 6:] for mat in (rotor.model.K, rotor.model.M, rotor.model.D,
                                                         rotor.terms[0].matrix))  # fmt: skip

@@ -7,7 +7,8 @@ from conftest import DATA
 from helpers import PLACES, truss
 
 import hpcred
-from hpcred.analysis.check import _on_signs, fitting_units
+from hpcred.analysis.likely_units import fitting_units
+from hpcred.analysis.summary import _on_diagonals
 from hpcred.fe.dofs import Dofs
 from hpcred.fe.elements import solid_volume
 from hpcred.model.second_order_model import SecondOrderModel
@@ -40,9 +41,9 @@ def test_kratos_cantilever(comm):
     with cantilever(comm) as model, model.with_inputs([(99, "z")]) as loaded:
         with hpcred.reduce(loaded, [hpcred.Modes(count=4)]) as rom:
             assert np.allclose(rom.frequencies, [100.0459, 100.0459, 608.565, 608.565], rtol=5e-7)
-        report = hpcred.check(model)
-        assert report["masses_in_x_y_z"] == pytest.approx([73.26667] * 3) and report["held_dofs"] == 27
-        assert np.allclose(report["extent"], [[0, 0, 0], [1, 0.1, 0.1]])
+        report = hpcred.inspect(model)
+        assert report["masses_in_x_y_z_kg"] == pytest.approx([73.26667] * 3) and report["held_dofs"] == 27
+        assert np.allclose(report["extent_m"], [[0, 0, 0], [1, 0.1, 0.1]])
         assert report["nodes"] == 90 or comm.size > 1
         assert any("9 of 99 nodes have no row" in line for line in report["warnings"])
         assert any("mass of 73.2667 is without theirs" in line for line in report["warnings"])
@@ -62,7 +63,7 @@ def test_units_are_recognised(comm, name, sizes):
     found = []
     for model in (cantilever(comm), *blocks):
         with model, scaled(model, *sizes) as other:
-            found.append(hpcred.check(other)["units"])
+            found.append(hpcred.inspect(other)["units"])
     assert set(found) <= {name, None} and name in found
 
 
@@ -81,14 +82,14 @@ def test_other_units_are_noticed_both_ways(comm, name):
     def doubts(model):
         return [line for line in hpcred.inspect(model)["warnings"] if "the numbers look like" in line]
 
-    with BODIES[name](comm) as model, hpcred.in_si(model, millimetres) as said_to_be_mm:
+    with BODIES[name](comm) as model, hpcred.model.in_si(model, millimetres) as said_to_be_mm:
         assert not doubts(model)
         (line,) = doubts(said_to_be_mm)
         assert "look like m, kg, s" in line and "not mm,t,s; convert with --units SI" in line
-        with hpcred.in_si(model, Units("", 1e3, 1e-3, 1.0)) as made, made.with_fields(converted_from="") as bare:
+        with hpcred.model.in_si(model, Units("", 1e3, 1e-3, 1.0)) as made, made.with_fields(converted_from="") as bare:
             (line,) = doubts(bare)
             assert "not SI; convert with --units mm,t,s" in line
-            with hpcred.in_si(bare, millimetres) as right:
+            with hpcred.model.in_si(bare, millimetres) as right:
                 assert not doubts(right)
 
 
@@ -98,10 +99,10 @@ def test_point_masses_are_of_no_material(comm, name, times):
     """A mass at one node of so many times that of the body had made t look like kg."""
     with BODIES[name](comm) as model:
         with model.shared() as bare:
-            expected = hpcred.check(bare)["units"]
+            expected = hpcred.inspect(bare)["units"]
             indptr, indices, K = bare.K.getValuesCSR()
             M = bare.M.getValuesCSR()[2].real.copy()
-            added = times * max(hpcred.check(bare)["masses_in_x_y_z"])
+            added = times * max(hpcred.inspect(bare)["masses_in_x_y_z_kg"])
         rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
         first = rows + model.first_row == indices
         first &= (model.dofs.node[rows] == min(comm.allgather(model.dofs.node.min()))) & (
@@ -113,8 +114,8 @@ def test_point_masses_are_of_no_material(comm, name, times):
                 comm, model.size, indptr, indices, {"K": K.real, "M": M}, dofs=model.dofs, elements=model.elements,
                 converted_from=units,
             ) as heavy:  # fmt: skip
-                report = hpcred.check(heavy)
-                assert max(report["masses_in_x_y_z"]) == pytest.approx(added * (1 + 1 / times))
+                report = hpcred.inspect(heavy)
+                assert max(report["masses_in_x_y_z_kg"]) == pytest.approx(added * (1 + 1 / times))
                 assert report["units"] == expected
                 assert not any("the numbers look like" in line for line in report["warnings"])
 
@@ -140,18 +141,19 @@ def test_the_volume_of_solids_is_that_of_their_corners(comm, kind):
 
 def test_a_body_of_no_usual_material_has_no_units(comm):
     with cantilever(comm) as model, scaled(model, 1, 1e5, 1) as other:
-        report = hpcred.check(other)
+        report = hpcred.inspect(other)
         assert report["units"] is None and not any("looks like" in line for line in report["sentences"])
 
 
 def test_a_free_body_with_few_digits_is_told_from_a_held_one(comm):
     with load_export(DATA / "blockC3D8.inp", comm) as model:
-        assert any("a free body, which no rigid-body motion loads" in line for line in hpcred.check(model)["sentences"])
+        lines = hpcred.inspect(model)["sentences"]
+        assert any("a free body, which no rigid-body motion loads" in line for line in lines)
         indptr, indices, K = model.K.getValuesCSR()
         rounded = np.array([float(f"{value:.6e}") for value in K.real])
         values = {"K": rounded, "M": model.M.getValuesCSR()[2].real}
         with SecondOrderModel.from_csr(comm, model.size, indptr, indices, values, dofs=model.dofs) as coarse:
-            lines = hpcred.check(coarse)["sentences"]
+            lines = hpcred.inspect(coarse)["sentences"]
             assert any("few digits" in line or "to the digits of the files" in line for line in lines)
 
 
@@ -171,7 +173,7 @@ def test_motions_that_no_node_can_make_are_not_called_free(comm, directions, lef
     places = np.append(PLACES, [[0.4, 0.8, 6.0 if 2 in directions else 5.0]], axis=0)
     left_out = [(int(node), "xyz".index(direction)) for node, direction in left_out.split()]
     with truss(comm, directions, places=places, left_out=left_out) as model:
-        report = hpcred.check(model)
+        report = hpcred.inspect(model)
         assert report["sentences"][1].endswith(f": {says}")
         missing = [k for k in range(3) if "xyz"[k] in says.partition("dof in ")[2].split(" or ")]
         assert [k for k, value in enumerate(report["rigid_body_residuals"][:3]) if value is None] == missing
@@ -180,7 +182,7 @@ def test_motions_that_no_node_can_make_are_not_called_free(comm, directions, lef
 
 def test_masses_are_compared_in_the_directions_that_nodes_have(comm):
     with truss(comm, (0, 1), left_out=[(3, 0)]) as model:
-        assert any("the masses in x and y are 6 and 9 kg" in line for line in hpcred.check(model)["warnings"])
+        assert any("the masses in x and y are 6 and 9 kg" in line for line in hpcred.inspect(model)["warnings"])
 
 
 def test_exchanged_matrices_are_said_first(comm):
@@ -189,20 +191,19 @@ def test_exchanged_matrices_are_said_first(comm):
         with hpcred.solid((6, 2, 2), clamped=clamped, comm=comm) as model:
             indptr, indices, K = model.K.getValuesCSR()
             values = {"K": model.M.getValuesCSR()[2].real, "M": np.array([float(f"{v:.8e}") for v in K.real])}
-            assert not any("EXCHANGED" in line for line in hpcred.check(model)["warnings"])
+            assert not any("EXCHANGED" in line for line in hpcred.inspect(model)["warnings"])
             with SecondOrderModel.from_csr(
                 comm, model.size, indptr, indices, values, dofs=model.dofs, remarks=("a remark",)
             ) as other:
-                for ask in (hpcred.check, hpcred.inspect):
-                    if clamped:
-                        warnings = ask(other)["warnings"]
-                        assert "K AND M ARE EXCHANGED" in warnings[0] and warnings[1] == "a remark"
-                    else:  # whose masses are round-off, of whatever sign
-                        try:
-                            said = ask(other)["warnings"][0]
-                        except hpcred.InputError as error:
-                            said = str(error)
-                        assert "K AND M ARE EXCHANGED" in said
+                if clamped:
+                    warnings = hpcred.inspect(other)["warnings"]
+                    assert "K AND M ARE EXCHANGED" in warnings[0] and warnings[1] == "a remark"
+                else:  # whose masses are round-off, of whatever sign
+                    try:
+                        said = hpcred.inspect(other)["warnings"][0]
+                    except hpcred.InputError as error:
+                        said = str(error)
+                    assert "K AND M ARE EXCHANGED" in said
 
 
 @pytest.mark.parametrize("density", [7850.0, 2900.0])
@@ -216,14 +217,14 @@ def test_a_density_in_other_units_than_the_rest(comm, density, name, times, word
     speed together are of no material, in whatever units the matrices are said to be; the right ones are."""
     units = units_of(name)
     with hpcred.solid((8, 2, 2), size=(4.0, 1.0, 1.0), density=density, clamped=False, comm=comm) as model:
-        assert not any("would explain it" in line for line in hpcred.check(model)["warnings"])
+        assert not any("would explain it" in line for line in hpcred.inspect(model)["warnings"])
         with scaled(model, *units.sizes, times) as wrong:
             for text in said:
-                with hpcred.in_si(wrong, units_of(text)) if text else wrong.shared() as read:
-                    report = hpcred.check(read)
+                with hpcred.model.in_si(wrong, units_of(text)) if text else wrong.shared() as read:
+                    report = hpcred.inspect(read)
                     assert sum(words in line for line in report["warnings"]) == 1 and report["units"] is None
-        with scaled(model, *units.sizes) as right, hpcred.in_si(right, units) as read:
-            assert not any("would explain it" in line for line in hpcred.check(read)["warnings"])
+        with scaled(model, *units.sizes) as right, hpcred.model.in_si(right, units) as read:
+            assert not any("would explain it" in line for line in hpcred.inspect(read)["warnings"])
 
 
 def test_a_light_material_fits_the_units_that_it_has(comm):
@@ -236,11 +237,11 @@ def test_a_light_material_fits_the_units_that_it_has(comm):
 def test_a_damping_matrix_of_the_other_sign(comm, trace):
     """By its trace, in any units."""
     with hpcred.SecondOrderModel.from_scipy(np.eye(2), np.eye(2), np.diag([trace, 0.0]), comm) as model:
-        assert any("negative trace, -D" in line for line in _on_signs(model)) == (trace < 0)
+        assert any("negative trace, -D" in line for line in _on_diagonals(model)) == (trace < 0)
 
 
 def test_soft_and_heavy_materials_are_no_mistakes(comm):
     """Rubber, foam, lead, and beams in a large box: each has a density and a stiffness of its own."""
     for young, density in ((5e6, 1100.0), (1e7, 60.0), (1.6e10, 11340.0), (4e11, 19300.0), (1.2e12, 3500.0)):
         with hpcred.solid((8, 2, 2), young=young, density=density, clamped=False, comm=comm) as model:
-            assert not any("would explain it" in line for line in hpcred.check(model)["warnings"])
+            assert not any("would explain it" in line for line in hpcred.inspect(model)["warnings"])

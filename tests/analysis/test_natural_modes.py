@@ -100,9 +100,9 @@ def test_modes_of_a_plane_body_are_shown_in_its_plane(comm, folder):
     """Out of it nodes have no mass to move; the sums of what is shown are the whole."""
     with truss(comm, (0, 1)) as model:
         hpcred.write_model(folder / "plane.h5", model)
-    report = hpcred.modes_of_file(folder / "plane.h5", 6, comm=comm)
-    shares, factors = hpcred.tables_of_modes(report)
+    report = hpcred.modes(folder / "plane.h5", 6, comm=comm)
+    shares, factors = hpcred.workflows.tables_of_modes(report)
     assert list(shares[0]) == list(factors[0]) == ["mode", "f (Hz)", "x", "y", "rz"]
     assert [shares[-1][key] for key in ("x", "y", "rz")] == [100.0, 100.0, 100.0]
     inertia = 3 * ((PLACES - PLACES.mean(axis=0))[:, :2] ** 2).sum()
-    assert hpcred.mass_in_words(report) == f"mass 9 (x), 9 (y) kg; inertia {inertia:.6g} (rz) kg m^2"
+    assert hpcred.workflows.mass_in_words(report) == f"mass 9 (x), 9 (y) kg; inertia {inertia:.6g} (rz) kg m^2"

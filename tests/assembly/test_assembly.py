@@ -12,14 +12,14 @@ from random_machines import estimated_and_true
 from scipy.linalg import block_diag
 
 import hpcred
+from hpcred.assembly import BushingJoint, MachineBody, PointMass, RigidJoint, Turn
 from hpcred.assembly.coupling import machine_of
 from hpcred.assembly.error import sensitivity
-from hpcred.assembly.joints import MachineBody
 from hpcred.assembly.parts import part_of
 from hpcred.cli.main import run
 
 BAND = (0.0, 20000.0)
-R = hpcred.Turn(axis="z", degrees=90.0).matrix
+R = Turn(axis="z", degrees=90.0).matrix
 MACHINE = """
 output = "machine.h5"
 band = [0.0, 20000.0]
@@ -85,10 +85,10 @@ def test_two_solids_are_those_of_the_full_models_within_the_estimate(made, machi
     """Held and free, one turned and moved, joined beside each other, with a mass."""
     results = [hpcred.read_result(name) for name in ("held.h5", "free.h5")]
     bodies = [MachineBody(name="bed", result="-"), MachineBody(
-        name="arm", result="-", position=(0.06, 0.02, 0.0), turn=hpcred.Turn(axis="z", degrees=90.0))]  # fmt: skip
+        name="arm", result="-", position=(0.06, 0.02, 0.0), turn=Turn(axis="z", degrees=90.0))]  # fmt: skip
     parts = [part_of(*pair).as_measured() for pair in zip(bodies, results, strict=True)]
-    whole = machine_of(parts, [hpcred.RigidJoint(bodies=("bed.right", "arm.left"))],
-                       [hpcred.PointMass(at="arm.right", mass=0.1)])  # fmt: skip
+    whole = machine_of(parts, [RigidJoint(bodies=("bed.right", "arm.left"))],
+                       [PointMass(at="arm.right", mass=0.1)])  # fmt: skip
     reduced = whole.model(1 / (2 * np.pi * BAND[1]))[0]
     found = sensitivity(whole, reduced, BAND)
     some = np.unique(np.r_[0 : len(found.frequencies) : 4, found.curve().argmax()])
@@ -159,12 +159,12 @@ def test_bushings_are_soft_conditions(machine):
     """Stiffness, damping, a Maxwell element and a table between two bodies, and to the ground, against receptances."""
     Path("mount.csv").write_text("f_hz,re_x,im_x,amplitude\n0,1e6,0,1\n20000,3e6,2e5,1\n0,2e6,0,2\n20000,4e6,2e5,2\n")
     bodies = [MachineBody(name="a", result="free.h5"), MachineBody(name="b", result="free.h5", position=(0.1, 0, 0))]
-    law = hpcred.Maxwell((0.5, 2.0), (1e-3, 1e-5))
+    law = hpcred.laws.Maxwell((0.5, 2.0), (1e-3, 1e-5))
     joints = [
-        hpcred.BushingJoint(bodies=("a.right", "b.left"), stiffness=(1e7, 1e7, 2e7, 1e4, 1e4, 1e4),
-                            damping=(10.0, 20.0, 30.0), law=law, turn=hpcred.Turn(axis=(1.0, 2.0, 0.5), degrees=33.0)),
-        hpcred.BushingJoint(bodies=("a.left", "ground"), stiffness=(1e7, 1e7, 1e7, 1e4, 1e4, 1e4)),
-        hpcred.BushingJoint(bodies=("ground", "b.right"), table="mount.csv", at={"amplitude": 1.5}),
+        BushingJoint(bodies=("a.right", "b.left"), stiffness=(1e7, 1e7, 2e7, 1e4, 1e4, 1e4),
+                            damping=(10.0, 20.0, 30.0), law=law, turn=Turn(axis=(1.0, 2.0, 0.5), degrees=33.0)),
+        BushingJoint(bodies=("a.left", "ground"), stiffness=(1e7, 1e7, 1e7, 1e4, 1e4, 1e4)),
+        BushingJoint(bodies=("ground", "b.right"), table="mount.csv", at={"amplitude": 1.5}),
     ]  # fmt: skip
     found = hpcred.assemble(bodies, joints, band=BAND, inputs=["b.right:x", "a.left"], outputs=["b.right"])
     assert found.reduced.C.shape[0] == 6 and found.reduced.B.shape[1] == 7
@@ -179,8 +179,8 @@ def test_bushings_are_soft_conditions(machine):
 def test_twice_the_same_interface_and_rigid_chains(machine):
     """A chain of the same result three times is the same whatever the order of its joints."""
     bodies = [MachineBody(name=f"b{k}", result="free.h5", position=(0.06 * k, 0.0, 0.0)) for k in range(3)]
-    joints = [hpcred.RigidJoint(bodies=(f"b{k}.right", f"b{k + 1}.left")) for k in range(2)]
-    ground = hpcred.RigidJoint(bodies=("b0.left", "ground"))
+    joints = [RigidJoint(bodies=(f"b{k}.right", f"b{k + 1}.left")) for k in range(2)]
+    ground = RigidJoint(bodies=("b0.left", "ground"))
     one = hpcred.assemble(bodies, [*joints, ground], band=BAND).reduced.frequencies
     other = hpcred.assemble(bodies[::-1], [ground, *joints[::-1]], band=BAND).reduced.frequencies
     assert one == pytest.approx(other, rel=1e-9) and one[0] > 100
@@ -220,8 +220,8 @@ def test_what_a_body_lacks_is_refused(machine, comm):
         hpcred.write_result("xy.h5", rom, model)
     with pytest.raises(hpcred.InputError, match="has no direction z"):
         hpcred.assemble([MachineBody(name="a", result="xy.h5")],
-                        [hpcred.RigidJoint(bodies=("a.left", "ground"), directions="xyz")])  # fmt: skip
-    found = hpcred.assemble([MachineBody(name="a", result="xy.h5", turn=hpcred.Turn(axis="x", degrees=30.0))])
+                        [RigidJoint(bodies=("a.left", "ground"), directions="xyz")])  # fmt: skip
+    found = hpcred.assemble([MachineBody(name="a", result="xy.h5", turn=Turn(axis="x", degrees=30.0))])
     assert found.reduced.input_names == ("a.left:x", "a.left:y of the body")
     with hpcred.solid((6, 2, 3), (60.0, 20.0, 30.0), young=2.1e5, density=7.85e-9, clamped=False) as plain:  # mm, t, s
         boxes = {"left": ((-1, -1, -1), (1, 99, 99)), "right": ((59, -1, -1), (61, 99, 99))}
@@ -260,9 +260,9 @@ def test_a_measured_body_couples_as_the_reduced_one_that_it_was_measured_on(mach
     assert run(["assemble", "machine.toml", "--quiet"]) == 0
     true = hpcred.read_result("machine.h5").reduced.frequency_response(f)
     places = {"left": (1, np.array([0.0, 0.01, 0.015])), "right": (2, np.array([0.06, 0.01, 0.015]))}
-    responses = hpcred.Responses(frequencies=f, response=H, input_names=names, output_names=names, places=places)
+    responses = hpcred.files.Responses(frequencies=f, response=H, input_names=names, output_names=names, places=places)
     for name in ("tool.unv", "tool.npz"):
-        hpcred.write_responses(name, responses, comm)
+        hpcred.files.write_responses(name, responses, comm)
         text = MACHINE.replace('result = "free.h5"', f'result = "{name}"\nkind = "measured"')
         Path("machine.toml").write_text(text.replace("machine.h5", "m.csv"))
         assert run(["assemble", "machine.toml", "--json", "a.json"]) == 0
@@ -284,7 +284,7 @@ def test_coupling_by_receptances_is_the_dual_formula(machine):
     names = [name.removeprefix("t.") for name in alone.reduced.input_names]
     np.savez("beam.npz", frequencies=f, H=H, input_names=names, output_names=names)
     bodies = [MachineBody(name=name, result="beam.npz", kind="measured") for name in "ab"]
-    found = hpcred.assemble(bodies, [hpcred.RigidJoint(bodies=("a.right", "b.left"))])
+    found = hpcred.assemble(bodies, [RigidJoint(bodies=("a.right", "b.left"))])
     with pytest.raises(hpcred.InputError, match="has no coordinates"):
         found.save("m.h5")
     with pytest.raises(hpcred.InputError, match="was measured from 500 to 9000 Hz, not at 9500 Hz"):
@@ -320,7 +320,7 @@ def test_parameters_of_bodies_are_those_of_the_machine(machine, comm):
         ):
             hpcred.write_result("soft.h5", rom, model)
     bodies = [MachineBody(name="bed", result="held.h5"), MachineBody(name="arm", result="soft.h5")]
-    found = hpcred.assemble(bodies, [hpcred.RigidJoint(bodies=("bed.right", "arm.left"))], band=BAND)
+    found = hpcred.assemble(bodies, [RigidJoint(bodies=("bed.right", "arm.left"))], band=BAND)
     found.save("machine.h5")
     read = hpcred.read_result("machine.h5").reduced
     assert [item.name for item in read.parameters] == ["e"]
@@ -348,9 +348,9 @@ def test_two_solids_and_a_crank_are_those_of_the_full_models(made, machine, comm
     bodies = [MachineBody(name="bed", result="held.h5"), MachineBody(name="rod", result="rod.h5", position=at),
               MachineBody(name="arm", result="free.h5", position=at + small - [0.0, 0.01, 0.015])]  # fmt: skip
     bodies = [bodies[0], bodies[2], bodies[1]]
-    joints = [hpcred.RigidJoint(bodies=("bed.right", "rod.BIG_EYE")),
-              hpcred.RigidJoint(bodies=("rod.SMALL_EYE", "arm.left"), directions=("x", "y", "z", "rx", "ry")),
-              hpcred.BushingJoint(bodies=("arm.right", "ground"), stiffness=(1e6, 2e6, 3e6), damping=(10.0, 10.0, 5.0))]
+    joints = [RigidJoint(bodies=("bed.right", "rod.BIG_EYE")),
+              RigidJoint(bodies=("rod.SMALL_EYE", "arm.left"), directions=("x", "y", "z", "rx", "ry")),
+              BushingJoint(bodies=("arm.right", "ground"), stiffness=(1e6, 2e6, 3e6), damping=(10.0, 10.0, 5.0))]
     found = hpcred.assemble(bodies, joints, band=band)
     measured = found.machine.as_measured()
     reduced = measured.model(1 / (2 * np.pi * band[1]))[0]
@@ -381,7 +381,7 @@ def test_interface_coordinates_make_the_same_machine(machine, comm):
             with hpcred.reduce(model, basis, hpcred.Buckens(), settings=settings) as rom:
                 hpcred.write_result(f"{coordinates}.h5", rom, model)
             bodies = [MachineBody(name="bed", result="held.h5"), MachineBody(name="arm", result=f"{coordinates}.h5")]
-            found = hpcred.assemble(bodies, [hpcred.RigidJoint(bodies=("bed.right", "arm.left"))], band=BAND)
+            found = hpcred.assemble(bodies, [RigidJoint(bodies=("bed.right", "arm.left"))], band=BAND)
             assert "the error of body 'arm' is not known" in found.warnings[-1]
             results.append(found.reduced.frequency_response([500.0, 3000.0, 9000.0, 17000.0]))
     assert np.abs(results[0] - results[1]).max() < 1e-7 * np.abs(results[0]).max()

@@ -85,7 +85,7 @@ def measured(path, frequencies, names=("a:x", "b:x"), seed=1):
 def test_the_band_of_a_machine_is_where_all_bodies_are_known(tmp_path):
     bodies = [measured(tmp_path / "long.npz", np.linspace(0.0, 500.0, 51)),
               measured(tmp_path / "short.npz", np.linspace(0.0, 300.0, 7))]  # fmt: skip
-    joint = hpcred.RigidJoint(bodies=("long.a", "short.a"), directions="x")
+    joint = hpcred.assembly.RigidJoint(bodies=("long.a", "short.a"), directions="x")
     found = hpcred.assemble(bodies, [joint])
     assert found.band == (0.0, 300.0) and found.lines[[0, -1]] == pytest.approx([0.0, 300.0])
     assert np.isfinite(found.frequency_response()).all()
@@ -100,14 +100,14 @@ def test_rigid_loops_of_measured_bodies_are_refused(tmp_path):
     bodies = [measured(tmp_path / f"{name}.npz", [1.0, 2.0], seed=k) for k, name in enumerate("pqr")]
     pairs = [("p.a", "q.a"), ("q.a", "r.a"), ("r.a", "p.a")]
     with pytest.raises(hpcred.InputError, match="joint\\[2\\] between r.a and p.a:x: is held by other rigid joints"):
-        hpcred.assemble(bodies, [hpcred.RigidJoint(bodies=pair, directions="x") for pair in pairs])
+        hpcred.assemble(bodies, [hpcred.assembly.RigidJoint(bodies=pair, directions="x") for pair in pairs])
 
 
 def test_what_is_held_is_turned_with_its_body():
     """A quarter turn about z takes x to y; by 30 degrees only what is held in x and y stays held."""
     node, direction, position = np.array([4, 4, 7, 7]), np.array([0, 2, 0, 1]), np.arange(12.0).reshape(4, 3)
     for degrees, expected in ((90.0, [(4, 1), (4, 2), (7, 0), (7, 1)]), (30.0, [(4, 2), (7, 0), (7, 1)])):
-        part = SimpleNamespace(turn=hpcred.Turn(axis="z", degrees=degrees).matrix)
+        part = SimpleNamespace(turn=hpcred.assembly.Turn(axis="z", degrees=degrees).matrix)
         numbers, directions, places = _turned(part, node, direction, position)
         assert list(zip(numbers.tolist(), directions.tolist(), strict=True)) == expected
         assert (places == position[np.where(numbers == 4, 0, 2)]).all()
@@ -123,7 +123,7 @@ def test_structural_damping_of_a_parametric_body_is_that_of_the_reference():
     term = hpcred.reduction.parametric.reduced.ReducedTerm("K", "e", np.eye(1))
     constant = {key: getattr(found.reduced, key) for key in "MDKBC"}
     parameters = (hpcred.Parameter("e", (0.0, 1.0), 0.0),)
-    found.reduced = hpcred.ParametricReducedModel.of(found.reduced, parameters=parameters, constant=constant,
+    found.reduced = hpcred.reduction.ParametricReducedModel.of(found.reduced, parameters=parameters, constant=constant,
                                                      terms=(term,))  # fmt: skip
     assert "structural damping is that of the reference values" in machine(found).warnings[0]
     # beside the stiffness of a parameter
@@ -142,7 +142,7 @@ def test_errors_of_bodies_have_one_damping_or_none():
 
 
 @pytest.mark.parametrize(("made", "words"), [
-    (lambda: hpcred.PointMass(at="a.b", mass=0.0), "mass.mass: found 0 and no inertia"),
+    (lambda: hpcred.assembly.PointMass(at="a.b", mass=0.0), "mass.mass: found 0 and no inertia"),
     (lambda: hpcred.assemble([], inputs=[]), "inputs: found none, expected some; leave it out for all"),
     (lambda: MachineJob(body=(MachineBody(name="a", result="a.npz", kind="measured"),), write_basis=False),
      "write_basis: a machine with measured bodies has no basis"),
@@ -167,7 +167,7 @@ def test_keys_without_meaning_are_refused(made, words):
 def test_bad_tables_are_refused(tmp_path, text, words):
     (tmp_path / "t.csv").write_text(text)
     at = {"a": 1.0} if ",a" in text else {}
-    joint = hpcred.BushingJoint(bodies=("b.a", "ground"), table=str(tmp_path / "t.csv"), at=at)
+    joint = hpcred.assembly.BushingJoint(bodies=("b.a", "ground"), table=str(tmp_path / "t.csv"), at=at)
     with pytest.raises(hpcred.InputError, match=words):
         hpcred.assemble([measured(tmp_path / "b.npz", [1.0, 2.0])], [joint])
 
@@ -187,7 +187,7 @@ def test_all_ranks_write_the_shapes_of_a_turned_body(comm, folder):
     """Against those of the body, which a quarter turn about z takes from x, y to y, -x."""
     with block_with_ends(comm, clamped=True) as model, hpcred.reduce(model, [hpcred.Modes(count=6)]) as rom:
         hpcred.write_result(folder / "body.h5", rom, model)
-    bodies = [MachineBody(name="b", result=str(folder / "body.h5"), turn=hpcred.Turn(axis="z", degrees=90.0)),
+    bodies = [MachineBody(name="b", result=str(folder / "body.h5"), turn=hpcred.assembly.Turn(axis="z", degrees=90.0)),
               MachineBody(name="c", result=str(folder / "body.h5"))]  # fmt: skip
     made = hpcred.assemble(bodies, comm=comm)
     made.save(folder / "machine.h5", comm=comm)

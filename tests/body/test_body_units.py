@@ -60,7 +60,7 @@ def test_energies_and_responses_are_the_same(comm, coordinates):
 def test_loads_in_other_units(comm):
     """The factor of a load has no unit, and its output is work: the same work in other units."""
     units = Units("mm, t, cs", length=1e-3, mass=1e3, time=1e-2)
-    push = hpcred.Traction(name="push", on="right", value=(1e4, 2e4, 5e3))
+    push = hpcred.loads.Traction(name="push", on="right", value=(1e4, 2e4, 5e3))
     with (
         block_with_ends(comm, cells=(4, 2, 2)) as model, model.with_loads([push]) as loaded,
         hpcred.reduce(loaded, [Modes(count=4)], Buckens()) as rom,

@@ -7,14 +7,16 @@ import pytest
 from helpers import made_up_stiffness
 
 import hpcred
-from hpcred import Buckens, ConstantForce, ConstantMoment, Modes, Rayleigh, read_sid, write_sid
+from hpcred import Buckens, Modes, Rayleigh
 from hpcred.body.body import body_of
 from hpcred.body.geometric_stiffness import GeometricStiffness
 from hpcred.body.units import in_units
 from hpcred.model.units import Units
 from hpcred.parallel.failures import InputError
+from hpcred.simulation import ConstantForce, ConstantMoment
 from hpcred.simulation.equations_of_motion import FlexibleBody
 from hpcred.simulation.loads import load_of
+from hpcred.writers import read_sid, write_sid
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,8 @@ import pytest
 from helpers import face
 
 import hpcred
-from hpcred import LoadedState, Modes, Preload, Tangent
+from hpcred import Modes, Tangent
+from hpcred.body import LoadedState, Preload
 from hpcred.body.loaded_states import require_axial, stiffness_of_difference, stiffness_of_stresses
 from hpcred.body.unit_states import displacements_of_states, stresses
 from hpcred.fe.solids import Solids

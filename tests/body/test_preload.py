@@ -5,10 +5,12 @@ import pytest
 from helpers import columns_of, face, gather, to_dense
 
 import hpcred
-from hpcred import Modes, Preload, SecondOrderModel, Tangent, preloaded, units_of
+from hpcred import Modes, SecondOrderModel, Tangent, preloaded
+from hpcred.body import Preload
 from hpcred.body.body import body_of, remarks
 from hpcred.body.preload import reduced_at, warning_of_basis
 from hpcred.body.units import in_units, sizes_of
+from hpcred.model import units_of
 from hpcred.model.rotation import spin_softening
 from hpcred.parallel.failures import InputError
 from hpcred.settings.preload_text import preload_of
@@ -110,7 +112,7 @@ def test_a_body_whose_matrices_lack_their_supports_is_told_what_is_missing(comm,
     """M between held and free dofs, in numpy, against what the elements at the supports have."""
     preload, origin = Preload(omega=(0.0, 0.0, 2.0), acceleration=(0.0, 0.0, 3.0)), np.array([-0.2, 0.0, 0.0])
     with hpcred.solid((6, 2, 2), (1.0, 0.2, 0.3), 3, False, comm) as free:
-        steel = hpcred.Material(name="steel", young=2.1e11, poisson=0.3, density=density)
+        steel = hpcred.fe.Material(name="steel", young=2.1e11, poisson=0.3, density=density)
         position, direction = (np.concatenate(comm.allgather(getattr(free.dofs, key)))
                                for key in ("position", "direction"))  # fmt: skip
         held, M = np.flatnonzero(position[:, 0] < 1e-9), to_dense(free.M)

@@ -8,7 +8,9 @@ from calculix_runs import input_lines, run_calculix
 from solid_meshes import mesh
 
 import hpcred
-from hpcred import Modes, Preload
+from hpcred import Modes
+from hpcred.body import Preload
+from hpcred.readers import load_export
 
 pytestmark = [pytest.mark.ccx, pytest.mark.skipif(shutil.which("ccx") is None, reason="needs ccx")]
 
@@ -34,7 +36,7 @@ def test_a_blade_over_its_speed(tmp_path, comm, type_, kind):
     lines = [*input_lines(type_, points, elements), "*BOUNDARY"]
     lines += [f"{n}, 1, 3" for n in np.flatnonzero(points[:, 0] < 0.1001) + 1]
     run_calculix(tmp_path, "m", [*lines, "*STEP", "*FREQUENCY, SOLVER=MATRIXSTORAGE", "10"])
-    with hpcred.load_export(tmp_path / "m.inp", comm) as bare, bare.with_inputs([(int(points[:, 0].argmax()) + 1, "z")]
+    with load_export(tmp_path / "m.inp", comm) as bare, bare.with_inputs([(int(points[:, 0].argmax()) + 1, "z")]
     ) as model, hpcred.reduce(model, [Modes(count=8)]) as rom:  # fmt: skip
         # a force at a single node moves single elements of C3D20R without strain
         stiffness = hpcred.geometric_stiffness(model, rom.columns, nodes=())

@@ -29,6 +29,6 @@ def test_energy_of_a_body_that_spins_is_that_of_the_full_model():
 
 def test_loads_that_may_be_centrifugal():
     for kind, spins, lacks in (("pressure", False, True), ("given", False, False), ("deck", True, False)):
-        item = hpcred.LoadColumn(name="l", kind=kind, force=(0.0,) * 3, moment=(0.0,) * 3, spins=spins)
+        item = hpcred.loads.LoadColumn(name="l", kind=kind, force=(0.0,) * 3, moment=(0.0,) * 3, spins=spins)
         assert lacks_spin(SimpleNamespace(loads=(item,))) == lacks
     assert lacks_spin(SimpleNamespace(loads=())) and not lacks_spin(None)

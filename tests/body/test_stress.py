@@ -10,9 +10,8 @@ from helpers import block_from
 from solid_meshes import mesh, model_of, stiffness
 
 import hpcred
-from hpcred import ElementProperties, Material
 from hpcred.body import stress
-from hpcred.fe import solids
+from hpcred.fe import ElementProperties, Material, solids
 from hpcred.fe.element_rules import RULES, rule_of
 from hpcred.fe.shape_functions import SOLIDS
 from hpcred.fe.strain_matrices import elasticity, nodal_stress_matrices
@@ -128,7 +127,7 @@ def test_bending_of_a_cantilever(comm, type_, kind):
     wanted = -force * (length - x) * (z - height / 2) / inertia
     assert middle.sum() > 8
     assert np.allclose(sigma[middle, 0], wanted[middle], rtol=0, atol=5e-3 * wanted[middle].max())
-    assert np.isclose(hpcred.von_mises(sigma[middle]).max(), np.abs(wanted[middle]).max(), rtol=0.02)
+    assert np.isclose(hpcred.body.von_mises(sigma[middle]).max(), np.abs(wanted[middle]).max(), rtol=0.02)
 
 
 @pytest.mark.mpi
@@ -208,7 +207,7 @@ def test_elements_with_nodes_without_rows_are_left_out(comm):
             found = hpcred.stress_modes(model, block)
             nodes, values = whole(comm, found)
             block.destroy()
-            lonely, other = (hpcred.StressOutput(node=int(node) + 1, stress="xx")
+            lonely, other = (hpcred.outputs.StressOutput(node=int(node) + 1, stress="xx")
                              for node in (elements[0, 3], elements[2, 1]))  # fmt: skip
             with pytest.raises(hpcred.InputError, match=r"outputs: node \d+ of .* has no stress, since its elements"):
                 model.with_outputs([other, lonely])
@@ -259,14 +258,14 @@ def test_models_without_nodes_are_refused(comm):
 
 
 def test_von_mises_of_known_states():
-    assert np.allclose(hpcred.von_mises([[3.0, 0, 0, 0, 0, 0], [2, 2, 2, 0, 0, 0]]), [3, 0])
-    assert np.allclose(hpcred.von_mises([[0, 0, 0, 1.0, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, -1]]), 3**0.5)
+    assert np.allclose(hpcred.body.von_mises([[3.0, 0, 0, 0, 0, 0], [2, 2, 2, 0, 0, 0]]), [3, 0])
+    assert np.allclose(hpcred.body.von_mises([[0, 0, 0, 1.0, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, -1]]), 3**0.5)
     rng = np.random.default_rng(1)
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     tensor = rng.standard_normal((3, 3))
     tensor += tensor.T
     states = [np.array([*np.diag(t), t[0, 1], t[1, 2], t[2, 0]]) for t in (tensor, turn @ tensor @ turn.T)]
-    assert np.isclose(*hpcred.von_mises(states))
+    assert np.isclose(*hpcred.body.von_mises(states))
 
 
 def test_all_kinds_of_solids_are_tested():

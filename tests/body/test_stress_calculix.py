@@ -13,7 +13,7 @@ from hpcred.fe.element_rules import CALCULIX, rule_of
 from hpcred.fe.strain_matrices import elasticity, strain_matrices
 
 pytestmark = [pytest.mark.ccx, pytest.mark.skipif(shutil.which("ccx") is None, reason="needs ccx")]
-STEEL = hpcred.Material(name="STEEL", young=2.1e11, poisson=0.3)
+STEEL = hpcred.fe.Material(name="STEEL", young=2.1e11, poisson=0.3)
 TYPES = [(name, kind) for name, kinds in CALCULIX.items() for kind in kinds]
 FOR_DAT = [0, 1, 2, 3, 5, 4]  # places of our components among xx, yy, zz, xy, xz, yz
 
@@ -75,7 +75,7 @@ def test_stresses_of_a_loaded_beam_from_its_own_input_file(tmp_path, comm):
     run_calculix(tmp_path, "s", [*lines, "*STEP", "*STATIC", "*CLOAD", f"{tip}, 3, 100.", "*EL FILE", "S"])
     wanted = at_nodes_of(tmp_path / "s.frd")
     with (
-        hpcred.load_export(tmp_path / "m.inp", comm) as bare,
+        hpcred.readers.load_export(tmp_path / "m.inp", comm) as bare,
         bare.with_inputs([(tip, "z")]) as model,
         hpcred.reduce(model, [hpcred.Modes(count=4), hpcred.StaticCorrection()]) as rom,
     ):

@@ -7,8 +7,10 @@ import pytest
 from solid_meshes import mesh, model_of, stiffness
 
 import hpcred
-from hpcred import InputError, Material, Preload
+from hpcred import InputError
+from hpcred.body import Preload
 from hpcred.body.loaded_states import LUMPED, sign_of_stress_stiffness
+from hpcred.fe import Material
 from hpcred.fe.element_rules import FULL
 
 STEEL = Material(name="steel", young=2.1e11, poisson=0.3)

@@ -5,7 +5,8 @@ import pytest
 from helpers import block_from, gather
 
 import hpcred
-from hpcred import GeometricStiffness, Modes
+from hpcred import Modes
+from hpcred.body import GeometricStiffness
 from hpcred.body.floating_frame import floating_frame
 from hpcred.body.turned import turned_frame, turned_stiffness
 

@@ -6,10 +6,11 @@ from helpers import block_from, block_with_ends, columns_of, dense_model, face, 
 from solid_meshes import mesh, model_of, stiffness
 
 import hpcred
-from hpcred import Buckens, Chord, Material, Modes, Tangent
+from hpcred import Buckens, Chord, Modes, Tangent
 from hpcred.body.geometric_stiffness import VELOCITIES
 from hpcred.body.stress_stiffness import assembled, node_stiffness
 from hpcred.body.unit_states import geometric_stiffness
+from hpcred.fe import Material
 from hpcred.fe.element_rows import element_rows
 from hpcred.fe.element_rules import RULES, rule_of
 from hpcred.fe.shape_functions import gradients_in_space, integration_points, shape_functions
@@ -200,7 +201,7 @@ def test_stresses_turn_with_the_body(comm):
     """K_sigma of a rotation by theta is theta x f, node by node, for the forces f that a state has in equilibrium: all
     states of a free body in interface coordinates, whose basis has the rotations; f by numpy."""
     with block_with_ends(comm) as model:
-        basis = [hpcred.ConstraintModes(), hpcred.FixedInterfaceModes(count=3)]
+        basis = [hpcred.reduction.ConstraintModes(), hpcred.reduction.FixedInterfaceModes(count=3)]
         rom = hpcred.reduce(model, basis, Buckens(), coordinates="interface")
         found = hpcred.geometric_stiffness(model, rom.columns, Buckens())
         V, R, B = gather(rom.columns), gather(rigid_motions(model)), columns_of(model.B)

@@ -96,6 +96,6 @@ def test_the_script(bar, folder, comm, monkeypatch):
     comm.Barrier()
     result = hpcred.read_result("bar.h5")
     assert np.allclose(result.reduced.frequencies[:2], bar.slender_beam(2), rtol=0.02)
-    body = hpcred.read_sid("bar.SID_FEM")
+    body = hpcred.writers.read_sid("bar.SID_FEM")
     assert body is not None and len(result.nodes) == 2
     assert sorted(path.name for path in folder.iterdir()) == ["bar.SID_FEM", "bar.h5", "bar.vtu"]

@@ -29,7 +29,7 @@ def test_the_lever_has_the_frequencies_of_calculix(lever):
     assert lever.main(0.012) < 5e-7  # the .dat file has seven digits
     own = lever.frequencies_of_calculix("lever_modes.dat")[6:8]
     assert np.allclose(own, [1548.8, 2197.0], rtol=3e-3)  # whatever gmsh meshes
-    assert hpcred.read_sid("lever.SID_FEM") is not None
+    assert hpcred.writers.read_sid("lever.SID_FEM") is not None
     result = hpcred.read_result("lever.h5")
     assert all(node.rotates for node in result.nodes) and len(result.nodes) == 2
     # a bearing that is turned turns about its own node, and does not move it

@@ -24,7 +24,7 @@ def test_table_1(linkage):
         with hpcred.reduce(linkage, basis, example.FRAME, example.DAMPING, deflation_tolerance=1e-13) as rom:
             assert rom.size == 14
             errors = hpcred.relative_error(full, hpcred.frequency_response(rom, frequencies), "paper")
-            assert low <= hpcred.error_integral(frequencies, errors) <= high
+            assert low <= hpcred.analysis.error_integral(frequencies, errors) <= high
 
 
 @pytest.mark.mpi(costly=True)

@@ -5,8 +5,10 @@ import pytest
 from helpers import block_from
 
 import hpcred
-from hpcred import ElementProperties, InputError, Modes, Preload
+from hpcred import InputError, Modes
+from hpcred.body import Preload
 from hpcred.body.preload import preloaded
+from hpcred.fe import ElementProperties
 from hpcred.fe.solids import Solids
 from hpcred.model.material_stiffness import material_stiffness
 
@@ -65,7 +67,7 @@ def test_elements_that_are_missing_are_said_where_stresses_need_them(comm):
             says = "stress: the forces of the solid elements of solid are not those of K at 12 nodes"
             assert [text.partition(",")[0] for text in Solids(lacking).warnings()] == [says]
             for node, count in ((1, 1), (30, 0)):
-                measured = lacking.with_outputs([hpcred.StressOutput(node=node, stress="xx")])
+                measured = lacking.with_outputs([hpcred.outputs.StressOutput(node=node, stress="xx")])
                 with measured, hpcred.reduce(measured, [Modes(count=3)]) as rom:
                     told = [text for text in rom.record.warnings if text.startswith("stress: the forces")]
                     assert len(told) == len(hpcred.stress_modes(lacking, rom.columns, [node]).remarks) == count

@@ -8,7 +8,7 @@ import pytest
 from foreign import gathered
 
 import hpcred
-from hpcred import ElementProperties, Material
+from hpcred.fe import ElementProperties, Material
 from hpcred.fe.materials import MATERIAL, NUMBER, TYPE, check_properties, material_of
 from hpcred.model.material_stiffness import _row_norms
 from hpcred.parallel.shares import row_range
@@ -76,7 +76,7 @@ def test_properties_are_kept_by_files_and_models(comm, folder):
 
 @pytest.mark.mpi
 def test_units_of_materials(comm):
-    with two_types(comm) as model, hpcred.in_si(model, hpcred.units_of("mm,t,s")) as converted:
+    with two_types(comm) as model, hpcred.model.in_si(model, hpcred.model.units_of("mm,t,s")) as converted:
         steel, foam = converted.properties.materials
         assert steel.young == pytest.approx(2.1e17) and steel.density == pytest.approx(7850e12)
         assert (steel.poisson, steel.expansion) == (0.3, 1.2e-5) and foam.density == pytest.approx(30e12)

@@ -85,7 +85,7 @@ def difference(model, rules, young, poisson):
 @pytest.mark.parametrize("name", ["C3D8", "C3D10"])
 def test_stiffness_of_abaqus(tmp_path, comm, name):
     unpacked(comm, tmp_path, f"block{name}_STIF1.mtx", f"block{name}_MASS1.mtx")
-    with hpcred.load_export(shutil.copy(DATA / f"block{name}.inp", tmp_path)) as model:
+    with hpcred.readers.load_export(shutil.copy(DATA / f"block{name}.inp", tmp_path)) as model:
         (kind,) = model.elements
         assert difference(model, {kind: rule_of("Abaqus", name, kind)}, 2e11, 0.3) < 1e-14
         if name == "C3D8":  # it is not the one without B-bar
@@ -93,12 +93,12 @@ def test_stiffness_of_abaqus(tmp_path, comm, name):
 
 
 def test_stiffness_of_calculix(tmp_path, comm):
-    with hpcred.load_export(unpack(tmp_path, comm, "calculix") / "quadratic.inp") as model:
+    with hpcred.readers.load_export(unpack(tmp_path, comm, "calculix") / "quadratic.inp") as model:
         assert difference(model, {"hexahedron20": FULL, "wedge15": FULL}, 2.1e11, 0.3) < 1e-13
 
 
 def test_stiffness_of_ansys(tmp_path, comm):
-    with hpcred.load_export(unpacked(comm, tmp_path, "ansys/HexBeam.full", "ansys/HexBeam.cdb")) as model:
+    with hpcred.readers.load_export(unpacked(comm, tmp_path, "ansys/HexBeam.full", "ansys/HexBeam.cdb")) as model:
         rule = rule_of("ANSYS", "SOLID186", "hexahedron20")
         # the archive has the mesh, and the material of another run (7e10, 0.35)
         assert difference(model, {"hexahedron20": rule}, 16.9e6, 0.31) < 1e-12
@@ -111,7 +111,7 @@ def test_stiffness_of_solid185(tmp_path, comm):
     elements = np.array([line.split()[2:] for line in lines if line.strip()], int)
     rule = rule_of("ANSYS", "SOLID185", "hexahedron")
     with (
-        hpcred.load_export(path) as bare,
+        hpcred.readers.load_export(path) as bare,
         bare.with_fields(elements={"hexahedron": elements}) as model,
     ):
         assert difference(model, {"hexahedron": rule}, 2.1e9, 0.3) < 1e-12

@@ -5,7 +5,8 @@ import csv
 import numpy as np
 import pytest
 
-from hpcred import InputError, Responses, read_responses, write_responses
+from hpcred import InputError
+from hpcred.files import Responses, read_responses, write_responses
 
 PAIRS = ["20:z/1:x", "20:z/B.mtx, column 2"]
 

@@ -119,7 +119,7 @@ def good_files() -> dict[str, bytes]:
         with hpcred.linkage() as model:
             hpcred.write_model("model.h5", model)
             scipy.io.mmwrite("Kv.mtx", scipy.sparse.eye(model.size, format="coo"))
-        steel = hpcred.Material(name="steel", young=2.1e11, poisson=0.3, density=7850.0, expansion=1.2e-5)
+        steel = hpcred.fe.Material(name="steel", young=2.1e11, poisson=0.3, density=7850.0, expansion=1.2e-5)
         with hpcred.solid((4, 1, 1)) as model:
             half = np.unique(model.dofs.node[model.dofs.position[:, 0] > 0.025])
             hpcred.write_model("block.h5", model.with_material(steel).with_fields(sets={"half": half}))

@@ -12,7 +12,6 @@ from hpcred import (
     Buckens,
     Chord,
     ComputationError,
-    ConstraintModes,
     CraigBampton,
     Factoring,
     InputError,
@@ -34,6 +33,7 @@ from hpcred.linalg.solvers.shifted import ShiftedSolver
 from hpcred.model.frames import apply_frame
 from hpcred.model.node_blocks import NodeBlocks
 from hpcred.parallel.petsc import MPI, free_dropped
+from hpcred.reduction import ConstraintModes
 from hpcred.reduction.search.point_solver import ROUGH_LOADS
 
 UNFIT = LinearSolver(unfit="multigrid")

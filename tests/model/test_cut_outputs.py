@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import hpcred
-from hpcred import CutOutput, InputError, MotionOutput
+from hpcred import InputError
 from hpcred.body.units import in_units
 from hpcred.model.outputs.cuts import cut_output_of
 from hpcred.model.units import unit_of_response
+from hpcred.outputs import CutOutput, MotionOutput
 from tests.helpers import bar
 
 POINT = (0.045, 0.01, 0.02)
@@ -98,7 +99,7 @@ def test_under_the_tolerance_and_in_files(comm, folder):
     hpcred.reduce_job(folder / "job.toml", comm=comm)
     reduced = hpcred.read_result(folder / "r.h5", comm).reduced
     assert reduced.output_names == ("cut TIP:fz", "cut TIP at 0.045 0.01 0.02:mx") and reduced.record.accuracy.reached
-    found = hpcred.evaluate_result(folder / "r.h5", folder / "m.h5", frequencies=[0.0, 2000.0, 5999.0], comm=comm)
+    found = hpcred.evaluate(folder / "r.h5", folder / "m.h5", frequencies=[0.0, 2000.0, 5999.0], comm=comm)
     assert found["eps_max"] <= 1e-4
 
 
@@ -125,20 +126,20 @@ def test_a_free_body_to_a_tolerance(comm, coordinates):
 def test_bodies_in_other_units(comm):
     targets = [
         CutOutput(cut="TIP", component="fz"), CutOutput(cut="TIP", component="mx"),
-        hpcred.StressOutput(node=60, stress="xx"),
+        hpcred.outputs.StressOutput(node=60, stress="xx"),
         *(MotionOutput(node=128, direction="z", quantity=name) for name in ("velocity", "acceleration")),
     ]  # fmt: skip
     model = cantilever(comm).with_outputs(targets)
     rom = hpcred.reduce(model, [hpcred.Modes(count=6), hpcred.StaticCorrection()])
-    body = hpcred.body_of(model, rom)
+    body = hpcred.body.body_of(model, rom)
     # kN, kN mm, GPa, mm/ms and mm/ms^2 of kN
     factors = np.array([1.0, 1e3, 1e-6, 1e3, 1.0])[:, None]
     H = rom.frequency_response([2000.0]) * factors
-    other = in_units(body, hpcred.units_of("mm-kg-ms")).reduced
+    other = in_units(body, hpcred.model.units_of("mm-kg-ms")).reduced
     assert (np.abs(other.frequency_response([2.0]) - H) < 1e-9 * np.abs(H).max(axis=2, keepdims=True)).all()
     renamed = replace(rom, output_names=("mine", *rom.output_names[1:]))
     with pytest.raises(InputError, match=r"units: mine may be a force or a moment"):
-        in_units(replace(body, reduced=renamed), hpcred.units_of("mm-kg-ms"))
+        in_units(replace(body, reduced=renamed), hpcred.model.units_of("mm-kg-ms"))
 
 
 def test_names_and_units():

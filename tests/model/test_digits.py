@@ -49,7 +49,7 @@ def test_what_the_digits_leave_is_said(comm, digits):
     error = error_of(K, M, digits)
     with of(comm, rounded(K, digits), M) as model, model.with_inputs([1]) as model:
         assert digits_of(model.K) == digits and digits_of(model.M) is None
-        assert hpcred.check(model)["sentences"][-1].startswith(f"K has {digits} digits; ") == (digits < 13)
+        assert hpcred.inspect(model)["sentences"][-1].startswith(f"K has {digits} digits; ") == (digits < 13)
         with closing(hpcred.natural_modes(model, 3)) as found, hpcred.reduce(model, [hpcred.Modes(count=3)]) as rom:
             said = [line for line in rom.record.warnings if "digits" in line]
             assert list(found.warnings) == said

@@ -215,13 +215,13 @@ def test_shapes_and_files_know_the_reference_nodes(comm, folder):
         assert (shape.name, shape.rotates) == ("right", True)
         motion = to_dense(model.Gt).T @ gather(rom.columns)
         assert np.abs(np.concatenate([shape.phi, shape.psi]) - motion).max() < 1e-12 * np.abs(motion).max()
-        (row,) = hpcred.describe_file(folder / "result.h5", comm=comm)["interfaces"]
+        (row,) = hpcred.info(folder / "result.h5", comm=comm)["interfaces"]
         place = {"x": pytest.approx(0.06), "y": pytest.approx(0.01), "z": pytest.approx(0.015)}
         assert row == {"interface": "right", "node": shape.node, "kind": "averaging", "nodes": 12} | place
-        report = hpcred.evaluate_result(folder / "result.h5", folder / "model.h5", frequencies=(100.0, 5000.0))
+        report = hpcred.evaluate(folder / "result.h5", folder / "model.h5", frequencies=(100.0, 5000.0))
         assert max(report["eps"]) < 1e-4
-        hpcred.export_result(folder / "result.h5", "sid", folder / "body.SID_FEM")
-        node = hpcred.read_sid(folder / "body.SID_FEM").nodes[-1]
+        hpcred.export(folder / "result.h5", "sid", folder / "body.SID_FEM")
+        node = hpcred.writers.read_sid(folder / "body.SID_FEM").nodes[-1]
         assert node.node == shape.node
         assert np.allclose(node.objects["psi"].m0, shape.psi)
 

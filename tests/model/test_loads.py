@@ -8,21 +8,10 @@ import scipy.sparse
 from helpers import block_with_ends, columns_of, dense_model, gather, to_dense
 
 import hpcred
-from hpcred import (
-    Centrifugal,
-    Dofs,
-    Gravity,
-    InputError,
-    LineLoad,
-    Material,
-    MovingLoad,
-    Nodes,
-    Pressure,
-    SecondOrderModel,
-    Temperature,
-    Traction,
-)
+from hpcred import Dofs, InputError, Nodes, SecondOrderModel
+from hpcred.fe import Material
 from hpcred.fe.elements import FACES
+from hpcred.loads import Centrifugal, Gravity, LineLoad, MovingLoad, Pressure, Temperature, Traction
 from hpcred.model.loads.columns import loads_of, resultants
 from hpcred.model.rigid_body.modes import rigid_motions
 

@@ -8,8 +8,8 @@ import hpcred
 from hpcred.model.operator import NOTHING, Law, Operator, Power, Term
 
 S = np.array([0.3 + 2.0j, 1.7j, 40.0])
-MAXWELL = hpcred.Maxwell([0.5, 0.8], [1e-2, 3e-1], 1.0)
-ZENER = hpcred.Fractional(low=1.0, high=3.0, time=1e-2, exponent=0.6)
+MAXWELL = hpcred.laws.Maxwell([0.5, 0.8], [1e-2, 3e-1], 1.0)
+ZENER = hpcred.laws.Fractional(low=1.0, high=3.0, time=1e-2, exponent=0.6)
 
 
 def matrices(size=5, seed=0):

@@ -412,7 +412,7 @@ def test_section_forces_beside_terms_of_k_are_refused():
     with hpcred.solid((3, 2, 2), inputs=1) as block:
         tip = np.unique(block.dofs.node[block.dofs.position[:, 0] > 0.6 * block.dofs.position[:, 0].max()])
         with block.with_fields(sets={"TIP": tip}) as body:
-            cut = [hpcred.CutOutput(cut="TIP", component="fx")]
+            cut = [hpcred.outputs.CutOutput(cut="TIP", component="fx")]
             with body.with_outputs(cut) as measured, pytest.raises(InputError, match="outputs that are section forces"):
                 ParametricModel(measured, [OMEGA], [term])
             with (
@@ -423,7 +423,7 @@ def test_section_forces_beside_terms_of_k_are_refused():
 
 
 def test_weight_is_that_of_the_constant_mass():
-    weight = hpcred.Gravity(name="g", value=(0.0, 0.0, -9.81))
+    weight = hpcred.loads.Gravity(name="g", value=(0.0, 0.0, -9.81))
     with hpcred.solid((3, 2, 2), inputs=1) as block, block.with_loads([weight]) as body:
         terms = [Term("M", np.eye(81), "omega"), Term("K", np.eye(81), "omega")]
         with ParametricModel(body, [OMEGA], terms) as model, ParametricModel(body, [OMEGA], terms[1:]) as other:

@@ -5,9 +5,10 @@ import pytest
 from helpers import columns_of
 
 import hpcred
-from hpcred import InputError, StressOutput
+from hpcred import InputError
 from hpcred.model.outputs.stresses import stress_output_of
 from hpcred.model.units import unit_of_response
+from hpcred.outputs import StressOutput
 
 TARGETS = [(60, "z"), *(StressOutput(node=node, stress=name) for node, name in ((20, "xx"), (60, "yz"), (20, "zx")))]
 NAMES = ("60:z", "stress 20:xx", "stress 60:yz", "stress 20:zx")
@@ -47,11 +48,11 @@ def test_names_and_units():
 @pytest.mark.mpi
 def test_stresses_of_models_in_other_units(comm):
     """A stress of 1 MPa in mm, t, s is one of 1e6 Pa, by the model that is converted before or after."""
-    units = hpcred.units_of("mm,t,s")
+    units = hpcred.model.units_of("mm,t,s")
     with (
         hpcred.solid((3, 2, 2), (30.0, 20.0, 20.0), 3, comm=comm, young=2.1e5, density=7.85e-9) as bare,
-        bare.with_outputs(TARGETS[1:2]) as before, hpcred.in_si(before, units) as made,
-        hpcred.in_si(bare, units) as converted, converted.with_outputs(TARGETS[1:2]) as after,
+        bare.with_outputs(TARGETS[1:2]) as before, hpcred.model.in_si(before, units) as made,
+        hpcred.model.in_si(bare, units) as converted, converted.with_outputs(TARGETS[1:2]) as after,
     ):  # fmt: skip
         wanted = columns_of(after.Ct)
         assert np.allclose(columns_of(made.Ct), wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
@@ -75,7 +76,7 @@ kind = "static_correction"
     comm.Barrier()
     hpcred.reduce_job(folder / "job.toml", comm=comm)
     assert hpcred.read_result(folder / "r.h5", comm).reduced.output_names == NAMES
-    found = hpcred.evaluate_result(folder / "r.h5", folder / "m.h5", frequencies=[0.0, 50.0], comm=comm)
+    found = hpcred.evaluate(folder / "r.h5", folder / "m.h5", frequencies=[0.0, 50.0], comm=comm)
     assert found["eps_max"] < 1e-6
 
 

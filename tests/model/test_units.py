@@ -75,7 +75,7 @@ def steel(comm, text):
 @pytest.mark.parametrize("text", ["mm,t,s", "mm-kg-ms", "inch-lbf-s"])
 def test_a_converted_model_is_the_one_built_in_si(comm, text):
     """Blocks of translations and rotations scale differently; to round-off, entry by entry."""
-    with steel(comm, "SI") as expected, steel(comm, text) as other, hpcred.in_si(other, units_of(text)) as found:
+    with steel(comm, "SI") as expected, steel(comm, text) as other, hpcred.model.in_si(other, units_of(text)) as found:
         assert found.converted_from == units_of(text).name
         for key, mat in expected.matrices.items():
             a, b = to_dense(found.matrices[key]), to_dense(mat)
@@ -114,7 +114,7 @@ def test_units_on_the_command_line(folder, capsys, text):
     write_block(*SYSTEMS[text.replace("inch,lbf,s", "inch-lbf-s")])
     assert run([*CONVERT, "--units", text, "--json", "c.json"]) == 0
     report = json.loads(Path("c.json").read_text())
-    assert report["masses_in_x_y_z"] == pytest.approx([7850 * 0.3 * 0.1 * 0.08] * 3)
+    assert report["masses_in_x_y_z_kg"] == pytest.approx([7850 * 0.3 * 0.1 * 0.08] * 3)
     assert report["units"] == "m, kg, s" and report["converted_from"] and not report["warnings"]
     assert run(["info", "model.h5", "--modes", "7", "--json", "i.json"]) == 0
     report = json.loads(Path("i.json").read_text())
@@ -167,7 +167,7 @@ def test_an_export_in_other_units_is_that_of_a_model_in_them(folder, capsys, com
             name = f"{len(sids)}.{kind}"
             units = "mm,t,s" if text == "SI" else "SI"
             assert run(["export", "result.h5", "--format", kind, "-o", name, "--units", units]) == 0
-        sids.append(hpcred.read_sid("0.sid" if not sids else "1.sid"))
+        sids.append(hpcred.writers.read_sid("0.sid" if not sids else "1.sid"))
         arrays.append(dict(np.load(f"{len(arrays)}.npz")))
     one, two = arrays
     sign = np.sign(np.einsum("kcm,kcm->m", one["phi"], two["phi"]))
@@ -195,7 +195,7 @@ def test_units_of_responses(output, given, unit):
 def test_loads_are_made_in_si(comm):
     with (
         hpcred.solid((2, 1, 1), comm=comm) as model,
-        model.with_loads([hpcred.Gravity(name="g", value=(0.0, 0.0, -9.81))]) as loaded,
+        model.with_loads([hpcred.loads.Gravity(name="g", value=(0.0, 0.0, -9.81))]) as loaded,
         pytest.raises(InputError, match="units: solid has loads already, which are in SI; convert it before they"),
     ):
-        hpcred.in_si(loaded, units_of("mm,t,s"))
+        hpcred.model.in_si(loaded, units_of("mm,t,s"))

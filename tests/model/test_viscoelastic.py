@@ -9,8 +9,9 @@ from helpers import close, dense_model, to_dense
 from viscoelastic_models import MAXWELL, SPRINGPOT, ZENER, Sandwich, law_at, sandwich
 
 import hpcred
-from hpcred import Fractional, FractionalKelvinVoigt, InputError, Maxwell, Viscoelastic
+from hpcred import InputError, Viscoelastic
 from hpcred.analysis import frequency_response
+from hpcred.laws import Fractional, FractionalKelvinVoigt, Maxwell
 from hpcred.model.frames import apply_frame
 from hpcred.model.operator import ADDED
 
@@ -28,7 +29,7 @@ def test_laws(law):
     assert np.allclose(law.slope(s), (law.excess(s + step) - law.excess(s - step)) / (2 * step), rtol=1e-7)
 
 
-@pytest.mark.parametrize("law", [*LAWS, hpcred.Hysteretic((1.0, 10.0), (0.1, 0.2)),
+@pytest.mark.parametrize("law", [*LAWS, hpcred.laws.Hysteretic((1.0, 10.0), (0.1, 0.2)),
                                  FractionalKelvinVoigt(low=1.0, rise=2.0, time=1.0, exponent=0.5)])  # fmt: skip
 def test_the_power_of_a_law_is_that_with_which_it_begins(law):
     """What it adds to the static stiffness, at frequencies near zero."""
@@ -157,8 +158,8 @@ def test_frames_and_interfaces_change_k_v_as_k(solid):
 def test_units(solid):
     """mm, t, s: a stiffness in N/mm is a thousand times larger in SI."""
     K = solid.K.copy()
-    units = hpcred.units_of("mm,t,s")
-    with solid.with_viscoelastic([Viscoelastic(K, ZENER)]) as model, hpcred.in_si(model, units) as si:
+    units = hpcred.model.units_of("mm,t,s")
+    with solid.with_viscoelastic([Viscoelastic(K, ZENER)]) as model, hpcred.model.in_si(model, units) as si:
         assert close(to_dense(si.viscoelastic[0].matrix), 1e3 * to_dense(K)) < 1e-14
 
 
@@ -249,7 +250,7 @@ def test_materials_that_are_refused(solid):
 def test_section_forces_are_refused(solid):
     nodes = np.unique(solid.dofs.node[solid.dofs.position[:, 0] > 0.025])
     with solid.with_fields(sets={"TIP": nodes}) as model:
-        part, cut = Viscoelastic(model.K.copy(), MAXWELL), hpcred.CutOutput(cut="TIP")
+        part, cut = Viscoelastic(model.K.copy(), MAXWELL), hpcred.outputs.CutOutput(cut="TIP")
         with model.with_outputs([cut]) as measured, pytest.raises(InputError, match="leave the outputs of cuts out"):
             measured.with_viscoelastic([part])
         with model.with_viscoelastic([part]) as damped, pytest.raises(InputError, match="that of the static stiffness"):

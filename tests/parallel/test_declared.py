@@ -21,7 +21,9 @@ from hpcred import (
     Rayleigh,
     StaticCorrection,
 )
+from hpcred.loads import Pressure
 from hpcred.parallel.declared import Keywords, flattened, spelled
+from hpcred.simulation import ConstantForce, LineSpring
 
 
 @pytest.mark.parametrize(
@@ -65,7 +67,7 @@ def test_numbers_lists_and_paths_of_all_kinds_become_plain_ones(given, plain):
         (lambda: Adaptive(tolerance=1e-4, band=(0, 1), size=2.5), "^adaptive.size: found 2.5, expected a whole numb"),
         (lambda: Interface(name="a", nodes=(1,), kind="soft"), "^interface 'a': kind: found 'soft', expected 'averag"),
         (lambda: hpcred.Reduction(groups=1.5), "^groups: found 1.5, expected a whole number or a text$"),
-        (lambda: hpcred.ConstantForce("a", 3.0), r"^force.value: found 3.0, expected \[a number, a number, a"),
+        (lambda: ConstantForce("a", 3.0), r"^force.value: found 3.0, expected \[a number, a number, a"),
         (lambda: hpcred.Simulation(end=1, force=3), "^force: found 3, expected a list of ConstantForce or Sine"),
     ],
 )
@@ -113,7 +115,7 @@ def test_closed_models_and_others_are_refused(solid, comm):
         lambda model: hpcred.frequency_response(model, [1.0]),
         lambda model: hpcred.full_response(model, [1.0, 2.0]),
         hpcred.natural_modes,
-        hpcred.check,
+        hpcred.inspect,
         hpcred.inspect,
         lambda model: hpcred.write_model("never.h5", model),
     ):
@@ -151,18 +153,18 @@ def test_frequencies_that_are_none_are_refused(solid, frequencies, message):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: hpcred.Pressure(name="oil", on=(3, 3)), "^load 'oil': on: expected at least one number of a node, an"),
-        (lambda: hpcred.Pressure(name="oil", on=(0,)), "^load 'oil': on: found 0, expected 1 to 2.14748e"),
-        (lambda: hpcred.Pressure(name="oil", on="BORE", value=0), "^load 'oil': value: found 0.0, which is no load"),
+        (lambda: Pressure(name="oil", on=(3, 3)), "^load 'oil': on: expected at least one number of a node, an"),
+        (lambda: Pressure(name="oil", on=(0,)), "^load 'oil': on: found 0, expected 1 to 2.14748e"),
+        (lambda: Pressure(name="oil", on="BORE", value=0), "^load 'oil': value: found 0.0, which is no load"),
         (lambda: hpcred.ModalDamping(table=((1.0, 0.1), (2.0, -1.0))), "^damping.table: found -1, expected 0 to 1000$"),
         (lambda: hpcred.Chord(nodes=(1, "a", 0)), "^frame.nodes: found 0, expected 1 to"),
-        (lambda: hpcred.LineSpring(node=1, at=(0, 0, 0), stiffness=-1), "^spring.stiffness: found -1.0, expected noth"),
+        (lambda: LineSpring(node=1, at=(0, 0, 0), stiffness=-1), "^spring.stiffness: found -1.0, expected noth"),
         (lambda: hpcred.Nodes(sphere=((0, 0, 1e99), 1)), r"^nodes.sphere: found 1e\+99, expected -1e\+09 to 1e\+09 m$"),
     ],
 )
 def test_checks_in_annotations_are_those_of_the_kind_that_a_value_has(make, message):
     """Also of items of tuples; a name of a set is no list of nodes."""
-    hpcred.Pressure(name="oil", on="BOOK")
+    Pressure(name="oil", on="BOOK")
     with pytest.raises(hpcred.InputError, match=message):
         make()
 

@@ -80,7 +80,7 @@ def test_a_workflow_logs_what_its_result_warns_of_once(solid, kept, tmp_path, mo
     warnings = list(hpcred.reduce_job("job.toml").record.warnings)
     assert warnings and kept.of(logging.WARNING) == warnings
     kept.records.clear()
-    assert hpcred.describe_file("result.h5")["warnings"] == kept.of(logging.WARNING) == warnings
+    assert hpcred.info("result.h5")["warnings"] == kept.of(logging.WARNING) == warnings
 
 
 def test_without_a_handler_a_session_shows_what_progress_is_asked_for(comm, logger, capsys):

@@ -41,7 +41,7 @@ def turn(angles):
 def test_weight_in_a_real_file_is_the_weight(comm, folder):
     """HexBeam.full of a modal analysis, made static: its load vector of zeros gets M g, without its held rows."""
     path = unpacked(comm, folder, "ansys/HexBeam.full", "ansys/HexBeam.cdb")
-    weight = hpcred.Gravity(name="weight", value=(1.0, -2.0, 0.5))
+    weight = hpcred.loads.Gravity(name="weight", value=(1.0, -2.0, 0.5))
     with load_export(path, comm) as model, model.with_loads([weight]) as loaded:
         node, direction = gathered(comm, model.dofs.node, model.dofs.direction)
         (column,) = gathered(comm, loaded.B.getDenseArray()[:, -1].real)
@@ -53,7 +53,7 @@ def test_weight_in_a_real_file_is_the_weight(comm, folder):
         words[header[37] : header[37] + len(loads)] = loads
         header[[3, 4, 26, 27, 33]] = 1, 0, 0, 0, 0  # one matrix, static, no mass
         write(folder / "HexBeam2.full", words.tobytes(), comm)
-        with model.with_loads([hpcred.DeckLoad(name="w", file=str(folder / "HexBeam2.full"))]) as found:
+        with model.with_loads([hpcred.loads.DeckLoad(name="w", file=str(folder / "HexBeam2.full"))]) as found:
             (again,) = gathered(comm, found.B.getDenseArray()[:, -1].real)
             assert again == pytest.approx(column, rel=1e-14) and np.abs(column).max() > 0
             assert "no loads on the 63 dofs that are held there" in found.loads[-1].remark
@@ -116,12 +116,12 @@ def test_loads_that_do_not_fit_the_model_are_refused(comm, folder):
     held = static(comm, folder, held=[0])
     with load_export(folder / "model.full", comm) as model:
         with pytest.raises(InputError, match="load 'f': 7:x is held, or follows others, in .*static.full, so that its"):
-            model.with_loads([hpcred.DeckLoad(name="f", file=str(held))])
+            model.with_loads([hpcred.loads.DeckLoad(name="f", file=str(held))])
         with pytest.raises(InputError, match="is a .full file of ANSYS; expected neither `step` nor `sid`"):
-            model.with_loads([hpcred.DeckLoad(name="f", file=str(held), step=1)])
+            model.with_loads([hpcred.loads.DeckLoad(name="f", file=str(held), step=1)])
         write_full(folder / "other.full", {"K": K}, [(n + 100, 3) for n, _ in NODES], item4=0, loads=LOADS)
         with pytest.raises(InputError, match="load 'f': node 10. of .*other.full has no row in"):
-            model.with_loads([hpcred.DeckLoad(name="f", file=str(folder / "other.full"))])
+            model.with_loads([hpcred.loads.DeckLoad(name="f", file=str(folder / "other.full"))])
         file = str(static(comm, folder))
-        with model.with_loads([hpcred.DeckLoad(name="f", file=file)]) as loaded:
+        with model.with_loads([hpcred.loads.DeckLoad(name="f", file=file)]) as loaded:
             assert loaded.loads[0].remark == "" and len(loaded.loads) == 1

@@ -94,6 +94,6 @@ def test_constants(comm, folder, lines, wanted, remark):
 
 
 def test_the_beam_of_pymapdl(comm, folder):
-    with hpcred.load_export(unpacked(comm, folder, "ansys/HexBeam.full", "ansys/HexBeam.cdb"), comm) as model:
+    with hpcred.readers.load_export(unpacked(comm, folder, "ansys/HexBeam.full", "ansys/HexBeam.cdb"), comm) as model:
         assert model.properties.types == ("SOLID186",)
         assert model.properties.materials == (Material(name="MAT 1", young=7e10, poisson=0.35, density=2700.0),)

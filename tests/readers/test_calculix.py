@@ -130,11 +130,11 @@ def test_rows_inside_of_elements_and_of_couplings(comm, folder):
         write(folder / f"a.{suffix}", (DATA / "calculix" / f"incompatible.{suffix}").read_bytes(), comm)
     inputs = [(40, "rx"), (41, "rz"), (41, "x")]
     with load_export(folder / "a.inp", comm) as model, model.with_inputs(inputs) as loaded:
-        report = hpcred.check(model)
+        report = hpcred.inspect(model)
         assert max(report["rigid_body_residuals"]) < 1e-14 and "27 rows are the incompatible" in report["warnings"][0]
         assert report["nodes"] == 10 or comm.size > 1
-        assert report["masses_in_x_y_z"] == pytest.approx([7850 * 0.003] * 3, rel=1e-9)
-        assert np.allclose(report["extent"], [[0.95, 2, 0], [1.3, 2.1, 0.1]]) and report["units"] == "m, kg, s"
+        assert report["masses_in_x_y_z_kg"] == pytest.approx([7850 * 0.003] * 3, rel=1e-9)
+        assert np.allclose(report["extent_m"], [[0.95, 2, 0], [1.3, 2.1, 0.1]]) and report["units"] == "m, kg, s"
         direction = gathered(comm, model.dofs.direction)[0]
         assert np.count_nonzero(direction == SCALAR) == 27 and np.count_nonzero(direction == 3) == 2
         with hpcred.reduce(loaded, [Modes(count=4)], Buckens()) as rom:
@@ -291,14 +291,14 @@ def test_frequencies_are_those_of_calculix(comm, name):
         if name.startswith("beamf"):
             assert any("C3D20R have a singular mass matrix" in remark for remark in model.remarks)
         if free:
-            report = hpcred.check(model)
+            report = hpcred.inspect(model)
             assert max(report["rigid_body_residuals"]) < 1e-14  # rotations of the bearings are where they belong
-            assert report["masses_in_x_y_z"] == pytest.approx([1.370501] * 3, rel=1e-6)
+            assert report["masses_in_x_y_z_kg"] == pytest.approx([1.370501] * 3, rel=1e-6)
             assert report["units"] == "m, kg, s"
             named = model.with_inputs([(1077, "rx"), (1079, "rz")])
             assert named.input_names == ("1077:rx", "1079:rz")
         if name.startswith(("beam", "transition")):
-            report = hpcred.check(model)
+            report = hpcred.inspect(model)
             assert report["units"] == "mm, t, s (N, MPa)" and report["held_dofs"] > 0
             assert any("without theirs, too small" in line for line in report["warnings"])
 

@@ -85,7 +85,7 @@ def test_results_in_place_of_the_input_file(comm, folder, form):
             assert all(map(np.array_equal, gathered(comm, model.dofs.node, model.dofs.direction), names))
             said = " ".join(model.remarks)
             assert ("6 digits" in said) == (form == "text") and "supports and sets of nodes only the input file" in said
-            assert max(hpcred.check(model)["rigid_body_residuals"]) < (1e-6 if form == "text" else 1e-14)
+            assert max(hpcred.inspect(model)["rigid_body_residuals"]) < (1e-6 if form == "text" else 1e-14)
 
 
 def test_rows_by_options(comm, folder):
@@ -101,7 +101,7 @@ def test_rows_by_options(comm, folder):
     with load_source(Source(bodies["sti"], bodies["mas"], nodes=mesh, dofs=dofs), comm) as model:
         node, direction = gathered(comm, model.dofs.node, model.dofs.direction)
         assert (direction >= 3).any()
-        assert max(hpcred.check(model)["rigid_body_residuals"]) < 1e-12
+        assert max(hpcred.inspect(model)["rigid_body_residuals"]) < 1e-12
     mesh = abaqus_input.read(data / "quadratic.inp", comm, calculix=True)
     label, position = gathered(comm, mesh.nodes.label, mesh.nodes.position)
     lines = "".join(f"{n} {x!r} {y!r} {z!r}\n" for n, (x, y, z) in zip(label.tolist(), position.tolist(), strict=True))
@@ -109,7 +109,7 @@ def test_rows_by_options(comm, folder):
     rows = str(write(folder / "dofs.txt", (folder / "a.dof").read_bytes().replace(b".", b" "), comm))
     for nodes, dofs in ((table, files["dofs"]), (str(folder / "a.frd"), rows)):
         with load_source(Source(files["K"], files["M"], nodes=nodes, dofs=dofs), comm) as model:
-            assert max(hpcred.check(model)["rigid_body_residuals"]) < 1e-14
+            assert max(hpcred.inspect(model)["rigid_body_residuals"]) < 1e-14
 
 
 def test_rows_that_results_do_not_tell_have_no_names(comm, folder):

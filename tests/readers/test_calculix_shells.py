@@ -58,10 +58,10 @@ def run(folder, lines):
 @pytest.mark.parametrize("tied", [True, False])
 def test_a_sheet_on_a_block(tmp_path, type_, tied):
     with run(tmp_path, body(type_, 0.02, tied)) as model:
-        report = hpcred.check(model)
+        report = hpcred.inspect(model)
         named = set(model.dofs.node.tolist())
         assert {*range(1, 16), *range(101, 116)} <= named and not named & set(range(1001, 1016))
-        assert report["masses_in_x_y_z"] == pytest.approx([7850 * 8 * (1 + 0.02)] * 3)
+        assert report["masses_in_x_y_z_kg"] == pytest.approx([7850 * 8 * (1 + 0.02)] * 3)
         assert max(report["rigid_body_residuals"]) < 1e-12  # each row is where it is named
         assert any("below, in and above the middle surface" in line for line in model.remarks)
         assert np.ptp(model.dofs.position[:, 2]) == pytest.approx(1.02)
@@ -71,4 +71,4 @@ def test_places_that_the_section_does_not_tell(tmp_path):
     """With an offset the nodes are named, and it is said that their places are not known; the mass is right."""
     with run(tmp_path, body("S4R", 0.02, False, ", OFFSET=0.5")) as model:
         assert any("up to half of a thickness from where they are" in line for line in model.remarks)
-        assert hpcred.check(model)["masses_in_x_y_z"] == pytest.approx([7850 * 8 * 1.02] * 3)
+        assert hpcred.inspect(model)["masses_in_x_y_z_kg"] == pytest.approx([7850 * 8 * 1.02] * 3)

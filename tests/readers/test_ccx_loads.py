@@ -10,7 +10,7 @@ import pytest
 from helpers import columns_of, to_dense
 
 import hpcred
-from hpcred import DeckLoad
+from hpcred.loads import DeckLoad
 
 pytestmark = [pytest.mark.ccx, pytest.mark.skipif(shutil.which("ccx") is None, reason="needs ccx")]
 
@@ -116,7 +116,7 @@ def test_thermal_displacements_are_those_of_calculix(tmp_path, monkeypatch, kind
     ccx("hot", text)
     Path("rise.txt").write_text("".join(f"{k} {value:.14g}\n" for k, value in enumerate(rise, 1)))
     given = {"value": 30.0} if uniform else {"file": "rise.txt"}
-    load = hpcred.Temperature(name="hot", **given)
+    load = hpcred.loads.Temperature(name="hot", **given)
     with hpcred.read_model("free.h5") as model, model.with_loads([load]) as loaded:
         K, b = to_dense(loaded.K), columns_of(loaded.B)[:, -1]
         node, direction = model.dofs.node, model.dofs.direction

@@ -5,7 +5,8 @@ import pytest
 import scipy.sparse
 from helpers import columns_of, to_dense
 
-from hpcred import DeckLoad, Dofs, Gravity, InputError, Pressure, SecondOrderModel
+from hpcred import Dofs, InputError, SecondOrderModel
+from hpcred.loads import DeckLoad, Gravity, Pressure
 
 pytestmark = pytest.mark.mpi(build="real")
 

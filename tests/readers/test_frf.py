@@ -13,7 +13,7 @@ F = np.array([1.0, 2.0, 4.0])
 def responses(outputs, inputs, **more):
     """Responses of random numbers."""
     H = np.random.default_rng(1).normal(size=(len(F), len(outputs), len(inputs), 2)) @ [1.0, 1j]
-    return hpcred.Responses(frequencies=F, response=H, input_names=inputs, output_names=outputs, **more)
+    return hpcred.files.Responses(frequencies=F, response=H, input_names=inputs, output_names=outputs, **more)
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def sets(tmp_path, comm):
     names = ("a:x", "a:rz")
     given = responses(names, names)
     path = tmp_path / "r.unv"
-    hpcred.write_responses(path, given, comm)
+    hpcred.files.write_responses(path, given, comm)
     file = pyuff.UFF(str(path))
     return given, file.read_sets(), lambda made: pyuff.UFF(str(path)).write_sets(made, mode="overwrite"), path
 
@@ -63,7 +63,7 @@ def test_names_leave_the_numbers_of_other_nodes(tmp_path, comm):
 
     path = tmp_path / "r.unv"
     given = responses(("tip:x", "1:x", "stress of 1"), ("tip:x",))
-    hpcred.write_responses(path, given, comm)
+    hpcred.files.write_responses(path, given, comm)
     numbers = [item["rsp_node"] for item in pyuff.UFF(str(path)).read_sets() if item["type"] == 58]
     assert numbers == [2, 1] and read_frf(path).output_names == ("tip:x", "1:x")
     assert "leaves out stress of 1, which belong to no node" in lost_channels(path, given)[0]

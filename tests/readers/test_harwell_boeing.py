@@ -191,6 +191,6 @@ def test_right_hand_sides_are_load_vectors(comm, folder):
     plain = write(folder / "b.hb", hb(SYMMETRIC, "RSA"), comm)
     assert harwell_boeing.read_right_hand_sides(plain, comm) is None
     with hpcred.SecondOrderModel.from_scipy(SYMMETRIC + 10 * np.eye(size), np.eye(size), comm=comm) as model:
-        load = hpcred.GivenLoad(name="rhs", file=str(path), column=2)
+        load = hpcred.loads.GivenLoad(name="rhs", file=str(path), column=2)
         with model.with_loads([load]) as loaded:
             assert np.array_equal(columns_of(loaded.B)[:, 0], expected[:, 1])

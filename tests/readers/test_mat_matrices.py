@@ -169,14 +169,14 @@ def test_damping_is_taken_and_the_rest_is_spoken_of(comm, folder):
     with load_export(path, comm) as model:
         assert np.array_equal(to_dense(model.D), -M)
         assert any("not read, though of the same size or of such a name: V" in remark for remark in model.remarks)
-        assert any("D has a negative trace" in line for line in hpcred.check(model)["warnings"])
+        assert any("D has a negative trace" in line for line in hpcred.inspect(model)["warnings"])
 
 
 def test_a_stiffness_of_the_wrong_sign_is_spoken_of(comm, folder):
     path = saved(comm, folder, "v5", {"K": -K, "M": M})
     with load_export(path, comm) as model:
         assert np.array_equal(to_dense(model.K), -K)
-        assert any("K is negative definite, -K?" in line for line in hpcred.check(model)["warnings"])
+        assert any("K is negative definite, -K?" in line for line in hpcred.inspect(model)["warnings"])
     with pytest.raises(InputError, match="negative diagonal entries"):
         load_export(saved(comm, folder, "v5", {"K": K, "M": -M}), comm)
 

@@ -236,7 +236,7 @@ def test_exudyn_itself(linkage_result):
     import exudyn
     from exudyn.FEM import ObjectFFRFreducedOrderInterface
 
-    hpcred.export_result("result.h5", "exudyn", "body.npz", nodes=[1, 7, 14, 20])
+    hpcred.export("result.h5", "exudyn", "body.npz", nodes=[1, 7, 14, 20])
     interface = ObjectFFRFreducedOrderInterface()
     interface.LoadFromFile("body.npz")
     mbs = exudyn.SystemContainer().AddSystem()
@@ -268,7 +268,7 @@ def test_fmpy_itself(linkage_result, kind):
     import fmpy
     from fmpy.util import write_csv
 
-    hpcred.export_result("result.h5", "fmu", "result.fmu")
+    hpcred.export("result.h5", "fmu", "result.fmu")
     states = [f"{letter}[{k}]" for letter in ("q", "v") for k in range(1, 7)]
     result = fmpy.simulate_fmu(
         "result.fmu", fmi_type=kind, stop_time=0.02, output_interval=1e-3, start_values={"force_20_z": 10.0},

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from hpcred import InputError, Parts
+from hpcred import InputError
+from hpcred.readers import Parts
 from hpcred.readers.assembly import assemble
 
 pytestmark = pytest.mark.mpi(build="real")

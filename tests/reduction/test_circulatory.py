@@ -84,10 +84,10 @@ def test_a_model_with_other_circulatory_forces_is_another_one(comm, folder):
                 K + factor * N, M, D, comm, inputs=B, outputs=C, circulatory=True
             ) as other:
                 hpcred.write_model(folder / name, other)
-    hpcred.evaluate_result(folder / "r.h5", folder / "same.h5", points=2, comm=comm)
+    hpcred.evaluate(folder / "r.h5", folder / "same.h5", points=2, comm=comm)
     for name in ("turned.h5", "without.h5"):
         with pytest.raises(InputError, match=rf"{name}: its matrix K differs from what .*r.h5 was reduced from"):
-            hpcred.evaluate_result(folder / "r.h5", folder / name, points=2, comm=comm)
+            hpcred.evaluate(folder / "r.h5", folder / name, points=2, comm=comm)
 
 
 def test_moments_are_those_of_the_unsymmetric_pencil(comm):
@@ -198,10 +198,10 @@ def test_what_does_not_go_with_it_is_refused(comm):
                        lambda: hpcred.full_response(model, [1.0, 2.0])):  # fmt: skip
             with pytest.raises(InputError, match=says):
                 refuse()
-        assert any("unless it is meant to be so (of K" in text for text in hpcred.check(model)["warnings"])
+        assert any("unless it is meant to be so (of K" in text for text in hpcred.inspect(model)["warnings"])
     asked = {"tolerance": 1e-3, "band": (0.0, 5.0)}
     with friction_model(comm, name="brake") as model:
-        assert not [text for text in hpcred.check(model)["warnings"] if "symmetric" in text]
+        assert not [text for text in hpcred.inspect(model)["warnings"] if "symmetric" in text]
         for more, message in [
             ({**asked, "damping": ModalDamping(0.01)}, "found 'modal', which is made from eigenfrequencies"),
             ({**asked, "frame": Buckens()}, "the Buckens frame does not go with the unsymmetric K of brake"),
@@ -211,7 +211,7 @@ def test_what_does_not_go_with_it_is_refused(comm):
                 hpcred.reduce(model, **more)
         with pytest.raises(InputError, match="brake: matrix K is not symmetric: .*, which hpcred.damped_modes finds"):
             hpcred.natural_modes(model, 2)
-        law = hpcred.Maxwell(factors=[0.5], times=[0.1])
+        law = hpcred.laws.Maxwell(factors=[0.5], times=[0.1])
         with (
             model.with_viscoelastic([hpcred.Viscoelastic(0.1 * K, law)]) as soft,
             pytest.raises(InputError, match="found viscoelastic parts beside an unsymmetric K"),

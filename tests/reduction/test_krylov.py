@@ -5,7 +5,8 @@ import pytest
 from helpers import block_with_ends, close, dense_model, moments
 
 import hpcred
-from hpcred import Buckens, CraigBampton, FixedInterfaceModes, Guyan, Krylov, Modes, SecondOrderKrylov
+from hpcred import Buckens, CraigBampton, Krylov, Modes, SecondOrderKrylov
+from hpcred.reduction import FixedInterfaceModes, Guyan
 
 pytestmark = pytest.mark.mpi
 

@@ -312,7 +312,7 @@ def test_viscoelastic_parts_on_dofs_without_mass():
     """As responses and as states."""
     M, K = chain()
     B, time, Kv = unit(6, 2, 3), 0.2, 30.0 * np.outer(unit(6, 2) - unit(6, 4), unit(6, 2) - unit(6, 4))
-    law = hpcred.Maxwell(factors=(1.0,), times=(time,))
+    law = hpcred.laws.Maxwell(factors=(1.0,), times=(time,))
     with hpcred.SecondOrderModel(M, None, K, B) as elastic:
         model = elastic.with_viscoelastic([hpcred.Viscoelastic(Kv, law)])
         rom = hpcred.reduce(model, tolerance=1e-9, band=BAND)

@@ -173,7 +173,7 @@ def test_static_deflections_are_exact_where_that_is_asked_for(rod):
 
 
 @dataclass(frozen=True, kw_only=True)
-class OfThePeak(hpcred.Measure):
+class OfThePeak(hpcred.reduction.Measure):
     """Errors relative to the largest response of the band."""
 
     kind: Literal["of the peak"] = "of the peak"
@@ -204,7 +204,7 @@ def test_a_measure_of_ones_own_is_one_argument(rod, comm, tmp_path):
     assert accuracy.reached and check.passed and 1e-6 < error < 1e-3 and accuracy.measure.peak > np.abs(H).max() / 2
     found = hpcred.read_result(path, comm).reduced.record.accuracy
     assert found.measure == accuracy.measure and hpcred.relative_error(H, H, found.measure).max() == 0
-    evaluated = hpcred.evaluate_result(path, folder / "rod.h5", points=11, comm=comm)
+    evaluated = hpcred.evaluate(path, folder / "rod.h5", points=11, comm=comm)
     assert evaluated["measure"] == "of the peak" and evaluated["eps_max"] < 1e-2
     table = TypeAdapter(Accuracy).dump_python(found) | {"measure": {"kind": "elsewhere", "peak": 2.0}}
     unknown = TypeAdapter(Accuracy).validate_python(table)

@@ -115,7 +115,7 @@ def test_nothing_is_hidden_between_0_hz_and_the_first_points(exponent):
     rng = np.random.default_rng(3)
     K, _ = chain(8)
     X = rng.normal(size=(8, 3))
-    law = hpcred.FractionalKelvinVoigt(low=0.0, rise=1.0, time=1e-3, exponent=exponent)
+    law = hpcred.laws.FractionalKelvinVoigt(low=0.0, rise=1.0, time=1e-3, exponent=exponent)
     part = hpcred.Viscoelastic(1e6 * K.max() * X @ X.T, law)
     io = InputsOutputs(np.eye(2)[:, :1], np.eye(2)[:, 1:])
     outer = diagonalised(K, unit(8, 1, 6), None, Proportional(beta=1e-6), io, Operator.of(added=[part]))

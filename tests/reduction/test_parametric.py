@@ -14,10 +14,8 @@ from parametric_models import AffineCase, fresh_pairs, random_affine, random_vis
 import hpcred
 from hpcred import (
     Buckens,
-    Fractional,
     GivenDamping,
     InputError,
-    Maxwell,
     ModalDamping,
     Modes,
     Parameter,
@@ -28,6 +26,7 @@ from hpcred import (
 )
 from hpcred.analysis.error import as_compared
 from hpcred.examples.linkage import FRAME, LOAD, SUPPORTS
+from hpcred.laws import Fractional, Maxwell
 from hpcred.model.interfaces.nodes import Nodes
 from hpcred.parallel.decisions import shared_out
 from hpcred.parallel.petsc import PETSc
@@ -633,7 +632,7 @@ def test_damping_leaves_rigid_body_motion_in_interface_coordinates_alone(damping
     with hpcred.solid((4, 2, 2), size=(0.4, 0.04, 0.06), clamped=False) as block, block.with_interfaces(ends) as body:
         parameters, terms = [Parameter("e", (0.0, 1.0))], [hpcred.Term("K", 0.5 * to_dense(body.K), "e")]
         with hpcred.ParametricModel(body, parameters, terms) as model:
-            basis = [hpcred.ConstraintModes(), Modes(count=6)]
+            basis = [hpcred.reduction.ConstraintModes(), Modes(count=6)]
             rom = hpcred.reduce(model, basis, Buckens(), damping, coordinates="interface")
             assert rom.matrices({})["D"] == pytest.approx(rom.D, abs=1e-9 * np.abs(rom.D).max())
             R = np.linalg.svd(rom.K)[0][:, -6:]  # of all values, as K(e) = (1 + e / 2) K

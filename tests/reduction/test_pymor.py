@@ -143,7 +143,7 @@ def test_parameters_stay_parameters():
 
 @pytest.mark.peers("pymor")
 def test_maxwell_elements_beside_parameters_are_coordinates():
-    law = hpcred.Maxwell(factors=[0.5, 2.0], times=[1e-3, 1e-4])
+    law = hpcred.laws.Maxwell(factors=[0.5, 2.0], times=[1e-3, 1e-4])
     with hpcred.SecondOrderModel(M, D, K, B) as plain, plain.with_viscoelastic([hpcred.Viscoelastic(K, law)]) as model:
         terms = [Term("K", K, "e"), Term("M", M, "e/2"), Term("B", B, "e - 1")]
         rom = hpcred.reduce(ParametricModel(model, [Parameter("e", (0.5, 2.0))], terms), hpcred.Modes(count=4))

@@ -39,16 +39,16 @@ def test_a_soft_spring_beside_stiff_ones_tells_models_apart(comm, folder):
         hpcred.write_model(folder / f"{name}.h5", model)
     with hpcred.reduce(models[0], [hpcred.Modes(count=1)]) as rom:
         rom.save(folder / "r.h5")
-    hpcred.evaluate_result(folder / "r.h5", folder / "a.h5", frequencies=[0.01], comm=comm)
+    hpcred.evaluate(folder / "r.h5", folder / "a.h5", frequencies=[0.01], comm=comm)
     with pytest.raises(hpcred.InputError, match="b.h5: its matrix K differs"):
-        hpcred.evaluate_result(folder / "r.h5", folder / "b.h5", frequencies=[0.01], comm=comm)
+        hpcred.evaluate(folder / "r.h5", folder / "b.h5", frequencies=[0.01], comm=comm)
 
 
 def test_what_a_search_may_take_and_what_older_records_leave_out():
     """The defaults of Limits, and those of fields that results of earlier versions do not have."""
-    limits = hpcred.Limits()
+    limits = hpcred.reduction.Limits()
     assert (limits.factorisations, limits.columns, limits.zeta0) == (14, 600, 1e-3)
-    known = {item.name: item.default for kind in (hpcred.Accuracy, Point) for item in fields(kind)}
+    known = {item.name: item.default for kind in (hpcred.reduction.Accuracy, Point) for item in fields(kind)}
     assert known["loss_factor"] == 0.0 and known["unproven"] == ""
     assert not (known["beside_damping"] or known["multigrid"] or known["from_store"])
 
@@ -73,9 +73,9 @@ def as_before(value, inside=""):
 def test_records_of_earlier_versions_are_read(comm):
     with block_with_ends(comm) as model:
         record = hpcred.reduce(model, frame=hpcred.Buckens(), tolerance=1e-2, band=(0.0, 20000.0)).record
-    text = TypeAdapter(hpcred.Record).dump_json(record).decode()
+    text = TypeAdapter(hpcred.reduction.Record).dump_json(record).decode()
     older = json.dumps(as_before(json.loads(text)))
     for now, before in BEFORE.items():
         assert f'"{now}":' in text and f'"{before}":' in older and f'"{before}":' not in text
-    found = TypeAdapter(hpcred.Record).validate_json(older)
-    assert found == record and TypeAdapter(hpcred.Record).dump_json(found).decode() == text
+    found = TypeAdapter(hpcred.reduction.Record).validate_json(older)
+    assert found == record and TypeAdapter(hpcred.reduction.Record).dump_json(found).decode() == text

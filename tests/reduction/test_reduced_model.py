@@ -17,12 +17,12 @@ from hpcred.writers.mbdyn import MbdynFile
 from hpcred.writers.superelement import superelement
 
 WAYS = {
-    "sid": lambda path, body: hpcred.write_sid(path, body),
+    "sid": lambda path, body: hpcred.writers.write_sid(path, body),
     "npz": lambda path, body: exported(BodyNpz, path, body),
     "matlab": lambda path, body: exported(BodyMat, path, body),
     "exudyn": lambda path, body: exported(Exudyn, path, body),
     "mbdyn": lambda path, body: exported(MbdynFile, path, body),
-    "fmu": lambda path, body: hpcred.write_fmu(path, body.reduced),
+    "fmu": lambda path, body: hpcred.writers.write_fmu(path, body.reduced),
     "state space": lambda path, body: hpcred.state_space(body.reduced),
     "superelement": lambda path, body: superelement(replace(body.reduced, interfaces=(None,))),
     "simulation": lambda path, body: hpcred.simulate(body, hpcred.Simulation(end=0.01, steps=2)),
@@ -85,7 +85,7 @@ def test_negative_damping_and_stiffness_make_a_model_unstable():
 
 def test_a_reduced_model_does_not_change():
     """Another one with other matrices is made, which has the rest of it: twice K makes poles sqrt(2) times as high."""
-    one, law = np.eye(2), hpcred.Maxwell(factors=(0.5,), times=(0.1,))
+    one, law = np.eye(2), hpcred.laws.Maxwell(factors=(0.5,), times=(0.1,))
     plain = hpcred.ReducedModel(one, 0 * one, np.diag([1.0, 4.0]), one, one, np.ones(2), 0.0, ("a", "b"), ("a", "b"))
     for key in ("K", "record", "operator"):
         with pytest.raises(FrozenInstanceError):

@@ -17,7 +17,6 @@ from hpcred import (
     Buckens,
     Caughey,
     Chord,
-    ConstraintModes,
     Factoring,
     Krylov,
     LinearSolver,
@@ -35,6 +34,7 @@ from hpcred.linalg.solvers.multigrid import MultigridSolver
 from hpcred.linalg.solvers.shifted import ShiftedSolver
 from hpcred.parallel.failures import ComputationError
 from hpcred.parallel.petsc import MPI, is_complex
+from hpcred.reduction import ConstraintModes
 
 BAND = (0.0, 300.0)
 FREQUENCIES = np.linspace(5, 295, 30)

@@ -7,7 +7,8 @@ from helpers import close
 from viscoelastic_models import MAXWELL, SPRINGPOT, ZENER, sandwich
 
 import hpcred
-from hpcred import InputError, Krylov, Maxwell, Modes, SecondOrderKrylov, Viscoelastic
+from hpcred import InputError, Krylov, Modes, SecondOrderKrylov, Viscoelastic
+from hpcred.laws import Maxwell
 from hpcred.model.operator import Operator
 from hpcred.reduction.result.maxwell_states import maxwell_states
 from hpcred.reduction.result.oscillating_poles import oscillating_poles
@@ -157,7 +158,7 @@ def test_poles_of_a_fractional_law_are_zeros_of_a():
 def test_poles_outside_of_the_static_frequencies(static, matrix, factor, time):
     """Of masses that a Maxwell element alone holds, and of stiffening beyond the highest static one (Hz)."""
     values, Kv = ((2 * np.pi * np.array(item)) ** 2 for item in (static, matrix))
-    law = hpcred.Maxwell(factors=(factor,), times=(time,))
+    law = hpcred.laws.Maxwell(factors=(factor,), times=(time,))
     exact = np.concatenate([np.roots([time, 1.0, time * (value + factor * k), value])
                             for value, k in zip(values, Kv, strict=True)])  # fmt: skip
     exact = exact[exact.imag > 1e-3 * np.abs(exact)]

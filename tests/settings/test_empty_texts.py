@@ -7,7 +7,8 @@ import pytest
 from helpers import CHORD_JOB, refused
 
 import hpcred as package
-from hpcred import InputError, LoadedState
+from hpcred import InputError
+from hpcred.body import LoadedState
 from hpcred.cli.main import run
 
 

@@ -7,9 +7,9 @@ import sys
 import pytest
 from helpers import SIMULATION
 
-from hpcred import Bushing, Joint, LineSpring, RampDrive, SineForce, SineMoment, TableForce
 from hpcred.parallel.failures import InputError
 from hpcred.settings.simulation_file import read_simulation
+from hpcred.simulation import Bushing, Joint, LineSpring, RampDrive, SineForce, SineMoment, TableForce
 
 
 @pytest.fixture

@@ -5,9 +5,10 @@ import pytest
 from helpers import gather, made_up_stiffness, to_dense
 
 import hpcred
-from hpcred import Buckens, Bushing, Joint, LineSpring, Modes, Rayleigh, SineDrive, SineForce, SineMoment
+from hpcred import Buckens, Modes, Rayleigh
 from hpcred.body.body import body_of
 from hpcred.body.rotations import of_vector, quaternion_rate, rotation
+from hpcred.simulation import Bushing, Joint, LineSpring, SineDrive, SineForce, SineMoment
 from hpcred.simulation.equations_of_motion import FlexibleBody
 from hpcred.simulation.joints import holds_of
 from hpcred.simulation.loads import load_of

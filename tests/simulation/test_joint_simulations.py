@@ -10,24 +10,21 @@ from helpers import bar
 from scipy.spatial.transform import Rotation
 
 import hpcred
-from hpcred import (
-    Buckens,
+from hpcred import Buckens, Modes, Rayleigh, Simulation
+from hpcred.body.body import body_of
+from hpcred.examples.linkage import Rod
+from hpcred.parallel.failures import InputError
+from hpcred.simulation import (
     Bushing,
     ConstantDrive,
     ConstantForce,
     ConstantMoment,
     Joint,
     LineSpring,
-    Modes,
     RampDrive,
-    Rayleigh,
-    Simulation,
     SineDrive,
     SineMoment,
 )
-from hpcred.body.body import body_of
-from hpcred.examples.linkage import Rod
-from hpcred.parallel.failures import InputError
 from hpcred.simulation.simulation import simulate
 
 FINE = {"relative_tolerance": 1e-7, "absolute_tolerance": 1e-10}

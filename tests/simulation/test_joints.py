@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hpcred import Bushing, ConstantDrive, ConstantMoment, Joint, LineSpring, RampDrive, SineDrive, TableDrive
 from hpcred.body.node_shapes import NodeShape
 from hpcred.body.rotations import (
     continuous,
@@ -17,6 +16,16 @@ from hpcred.body.rotations import (
     vector_of,
 )
 from hpcred.parallel.failures import InputError
+from hpcred.simulation import (
+    Bushing,
+    ConstantDrive,
+    ConstantMoment,
+    Joint,
+    LineSpring,
+    RampDrive,
+    SineDrive,
+    TableDrive,
+)
 from hpcred.simulation.equations_of_motion import node_motion
 from hpcred.simulation.joints import holds_of
 from hpcred.simulation.springs import element_of

@@ -8,29 +8,16 @@ import scipy.linalg
 from helpers import dense_model, gather, to_dense
 
 import hpcred
-from hpcred import (
-    Buckens,
-    ConstantForce,
-    ConstantLoad,
-    InputError,
-    Joint,
-    Modes,
-    Nodes,
-    Simulation,
-    SineForce,
-    SineLoad,
-    SineMoment,
-    StaticCorrection,
-    TableForce,
-    TableLoad,
-)
+from hpcred import Buckens, InputError, Modes, Nodes, Simulation, StaticCorrection
 from hpcred.body.body import body_of
+from hpcred.loads import Pressure, Traction
 from hpcred.model.rigid_body.modes import rigid_motions
 from hpcred.settings.simulation_file import read_simulation
+from hpcred.simulation import ConstantForce, ConstantLoad, Joint, SineForce, SineLoad, SineMoment, TableForce, TableLoad
 
 END = Nodes(box=((0.0299, -1.0, -1.0), (0.0301, 1.0, 1.0)))
 SIDE = Nodes(box=((-1.0, -1.0, 0.0099), (1.0, 1.0, 0.0101)))
-LOADS = [hpcred.Pressure(name="oil", on=SIDE, value=1e5), hpcred.Traction(name="push", on=END, value=(0.0, 3e4, 1e4))]
+LOADS = [Pressure(name="oil", on=SIDE, value=1e5), Traction(name="push", on=END, value=(0.0, 3e4, 1e4))]
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +68,7 @@ def test_at_rest_it_deflects_as_the_full_model():
     """A block that is clamped by a joint at a rigid face, start = "static" under a constant load, by K^-1 b."""
     faces = [hpcred.Interface(name=name, nodes=Nodes(box=((x - 1e-4, -1.0, -1.0), (x + 1e-4, 1.0, 1.0))), kind=kind)
              for name, x, kind in (("root", 0.0, "rigid"), ("tip", 0.04, "averaging"))]  # fmt: skip
-    wind = hpcred.Pressure(name="wind", on=Nodes(box=((-1.0, -1.0, 0.0199), (1.0, 1.0, 0.0201))), value=1e4)
+    wind = Pressure(name="wind", on=Nodes(box=((-1.0, -1.0, 0.0199), (1.0, 1.0, 0.0201))), value=1e4)
     with (
         hpcred.solid((4, 2, 2), clamped=False, inputs=1) as model, model.with_interfaces(faces) as marked,
         marked.with_inputs(["root", "tip"]) as forced, forced.with_loads([wind]) as loaded,

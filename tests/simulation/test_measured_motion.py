@@ -5,9 +5,9 @@ import pytest
 from mpi4py import MPI
 
 import hpcred
-from hpcred import CutOutput, MotionOutput, StressOutput
 from hpcred.linalg.blocks import local_rows
 from hpcred.model.damping import Rayleigh
+from hpcred.outputs import CutOutput, MotionOutput, StressOutput
 from hpcred.simulation.loads import ConstantForce
 from hpcred.simulation.simulation import Simulation, simulate
 
@@ -23,7 +23,7 @@ def block(targets, damping):
     rom = hpcred.reduce(
         model, [hpcred.Modes(count=12), hpcred.StaticCorrection()], frame=hpcred.Buckens(), damping=damping
     )
-    return model, rom, hpcred.body_of(model, rom, nodes=[tip, far]), tip
+    return model, rom, hpcred.body.body_of(model, rom, nodes=[tip, far]), tip
 
 
 def test_a_thrown_body():

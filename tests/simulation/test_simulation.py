@@ -11,26 +11,12 @@ import scipy.linalg
 from helpers import bar, made_up_stiffness
 
 import hpcred
-from hpcred import (
-    Buckens,
-    Chord,
-    ConstantForce,
-    Joint,
-    Krylov,
-    Maxwell,
-    Modes,
-    RampDrive,
-    Rayleigh,
-    Simulation,
-    SineDrive,
-    SineForce,
-    TableDrive,
-    TableForce,
-    Viscoelastic,
-)
+from hpcred import Buckens, Chord, Krylov, Modes, Rayleigh, Simulation, Viscoelastic
 from hpcred.body.body import body_of
+from hpcred.laws import Maxwell
 from hpcred.parallel.failures import InputError
 from hpcred.reduction.result.maxwell_states import maxwell_states
+from hpcred.simulation import ConstantForce, Joint, RampDrive, SineDrive, SineForce, TableDrive, TableForce
 from hpcred.simulation.equations_of_motion import FlexibleBody, rotation
 from hpcred.simulation.simulation import FEW_EVALUATIONS, FEW_STEPS, _Pace, simulate
 
@@ -177,7 +163,7 @@ def test_maxwell_elements_against_the_full_model():
 
 
 def test_fractional_laws_have_no_states(linkage_body):
-    body = with_parts(linkage_body, hpcred.Fractional(low=1.0, high=2.0, time=1e-3, exponent=0.5))
+    body = with_parts(linkage_body, hpcred.laws.Fractional(low=1.0, high=2.0, time=1e-3, exponent=0.5))
     with pytest.raises(InputError, match="part 0 is fractional, which no .* in a simulation; take kind 'maxwell'"):
         simulate(body, Simulation(end=0.1))
 

@@ -8,10 +8,12 @@ from helpers import face
 from solid_meshes import mass, mesh, model_of, stiffness
 
 import hpcred
-from hpcred import Joint, Material, Modes, RampDrive, Simulation, Tangent
+from hpcred import Modes, Simulation, Tangent
 from hpcred.body.body import body_of
 from hpcred.body.rotations import rotation
+from hpcred.fe import Material
 from hpcred.fe.element_rules import rule_of
+from hpcred.simulation import Joint, RampDrive
 from hpcred.simulation.simulation import simulate
 
 # J. C. Simo and L. Vu-Quoc, J. Appl. Mech. 53 (1986) 849: EI, EA, mass a length and length; 15 s to the full speed

@@ -9,13 +9,14 @@ import pytest
 from helpers import bar
 
 import hpcred
-from hpcred import Buckens, ConstantForce, Joint, Krylov, Modes, RampDrive, Simulation
+from hpcred import Buckens, Krylov, Modes, Simulation
 from hpcred.body.body import body_of
 from hpcred.body.node_shapes import interface_nodes
 from hpcred.model.interfaces.nodes import Interface, Nodes
 from hpcred.parallel.failures import ComputationError
 from hpcred.parallel.petsc import MPI
 from hpcred.parallel.progress import Progress
+from hpcred.simulation import ConstantForce, Joint, RampDrive
 from hpcred.simulation.equations_of_motion import FlexibleBody
 from hpcred.simulation.joints import holds_of
 from hpcred.simulation.simulation import simulate

@@ -97,7 +97,7 @@ def test_an_array_does_its_shares(cluster, folder):
     job = cluster.submit(folder, "--array=1-4", "--mem-per-cpu=1G", "jobs/sweep.slurm", "jobs/sweep.toml",
                          **environment())  # fmt: skip
     assert cluster.wait(job) == ["COMPLETED"] * 4, log(folder, job)
-    report = hpcred.collect_sweep(folder / "jobs/sweep.toml")
+    report = hpcred.collect(folder / "jobs/sweep.toml")
     assert not report["missing"] and all(row["eps"] is not None for row in report["rows"])
     assert all(hpcred.read_result(path).reduced.record.ranks == 2 for path in (folder / "jobs/sweep").glob("f*.h5")
                if not path.name.startswith("full"))  # fmt: skip
@@ -152,7 +152,7 @@ def test_a_written_script_is_submitted(cluster, folder):
     states = cluster.wait(job)
     logs = "\n".join(path.read_text() for path in (folder / "grid").glob("*.log"))
     assert states == ["COMPLETED"] * 2, logs
-    assert not hpcred.collect_sweep(folder / "grid.toml")["missing"]
+    assert not hpcred.collect(folder / "grid.toml")["missing"]
 
 
 def test_too_little_memory_is_refused_with_two_numbers(cluster, folder):

@@ -53,14 +53,14 @@ def test_a_blade_over_its_speed(blade, capsys):
     speeds, squares = np.array(report["values"]), np.array(report["frequencies_hz"]) ** 2
     fit = np.polynomial.Polynomial.fit(speeds**2, squares[:, 0], 1)
     assert fit(speeds**2) == pytest.approx(squares[:, 0], rel=5e-3) and squares[-1, 0] > 1.02 * squares[0, 0]
-    preload = hpcred.Preload(omega=(0.0, 0.0, 6000.0))
+    preload = hpcred.body.Preload(omega=(0.0, 0.0, 6000.0))
     single = hpcred.read_result("result.h5").at_preload(preload).reduced.frequencies
     assert np.sqrt(squares[-1]) == pytest.approx(single[: squares.shape[1]], rel=1e-8)
     assert Path("c.svg").read_text().count("rpm") and Path("c.csv").read_text().startswith("omega,rpm,f_1_hz")
     first = report["critical_speeds"]
     assert not first or first[0]["frequency"] == pytest.approx(4 * first[0]["value"] / (2 * np.pi), rel=1e-9)
     assert run([*command, "-o", "c.h5"]) == 0  # with the modes above 6000 Hz
-    found = hpcred.read_campbell("c.h5")
+    found = hpcred.files.read_campbell("c.h5")
     assert found.frequencies.shape[1] == 6
     assert found.frequencies[:, : squares.shape[1]] ** 2 == pytest.approx(squares, rel=1e-9)
     assert run([*command, "-o", "c.csv"]) == 0  # of the same kind
@@ -69,7 +69,7 @@ def test_a_blade_over_its_speed(blade, capsys):
 def test_what_info_says_of_the_file_of_a_diagram(blade, capsys):
     """In words and numbers, after its checksums, and nothing of a file that is damaged."""
     assert run(["campbell", "result.h5", "--range", "0,6000", "--points", "3", "-o", "c.h5"]) == 0
-    found = hpcred.read_campbell("c.h5")
+    found = hpcred.files.read_campbell("c.h5")
     capsys.readouterr()
     assert run(["info", "c.h5", "--json", "i.json"]) == 0
     shown, report = " ".join(capsys.readouterr().out.split()), json.loads(Path("i.json").read_text())
@@ -178,7 +178,7 @@ def test_a_result_with_parameters_beside_its_model(shaft, capsys):
                 "--highest", "2000", "--figure", "c.png"]) == 0  # fmt: skip
     shown = " ".join(capsys.readouterr().out.split())
     assert "UNSTABLE from omega = " in shown and "rpm) on, without vibration" in shown
-    report, found = json.loads(Path("c.json").read_text()), hpcred.read_campbell("c.h5")
+    report, found = json.loads(Path("c.json").read_text()), hpcred.files.read_campbell("c.h5")
     bending = sorted(f for f in found.frequencies[0] if f < 2000)[0]
     assert report["stability_limit"] == pytest.approx(2 * np.pi * bending, rel=5e-3)
     assert [item.value for item in found.full] == pytest.approx([0.0, 1500.0, 3000.0])
@@ -230,4 +230,4 @@ def test_on_several_ranks(comm, folder):
         rom.save(folder / "r.h5", geometric_stiffness=stiffness)
     report = hpcred.campbell_file(folder / "r.h5", range=(0.0, 3000.0), points=3, output=folder / "c.h5", comm=comm)
     assert report["frequencies_hz"][0] == pytest.approx(rom.frequencies, rel=1e-9)
-    assert hpcred.read_campbell(folder / "c.h5").frequencies.tolist() == report["frequencies_hz"]
+    assert hpcred.files.read_campbell(folder / "c.h5").frequencies.tolist() == report["frequencies_hz"]

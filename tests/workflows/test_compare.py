@@ -26,10 +26,10 @@ def test_each_result_has_its_own_error_and_the_modes_of_the_model(comm, folder):
             with hpcred.reduce(model, basis, Buckens()) as rom:
                 shapes[name] = rom.frequencies, gather(rom.columns)
         files = [folder / f"{name}.h5" for name in bases]
-        report = hpcred.compare_results(files, folder / "model.h5", frequencies=FREQUENCIES, modes=4,
+        report = hpcred.workflows.compare_results(files, folder / "model.h5", frequencies=FREQUENCIES, modes=4,
                                         output=folder / "eps.csv")  # fmt: skip
     for file, row in zip(files, report["rows"], strict=True):
-        alone = hpcred.evaluate_result(file, folder / "model.h5", frequencies=FREQUENCIES)
+        alone = hpcred.evaluate(file, folder / "model.h5", frequencies=FREQUENCIES)
         assert report["eps"][file.stem] == pytest.approx(alone["eps"], rel=1e-9)
         assert row["Q"] == pytest.approx(alone["Q"], rel=1e-9)
         whole = hpcred.read_result(file, comm).reduced
@@ -53,16 +53,16 @@ def test_results_of_other_questions_are_refused(comm, folder):
             with hpcred.reduce(model, [Modes(count=3)]) as rom:
                 hpcred.write_result(folder / f"{name}.h5", rom, model)
         with pytest.raises(hpcred.InputError, match=r"b\.h5: found the inputs .* but .* in .*a\.h5; compare"):
-            hpcred.compare_results([folder / "a.h5", folder / "b.h5"], folder / "model.h5")
+            hpcred.workflows.compare_results([folder / "a.h5", folder / "b.h5"], folder / "model.h5")
         with pytest.raises(hpcred.InputError, match="ends in .csv, for the errors of several results"):
-            hpcred.compare_results([folder / "a.h5", folder / "c.h5"], folder / "model.h5", output="x.npz")
+            hpcred.workflows.compare_results([folder / "a.h5", folder / "c.h5"], folder / "model.h5", output="x.npz")
         with pytest.raises(hpcred.InputError, match="expected two or more, each once"):
-            hpcred.compare_results([folder / "a.h5", folder / "a.h5"], folder / "model.h5")
+            hpcred.workflows.compare_results([folder / "a.h5", folder / "a.h5"], folder / "model.h5")
         # digests of an earlier version, which tell nothing about the model of today
         old = dict.fromkeys(rom.record.digests, "0" * 64)
         rom = replace(rom, record=replace(rom.record, digests=old))
         hpcred.write_result(folder / "old.h5", rom)
         with pytest.raises(hpcred.InputError, match=r"old\.h5: an earlier version wrote it, .*; reduce again"):
-            hpcred.evaluate_result(folder / "old.h5", folder / "model.h5", frequencies=FREQUENCIES)
+            hpcred.evaluate(folder / "old.h5", folder / "model.h5", frequencies=FREQUENCIES)
         with pytest.raises(hpcred.InputError, match=r"old\.h5: has no record .*; reduce it again"):
-            hpcred.compare_results([folder / "a.h5", folder / "old.h5"], folder / "model.h5")
+            hpcred.workflows.compare_results([folder / "a.h5", folder / "old.h5"], folder / "model.h5")

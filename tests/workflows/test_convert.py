@@ -42,8 +42,8 @@ def test_convert_ends_with_a_check(capsys):
         shutil.copy(DATA / "kratos" / name, name)
     text = said(capsys, "convert", "-K", "K.mm.gz", "-M", "M.mm.gz", "--nodes", "nodes.txt", "--dofs", "dofs.txt",
                 "model.h5", "--inputs", "99:z", "--json", "report.json")  # fmt: skip
-    for expected in ("size 270", "masses in x y z 73.2667, 73.2667, 73.2667", "looks like m, kg, s", "a held body",
-                     "M, K are symmetric", "extent 0, 0, 0; 1, 0.1, 0.1", "the mass of 73.2667 is without theirs",
+    for expected in ("size 270", "masses in x y z kg 73.2667, 73.2667, 73.2667", "looks like m, kg, s", "a held body",
+                     "M, K are symmetric", "extent m 0, 0, 0; 1, 0.1, 0.1", "the mass of 73.2667 is without theirs",
                      "export the body free"):  # fmt: skip
         assert expected in text
     report = json.loads(Path("report.json").read_text())
@@ -57,7 +57,7 @@ def test_outputs_of_their_own_and_a_damping_that_is_not_symmetric_are_said(capsy
     scipy.io.mmwrite("D.mtx", scipy.sparse.diags([[0.5, 0.0, 0.0]], [1]))
     matrices = ("-K", "K.mtx", "-M", "M.mtx", "-D", "D.mtx")
     text = said(capsys, "convert", *matrices, "m.h5", "--inputs", "1", "--outputs", "2,3")
-    assert "inputs dof 1 outputs dof 2, dof 3 size 4" in text
+    assert "inputs dof 1 outputs dof 2, dof 3" in text
     assert "not all of M, K, D are symmetric: max |a_ij - a_ji| / |a_ij| is D " in text
 
 

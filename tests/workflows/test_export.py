@@ -9,12 +9,13 @@ from helpers import MODES_JOB, block_with_ends, interface_model, names, refused
 from mpi4py import MPI
 
 import hpcred as package
-from hpcred import Buckens, Modes, read_sid
+from hpcred import Buckens, Modes
 from hpcred.cli.main import run
 from hpcred.files.outputs import kind_of
 from hpcred.parallel.failures import InputError
 from hpcred.report import mode_pictures
 from hpcred.workflows.export import export_result
+from hpcred.writers import read_sid
 from hpcred.writers.registry import WRITERS
 
 STRUCTURAL = """kind = "structural"

@@ -45,7 +45,7 @@ def test_a_job_makes_what_python_does(comm, folder):
     comm.Barrier()
     hpcred.reduce_job(folder / "job.toml", comm=comm)
     found = hpcred.read_result(folder / "result.h5", comm).geometric_stiffness
-    assert hpcred.describe_file(folder / "result.h5", comm=comm)["geometric_stiffness"] == list(wanted.states)
+    assert hpcred.info(folder / "result.h5", comm=comm)["geometric_stiffness"] == list(wanted.states)
     assert found.states == wanted.states and found.origin.tolist() == [0.01, 0.0, 0.0]
     sizes = np.abs(wanted.matrices).max(axis=(1, 2), keepdims=True)
     assert (np.abs(np.abs(found.matrices) - np.abs(wanted.matrices)) < 1e-6 * sizes).all()
@@ -177,7 +177,7 @@ def test_a_matrix_that_is_the_stiffness_of_the_stress(comm, folder, units):
     """By its name in a file with K and M, for a transverse load too; here of a .mat file, in the units from which the
     model was converted."""
     length = 1e3 if units[:2] == "mm" else 1.0
-    preload = hpcred.Preload(forces={"36:y": 1e3, "33:x": 2e3})
+    preload = hpcred.body.Preload(forces={"36:y": 1e3, "33:x": 2e3})
     with hpcred.solid((8, 1, 1), (0.8, 0.02, 0.03), 3, False, comm) as model:
         hpcred.write_model(folder / "model.h5", model.with_fields(converted_from=units))
         frame = hpcred.Chord((1, 33, 3))

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 import scipy.sparse
 import typer.main
+from docs_pages import reference
 
 import hpcred
+from hpcred.analysis import Campbell, CriticalSpeed
 from hpcred.cli.main import app
 from hpcred.linalg.blocks import from_dense, local_rows
 from hpcred.parallel.failures import InputError
@@ -82,7 +84,7 @@ def test_misspelt_keywords_of_settings_are_suggested(make, says):
 
 
 def test_every_public_class_with_fields_checks_its_keywords():
-    classes = [item for name in hpcred.__all__ if is_dataclass(item := getattr(hpcred, name))]
+    classes = [item for item in reference.public_names().values() if is_dataclass(item)]
     assert len(classes) > 50
     for item in classes:
         with pytest.raises(InputError, match=f"{item.__name__}: unknown keyword 'no_such_key'"):
@@ -94,7 +96,7 @@ def test_commands_are_found_under_their_names():
     others = {"report", "example"}
     for name in set(typer.main.get_command(app).commands) - others:
         assert callable(getattr(hpcred, name)) and name in dir(hpcred)
-    assert hpcred.info is hpcred.describe_file
+    assert hpcred.info is hpcred.workflows.describe_file
     for word, meant in (("inof", "info"), ("reprot_file", "report_file")):
         with pytest.raises(AttributeError, match=f"did you mean '{meant}'"):
             getattr(hpcred, word)
@@ -121,9 +123,9 @@ def test_a_campbell_diagram_draws_and_shows_itself():
     """Two modes of a rotor that split with its speed, one of which crosses it."""
     omega = np.linspace(0.0, 800.0, 9)
     poles = 1j * (500.0 + np.array([0.25, -0.25]) * omega[:, None]) - 1.0
-    crossing = hpcred.CriticalSpeed(order=1.0, mode=1, value=400.0, frequency=63.66, damping_ratio=2.5e-3,
+    crossing = CriticalSpeed(order=1.0, mode=1, value=400.0, frequency=63.66, damping_ratio=2.5e-3,
                                     whirl="backward")  # fmt: skip
-    found = hpcred.Campbell(parameter="omega", unit="rad/s", values=omega, poles=poles, orbits=np.full((9, 2), np.nan),
+    found = Campbell(parameter="omega", unit="rad/s", values=omega, poles=poles, orbits=np.full((9, 2), np.nan),
                             highest=200.0, orders=(1.0,), critical_speeds=(crossing,))  # fmt: skip
     figure = found.plot()
     assert figure.axes[0].get_title() == found.sentence == "stable for omega = 0 to 800 rad/s"
@@ -138,7 +140,7 @@ SHAPES = np.random.default_rng(3).standard_normal((N, 3))
 
 
 @dataclass(frozen=True)
-class Given(hpcred.Component):
+class Given(hpcred.reduction.Component):
     """Given columns, of which each rank gives its rows."""
 
     kind: Literal["given_for_test"] = "given_for_test"
@@ -224,7 +226,7 @@ def test_an_export_without_a_file_of_ones_own(comm, folder):
     assert report["format"] == "sid" and report["output"] == str(folder / "arm.SID_FEM")
     comm.Barrier()
     assert [item.name for item in folder.iterdir()] == ["arm.SID_FEM"]
-    assert len(hpcred.read_sid(folder / "arm.SID_FEM").coordinates) == rom.size
+    assert len(hpcred.writers.read_sid(folder / "arm.SID_FEM").coordinates) == rom.size
     for name, kind in (("arm_statespace.npz", "statespace-npz"), ("arm.npz", "npz"), ("arm_exudyn.npz", "exudyn")):
         assert rom.export(folder / name)["format"] == kind
     with pytest.raises(InputError, match="a.foo: found a name that ends in .foo, expected one of .sid_fem, .mat"):

@@ -43,7 +43,7 @@ def block(tmp_path, monkeypatch):
 def test_a_job_with_loads(block, capsys):
     """To a tolerance, against the full model; the sums in the table, the record, and of info, before it too."""
     assert run(["info", "job.toml"]) == 0 and "Loads, and their sums" in capsys.readouterr().out
-    loads = hpcred.describe_file("job.toml")["loads"]
+    loads = hpcred.info("job.toml")["loads"]
     assert [item["load"] for item in loads] == ["oil", "weight"] and loads[0]["Fx (N)"] == pytest.approx(-40.0)
     assert run(["reduce", "job.toml", "--details", "--json", "run.json"]) == 0
     told = capsys.readouterr().out
@@ -53,7 +53,7 @@ def test_a_job_with_loads(block, capsys):
     assert [item["name"] for item in record["loads"]] == ["oil", "weight"]
     assert record["loads"][0]["force"] == pytest.approx([-1e5 * 4e-4, 0, 0])
     result = hpcred.read_result("result.h5")
-    job = hpcred.read_job("job.toml")
+    job = hpcred.settings.read_job("job.toml")
     with (
         hpcred.read_model("model.h5") as model, model.with_inputs([(20, "z")]) as forced,
         forced.with_loads(job.load) as loaded,

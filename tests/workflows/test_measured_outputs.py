@@ -7,9 +7,10 @@ from mpi4py import MPI
 from scipy import sparse
 
 import hpcred
-from hpcred import InputError, MotionOutput
+from hpcred import InputError
 from hpcred.cli.main import run
 from hpcred.model.units import unit_of_response
+from hpcred.outputs import MotionOutput
 from tests.helpers import refused
 from tests.reduction.test_derivative_outputs import FREQUENCIES, case, close, dense
 
@@ -38,12 +39,12 @@ def test_a_job_with_quantities(comm, folder):
     f = np.array([0.0, 100.0, 4000.0])
     H, s = reduced.frequency_response(f), 2j * np.pi * f[:, None]
     assert np.allclose(H[:, 1], s * H[:, 0], rtol=1e-12) and np.allclose(H[:, 2], s**2 * H[:, 0], rtol=1e-12)
-    found = hpcred.evaluate_result(folder / "r.h5", folder / "m.h5", frequencies=f, comm=comm)
+    found = hpcred.evaluate(folder / "r.h5", folder / "m.h5", frequencies=f, comm=comm)
     assert found["eps_max"] <= 1e-3
     errors = {item["output"]: item["largest"] for item in found["directions"]}
     # relative errors of velocities and accelerations are those of the displacements
     assert errors["velocity 60:z"] == pytest.approx(errors["acceleration 60:z"], rel=1e-6)
-    check = hpcred.check_result(folder / "r.h5", folder / "m.h5", count=3, seed=4, comm=comm)
+    check = hpcred.workflows.check_result(folder / "r.h5", folder / "m.h5", count=3, seed=4, comm=comm)
     assert check["passed"]
 
 
@@ -57,7 +58,7 @@ def test_interface_coordinates_keep_them(comm, folder):
     f = np.array([100.0, 900.0])
     H, s = again.frequency_response(f), 2j * np.pi * f[:, None]
     assert len(again.interfaces) == 1 and np.allclose(H[:, 2], s**2 * H[:, 0], rtol=1e-9)
-    found = hpcred.evaluate_result(folder / "r.h5", folder / "m.h5", frequencies=f, comm=comm)
+    found = hpcred.evaluate(folder / "r.h5", folder / "m.h5", frequencies=f, comm=comm)
     assert found["eps_max"] < 0.05
 
 
@@ -124,7 +125,7 @@ def test_convert_takes_names_of_quantities(tmp_path, capsys):
 def test_tables_that_cannot_be_are_refused(tmp_path, table, sentence):
     (tmp_path / "job.toml").write_text(f'model = "m.h5"\nband = [0.0, 1.0]\ntolerance = 1e-3\noutputs = [{table}]\n')
     with pytest.raises(InputError, match=sentence):
-        hpcred.read_job(tmp_path / "job.toml")
+        hpcred.settings.read_job(tmp_path / "job.toml")
 
 
 def test_names_say_what_is_measured():
@@ -166,7 +167,7 @@ def test_models_in_other_units():
         rows[key][2] *= 1e3**power
     with (
         hpcred.SecondOrderModel(M, D * 1e-3, K * 1e-6, B, **rows) as given,
-        hpcred.in_si(given, hpcred.units_of("m-kg-ms")) as model,
+        hpcred.model.in_si(given, hpcred.model.units_of("m-kg-ms")) as model,
     ):
         found = hpcred.frequency_response(model, FREQUENCIES)
     assert close(found, dense(M, D, K, B, C, Cv, Ca, FREQUENCIES), 1e-9)
@@ -181,7 +182,7 @@ def test_state_spaces_and_fmus_have_them(tmp_path, kind):
         outputs = [(60, "z"), MotionOutput(node=60, direction="z", quantity=kind)]
         model = model.with_outputs(outputs)
         reduced = hpcred.reduce(model, [hpcred.Modes(count=5)], damping=hpcred.Rayleigh(20.0, 1e-6))
-        hpcred.write_fmu(tmp_path / "body.fmu", reduced)
+        hpcred.writers.write_fmu(tmp_path / "body.fmu", reduced)
     found = hpcred.state_space(reduced)
     A, B, C, D = (found[key] for key in "ABCD")
     s = 2j * np.pi * 700.0

@@ -25,7 +25,7 @@ def cube(tmp_path_factory):
 
 def test_the_factor_of_a_plan_is_the_one_that_is_made(cube):
     path, record = cube
-    found = hpcred.plan_file(path, ranks=1)
+    found = hpcred.plan(path, ranks=1)
     assert found["operations"] == pytest.approx(record.flops, rel=0.2)
     assert found["entries"] == pytest.approx(record.factor_entries, rel=0.2)
     direct = found["rows"][0]
@@ -33,7 +33,7 @@ def test_the_factor_of_a_plan_is_the_one_that_is_made(cube):
 
 
 def test_more_ranks_take_more_memory_and_less_of_it_each(cube):
-    rows = [hpcred.plan_file(cube[0], ranks=ranks)["rows"][0] for ranks in (1, 8, 64)]
+    rows = [hpcred.plan(cube[0], ranks=ranks)["rows"][0] for ranks in (1, 8, 64)]
     assert rows[0]["GB in all"] < rows[1]["GB in all"] < rows[2]["GB in all"]
     assert rows[0]["GB a rank"] > rows[1]["GB a rank"] > rows[2]["GB a rank"]
     assert rows[0]["hours"] > rows[1]["hours"] > rows[2]["hours"]
@@ -43,21 +43,21 @@ def test_a_large_model_is_not_read_and_counts_as_a_cube(cube, monkeypatch):
     """The law goes through the largest cube that was analysed, and its way down to this one is long."""
     monkeypatch.setattr(plan, "MOST_ANALYSED", 0)
     monkeypatch.setattr(plan, "model_of_files", None)
-    found = hpcred.plan_file(cube[0], ranks=2)
+    found = hpcred.plan(cube[0], ranks=2)
     assert 0.3 < found["entries"] / cube[1].factor_entries < 3 and "of a cube" in found["source"]
 
 
 def test_the_script_is_that_of_the_first_way_that_fits(cube, monkeypatch):
     monkeypatch.setattr(plan, "MOST_ANALYSED", 0)
     monkeypatch.setitem(plan.CUBE, "rows", 1000)  # a factor of a model that is far larger
-    sizes = {row["way"]: row["GB a node"] for row in hpcred.plan_file(cube[0], ranks=8, nodes=2)["rows"]}
+    sizes = {row["way"]: row["GB a node"] for row in hpcred.plan(cube[0], ranks=8, nodes=2)["rows"]}
     between = (sizes["direct"] + sizes["out_of_core"]) / 2
-    found = hpcred.plan_file(cube[0], ranks=8, nodes=2, memory_gb=between)
+    found = hpcred.plan(cube[0], ranks=8, nodes=2, memory_gb=between)
     assert found["best"] == "out_of_core" and "--ntasks-per-node=4\n" in found["script"]
     assert "--out-of-core" in found["script"]
-    found = hpcred.plan_file(cube[0], ranks=8, nodes=2, memory_gb=2 * sizes["kind = multigrid"])
+    found = hpcred.plan(cube[0], ranks=8, nodes=2, memory_gb=2 * sizes["kind = multigrid"])
     assert found["best"] == "kind = multigrid" and "solver.kind=multigrid" in found["script"]
-    assert not hpcred.plan_file(cube[0], ranks=8, nodes=2, memory_gb=0.01)["script"]
+    assert not hpcred.plan(cube[0], ranks=8, nodes=2, memory_gb=0.01)["script"]
 
 
 JOBS = {
@@ -74,7 +74,7 @@ def test_a_job_says_its_model_points_and_way(cube, tmp_path, key):
     text, factors, points, best = JOBS[key]
     job = tmp_path / "job.toml"
     job.write_text(f'model = "{cube[0]}"\n{text}')
-    found = hpcred.plan_file(job, ranks=4)
+    found = hpcred.plan(job, ranks=4)
     assert found["factors"] == factors and found["points"].startswith(points) and found["best"] == best
     assert found["entries"] == pytest.approx(cube[1].factor_entries, rel=0.2)
     assert f"reduce {job} --store points" in found["script"]
@@ -92,7 +92,7 @@ def test_groups_of_ranks_have_a_factor_each(cube, tmp_path):
 
 
 def test_the_script_starts_its_ranks_as_the_one_in_jobs(cube):
-    text = hpcred.plan_file(cube[0], ranks=2)["script"]
+    text = hpcred.plan(cube[0], ranks=2)["script"]
     jobs = (Path(__file__).parents[2] / "jobs/reduce.slurm").read_text()
     assert plan.LAUNCHER in map(str.strip, jobs.splitlines())
     assert f"{plan.LAUNCHER}\n$launcher hpcred reduce" in text and "\nsrun" not in text
@@ -133,13 +133,13 @@ def test_the_table_of_a_cube_of_1e7_dofs_is_that_of_the_law():
 
 def test_nonzeros_of_cubes_are_those_of_the_law(cube):
     """Neighbours along an edge of m nodes: 3 m - 2, three dofs each, one layer of nodes held."""
-    assert hpcred.plan_file(cube[0], ranks=1)["nonzeros"] == 9 * (3 * 14 - 2) * (3 * 14 + 1) ** 2
+    assert hpcred.plan(cube[0], ranks=1)["nonzeros"] == 9 * (3 * 14 - 2) * (3 * 14 + 1) ** 2
 
 
 def test_plans_that_make_no_sense(cube):
     for wrong, says in (({"ranks": 0}, "--ranks"), ({"nodes": 4}, "--nodes: found 4 for 2 ranks"),
                         ({"memory_gb": -1.0}, "--memory"), ({"gflops": 0.0}, "--gflops")):  # fmt: skip
         with pytest.raises(InputError, match=says):
-            hpcred.plan_file(cube[0], **{"ranks": 2, **wrong})
+            hpcred.plan(cube[0], **{"ranks": 2, **wrong})
     with pytest.raises(InputError, match="no such file"):
-        hpcred.plan_file("nothing.h5", ranks=1)
+        hpcred.plan("nothing.h5", ranks=1)

@@ -27,24 +27,24 @@ BROKEN = "import a_module_that_nobody_has\n"
 WRONG = """import hpcred
 from pathlib import Path
 
-class Raises(hpcred.Reader):
+class Raises(hpcred.readers.Reader):
     def begins(self, start):
         return bool(1 / 0)
     def read_model(self, path, comm):
         pass
 
-class Empty(hpcred.Reader):
+class Empty(hpcred.readers.Reader):
     def begins(self, start):
         return False
 
-class Nothing(hpcred.Reader):
+class Nothing(hpcred.readers.Reader):
     told_by = "%nothing"
     def begins(self, start):
         return start.startswith(b"%nothing")
     def read_model(self, path, comm):
         return {}
 
-class Fails(hpcred.Writer):
+class Fails(hpcred.writers.Writer):
     suffix, needs = ".fails", "reduced"
     def write(self, target, source):
         raise KeyError("what")
@@ -180,7 +180,7 @@ def test_a_broken_package_is_named_and_everything_else_works(hpcred, tmp_path, e
         assert all(text.count(sentence) == 1 for sentence in sentences)
     table = call("convert", "--list-formats")
     assert "warning: the package hpcred-broken has a reader 'a' that cannot be used" in table and "springs" in table
-    assert "'nothing' of the package hpcred-wrong gave dict, expected hpcred.Parts" in call(
+    assert "'nothing' of the package hpcred-wrong gave dict, expected hpcred.readers.Parts" in call(
         "convert", "nothing.txt", "m.h5", status=2)  # fmt: skip
     assert "hpcred-" not in call("reduce", "job.toml")
     assert "result.npz: 2 coordinates" in call("export", "result.h5", "--format", "npz")  # ours, not hpcred-wrong's

@@ -67,8 +67,8 @@ def test_all_nodes_in_the_body_frame(simulated):
     assert any("accelerations by differences of the velocities" in remark for remark in report["remarks"])
     assert not any("velocities by differences" in remark for remark in report["remarks"])
     assert not any("of the frame" in remark for remark in report["remarks"])
-    assert hpcred.verify_file(simulated / "out.h5")["verified_datasets"] == 7
-    said = hpcred.describe_file(simulated / "out.h5")
+    assert hpcred.workflows.verify_file(simulated / "out.h5")["verified_datasets"] == 7
+    said = hpcred.info(simulated / "out.h5")
     assert said["format"] == "hpcred recovered motion" and said["nodes"] == 20 and said["arrays"] == list(ALL)
 
 
@@ -99,7 +99,7 @@ def test_tables_of_chosen_nodes_and_instants(simulated):
     assert table.dtype.names == ("t", *(f"displacement_{node}_{a}" for node in (1, 20) for a in "xyz"))
     assert table["t"] == pytest.approx(whole["t"][4:17:3])
     assert table["displacement_20_z"] == pytest.approx(whole["displacement"][4:17:3, 19, 2], rel=1e-9)
-    assert hpcred.describe_file(simulated / "out.csv")["rows"] == 5
+    assert hpcred.info(simulated / "out.csv")["rows"] == 5
 
 
 @pytest.mark.mpi
@@ -298,8 +298,8 @@ def test_stresses_over_time(folder, comm):
 
 
 def test_what_comes_off_stresses_of_temperatures_is_said(tmp_path):
-    steel = hpcred.Material(name="steel", young=2.1e11, poisson=0.3, expansion=1.2e-5)
-    hot = hpcred.Temperature(name="hot")
+    steel = hpcred.fe.Material(name="steel", young=2.1e11, poisson=0.3, expansion=1.2e-5)
+    hot = hpcred.loads.Temperature(name="hot")
     with (
         hpcred.solid((2, 1, 1), inputs=1) as bare, bare.with_material(steel) as model,
         model.with_loads([hot]) as heated, hpcred.reduce(heated, [hpcred.StaticCorrection()]) as rom,

@@ -12,7 +12,8 @@ import scipy.io
 from helpers import refused, to_dense
 
 import hpcred as package
-from hpcred import Modes, Parameter, ParametricModel, Preload, Term, read_result, rotation_terms
+from hpcred import Modes, Parameter, ParametricModel, Term, read_result, rotation_terms
+from hpcred.body import Preload
 from hpcred.cli.main import run
 from hpcred.model.damping import GivenDamping, NoDamping
 from hpcred.reduction.parametric.reduced import ParametricReducedModel, projected_parts

@@ -45,7 +45,7 @@ def test_a_motion_that_diverges_is_told_also_quietly(made, capsys):
     with h5py.File(path.with_name("simulation.h5")) as file:
         warnings = json.loads(file["provenance"][()])["warnings"]
     assert any(text.startswith("the simulation diverges") for text in warnings)
-    assert warnings[-1] in hpcred.describe_file(path.with_name("simulation.h5"))["warnings"]
+    assert warnings[-1] in hpcred.info(path.with_name("simulation.h5"))["warnings"]
 
 
 def test_a_warning_is_printed_once(made, capsys):

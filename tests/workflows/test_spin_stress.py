@@ -5,9 +5,10 @@ import pytest
 from helpers import block_with_ends
 
 import hpcred
-from hpcred import Centrifugal, Krylov, Modes, Tangent
+from hpcred import Krylov, Modes, Tangent
 from hpcred.body.body import body_of
 from hpcred.body.spin_stress import lacks_spin
+from hpcred.loads import Centrifugal
 from hpcred.parallel.petsc import MPI
 
 SPIN = '[[load]]\nname = "spin"\nkind = "centrifugal"\naxis = [0.0, 0.0, 1.0]\n'

@@ -41,10 +41,10 @@ def test_static_stresses_are_those_of_calculix(tmp_path, monkeypatch, basis, lea
     with hpcred.read_model("model.h5") as model, hpcred.reduce(model, basis) as rom:
         hpcred.write_result("result.h5", rom, model)
         q = np.linalg.solve(rom.K, FORCE * rom.B[:, 0])
-    hpcred.write_deck("result.h5", "calculix", "bar.inp", "deck")
+    hpcred.workflows.write_deck("result.h5", "calculix", "bar.inp", "deck")
     done = subprocess.run(["ccx", "stress"], cwd="deck", capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-2000:]
-    hpcred.add_stresses("result.h5", "deck/stress.frd", "with.h5")
+    hpcred.workflows.add_stresses("result.h5", "deck/stress.frd", "with.h5")
     modes = hpcred.read_result("with.h5").stress_modes()
     loaded = read_answers("loaded.frd", MPI.COMM_SELF)
     order = np.argsort(loaded.node)

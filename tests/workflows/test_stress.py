@@ -91,7 +91,7 @@ def test_models_without_materials_are_refused_before_the_reduction(comm, folder)
 def test_other_values_of_the_key_are_refused(tmp_path, lines, says):
     (tmp_path / "job.toml").write_text(JOB % lines)
     with pytest.raises(InputError, match=says):
-        hpcred.read_job(tmp_path / "job.toml")
+        hpcred.settings.read_job(tmp_path / "job.toml")
 
 
 def unlike_any(count):

@@ -13,6 +13,7 @@ import hpcred
 from hpcred import Buckens, Modes
 from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import MPI
+from hpcred.workflows import add_stresses, write_deck
 from hpcred.workflows.stress_decks import _whole_text
 from hpcred.writers.decks.calculix import CalculixDeck
 from hpcred.writers.decks.nastran import NastranDeck
@@ -66,7 +67,7 @@ def test_answers_become_stress_modes_of_a_new_result(comm, folder):
         label, moved, stress = arrays(folder / "result.h5")
         (folder / "stress.frd").write_text(frd_of(label, moved, 2 * stress))
     comm.Barrier()
-    report = hpcred.add_stresses(folder / "result.h5", folder / "stress.frd", folder / "with.h5", comm=comm)
+    report = add_stresses(folder / "result.h5", folder / "stress.frd", folder / "with.h5", comm=comm)
     assert report["columns"] == 3 and report["nodes"] == 12
     found = hpcred.read_result(folder / "with.h5", comm).stress_modes()
     if comm.rank == 0:
@@ -76,8 +77,8 @@ def test_answers_become_stress_modes_of_a_new_result(comm, folder):
             for key in ("basis/V", "reduced/K", "dofs/position", "elements/hexahedron", "record"):
                 assert (old[key][()] == new[key][()]).all() if old[key].shape else old[key][()] == new[key][()]
     comm.Barrier()
-    assert hpcred.verify_file(folder / "with.h5", comm=comm)
-    about = hpcred.describe_file(folder / "with.h5", comm=comm)
+    assert hpcred.workflows.verify_file(folder / "with.h5", comm=comm)
+    about = hpcred.info(folder / "with.h5", comm=comm)
     assert about["stress"] == "12 nodes; CalculiX, means at nodes in .frd"
 
 
@@ -95,7 +96,7 @@ def test_answers_of_nastran_in_output2(comm, folder):
             tables[1].extend(stressed(number, {e: {n: s[place[n]] for n in nodes} for e, nodes in elements.items()}))
         (folder / "stress.op2").write_bytes(op2([("OUGV1", tables[0]), ("OES1X1", tables[1])]))
     comm.Barrier()
-    hpcred.add_stresses(folder / "result.h5", folder / "stress.op2", folder / "with.h5", comm=comm)
+    add_stresses(folder / "result.h5", folder / "stress.op2", folder / "with.h5", comm=comm)
     found = hpcred.read_result(folder / "with.h5", comm).stress_modes()
     if comm.rank == 0:
         assert found.source == "Nastran, means at corner nodes in OUTPUT2" and (found.node == label).all()
@@ -110,7 +111,7 @@ def test_the_input_of_calculix_prescribes_all_displacements(comm, folder):
         (folder / "deck.inp").write_text(DECK)
         (folder / "mesh.inp").write_text("*ELEMENT, TYPE=C3D8\n")
     comm.Barrier()
-    report = hpcred.write_deck(folder / "result.h5", "calculix", folder / "deck.inp", folder / "new", units="mm,t,s",
+    report = write_deck(folder / "result.h5", "calculix", folder / "deck.inp", folder / "new", units="mm,t,s",
                                comm=comm)  # fmt: skip
     assert report["columns"] == 3 and report["run"].startswith("ccx stress")
     if comm.rank == 0:
@@ -140,7 +141,7 @@ def test_the_input_of_ansys_and_nastran(tmp_path, program, text, job):
     result_of(tmp_path, MPI.COMM_SELF)
     (tmp_path / "part").write_text(text)
     (tmp_path / "mesh.bdf").write_text("GRID,900002,,1.,0.,0.\n")
-    hpcred.write_deck(tmp_path / "result.h5", program, tmp_path / "part", tmp_path / "new")
+    write_deck(tmp_path / "result.h5", program, tmp_path / "part", tmp_path / "new")
     main = (tmp_path / "new" / job).read_text()
     with h5py.File(tmp_path / "result.h5") as file:
         node, direction, V = (file[key][...] for key in ("dofs/node", "dofs/direction", "basis/V"))
@@ -179,7 +180,7 @@ def test_answers_that_do_not_fit_are_refused(tmp_path, change, says):
     label, moved, stress = arrays(tmp_path / "result.h5")
     (tmp_path / "stress.frd").write_text(change(label, moved, stress))
     with pytest.raises(InputError, match=says):
-        hpcred.add_stresses(tmp_path / "result.h5", tmp_path / "stress.frd", tmp_path / "with.h5")
+        add_stresses(tmp_path / "result.h5", tmp_path / "stress.frd", tmp_path / "with.h5")
     assert not (tmp_path / "with.h5").exists()
 
 
@@ -197,7 +198,7 @@ def test_decks_that_cannot_be_written_are_refused(tmp_path, program, deck, targe
     (tmp_path / "deck.inp").write_text(deck)
     (tmp_path / "mesh.inp").write_text("*ELEMENT, TYPE=C3D8\n")
     with pytest.raises(InputError, match=says):
-        hpcred.write_deck(tmp_path / "result.h5", program, tmp_path / "deck.inp", tmp_path / target)
+        write_deck(tmp_path / "result.h5", program, tmp_path / "deck.inp", tmp_path / target)
     assert sorted(item.name for item in tmp_path.iterdir()) == ["deck.inp", "mesh.inp", "result.h5"]
 
 
@@ -210,13 +211,13 @@ def test_calculix_computes_the_stresses_of_a_basis(tmp_path, program, answers, c
     """End to end, against E B V of our own solids; CalculiX extrapolates to nodes with factors of four digits."""
     for source in (Path(__file__).parents[1] / "data" / "calculix").glob("quadratic.*"):
         shutil.copy(source, tmp_path)
-    with hpcred.load_export(tmp_path / "quadratic.inp") as model:
+    with hpcred.readers.load_export(tmp_path / "quadratic.inp") as model:
         rom = hpcred.reduce(model.with_inputs([(1, "z")]), [Modes(index=(7, 8, 9))], Buckens())
         hpcred.write_result(tmp_path / "result.h5", rom, model)
         own = hpcred.stress_modes(model, rom.columns)
-    hpcred.write_deck(tmp_path / "result.h5", program, tmp_path / "quadratic.inp", tmp_path / "job")
+    write_deck(tmp_path / "result.h5", program, tmp_path / "quadratic.inp", tmp_path / "job")
     subprocess.run(["ccx", "stress"], cwd=tmp_path / "job", check=True, capture_output=True)
-    hpcred.add_stresses(tmp_path / "result.h5", tmp_path / "job" / answers, tmp_path / "with.h5")
+    add_stresses(tmp_path / "result.h5", tmp_path / "job" / answers, tmp_path / "with.h5")
     found = hpcred.read_result(tmp_path / "with.h5").stress_modes(own.node)
     assert np.abs(found.stress - own.stress).max() < close * np.abs(own.stress).max()
 
@@ -228,7 +229,7 @@ def test_scalar_rows_are_left_to_the_program(tmp_path, monkeypatch):
     model = hpcred.SecondOrderModel(np.eye(4), None, np.diag([1.0, 2, 3, 4]), dofs=dofs).with_inputs([(1, "x")])
     hpcred.write_result("result.h5", hpcred.reduce(model, [Modes(count=4)]), model)
     Path("deck.inp").write_text("*NODE\n1,0.,0.,0.\n")
-    hpcred.write_deck("result.h5", "calculix", "deck.inp", "new")
+    write_deck("result.h5", "calculix", "deck.inp", "new")
     for number in range(1, 5):
         lines = (Path("new") / f"column_{number:04d}.inc").read_text().splitlines()
         assert [line.split(",")[:3] for line in lines] == [["1", str(d), str(d)] for d in (1, 2, 3)]

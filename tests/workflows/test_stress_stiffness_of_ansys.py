@@ -11,7 +11,7 @@ from hpcred.fe.element_rules import FULL
 from hpcred.model.rotation import spin_softening
 from hpcred.parallel.failures import InputError
 
-STEEL = hpcred.Material(name="STEEL", young=2.1e11, poisson=0.3)
+STEEL = hpcred.fe.Material(name="STEEL", young=2.1e11, poisson=0.3)
 JOB = """
 model = "model.h5"
 inputs = [[14, "z"]]
@@ -72,7 +72,7 @@ def put_job(comm, folder, state, value):
 def test_the_sign_follows_from_the_equilibrium_of_the_state(comm, folder, state, value, preload, sign):
     """Of loads that are not axial too."""
     with body(comm) as plain, plain.with_inputs([(14, "z")]) as model:
-        S = stress_stiffness(model, hpcred.Preload(**preload))
+        S = stress_stiffness(model, hpcred.body.Preload(**preload))
         put_file(comm, folder, model, sign * S)
         hpcred.write_model(folder / "model.h5", model)
         with hpcred.reduce(model, [hpcred.Modes(count=5)]) as rom:
@@ -88,7 +88,7 @@ def test_the_sign_follows_from_the_equilibrium_of_the_state(comm, folder, state,
 def test_units_of_the_file(comm, folder):
     """In mm, kg and ms forces are in kN and stiffnesses in GN/m."""
     with body(comm) as model:
-        S = stress_stiffness(model, hpcred.Preload(omega=(0.0, 0.0, 300.0)))
+        S = stress_stiffness(model, hpcred.body.Preload(omega=(0.0, 0.0, 300.0)))
         put_file(comm, folder, model, S / 1e6, 1e-6, length=1e-3)
         hpcred.write_model(folder / "model.h5", model)
         put_job(comm, folder, "wz^2", 9e4)
@@ -103,7 +103,7 @@ def test_units_of_the_file(comm, folder):
 @pytest.mark.mpi
 def test_matrices_of_other_states_and_bodies_are_refused(comm, folder):
     with body(comm) as model:
-        S = stress_stiffness(model, hpcred.Preload(omega=(0.0, 0.0, 300.0)))
+        S = stress_stiffness(model, hpcred.body.Preload(omega=(0.0, 0.0, 300.0)))
         hpcred.write_model(folder / "model.h5", model)
 
         def says(text, state="wz^2", value=9e4, more="", **options):
@@ -120,4 +120,4 @@ def test_matrices_of_other_states_and_bodies_are_refused(comm, folder):
         says("found another stiffness matrix than that of model.h5 .by 1.0e-02., expected", elastic=1.01)
         says("opposite: .*buckle.full has the stiffness of the stress, which", more=', opposite = "model.h5"')
         with pytest.raises(InputError, match="buckling analysis, whose second matrix is stress stiffening and no mass"):
-            hpcred.load_export(folder / "buckle.full", comm)
+            hpcred.readers.load_export(folder / "buckle.full", comm)

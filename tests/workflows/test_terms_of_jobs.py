@@ -10,8 +10,9 @@ import scipy.sparse
 from helpers import columns_of, refused, to_dense
 
 import hpcred as package
-from hpcred import InputError, read_job
+from hpcred import InputError
 from hpcred.cli.main import run
+from hpcred.settings import read_job
 from hpcred.workflows.model_of_job import model_of_job
 
 PARAMETER = """

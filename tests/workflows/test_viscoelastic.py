@@ -12,11 +12,12 @@ from helpers import close, refused, to_dense
 from viscoelastic_models import MAXWELL, ZENER, sandwich
 
 import hpcred
-from hpcred import InputError, Krylov, Maxwell, Viscoelastic
+from hpcred import InputError, Krylov, Viscoelastic
 from hpcred.body.body import require_no_laws
 from hpcred.body.units import in_units
 from hpcred.cli.main import run
 from hpcred.files.hdf5 import opened
+from hpcred.laws import Maxwell
 from hpcred.writers.arrays import arrays_of
 from hpcred.writers.state_space import state_space
 
@@ -97,11 +98,11 @@ def test_a_job_with_parameters_as_well(case, capsys):
     assert run(["report", "result.h5", *given, "-o", "r.html"]) == 0
     Path("at.toml").write_text("at = {p = 1.7}\n" + text.replace("[parameter_search]\npoints = 5\n", ""))
     assert run(["response", "at.toml", "--band", "0,500", "--points", "20", "-o", "f.h5"]) == 0
-    found = hpcred.read_responses("f.h5")
+    found = hpcred.files.read_responses("f.h5")
     assert close(case.truth(found.frequencies)[0], found.response) < 1e-8
 
     for at in (None, {"p": 1.7}):
-        report = hpcred.export_result("result.h5", "statespace-npz", "s.npz", at=at)
+        report = hpcred.export("result.h5", "statespace-npz", "s.npz", at=at)
         assert any("are those of Maxwell elements" in text for text in report["remarks"])
         with np.load("s.npz") as file:
             arrays = dict(file)
@@ -127,7 +128,7 @@ def test_convert_and_response(case, capsys):
         assert close(case.parts[0][0], to_dense(model.viscoelastic[0].matrix)) < 1e-15
         assert close(case.stiffness(0.0), to_dense(model.K)) < 1e-14
     assert run(["response", "whole.h5", "--band", "0,500", "--points", "40", "--tolerance", "1e-6", "-o", "r.h5"]) == 0
-    found = hpcred.read_responses("r.h5")
+    found = hpcred.files.read_responses("r.h5")
     assert close(case.truth(found.frequencies)[0], found.response) < 1e-6
 
 
@@ -154,7 +155,7 @@ def test_tables_of_the_command_line_that_are_refused(case, capsys):
 
 def test_a_variable_of_a_mat_file(case):
     scipy.io.savemat("both.mat", {"Ke": scipy.sparse.csc_array(case.K), "Kv": scipy.sparse.csc_array(case.parts[0][0])})
-    job = hpcred.read_job("job.toml", ['viscoelastic.0.file="both.mat"', 'viscoelastic.0.variable="Kv"'])
+    job = hpcred.settings.read_job("job.toml", ['viscoelastic.0.file="both.mat"', 'viscoelastic.0.variable="Kv"'])
     assert hpcred.reduce_job(job).size > 2
     rom = hpcred.read_result("result.h5").reduced
     assert hpcred.relative_error(case.truth(FRESH)[0], rom.frequency_response(FRESH)).max() < 1e-4
@@ -251,9 +252,9 @@ def test_exports_without_a_place_for_it_refuse(maxwell, comm, tmp_path):
     hpcred.write_result(path, maxwell)
     with pytest.raises(InputError, match="a SID file has no place for a stiffness that .* \\(Kv1, Kv2\\)"):
         require_no_laws(maxwell, "a SID file")
-    told = hpcred.export_result(path, "fmu")
+    told = hpcred.export(path, "fmu")
     assert any("the dashpots of Maxwell elements" in remark for remark in told["remarks"])
-    told = hpcred.export_result(path, "statespace-npz")
+    told = hpcred.export(path, "statespace-npz")
     assert any("Maxwell elements (Kv1, Kv2)" in remark for remark in told["remarks"])
     case = sandwich()
     with (
@@ -272,26 +273,26 @@ def test_superelements_refuse(solid, tmp_path):
     ):  # fmt: skip
         hpcred.write_result(tmp_path / "r.h5", rom, body)
     with pytest.raises(InputError, match="a superelement has no place for a stiffness that depends on frequency"):
-        hpcred.export_result(tmp_path / "r.h5", "nastran")
+        hpcred.export(tmp_path / "r.h5", "nastran")
 
 
 def test_bodies_and_units(solid, tmp_path):
     """Arrays hold K_v and its law, in units of time too; programs of moving bodies refuse."""
     core = Viscoelastic(solid.K.copy(), MAXWELL, "core")
     with solid.with_viscoelastic([core]) as model, hpcred.reduce(model, Krylov(frequency=100.0, order=3)) as rom:
-        body = hpcred.body_of(model, rom)
+        body = hpcred.body.body_of(model, rom)
         arrays = arrays_of(body)
         assert close(arrays["viscoelastic"][0], rom.viscoelastic[0].matrix) == 0
         assert arrays["viscoelastic_names"].tolist() == ["core"]
         assert json.loads(arrays["viscoelastic_laws"][0])["times"] == list(MAXWELL.times)
-        ms = in_units(body, hpcred.units_of("mm-kg-ms")).reduced
+        ms = in_units(body, hpcred.model.units_of("mm-kg-ms")).reduced
         s = 2j * np.pi * 300.0
         H, other = rom.transfer_function(s), ms.transfer_function(1e-3 * s)
         assert close(other / other[0, 0], H / H[0, 0]) < 1e-10
         hpcred.write_result(tmp_path / "r.h5", rom, model)
         for name in ("sid", "mbdyn", "mbsim", "exudyn"):
             with pytest.raises(InputError, match="has no place for a stiffness that .* \\(core\\)"):
-                hpcred.export_result(tmp_path / "r.h5", name)
+                hpcred.export(tmp_path / "r.h5", name)
     (tmp_path / "s.toml").write_text(f'body = "{tmp_path / "r.h5"}"\nend = 0.01\nsteps = 3\n')
     notes = hpcred.simulate_file(tmp_path / "s.toml", overrides=[f'output="{tmp_path / "simulation.h5"}"'])["notes"]
     assert any("the Maxwell elements of core are" in text for text in notes)

@@ -8,7 +8,7 @@ from docs_pages import DOCS
 from helpers import bar, exported
 
 import hpcred
-from hpcred import Buckens, Joint, Krylov, ModalDamping, Modes, Rayleigh, Simulation
+from hpcred import Buckens, Krylov, ModalDamping, Modes, Rayleigh, Simulation
 from hpcred.body.body import body_of
 from hpcred.body.node_shapes import interface_nodes
 from hpcred.body.rotations import rotation
@@ -18,6 +18,7 @@ from hpcred.model.damping import Structural
 from hpcred.model.interfaces.nodes import Interface, Nodes
 from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import MPI
+from hpcred.simulation import Joint
 from hpcred.simulation.simulation import simulate
 from hpcred.workflows.export import export_result
 from hpcred.writers.exudyn import Exudyn
@@ -302,7 +303,7 @@ def test_exudyn_moves_the_body_under_a_load_as_we_do(tmp_path):
     from exudyn.rigidBodyUtilities import EulerParameters2GLocal, EulerParameters2RotationMatrix
 
     end = Nodes(box=((0.059, -1.0, -1.0), (0.061, 1.0, 1.0)))
-    side = hpcred.Traction(name="side", on=end, value=(0.0, 1e8, 5e7))
+    side = hpcred.loads.Traction(name="side", on=end, value=(0.0, 1e8, 5e7))
     with (
         hpcred.solid((6, 2, 3), clamped=False, inputs=1) as model, model.with_loads([side]) as loaded,
         hpcred.reduce(loaded, [Modes(count=4), hpcred.StaticCorrection()], Buckens(), ModalDamping(ratio=0.02)) as rom,
@@ -336,7 +337,7 @@ def test_exudyn_moves_the_body_under_a_load_as_we_do(tmp_path):
     theirs = np.array(mbs.GetNodeOutput(own["nGenericODE2"], exudyn.OutputVariableType.Coordinates))
     place = np.array(mbs.GetNodeOutput(own["nRigidBody"], exudyn.OutputVariableType.Position))
     setup = Simulation(end=0.002, steps=10, angular_velocity=(5.0, 10.0, 3.0),
-                       load=(hpcred.SineLoad("side", 1.0, 2000.0),), relative_tolerance=1e-9,
+                       load=(hpcred.simulation.SineLoad("side", 1.0, 2000.0),), relative_tolerance=1e-9,
                        absolute_tolerance=1e-13)  # fmt: skip
     ours = simulate(body, setup)
     assert ours.elastic[-1] == pytest.approx(theirs, abs=1e-2 * np.abs(ours.elastic).max())

@@ -128,7 +128,7 @@ def test_maxwell_elements_are_coordinates(tmp_path):
     K = (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)) * 1e5
     soft = np.zeros((n, n))
     soft[2:5, 2:5] = K[2:5, 2:5]
-    law = hpcred.Maxwell(factors=[0.5, 0.8], times=[2e-2, 1e-3], constant=0.2)
+    law = hpcred.laws.Maxwell(factors=[0.5, 0.8], times=[2e-2, 1e-3], constant=0.2)
     C = np.zeros((3, n))
     C[[0, 1, 2], [6, 1, 4]] = 1.0
     rates = {"C": C * [[1], [0], [0]], "Cv": C * [[0], [1], [0]], "Ca": C * [[0], [0], [1]]}
@@ -158,7 +158,7 @@ def test_maxwell_elements_are_coordinates(tmp_path):
     assert found.shape[1] == 4 and np.abs(found - expected).max() < 1e-9 * np.abs(expected).max()
     without = replace(reduced, viscoelastic=())
     assert np.abs(without.poles().real).max() < 0.5 < np.abs(reduced.poles().real).max()
-    springpot = hpcred.FractionalKelvinVoigt(low=1.0, rise=0.2, time=1e-3, exponent=0.4)
+    springpot = hpcred.laws.FractionalKelvinVoigt(low=1.0, rise=0.2, time=1e-3, exponent=0.4)
     fractional = replace(reduced, viscoelastic=(replace(reduced.viscoelastic[0], law=springpot),))
     with pytest.raises(hpcred.InputError, match="fractional, which no finite number of states has in an FMU"):
         write_fmu(tmp_path / "other.fmu", fractional)
@@ -283,7 +283,7 @@ def test_loads_are_inputs_by_their_names(tmp_path):
     end = hpcred.Nodes(box=((0.039, -1.0, -1.0), (0.041, 1.0, 1.0)))
     with (
         hpcred.solid((4, 2, 2), inputs=1) as model,
-        model.with_loads([hpcred.Pressure(name="oil", on=end, value=1e6)]) as loaded,
+        model.with_loads([hpcred.loads.Pressure(name="oil", on=end, value=1e6)]) as loaded,
         hpcred.reduce(loaded, [Modes(count=4), hpcred.StaticCorrection()], damping=Rayleigh(0.0, 1e-6)) as rom,
     ):
         reduced = rom
@@ -325,7 +325,7 @@ def family():
             Term("D", 1e2 * (K @ K.T), FACTORS[2]), Term("B", rng.normal(size=(n, 2)), FACTORS[3]),
             Term("K", 1e8 * np.eye(n), FACTORS[4]),
         ]  # fmt: skip
-        outputs = [(20, "z"), hpcred.MotionOutput(node=20, direction="x", quantity="acceleration")]
+        outputs = [(20, "z"), hpcred.outputs.MotionOutput(node=20, direction="x", quantity="acceleration")]
         parameters = [Parameter("omega", (0.0, 100.0), unit="rad/s"), Parameter("e", (0.5, 1.5), 1.2)]
         with plain.with_outputs(outputs) as model, ParametricModel(model, parameters, terms) as parametric:
             reference = parametric.at()
@@ -361,7 +361,7 @@ def test_the_step_response_at_values(family, family_fmu, values):
 
 def test_maxwell_elements_beside_parameters(family, tmp_path):
     root = np.random.default_rng(5).normal(size=(family.size, 2))
-    law = hpcred.Maxwell(factors=[0.5, 2.0], times=[2e-4, 1e-3])
+    law = hpcred.laws.Maxwell(factors=[0.5, 2.0], times=[2e-4, 1e-3])
     rubber = hpcred.Viscoelastic(1e7 * root @ root.T, law, "rubber")
     damped = ParametricReducedModel.of(
         replace(family.base, viscoelastic=(rubber,)), parameters=family.parameters, constant=family.constant,
@@ -432,7 +432,7 @@ def test_mass_that_depends_on_parameters_is_that_at_the_reference(family, tmp_pa
 def test_exports_of_files_keep_parameters(family, tmp_path):
     hpcred.write_result(tmp_path / "r.h5", family)
     for at, kept in ((None, True), ({"omega": 3.0}, False)):
-        report = hpcred.export_result(tmp_path / "r.h5", "fmu", tmp_path / "r.fmu", at=at)
+        report = hpcred.export(tmp_path / "r.h5", "fmu", tmp_path / "r.fmu", at=at)
         assert not any("reference values" in item for item in report["remarks"])
         causes = {v.causality for v in fmpy.read_model_description(tmp_path / "r.fmu").modelVariables}
         assert ("parameter" in causes) == kept

@@ -19,7 +19,7 @@ def pushed(tmp_path_factory):
     with hpcred.linkage() as linkage, linkage.with_inputs([(20, "z")]) as model:
         rom = hpcred.reduce(model, [hpcred.Modes(index=tuple(range(7, 13)))], hpcred.Buckens(), damping)
         body = body_of(model, rom, [20])
-    hpcred.write_fmu(path, rom)
+    hpcred.writers.write_fmu(path, rom)
     push = ConstantForce(node=20, value=(0.0, 0.0, FORCE))
     setup = hpcred.Simulation(end=END, steps=COUNT, force=(push,), relative_tolerance=1e-10, absolute_tolerance=1e-16)
     motion = hpcred.simulate(body, setup)

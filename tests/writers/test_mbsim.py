@@ -69,7 +69,7 @@ def mass_matrix(found, rP, PP, q):
 def test_mbsim_has_the_mass_matrix_of_the_deformed_body(tmp_path, rod):
     """Against kinetic energies of the nodes: M(q) by velocities of the deformed mesh and its mass matrix."""
     body, M, dofs, V = rod
-    report = hpcred.export_result(tmp_path / "rod.h5", "mbsim")
+    report = hpcred.export(tmp_path / "rod.h5", "mbsim")
     assert report["output"].endswith("rod_mbsim.hdf5")
     q = 1e-3 * np.random.default_rng(1).standard_normal(body.reduced.size)
     found = mass_matrix(*read(tmp_path / "rod_mbsim.hdf5"), q)
@@ -85,7 +85,7 @@ def test_mbsim_has_the_mass_matrix_of_the_deformed_body(tmp_path, rod):
 
 def test_matrices_and_nodes(tmp_path, rod):
     body = rod[0]
-    hpcred.export_result(tmp_path / "rod.h5", "mbsim")
+    hpcred.export(tmp_path / "rod.h5", "mbsim")
     found, *_ = read(tmp_path / "rod_mbsim.hdf5")
     for name, matrix in (("stiffness matrix", body.reduced.K), ("damping matrix", body.reduced.D)):
         assert np.abs(found[name] - matrix).max() <= 1e-14 * np.abs(matrix).max()
@@ -96,15 +96,15 @@ def test_matrices_and_nodes(tmp_path, rod):
         assert np.allclose(found["nodal shape matrix of translation"][rows], node.phi, atol=0)
         assert np.array_equal(found["nodal shape matrix of rotation"][rows], node.psi)
     assert "nodal stress matrix" not in found
-    described = hpcred.describe_file(tmp_path / "rod_mbsim.hdf5")
+    described = hpcred.info(tmp_path / "rod_mbsim.hdf5")
     assert "MBSim" in described["format"] and described["arrays"]["stiffness matrix"] == "4 x 4"
-    hpcred.export_result(tmp_path / "rod.h5", "mbsim")  # which replaces its own file, and no model
+    hpcred.export(tmp_path / "rod.h5", "mbsim")  # which replaces its own file, and no model
     with pytest.raises(InputError, match="rod.h5"):
-        hpcred.export_result(tmp_path / "rod.h5", "mbsim", tmp_path / "rod.h5")
+        hpcred.export(tmp_path / "rod.h5", "mbsim", tmp_path / "rod.h5")
     with hpcred.solid((2, 1, 1)) as other:
         hpcred.write_model(tmp_path / "other.h5", other)
     with pytest.raises(InputError, match="other.h5"):
-        hpcred.export_result(tmp_path / "rod.h5", "mbsim", tmp_path / "other.h5")
+        hpcred.export(tmp_path / "rod.h5", "mbsim", tmp_path / "other.h5")
 
 
 def test_stresses_of_interface_nodes(tmp_path):
@@ -113,7 +113,7 @@ def test_stresses_of_interface_nodes(tmp_path):
         stress = hpcred.stress_modes(model, rom.columns)
         hpcred.write_result(tmp_path / "s.h5", rom, model, stress=stress)
     nodes = [int(stress.node[2]), int(stress.node[5])]
-    report = hpcred.export_result(tmp_path / "s.h5", "mbsim", nodes=nodes)
+    report = hpcred.export(tmp_path / "s.h5", "mbsim", nodes=nodes)
     assert any("stresses are those of the interface nodes" in text for text in report["remarks"])
     found = read(tmp_path / "s_mbsim.hdf5")[0]["nodal stress matrix"].reshape(2, 6, 3)
     assert np.allclose(found, stress.stress[:, [2, 5]].transpose(1, 2, 0))
@@ -124,9 +124,9 @@ def test_bodies_that_are_refused(tmp_path):
         rom = hpcred.reduce(model, [Modes(count=3)], Buckens(), Structural(0.02))
         hpcred.write_result(tmp_path / "s.h5", rom, model)
         with pytest.raises(InputError, match="no meaning in time and no place in a file for MBSim"):
-            hpcred.export_result(tmp_path / "s.h5", "mbsim")
+            hpcred.export(tmp_path / "s.h5", "mbsim")
         rom = hpcred.reduce(model, [Modes(count=3)], Buckens())
         rom = replace(rom, D=np.triu(np.ones((3, 3))))
         hpcred.write_result(tmp_path / "d.h5", rom, model)
     with pytest.raises(InputError, match="found an unsymmetric damping matrix, expected a symmetric one"):
-        hpcred.export_result(tmp_path / "d.h5", "mbsim")
+        hpcred.export(tmp_path / "d.h5", "mbsim")

@@ -23,7 +23,7 @@ def tower_base(**kind):
 
 def exported(folder, model, **options):
     hpcred.write_result(folder / "jacket.h5", model)
-    report = hpcred.export_result(folder / "jacket.h5", "openfast", options=options)
+    report = hpcred.export(folder / "jacket.h5", "openfast", options=options)
     return report, folder / "jacket_ExtPtfm.dat"
 
 
@@ -73,7 +73,7 @@ def test_matrices_and_loads_are_read_back(tmp_path, layout):
     assert '"jacket_ExtPtfm.dat"' in inputs and ("FileFormat" in inputs) == flex
     assert ('"jacket_ExtPtfm_forces.dat"' in inputs) == (not flex)
     assert any("axes" in text for text in report["remarks"])
-    assert hpcred.describe_file(path)["coordinates"] == str(model.size)
+    assert hpcred.info(path)["coordinates"] == str(model.size)
     exported(tmp_path, model, layout=layout)  # which replaces its own files
 
 
@@ -115,14 +115,14 @@ def test_a_moored_platform_keeps_its_stiffness(tmp_path):
     model = hpcred.SecondOrderModel.from_scipy(K, M, dofs=dofs).with_interfaces(place)
     with model, hpcred.reduce(model, tolerance=1e-4, band=(0.0, 1.0), coordinates="interface") as reduced:
         # two rows are coupled with no others
-        assert hpcred.check(model)["warnings"] == [] and hpcred.inspect(model)["rigid_body_modes"] == 0
+        assert (report := hpcred.inspect(model))["warnings"] == [] and report["rigid_body_modes"] == 0
         report, path = exported(tmp_path, reduced, layout="keywords")
         assert not any("weight is along" in text for text in report["remarks"])
         found, _ = sections(path, False)
         assert np.abs(found["STIFFNESS"] - K).max() < 1e-9 * np.abs(K).max()
         assert "0                        RBMod" in (tmp_path / "jacket_ExtPtfm_input.dat").read_text()
         with pytest.raises(InputError, match="found a body that is held"):
-            hpcred.export_result(tmp_path / "jacket.h5", "simscape")
+            hpcred.export(tmp_path / "jacket.h5", "simscape")
 
 
 def test_the_weight_of_a_floating_body_turns_with_it(tmp_path):
@@ -182,12 +182,12 @@ def test_connection_points_are_the_other_nodes(tmp_path, comm):
                 hpcred.write_result(tmp_path / "jacket.h5", reduced, model)
                 C = reduced.C[-3:]
             place = model.dofs.position[40]
-    hpcred.export_result(tmp_path / "jacket.h5", "openfast", options={"layout": "keywords"})
+    hpcred.export(tmp_path / "jacket.h5", "openfast", options={"layout": "keywords"})
     found, _ = sections(tmp_path / "jacket_ExtPtfm_points.dat", False)
     assert np.allclose(found["CONNECTIONS"], place)
     assert np.abs(found["DISPLACEMENT"] - C).max() <= 1e-9 * np.abs(C).max()
     with pytest.raises(InputError, match="known are layout, loads"):
-        hpcred.export_result(tmp_path / "jacket.h5", "openfast", options={"wave": 1})
+        hpcred.export(tmp_path / "jacket.h5", "openfast", options={"wave": 1})
 
 
 @pytest.mark.parametrize(

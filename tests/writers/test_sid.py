@@ -8,10 +8,11 @@ import pytest
 from conftest import DATA
 
 import hpcred
-from hpcred import Buckens, CraigBampton, Interface, Modes, Nodes, Rayleigh, read_sid, write_sid
+from hpcred import Buckens, CraigBampton, Interface, Modes, Nodes, Rayleigh
 from hpcred.body.body import body_of
 from hpcred.model.damping import Structural
 from hpcred.parallel.failures import InputError
+from hpcred.writers import read_sid, write_sid
 
 
 def body_with(damping, inputs=((20, "z"),)):
@@ -137,9 +138,9 @@ def test_settings_that_a_format_does_not_have(tmp_path, given, says):
     with hpcred.linkage() as model, hpcred.reduce(model, [Modes(index=(7, 8))], Buckens()) as rom:
         rom.save(tmp_path / "bar.h5")
     with pytest.raises(InputError, match=says):
-        hpcred.export_result(tmp_path / "bar.h5", "sid", nodes=[1], options=given)
+        hpcred.export(tmp_path / "bar.h5", "sid", nodes=[1], options=given)
     with pytest.raises(InputError, match="'uff' has no settings of its own"):
-        hpcred.export_result(tmp_path / "bar.h5", "uff", options={"ge_order": "component"})
+        hpcred.export(tmp_path / "bar.h5", "uff", options={"ge_order": "component"})
 
 
 def test_what_a_sid_file_cannot_hold(tmp_path):

@@ -76,7 +76,7 @@ def test_stresses_of_large_models_are_left_out(made, tmp_path, monkeypatch):
 
 @pytest.mark.mpi
 def test_reduced_models_in_python_take_stresses_and_geometric_stiffness(comm, folder):
-    clamp, preload = hpcred.Tangent("left"), hpcred.Preload(acceleration=(9e3, 0.0, 0.0))
+    clamp, preload = hpcred.Tangent("left"), hpcred.body.Preload(acceleration=(9e3, 0.0, 0.0))
     with block_with_ends(comm, "rigid") as model:
         rom = hpcred.reduce(model, [Modes(count=4)], clamp)
         stress = hpcred.stress_modes(model, rom.columns)
@@ -157,7 +157,7 @@ def test_stresses_of_chosen_nodes_are_outputs_of_an_fmu(made):
 def test_a_stress_of_the_model_has_the_name_that_others_have(tmp_path):
     with (
         hpcred.solid((3, 2, 2), inputs=1) as model,
-        model.with_outputs([hpcred.StressOutput(node=20, stress="xx"), (20, "z")]) as measured,
+        model.with_outputs([hpcred.outputs.StressOutput(node=20, stress="xx"), (20, "z")]) as measured,
     ):
         hpcred.reduce(measured, [Modes(count=3)]).export(tmp_path / "s.fmu")
     found = [item.name for item in fmpy.read_model_description(str(tmp_path / "s.fmu")).modelVariables

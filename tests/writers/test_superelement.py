@@ -16,7 +16,7 @@ from helpers import interface_model, refused, to_dense
 import hpcred
 from hpcred.cli.main import run
 from hpcred.fe.dofs import SCALAR
-from hpcred.model.units import units_of
+from hpcred.model.units import in_si, units_of
 from hpcred.parallel.failures import InputError
 from hpcred.readers.model_source import load_export
 from hpcred.readers.nastran import dmig as nastran_dmig
@@ -160,7 +160,7 @@ def test_names_in_other_bytes_than_utf_8(tmp_path, comm, capsys, format, ending)
     path = tmp_path / f"arm\udcff{ending}"
     made = set(os.listdir(os.fsencode(tmp_path))) - before
     assert made == {b"arm\xff" + ending.encode(), *([b"arm\xff_external.pch"] if format == "nastran-op4" else [])}
-    assert hpcred.describe_file(path)["format"]
+    assert hpcred.info(path)["format"]
     if format == "abaqus":
         matrices = abaqus(path.read_text(encoding="latin-1"))[2]
         assert np.allclose(matrices["STIFFNESS"], model.K, rtol=1e-9, atol=1e-10 * np.abs(model.K).max())
@@ -190,7 +190,7 @@ def test_superelements_in_other_units(tmp_path, comm, text):
         with load_export(files[name], comm) as read:
             found[name] = {key: to_dense(mat) for key, mat in read.matrices.items()}
             assert np.allclose(read.dofs.position[0] * L, model.interfaces[0].position)
-            with hpcred.in_si(read, units_of(text)) as back:  # another way: rows of interface nodes are those of SI
+            with in_si(read, units_of(text)) as back:  # another way: rows of interface nodes are those of SI
                 assert np.allclose(to_dense(back.K)[:12, :12], model.K[:12, :12], rtol=1e-8)
                 eigenvalues = scipy.linalg.eigh(to_dense(back.K), to_dense(back.M), eigvals_only=True)
     assert np.sqrt(eigenvalues[6:]) / (2 * np.pi) == pytest.approx(model.frequencies[6:], rel=1e-8)
@@ -393,7 +393,7 @@ def test_loads_come_with_the_matrices_of_simscape(tmp_path):
     with hpcred.solid((6, 2, 3), clamped=False) as model:
         ends = [hpcred.Interface(name=name, nodes=hpcred.Nodes(box=((x - 1e-3, -1.0, -1.0), (x + 1e-3, 1.0, 1.0))),
                                  kind="rigid") for name, x in (("left", 0.0), ("right", 0.06))]  # fmt: skip
-        push = hpcred.Traction(name="push", on="right", value=(1e4, 2e4, 0.0))
+        push = hpcred.loads.Traction(name="push", on="right", value=(1e4, 2e4, 0.0))
         with (
             model.with_interfaces(ends) as marked, marked.with_inputs(["left", "right"]) as forced,
             forced.with_loads([push]) as loaded,

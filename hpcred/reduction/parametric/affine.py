@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, inner, times, view_of
+from ...linalg.blocks import Block, create_block, dense, from_dense, times, view_of
 from ...model.operator import NOTHING, Operator
 from ..run.independent_loads import independent_columns
-from ..search.projections import extended
+from ..search.projections import Projected
 from ..small.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
 from .singular import factor_of_mass
 
@@ -34,10 +34,10 @@ class AffineForm:
         self.operators = [constant, *(
             Operator.of(**{item.of: item.matrix}) if item.of in constant.terms else NOTHING for item in parametric.terms
         )]  # fmt: skip
-        symmetric = [dict.fromkeys(constant.added.terms, True) | {of: model.is_symmetric(of) for of in "MDK"}]
-        symmetric += [{item.of: is_so} for item, is_so in
-                      zip(parametric.terms, parametric.symmetric_terms, strict=True)]  # fmt: skip
-        self.matrices = [(key, place, mat, symmetric[place][key]) for key in constant.terms
+        self._symmetric = [dict.fromkeys(constant.added.terms, True) | {of: model.is_symmetric(of) for of in "MDK"}]
+        self._symmetric += [{item.of: is_so} for item, is_so in
+                            zip(parametric.terms, parametric.symmetric_terms, strict=True)]  # fmt: skip
+        self.matrices = [(key, place, mat, self.is_symmetric(place, key)) for key in constant.terms
                          for place, operator in enumerate(self.operators)
                          if (mat := operator.get(key)) is not None]  # fmt: skip
         blocks, places = [], {"B": [], "C": []}
@@ -50,6 +50,10 @@ class AffineForm:
         count = len(places["B"])
         self.inputs = list(zip(places["B"], factors[:count], strict=True))
         self.outputs = list(zip(places["C"], factors[count:], strict=True)) or None
+
+    def is_symmetric(self, place: int, key: str) -> bool:
+        """Whether a matrix of one of the operators is; local."""
+        return self._symmetric[place][key]
 
     def theta(self, point) -> np.ndarray:
         """Return (1, theta_1, theta_2, ...) at a point; local."""
@@ -115,40 +119,13 @@ class PointModels(NamedTuple):
         return diagonalised(part["K"], self.L[k], *given, part.get("M") if self.tau else None, self.tau)
 
 
-class AffineProjections:
-    """Small projections of the parts of an affine form on a basis that grows, the same on all ranks.
-
-    `small`: as the operators of the form; `L` (m, l) = V^T L; `damping`: the proportional damping of the models.
-    """
+class AffineProjections(Projected):
+    """Projections of the operators of an affine form, of which those at values of the parameters are sums; `damping`:
+    the proportional damping of the models."""
 
     def __init__(self, form: AffineForm, basis, damping: Proportional):
-        self.form, self.basis, self.damping = form, basis, damping
-        self.restart()
-
-    def restart(self):
-        """Project on the whole basis. Collective."""
-        self.small = [operator.map(lambda _: np.zeros((0, 0))) for operator in self.form.operators]
-        self.L = np.zeros((0, self.form.loads.getActiveColumns()[1]))
-        self.extend()
-
-    def extend(self):
-        """Project on the columns of the basis that are new. Collective."""
-        start, stop, form = len(self.L), self.basis.size, self.form
-        if start == stop:
-            return
-        new = copy_of(self.basis.columns_between(start, stop), form.framed.model.K)
-        self.L = np.vstack([self.L, inner(new, form.loads)])
-        new, columns = form.in_all_dofs(new), form.in_all_dofs(self.basis.columns)
-        made: list[dict] = [{} for _ in self.small]
-        for key, place, mat, symmetric in form.matrices:
-            cancels = form.run.cancels if key == "K" else None
-            made[place][key] = extended(self.small[place][key], mat, new, columns, symmetric, cancels)
-        self.small = [small.with_matrices(mats) for small, mats in zip(self.small, made, strict=True)]
-
-    def rotate(self, turn: np.ndarray):
-        """Replace the basis by its combinations `turn` (m, m), and project on these. Collective."""
-        self.basis.multiply(turn)
-        self.restart()
+        self.form, self.damping = form, damping
+        super().__init__(form.run, basis, form.loads, form.operators, form.is_symmetric, form.in_all_dofs)
 
     def turn(self, factor: np.ndarray):
         """Follow a basis V that has become V factor; local."""

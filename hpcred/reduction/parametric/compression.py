@@ -12,11 +12,9 @@ import numpy as np
 
 from ...parallel.decisions import decided, shared_out
 from ...parallel.failures import agreed
-from ...parallel.petsc import MPI
 from ..search.outcome import SHOWN
-from ..small.compression import BALANCES, LITTLE, Snapshots, fewest, joined
+from ..small.compression import LITTLE, Snapshots, States, fewest
 from ..small.error_estimate import FINE, UNIFORM, Comparison, grid, largest, measure_over, resolved, upper_poles
-from .affine import AffineProjections
 from .estimate import COARSE, coarsely
 from .training import distances, halfway, points_around
 
@@ -33,73 +31,22 @@ HALVINGS = 8  # of the way between two points, to where a pole is at an end of t
 KEPT = 2**24  # numbers of matrices of points that a rank keeps
 
 
-class RangeSnapshots:
-    """The snapshots of several points, of which each rank has its share (see small.compression.fewest).
+def snapshots_at(points, projections, settings, fixed, count=None, coarse=False) -> Snapshots:
+    """Return the snapshots of models at points, of which each rank has its share. Collective.
 
     `fixed` (m, c): orthonormal columns of the coordinates of the basis that are spanned anyway; `count`: of the first
-    columns of the basis (m), by default all; `coarse`: at few frequencies. Collective.
+    columns of the basis (m), by default all; `coarse`: at few frequencies.
     """
-
-    balances = BALANCES[:1]  # more of them take as many times as long
-
-    def __init__(self, projections: AffineProjections, points, settings, fixed, count=None, coarse=False):
-        self.fixed, self.size = fixed, len(fixed)
-        self._comm = projections.form.parametric.comm
-        with agreed(self._comm):
-            mine = points[self._comm.rank :: self._comm.size]
-            self._cases = [_case(projections, point, settings, count, coarse) for point in mine]
-
-    def reset(self, balance=1.0):
-        """Weight all frequencies and points alike (see Snapshots.reset)."""
-        for case in self._cases:
-            case.snapshots.reset(balance)
-
-    def leading(self) -> np.ndarray:
-        """Return all directions (m, m), the leading ones first."""
-        with agreed(self._comm):
-            gram = sum(case.outward @ case.snapshots.gram() @ case.outward.T for case in self._cases)
-        gathered = self._comm.gather(gram)
-        return decided(self._comm, lambda: self._directions(sum(gathered)))
-
-    def _directions(self, gram):
-        rest = np.eye(self.size) - self.fixed @ self.fixed.T
-        gram = rest @ gram @ rest
-        return np.linalg.eigh((gram + gram.T) / 2)[1][:, ::-1]
-
-    def error(self, U) -> float:
-        """Return the largest error of a model on the columns that are fixed and U."""
-        span = joined(self.fixed, U)
-        with agreed(self._comm):
-            error = max((case.snapshots.error(case.inside(span)) for case in self._cases), default=0.0)
-        return self._comm.allreduce(float(error), op=MPI.MAX)
-
-    def largest_part(self) -> float:
-        """Return the largest error of an input or output, of the model whose error was asked for last."""
-        mine = max((case.snapshots.largest_part() for case in self._cases), default=0.0)
-        return self._comm.allreduce(float(mine), op=MPI.MAX)
-
-    def weight(self, largest: float):
-        """Give weight to where that error is large."""
-        for case in self._cases:
-            case.snapshots.weight(largest)
+    comm = projections.form.parametric.comm
+    with agreed(comm):
+        mine = [_states(projections, point, settings, count, coarse) for point in points[comm.rank :: comm.size]]
+    return Snapshots(mine, fixed, comm)
 
 
-class _Case(NamedTuple):
-    """The snapshots at a point; `outward`: from its pseudo-modal coordinates to those of the basis, `inward` back."""
-
-    snapshots: Snapshots
-    outward: np.ndarray
-    inward: np.ndarray
-
-    def inside(self, span):
-        """Orthonormal columns at the point of a span in the coordinates of the basis."""
-        return np.linalg.qr(self.inward @ span)[0]
-
-
-def _case(projections, point, settings, count, coarse):
+def _states(projections, point, settings, count, coarse) -> States:
     pair, outward, inward = turned(projections, point, settings, count)
     S = grid([pair.outer], settings.band, COARSE, None) if coarse else grid([pair.outer], settings.band, ALONG)
-    return _Case(Snapshots(pair, S, np.zeros((len(inward), 0))), outward, inward)
+    return States(pair, S, outward=outward, inward=inward)
 
 
 def turned(projections, point, settings, count=None) -> tuple[Comparison, np.ndarray, np.ndarray]:
@@ -138,11 +85,11 @@ def compress(projections, settings, reference, some, points, goal, fixed, beside
     comm, size, kept = projections.form.parametric.comm, len(projections.L), {}
     limited, most = "", None if settings.size is None else settings.size - beside
     for trial in range(TRIALS + 1):
-        snapshots = RangeSnapshots(projections, some, settings, fixed)
+        snapshots = snapshots_at(some, projections, settings, fixed)
         U = fewest(snapshots, goal, ROUNDS) if trial < TRIALS else np.eye(size)
         if most is not None and U.shape[1] > most:
             limited = f"with {settings.size} coordinates"
-            U = fewest(RangeSnapshots(projections, points, settings, fixed), 0.0, most=most)
+            U = fewest(snapshots_at(points, projections, settings, fixed), 0.0, most=most)
         inside = partial(_inside, projections, settings, U, kept if size**2 * len(points) < KEPT else None)
         errors, worst = _errors(inside, points, settings.band)
         noise = 0.0

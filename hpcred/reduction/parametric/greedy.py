@@ -29,7 +29,7 @@ from ..small.compression import compressed, fewest
 from ..small.damping import UNDAMPED
 from ..small.error_estimate import grid, resonances
 from .affine import AffineForm, AffineProjections
-from .compression import RangeSnapshots
+from .compression import snapshots_at
 from .estimate import Estimate, estimate, residual_block
 from .settings import ParameterSearch
 from .singular import check_static
@@ -168,7 +168,7 @@ class Greedy:
         if again:
             self.projections.restart()
         else:
-            self.projections.extend()
+            self.projections.project_new()
 
     def _look_at_zeros(self):
         """Estimate errors beside zeros of responses, too, where these are as the basis knows them now."""
@@ -219,7 +219,7 @@ class Greedy:
             return
         points = self._spread()
         fixed = decided(self.comm, self._fixed, count)
-        snapshots = RangeSnapshots(self.projections, points, self.goal, fixed, count, coarse=True)
+        snapshots = snapshots_at(points, self.projections, self.goal, fixed, count, coarse=True)
         U = fewest(snapshots, TRIM * max(self.first.judge.goal, self.first.judge.noise), rounds=0)
         size, kept = self.basis.size, U.shape[1]
         factor = np.zeros((size, kept + size - count))

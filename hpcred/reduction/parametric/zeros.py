@@ -112,11 +112,13 @@ class _Way:
             parts = (change.conj() * value).sum(axis=1).real
             return float(np.median(np.divide(parts, square, out=np.zeros_like(square), where=square > 0)))
 
+        known = {0.0: part(ends[0]), 1.0: part(ends[1])}  # which brentq asks for again
+
         def value(t):
-            return part(values(self.at(t)))
+            return known[t] if t in known else part(values(self.at(t)))
 
         self.change, self.zero, self.slope = float(np.median(np.sqrt(square))), None, 0.0
-        if part(ends[0]) > 0 > part(ends[1]):
+        if known[0.0] > 0 > known[1.0]:
             self.zero = brentq(value, 0.0, 1.0, xtol=FOUND, rtol=FOUND, maxiter=STEPS, disp=False)
             low, high = max(self.zero - CLOSE, 0.0), min(self.zero + CLOSE, 1.0)
             self.slope = (value(low) - value(high)) / (high - low) * self.change

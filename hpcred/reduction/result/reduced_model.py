@@ -217,7 +217,7 @@ class ReducedModel:
         """
         import hpcred
 
-        return hpcred.export_reduced(self, path, format, **more)
+        return hpcred.workflows.export_reduced(self, path, format, **more)
 
     def to_state_space(self) -> StateSpace:
         """Return the model as scipy.signal.StateSpace with states (q, q'), SI units.
@@ -270,7 +270,7 @@ class ReducedModel:
         """
         import hpcred  # the public functions, which stand above
 
-        return hpcred.plot_response(self, pairs, band=band)
+        return hpcred.workflows.plot_response(self, pairs, band=band)
 
     def state_matrix(self) -> np.ndarray:
         """Return A (2m, 2m) of (x, x')' = A (x, x'); the states of added terms come last, for Maxwell's law.

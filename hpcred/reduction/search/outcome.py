@@ -138,23 +138,34 @@ def _without_modes_above(limit, pair: Comparison, frequencies, goal):
 
 
 def _project_again(search, kept) -> np.ndarray:
-    """Project on the pseudo-modes of the basis where its models lack digits (see ask_for_digits) or have noise that
-    matters, until that changes nothing: what it changes last is the noise of the models that follow, in place of that
-    of the search. Returns the columns `kept` in terms of the new basis. Collective."""
+    """Project on the pseudo-modes of the basis (see project_until_settled), whose noise is then that of the search.
+    Returns the columns `kept` in terms of the new basis. Collective."""
     projections, judge, comm = search.projections, search.judge, search.run.model.comm
-    before = decided(comm, projections.model)
-    lacks = ask_for_digits(search.run, judge, before) or projections.io.quiet or judge.noise > judge.goal
-    if not lacks:
-        return kept
-    for _ in range(PASSES):
+    before = first = decided(comm, projections.model)
+
+    def rotated():
+        nonlocal kept, before
+        before = before or decided(comm, projections.model)
         projections.rotate(before.vectors)
         kept = before.coordinates_of(kept)
         search.expansion.look_at_outputs_again()  # before the noise of one that is nothing else counts
-        judge.noise = decided(comm, _changed, judge, before)
-        if judge.noise <= LITTLE * judge.goal:
-            break
-        before = decided(comm, projections.model)
+        noise, before = decided(comm, _changed, judge, before), None
+        return noise
+
+    judge.noise = project_until_settled(search.run, judge, first, judge.noise, rotated, also=projections.io.quiet)
     return kept
+
+
+def project_until_settled(run, judge, model, noise, rotated, also=False) -> float:
+    """Project on the pseudo-modes of a basis where its `model` lacks digits (see ask_for_digits) or has noise that
+    matters, or `also` otherwise, until that changes nothing: what it changes last is the noise of the models that
+    follow, which is returned. `rotated()`: does so once, and returns that change. Collective."""
+    lacks = ask_for_digits(run, judge, model) or also or noise > judge.goal
+    for _ in range(PASSES if lacks else 0):
+        noise = rotated()
+        if noise <= LITTLE * judge.goal:
+            break
+    return noise
 
 
 def _sharper(model, band) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...linalg.basis import Basis
-from ...linalg.blocks import inner
+from ...linalg.blocks import Block, inner, view_of
 from ...linalg.eigensolver import symmetric_part
 from ...model.operator import Operator
 from ..run.projection import project, project_stiffness
@@ -29,23 +29,62 @@ def extended(small, mat, new, columns, symmetric=True, cancels=None) -> np.ndarr
     return np.block([[small, right[:start]], [left, corner]])
 
 
-class Projections:
+class Projected:
+    """V^T A V (m, m) of the terms of some operators, and V^T L (m, l) of loads L, on a basis V that grows: small
+    arrays, the same on all ranks. Methods are collective.
+
+    `operators`: the constant one first, whose matrices have rows as `lifted(V)`, by default those of V;
+    `symmetric(place, key)`: whether a matrix of them is; `small`: as these operators; `loads` L.
+    """
+
+    def __init__(self, run: Run, basis: Basis, loads: Block, operators, symmetric, lifted=view_of):
+        self.run, self.basis, self.loads, self.operators = run, basis, loads, operators
+        self._is_symmetric, self._lifted = symmetric, lifted
+        self.restart()
+
+    def restart(self):
+        """Project on the whole basis."""
+        self.small = [operator.map(lambda _: np.zeros((0, 0))) for operator in self.operators]
+        self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
+        self.project_new()
+
+    def project_new(self):
+        """Project on the columns of the basis that are new."""
+        start, stop = len(self.L), self.basis.size
+        if start == stop:
+            return
+        new = self.basis.columns_between(start, stop)
+        self.L = np.vstack([self.L, inner(new, self.loads)])
+        new, columns, made = self._lifted(new), self._lifted(self.basis.columns), []
+        for place, operator in enumerate(self.operators):
+            mats = {}
+            for key, mat in operator.matrices.items():
+                cancels = self.run.cancels if key == "K" else None
+                mats[key] = extended(self.small[place][key], mat, new, columns, self._is_symmetric(place, key), cancels)
+            made.append(self.small[place].with_matrices(mats))
+        self.small = made
+
+    def rotate(self, turn):
+        """Replace the basis by its combinations `turn` (m, m), orthonormal like itself, and project on these."""
+        self.basis.multiply(turn)
+        self.restart()
+
+
+class Projections(Projected):
     """Projections on a mass-orthonormal basis, extended block by block. All methods are collective unless they say so.
 
     `operator`: V^T A V (m, m) of the terms of the model: K, which may be `symmetric`, D where `damped`, M where V^T M V
-    does not count as the identity or is `measured`, and added terms; `L` (m, l) = V^T L for the block `loads` L of the
-    run: small arrays, the same on all ranks. Models of columns of the basis are parts of them. `io`: inputs and outputs
-    in terms of L; `damping`: the proportional damping of the models. Raises InputError (see io).
+    does not count as the identity or is `measured`, and added terms. Models of columns of the basis are parts of them.
+    `io`: inputs and outputs in terms of L; `damping`: the proportional damping of the models. Raises InputError (see
+    io).
     """
 
     def __init__(self, run: Run, basis: Basis, damping: Proportional, damped: bool, measured=False):
-        self.run, self.basis, self.damping, self.damped = run, basis, damping, damped
-        self.loads, self.io = run.independent_loads
+        self.damping, self.damped, (loads, self.io) = damping, damped, run.independent_loads
         self.symmetric = run.model.is_symmetric("K")
-        self.full = run.model.operator.with_matrices(run.model.operator.matrices | {
+        full = run.model.operator.with_matrices(run.model.operator.matrices | {
             "M": run.mass if run.tau or measured else None, "D": run.model.D if damped else None})  # fmt: skip
-        self.L = np.zeros((0, self.loads.getActiveColumns()[1]))
-        self._project_all()
+        super().__init__(run, basis, loads, [full], lambda _, key: key not in "KD" or run.model.is_symmetric(key))
         self._starts: list[int] = []  # first columns of the blocks
 
     def extend(self, block, mass_images=None) -> int:
@@ -53,7 +92,7 @@ class Projections:
         start = self.basis.size
         with self.run.progress.stage("orthogonalise"):
             self.run.notes.massless |= self.basis.extend(block, mass_images).massless > 0
-        self._project(start)
+        self.project_new()
         if self.basis.size > start:
             self._starts.append(start)
         return self.basis.size - start
@@ -68,26 +107,33 @@ class Projections:
 
     def rotate(self, turn):
         """Replace the basis by its combinations `turn` (m, m), orthonormal like itself, and project on these."""
-        self.basis.multiply(turn)
         # the round-off of the product is measured
-        self.full = self.full.with_matrices(self.full.matrices | {"M": self.run.mass})
-        self._project_all()
+        self.operators = [self.operators[0].with_matrices(self.operators[0].matrices | {"M": self.run.mass})]
+        super().rotate(turn)
 
     def replace(self, block):
         """Replace the basis by the span of a block."""
         self.basis.clear()
         self.basis.extend(block)
-        self._project_all()
+        self.restart()
 
-    def _project_all(self):
-        self._starts, self.L = [0], self.L[:0]
-        self.operator = self.full.map(lambda _: np.zeros((0, 0)))
-        self._project(0)
+    def restart(self):
+        self._starts = [0]
+        super().restart()
+
+    def project_new(self):
+        with self.run.progress.stage("project"):
+            super().project_new()
+
+    @property
+    def operator(self) -> Operator:
+        """The projected terms of the model; local."""
+        return self.small[0]
 
     @property
     def beside(self) -> Operator:
         """The terms of the model that are not proportional to M and K: a given D, and added ones; local."""
-        return Operator({key: term for key, term in self.full.terms.items() if key not in "MK"})
+        return Operator({key: term for key, term in self.operators[0].terms.items() if key not in "MK"})
 
     @property
     def is_damped(self) -> bool:
@@ -103,21 +149,6 @@ class Projections:
     def first_held_back(self) -> int:
         """Where the newest blocks begin that are held back, to see the model of the columns before them; local."""
         return next((start for start in reversed(self._starts) if self.basis.size - start >= HELD_BACK), 0)
-
-    def _project(self, start):
-        """Take in the columns of the basis from `start` on."""
-        stop = self.basis.size
-        if stop == start:
-            return
-        with self.run.progress.stage("project"):
-            new = self.basis.columns_between(start, stop)
-            self.L = np.vstack([self.L, inner(new, self.loads)])
-            mats = {}
-            for key, mat in self.full.matrices.items():
-                symmetric = key not in "KD" or self.run.model.is_symmetric(key)
-                cancels = self.run.cancels if key == "K" else None
-                mats[key] = extended(self.operator[key], mat, new, self.basis.columns, symmetric, cancels)
-            self.operator = self.operator.with_matrices(mats)
 
     def dynamic_stiffness(self, mass: float) -> np.ndarray:
         """Return V^T (K + mass M) V (m, m); local."""

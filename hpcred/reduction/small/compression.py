@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ...model.operator import times
+from ...parallel.decisions import decided
+from ...parallel.failures import agreed
+from ...parallel.petsc import MPI
 from ..result.measure import Measure
 from . import refinement
 from .error_estimate import Comparison
@@ -39,27 +42,24 @@ def _inverse(scales):
     return 1 / scales
 
 
-class Snapshots:
-    """What columns have to span: states of `pair.outer` at frequencies (S,), weighted where the error is large.
+class States:
+    """What columns have to span of one model: states of `pair.outer` at frequencies (S,), weighted where the error is
+    large, without what is in the span of the columns `fixed` (m, c).
 
-    The columns `fixed` (m, c) are spanned anyway. Inputs and outputs begin with slightly different weights: singular
-    values of a symmetric body come in equal pairs, of which round-off would choose the directions where the number of
-    columns parts them. Local.
+    `outward`: from coordinates of the model to those of the columns, and `inward` back (m, m), where they are others.
+    Inputs and outputs begin with slightly different weights: singular values of a symmetric body come in equal pairs,
+    of which round-off would choose the directions where the number of columns parts them. Local.
     """
 
-    def __init__(self, pair: Comparison, frequencies, fixed):
-        self.pair, self.fixed = pair, fixed
-        self.frequencies = frequencies
-        states = snapshots(pair.outer, frequencies, pair.measure)
-        self._states = states - times(fixed, times(fixed.T, states))
+    def __init__(self, pair: Comparison, frequencies, fixed=None, outward=None, inward=None):
+        self.pair, self.frequencies, self._outward, self._inward = pair, frequencies, outward, inward
+        self._states = states = snapshots(pair.outer, frequencies, pair.measure)
+        if fixed is not None:
+            self._states = states - times(fixed, times(fixed.T, states))
         self._known = pair.outer.responses(frequencies)
         self._ties = 1 + TIE * np.linspace(0.0, 1.0, states.shape[2])
         self.balances = BALANCES if states.shape[2] > self._inputs else BALANCES[:1]
         self.reset()
-
-    @property
-    def size(self) -> int:
-        return len(self.pair.outer)
 
     @property
     def _inputs(self) -> int:
@@ -73,15 +73,12 @@ class Snapshots:
     def gram(self) -> np.ndarray:
         """Return the Gram matrix of the rows (m, m) of the weighted states."""
         flat = columns(self._states * self._weights)
-        return flat @ flat.T
+        gram = flat @ flat.T
+        return gram if self._outward is None else self._outward @ gram @ self._outward.T
 
-    def leading(self) -> np.ndarray:
-        """Return all directions (m, m), the leading ones first."""
-        return np.linalg.eigh(self.gram())[1][:, ::-1]
-
-    def error(self, U) -> float:
-        """Return the largest error of a model on the columns that are fixed and U."""
-        inside = self.pair.within(joined(self.fixed, U))
+    def error(self, span) -> float:
+        """Return the largest error of a model on orthonormal columns."""
+        inside = self.pair.within(span if self._inward is None else np.linalg.qr(self._inward @ span)[0])
         self._each = np.minimum(self.pair.measure.each(inside.difference(self.frequencies), *self._known), LARGE)
         return self.pair.measure.total(self._each).max()
 
@@ -96,6 +93,50 @@ class Snapshots:
     def _parts(self):
         of_inputs, of_outputs = self._each.max(axis=1), self._each.max(axis=2)
         return of_inputs if self._states.shape[2] == self._inputs else np.hstack([of_inputs, of_outputs])
+
+
+class Snapshots:
+    """What columns have to span, beside those that are `fixed` (m, c): `states` of some models, of which each rank of
+    `comm` has its share, or of one model on this rank. Collective."""
+
+    def __init__(self, states: list[States], fixed, comm=None):
+        self.states, self.fixed, self.size, self._comm = states, fixed, len(fixed), comm or MPI.COMM_SELF
+        # weights of inputs that are tried: of several models more of them would take as many times as long
+        self.balances = BALANCES[:1] if comm is not None else states[0].balances
+        self._rest = np.eye(self.size) - fixed @ fixed.T
+
+    def reset(self, balance=1.0):
+        """Weight all frequencies alike (see States.reset)."""
+        for states in self.states:
+            states.reset(balance)
+
+    def leading(self) -> np.ndarray:
+        """Return all directions (m, m), the leading ones first."""
+        with agreed(self._comm):
+            gram = sum(states.gram() for states in self.states)
+        gathered = self._comm.gather(gram)
+        return decided(self._comm, lambda: self._directions(sum(gathered)))
+
+    def _directions(self, gram):
+        gram = self._rest @ gram @ self._rest
+        return np.linalg.eigh((gram + gram.T) / 2)[1][:, ::-1]
+
+    def error(self, U) -> float:
+        """Return the largest error of a model on the columns that are fixed and U."""
+        span = joined(self.fixed, U)
+        with agreed(self._comm):
+            error = max((states.error(span) for states in self.states), default=0.0)
+        return self._comm.allreduce(float(error), op=MPI.MAX)
+
+    def largest_part(self) -> float:
+        """Return the largest error of an input or output, of the model whose error was asked for last."""
+        mine = max((states.largest_part() for states in self.states), default=0.0)
+        return self._comm.allreduce(float(mine), op=MPI.MAX)
+
+    def weight(self, largest: float):
+        """Give weight to where that error is large, compared with the `largest`."""
+        for states in self.states:
+            states.weight(largest)
 
 
 def fewest(snapshots, goal: float, rounds=8, most=None) -> np.ndarray:
@@ -143,7 +184,7 @@ def compressed(pair: Comparison, frequencies, goal: float, fixed=None, rounds=8,
     error over the frequencies (S,); the orthonormal columns `fixed` (m, c) are in their span (see fewest). They are
     refined where A(s) is not diagonal, unless `rounds` is 0 or `most` is given."""
     fixed = np.zeros((len(pair.outer), 0)) if fixed is None else fixed
-    snapshots = Snapshots(pair, frequencies, fixed)
+    snapshots = Snapshots([States(pair, frequencies, fixed)], fixed)
     best = fewest(snapshots, goal, rounds, most)
     if most is not None or not rounds or not refinement.is_for(pair.outer):
         return best

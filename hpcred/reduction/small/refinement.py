@@ -43,9 +43,10 @@ def refined(snapshots, wide, best, goal: float) -> np.ndarray:
     The columns `wide` are orthonormal and in the order of what they matter, those that stay in the span first.
     """
     kept, w = snapshots.fixed.shape[1], wide.shape[1]
-    if len(snapshots.frequencies) * w * w > NUMBERS_AT_A_TIME:
+    (states,) = snapshots.states
+    if len(states.frequencies) * w * w > NUMBERS_AT_A_TIME:
         return best
-    errors = Errors(snapshots.pair, snapshots.frequencies, wide, kept)
+    errors = Errors(states.pair, states.frequencies, wide, kept)
     for count in range(best.shape[1] - 1, kept, -1):
         if not errors.are_finite or errors.count * ((w - count) * (count - kept)) ** 2 > WORK:
             break

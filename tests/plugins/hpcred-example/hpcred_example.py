@@ -6,7 +6,7 @@ from scipy.sparse import coo_array
 import hpcred
 
 
-class Springs(hpcred.Reader):
+class Springs(hpcred.readers.Reader):
     """Lines such as "node 1 0.5 0 0" and, of both triangles, "K 1 1 2 1 -3e5": node, direction, twice, and a value."""
 
     name = "springs"
@@ -20,7 +20,7 @@ class Springs(hpcred.Reader):
         with hpcred.agreed(comm):  # an error of one rank is that of all
             if comm.rank == 0:  # the other ranks give nothing; those of a large file read shares
                 nodes, dofs, K, M = self.read(path)
-        return hpcred.Parts.from_arrays(path, comm, K, M, nodes=nodes, dofs=dofs)
+        return hpcred.readers.Parts.from_arrays(path, comm, K, M, nodes=nodes, dofs=dofs)
 
     def read(self, path):
         rows = {"node": [], "K": [], "M": []}
@@ -41,7 +41,7 @@ class Springs(hpcred.Reader):
         return rows["node"], dofs, *matrices
 
 
-class Flexible(hpcred.Writer):
+class Flexible(hpcred.writers.Writer):
     """Mass, stiffness and mass matrix of a body as text, with its interface nodes in a second file."""
 
     suffix = ".flex"

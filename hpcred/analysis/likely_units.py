@@ -1,4 +1,4 @@
-"""Check a model whose matrices have come from another program, and warn of what looks wrong."""
+"""Tell the units of a model from its mass, its size and the speed of waves in it, and warn of other ones."""
 
 from __future__ import annotations
 
@@ -6,17 +6,9 @@ import operator
 
 import numpy as np
 
-from ..fe.dofs import DIRECTIONS, SCALAR
+from ..fe.dofs import SCALAR
 from ..fe.elements import solid_volume
 from ..linalg.csr import diagonal_of
-from ..model.definiteness import warnings_of_definiteness
-from ..model.digits import digits_of
-from ..model.loads.columns import loads_of
-from ..model.order_of_matrices import questions_on_order
-from ..model.rigid_body.modes import exchange_of_matrices, remark_on_digits, rigid_body_quantities, warnings_of_nodes
-from ..model.rigid_body.rows_alone import warnings_of_rows_alone
-from ..model.rigid_body.support import support_of
-from ..model.second_order_model import SAY_SO, massless, require_model
 from ..model.units import POUND, POUND_FORCE, SI, UNITS, Units, units_of
 from ..parallel.lookup import sort_over_ranks
 from ..parallel.petsc import MPI
@@ -35,150 +27,6 @@ MISTAKES = (
     ("inch,lbf,s", POUND_FORCE / POUND / 0.0254, "a density in lbm/inch^3 in place of lbf s^2/inch^4"),
     ("SI", 1e-3, "a density in g/cm^3 or t/m^3 in place of kg/m^3"),
 )
-FEW_DIGITS = 13  # decimal ones of K, from which on they are not worth a word
-CLEARLY_FREE, NEARLY_FREE = 1e-12, 1e-5  # ||K R|| / (||K|| ||R||)
-IN_MOST = 0.3  # share of rows that few digits let resist, and supports seldom
-
-
-def check(model) -> dict:
-    """Check size, nonzeros, symmetry, and with nodes rigid-body motions, masses, centre, extent and units.
-
-    Collective.
-
-    Parameters
-    ----------
-    model : SecondOrderModel
-
-    Returns
-    -------
-    dict
-        Plain numbers for a table or JSON; `sentences` on what they mean, and `warnings` of what looks wrong.
-    """
-    require_model(model)
-    sentences, warnings = [], list(model.remarks)
-    report = {
-        "size": model.size,
-        "nonzeros": model.nonzeros,
-        "matrices": sorted(model.matrices),
-        "symmetry_defects": model.symmetry_defects,
-        "nodes": 0 if model.dofs is None else model.node_count,
-    }
-    sentences.append(_on_symmetry(model))
-    for key in ("K", "M"):
-        if not model.is_symmetric(key) and not model.may_be_unsymmetric(key):
-            more = f", unless it is meant to be so ({SAY_SO})" if key == "K" else ""
-            warnings.append(
-                f"{model.name}: {key} is not symmetric, and cannot be reduced{more}; a damaged file looks so too"
-            )
-    warnings += [*_on_signs(model), *questions_on_order(model), *warnings_of_rows_alone(model)]
-    if model.dofs is not None:
-        support = support_of(model)
-        body = rigid_body_quantities(model)
-        low, high = extent(model)
-        report |= {
-            "rigid_body_residuals": known(support.residuals),
-            "masses_in_x_y_z": body.masses.tolist(),
-            "centre_of_mass": known(body.centre),
-            "extent": [low.tolist(), high.tolist()],
-            "held_dofs": held_count(model),
-            "units": likely_units(model, body.mass, high - low),
-        }
-        if model.converted_from:
-            report["converted_from"] = model.converted_from
-        sentences.append(_on_rigid_motions(support))
-        if few := remark_on_digits(support):
-            sentences.append(few)
-        warnings = with_warnings(warnings, model, body)
-        if report["units"]:
-            sentences.append(
-                f"looks like {report['units']}: from the mass, the size, and the speed of waves between neighbouring "
-                "nodes"
-            )
-    report |= model.operator.families
-    if loads := loads_of(model):
-        report["loads"] = [item.row for item in loads]
-    digits = digits_of(model.K) or FEW_DIGITS
-    if digits < FEW_DIGITS:
-        sentences.append(f"K has {digits} digits; modes, responses and reductions warn of frequencies without any")
-    return report | {"sentences": sentences, "warnings": list(dict.fromkeys(warnings))}
-
-
-def with_warnings(warnings, model, body, first=None) -> list[str]:
-    """Return the warnings with those of nodes, supports and units; `first`: as in warnings_of_units. Collective."""
-    if exchanged := exchange_of_matrices(model):
-        return [exchanged, *warnings]  # all others follow from it
-    of_nodes = [*on_held_dofs(model, body), *warnings_of_nodes(model)]
-    return [*warnings, *of_nodes, *warnings_of_units(model, body.mass, first)]
-
-
-def _on_symmetry(model):
-    worst = {key: defect for key, defect in model.symmetry_defects.items() if defect > 0}
-    if not worst:
-        return f"{', '.join(model.matrices)} are symmetric"
-    listed = ", ".join(f"{key} {defect:.1e}" for key, defect in worst.items())
-    if model.symmetric:
-        return f"{', '.join(model.matrices)} are symmetric to round-off: max |a_ij - a_ji| / |a_ij| is {listed}"
-    return f"not all of {', '.join(model.matrices)} are symmetric: max |a_ij - a_ji| / |a_ij| is {listed}"
-
-
-def _on_signs(model):
-    found = warnings_of_definiteness(model)
-    if model.D is not None and model.comm.allreduce(float(diagonal_of(model.D).sum())) < 0:
-        found.append(f"{model.name}: D has a negative trace, -D? Expected M q'' + D q' + K q = B u")
-    if count := massless(model):
-        found.append(f"{model.name}: {count} rows have no mass on the diagonal of M, which is singular")
-    return found
-
-
-def known(values):
-    """Return numbers as nested lists, None for what is not known."""
-    return np.where(np.isnan(values), None, values).tolist()
-
-
-def _on_rigid_motions(support):
-    """Return a sentence on what K says to the rigid-body motions, of which so many combinations meet no force."""
-    residuals, count = support.residuals, support.free.shape[1]
-    worst, moving = np.nanmax(residuals), np.isfinite(residuals)
-    still = [name for name, moves in zip("xyz", moving, strict=False) if not moves]
-    plane = f"; no node has a dof in {' or '.join(still)}" if still else ""
-    text = f"||K R|| / (||K|| ||R||) of the rigid-body motions R is at most {worst:.1e}"
-    if not support.resisting:
-        exact = "" if worst < CLEARLY_FREE else ", to the digits of the files"
-        return f"{text}: a free body, which no rigid-body motion loads{exact}{plane}"
-    if worst < NEARLY_FREE and support.resisting > IN_MOST:
-        return (
-            f"{text}: neither clearly free nor held; a free body whose K came with few digits looks so, and its "
-            f"rigid-body modes are then not at 0 Hz{plane}"
-        )
-    if support.movable.shape[1] > count:
-        return (
-            f"{text}: a softly held body, which meets up to {support.forces.max():.0e} of the stiffness of a row, in "
-            f"{100 * support.resisting:.2g} % of the rows{plane}"
-        )
-    round_off = np.repeat(support.round_off, 3)
-    free = [name for name, force, limit, moves in zip(DIRECTIONS[:6], support.forces, round_off, moving, strict=True)
-            if moves and force <= limit]  # fmt: skip
-    ways = f", free in {', '.join(free)}" if free else ""
-    if count > len(free):
-        ways = f", with {count} rigid-body motion{'s' * (count > 1)} that K does not resist"
-    return f"{text}: a held body{ways}{plane}"
-
-
-def held_count(model) -> int:
-    """Return the number of dofs that the program held. Collective."""
-    return model.comm.allreduce(0 if model.held is None else len(model.held.node))
-
-
-def on_held_dofs(model, body) -> list[str]:
-    """Return a sentence where the program that wrote the matrices held dofs: the mass is without theirs. Collective."""
-    count = held_count(model)
-    if not count:
-        return []
-    return [
-        f"{model.name}: the program that wrote the matrices holds {count} dofs, which have no row; the mass of "
-        f"{body.mass:.6g} is without theirs, too small for the floating frame of a body; export the body free, without "
-        "supports, and hold it here by a frame or by joints"
-    ]
 
 
 def extent(model) -> tuple[np.ndarray, np.ndarray]:

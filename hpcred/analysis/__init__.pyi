@@ -1,0 +1,9 @@
+from .bores import Bore as Bore
+from .campbell_diagram import Campbell as Campbell
+from .campbell_diagram import CriticalSpeed as CriticalSpeed
+from .campbell_diagram import FullPoles as FullPoles
+from .damped_modes import DampedModes as DampedModes
+from .error import error_integral as error_integral
+from .error_check import Check as Check
+from .full_response import FullResponse as FullResponse
+from .natural_modes import NaturalModes as NaturalModes

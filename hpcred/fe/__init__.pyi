@@ -1,0 +1,2 @@
+from .materials import ElementProperties as ElementProperties
+from .materials import Material as Material

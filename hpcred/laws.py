@@ -1,0 +1,5 @@
+"""Laws of viscoelastic and hysteretic parts."""
+
+from .public_names import attached
+
+__getattr__, __dir__, __all__ = attached(__name__, __file__)

@@ -1,0 +1,10 @@
+from .model.loads.kinds import Centrifugal as Centrifugal
+from .model.loads.kinds import DeckLoad as DeckLoad
+from .model.loads.kinds import GivenLoad as GivenLoad
+from .model.loads.kinds import Gravity as Gravity
+from .model.loads.kinds import LineLoad as LineLoad
+from .model.loads.kinds import LoadColumn as LoadColumn
+from .model.loads.kinds import MovingLoad as MovingLoad
+from .model.loads.kinds import Pressure as Pressure
+from .model.loads.kinds import Temperature as Temperature
+from .model.loads.kinds import Traction as Traction

@@ -1,0 +1,14 @@
+from .components.component import Component as Component
+from .components.craig_bampton import ConstraintModes as ConstraintModes
+from .components.craig_bampton import FixedInterfaceModes as FixedInterfaceModes
+from .components.craig_bampton import Guyan as Guyan
+from .components.craig_bampton import ResidualAttachment as ResidualAttachment
+from .parametric.reduced import ParametricReducedModel as ParametricReducedModel
+from .parametric.reduced import ReducedTerm as ReducedTerm
+from .reductor import Reductor as Reductor
+from .result.accuracy import Accuracy as Accuracy
+from .result.measure import Measure as Measure
+from .result.parameter_accuracy import ParameterAccuracy as ParameterAccuracy
+from .result.parameter_accuracy import ParameterPoint as ParameterPoint
+from .result.record import Record as Record
+from .search.goal import Limits as Limits
