@@ -146,6 +146,13 @@ def test_errors_of_bodies_have_one_damping_or_none():
     (lambda: hpcred.assemble([], inputs=[]), "inputs: found none, expected some; leave it out for all"),
     (lambda: MachineJob(body=(MachineBody(name="a", result="a.npz", kind="measured"),), write_basis=False),
      "write_basis: a machine with measured bodies has no basis"),
+    *((lambda name=name: MachineBody(name=name, result="a.h5"), "body.name: found '.*expected a word") for name in (
+        "a\x1b[31m", "a\0b", "a\nb", "a\ud800")),
+    (lambda: MachineBody(name="a", result="a.h5", nodes={"b\0": 3}), r"body.nodes: found 'b\\x00'"),
+    (lambda: MachineBody(name="a", result="a.h5", nodes={"b": "3"}), "body.nodes.b: found '3', expected a whole"),
+    (lambda: hpcred.BushingJoint(bodies=("a.b", "ground"), table="t.csv", at={"size": "1"}), "joint.at.size: found"),
+    (lambda: MachineJob(body=(MachineBody(name="a", result="a.h5"),), joint=(
+        hpcred.BushingJoint(bodies=("a.b", "ground"), table="t\0.csv"),)), r"joint\[0\].table: found 't\\x00"),
 ])  # fmt: skip
 def test_keys_without_meaning_are_refused(made, words):
     with pytest.raises(hpcred.InputError, match=words):
