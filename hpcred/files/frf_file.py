@@ -8,6 +8,7 @@ imp_Direction_3 and so on.
 
 from __future__ import annotations
 
+import io
 import sys
 from pathlib import Path
 
@@ -41,8 +42,9 @@ def write_frf(path, responses, H, arrays: bool):
                   "node_names": np.array(list(nodes), dtype=str),
                  "nodes": np.array([number for number, _ in nodes.values()], dtype=int),
                   "positions": np.array([place for _, place in nodes.values()]).reshape(-1, 3)}  # fmt: skip
-        with open(path, "wb") as file:
-            np.savez(file, **known, **_tables(responses))
+        content = io.BytesIO()  # an archive that is half written, on a full disk, would print an error
+        np.savez(content, **known, **_tables(responses))
+        Path(path).write_bytes(content.getbuffer())
         return
     pyuff = universal()
     numbers = {name: number for name, (number, _) in (responses.places or {}).items()}

@@ -1,7 +1,9 @@
 """Frequency responses of other programs: units, quantities, shapes and names."""
 
+import gc
 import io
 import os
+import resource
 import zipfile
 
 import numpy as np
@@ -260,3 +262,17 @@ def test_responses_that_are_not_finite_are_not_written(tmp_path, comm, name):
         with pytest.raises(hpcred.InputError, match=r"output .*r.unv: found one frequency"):
             hpcred.write_responses(tmp_path / name, given, comm)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.peers("pyuff")
+@pytest.mark.parametrize("name", ["r.unv", "r.npz", "r.csv"])
+def test_a_full_disk_is_one_sentence(tmp_path, comm, capfd, name):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+    try:
+        with pytest.raises(hpcred.ComputationError, match=f"{name}: the disk is full"):
+            hpcred.write_responses(tmp_path / name, responses(("a:x",), ("a:x",)), comm)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    gc.collect()
+    assert not list(tmp_path.iterdir()) and capfd.readouterr().err == ""
