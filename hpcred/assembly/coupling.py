@@ -33,6 +33,7 @@ from .parts import ROUND_OFF, Channels, Part, part_and_node
 
 REDUNDANT = 1e-9  # of a condition, what is left of it beside those before
 STILL = 1e-13  # of the largest squared frequency of coordinates with mass: rigid-body motion, but for round-off
+HEAVIEST = 1e8  # of soft conditions, of mass and stiffness at the highest frequency: STILL hides sqrt(1e-5) of that
 MASSLESS = 1e-12  # of the largest mass, in coordinates that are scaled
 
 
@@ -181,12 +182,18 @@ class Machine:
 
     def _free(self, tau) -> np.ndarray:
         """Return an orthonormal basis T (n, k), of scaled coordinates, of what rigid conditions leave free. Raises
-        InputError for conditions that others hold already."""
+        InputError for conditions that others hold already, and soft ones beside which the bodies count for nothing."""
         rigid = [k for k, item in enumerate(self.conditions) if item.rigid]
         size = np.concatenate([np.diag(part.model.M) + tau**2 * np.abs(np.diag(part.model.K))
                                for part in self.parts.values()])  # fmt: skip
         scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
-        G = self._rows()[rigid] * scale
+        rows = self._rows() * scale
+        for item, row in zip(self.conditions, rows, strict=True):
+            share = 0.0 if item.rigid else tau**2 * abs(item.impedance(np.array([1j / tau]))[0]) * (row @ row)
+            if share > HEAVIEST:
+                raise InputError(f"{item.label}: is {share:.0e} times as stiff or heavy as the bodies in the band, "
+                                 "whose motion round-off would hide; take a rigid joint, or check units (N/m, kg)")
+        G = rows[rigid]
         return scale[:, None] * _unheld(G, [self.conditions[k].label for k in rigid])
 
 
@@ -343,8 +350,8 @@ def laws_of_table(header, rows, joint: BushingJoint, band, key) -> dict[str, Tab
     at, parameter = (joint.at[more[0]], columns[more[0]]) if more else (0.0, np.zeros(count))
     # the same frequencies at each value of the parameter, over the whole band
     order, there = np.lexsort((columns["f_hz"], parameter)), np.unique(parameter)
-    if not count or not np.isfinite(rows).all():
-        raise InputError(f"{key}: found no lines, or numbers that are not finite")
+    if not count or not (np.abs(rows) <= 1e30).all():
+        raise InputError(f"{key}: found no lines, or numbers that are not finite or above 1e30")
     f = columns["f_hz"][order][: count // len(there)]
     if (np.diff(f) <= 0).any() or not np.array_equal(columns["f_hz"][order], np.tile(f, len(there))):
         raise InputError(f"{key}: found frequencies twice, or other ones at other values of the parameter, expected "

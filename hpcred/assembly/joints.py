@@ -10,7 +10,7 @@ import numpy as np
 from ..fe.dofs import DIRECTIONS
 from ..model.laws.registry import AnyLaw
 from ..model.rotation import skew, unit_axis
-from ..parallel.declared import Settings, as_declared
+from ..parallel.declared import Settings, as_declared, declared
 from ..parallel.failures import InputError
 from ..parallel.ranges import LABEL, Coordinate, Range, within
 
@@ -90,10 +90,13 @@ class MachineBody:
     kind: Literal["reduced", "measured"] = "reduced"
 
     def __post_init__(self):
-        as_declared(self, "body.", keys=("name", "position", "turn", "kind"))
-        if not self.name or set(self.name) & set(".: /") or self.name == GROUND:
-            raise InputError(f"body.name: found '{self.name[:40]}', expected a word without '.', ':', '/' and blanks, "
-                             f"and not '{GROUND}'")  # fmt: skip
+        as_declared(self, "body.", keys=("name", "position", "turn", "kind", "nodes"))
+        for key, name in (("name", self.name), *(("nodes", name) for name in self.nodes)):
+            if not name or set(name) & set(".: /") or not name.isprintable() or name == GROUND:
+                raise InputError(f"body.{key}: found {ascii(name[:40])}, expected a word without '.', ':', '/' and "
+                                 f"blanks, and not '{GROUND}'")  # fmt: skip
+        numbers = {name: declared(f"body.nodes.{name}", number, int) for name, number in self.nodes.items()}
+        object.__setattr__(self, "nodes", numbers)
         within("body.nodes", numbers := tuple(self.nodes.values()), LABEL)
         if len(set(numbers)) < len(numbers):
             raise InputError(f"body.nodes: found one of the nodes {list(numbers)} twice, expected one name for each")
@@ -162,7 +165,7 @@ class BushingJoint:
     kind: Literal["bushing"] = "bushing"
 
     def __post_init__(self):
-        as_declared(self, "joint.", keys=("bodies", "stiffness", "damping", "table", "turn"))
+        as_declared(self, "joint.", keys=("bodies", "stiffness", "damping", "table", "turn", "at"))
         check_bodies(self)
         for key in ("stiffness", "damping"):
             if (count := len(getattr(self, key))) not in (0, 3, 6):
@@ -173,6 +176,8 @@ class BushingJoint:
             raise InputError("joint.law: multiplies `stiffness`, and there is none; give it")
         if self.at and self.table is None:
             raise InputError("joint.at: is the value of the parameter of a table, and there is no table; leave it out")
+        values = {name: declared(f"joint.at.{name}", value, float) for name, value in self.at.items()}
+        object.__setattr__(self, "at", values)
 
 
 @dataclass(frozen=True, kw_only=True)

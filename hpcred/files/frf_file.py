@@ -8,6 +8,10 @@ imp_Direction_3 and so on.
 
 from __future__ import annotations
 
+import io
+import sys
+from pathlib import Path
+
 import numpy as np
 
 from ..fe.dofs import DIRECTIONS, QUANTITIES, named_quantity, node_of, target_of
@@ -38,8 +42,9 @@ def write_frf(path, responses, H, arrays: bool):
                   "node_names": np.array(list(nodes), dtype=str),
                  "nodes": np.array([number for number, _ in nodes.values()], dtype=int),
                   "positions": np.array([place for _, place in nodes.values()]).reshape(-1, 3)}  # fmt: skip
-        with open(path, "wb") as file:
-            np.savez(file, **known, **_tables(responses))
+        content = io.BytesIO()  # an archive that is half written, on a full disk, would print an error
+        np.savez(content, **known, **_tables(responses))
+        Path(path).write_bytes(content.getbuffer())
         return
     pyuff = universal()
     numbers = {name: number for name, (number, _) in (responses.places or {}).items()}
@@ -70,8 +75,12 @@ def write_frf(path, responses, H, arrays: bool):
                 orddenom_axis_units_lab=load.strip("()"),
             ))  # fmt: skip
     if not any(item["type"] == 58 for item in sets):
-        raise InputError(f"{path}: found no input and output at nodes, which a universal file has; take .npz")
+        raise InputError("found no input and output at nodes, which a universal file has; take .npz")
     pyuff.UFF(str(path)).write_sets(sets, mode="overwrite")
+    # pyuff says in the head of each binary dataset how many bytes one real number a frequency would take
+    head, F = b"58b%6d%6d%12d" % (1 if sys.byteorder == "little" else 2, 2, 11), len(responses.frequencies)
+    text = Path(path).read_bytes().replace(head + b"%12d" % (8 * F), head + b"%12d" % (24 * F))
+    Path(path).write_bytes(text)
 
 
 def _entity(node) -> str:

@@ -71,6 +71,11 @@ def lock_name(path) -> Path:
     return path.with_name(f".{path.name}.lock")
 
 
+def is_locked_here(path: Path) -> bool:
+    """Whether this process keeps other runs from an output."""
+    return lock_name(path) in _held
+
+
 def lock(path: Path, called=None):
     """Keep other runs from an output until unlock, or the end of the process. Raises InputError where one has it.
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..parallel.failures import InputError, agreed, unfinished
-from .locks import begin, lock, lock_name, temporary_name
+from .locks import begin, is_locked_here, lock, lock_name, temporary_name
 from .opened_hdf5 import Damaged, guarded, opened_hdf5
 from .room import free_bytes, no_room
 from .system_errors import open_input, reading_from
@@ -126,6 +126,9 @@ def _archive_kind(path, kind) -> str:
     return f"{kind} of {', '.join(sorted(names)[:3])}"
 
 
+_kinds: dict[Path, object] = {}  # of outputs that this process has locked
+
+
 def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int = 0):
     """Refuse outputs that cannot be written or must not be, or that another run is about to write; those that are not
     refused belong to this run until they are written. `progress` tells which files are replaced. Collective.
@@ -151,8 +154,13 @@ def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int =
                         replaced.append(path)
             if outputs:
                 check_room(next(iter(outputs)), needed)
-            for path in outputs:
-                lock(Path(os.path.realpath(path)), path)
+            for path, kind in outputs.items():
+                real = Path(os.path.realpath(path))
+                before = _kinds.get(real, kind) if is_locked_here(real) else kind
+                if before != kind and JSON in (before, kind):  # of --json, which is looked at before the command
+                    raise InputError(f"output {path}: this run writes it twice, also as --json; choose another name")
+                lock(real, path)
+                _kinds[real] = kind
     unfinished.update(locks)  # on all ranks: any of them may be the one that ends the job
     for path in replaced:
         if progress is not None:

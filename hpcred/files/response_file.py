@@ -16,12 +16,13 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from ..fe.dofs import node_of
 from ..model.second_order_model import listed
-from ..parallel.failures import InputError, agreed
+from ..parallel.failures import ComputationError, InputError, agreed
 from .checked import Array
 from .frf_file import write_frf
 from .hdf5 import atomic_output, reading, texts, writing
@@ -104,6 +105,8 @@ def write_responses(path, responses: Responses, comm, polar=False):
     InputError
         If the file cannot be written.
     """
+    with agreed(comm):
+        _require_numbers(path, responses)
     if str(path).endswith(".csv"):
         with atomic_output(path, comm) as temporary, agreed(comm):
             if comm.rank == 0:
@@ -125,6 +128,19 @@ def write_responses(path, responses: Responses, comm, polar=False):
             if getattr(responses, key) is not None:
                 file.small(key, getattr(responses, key))
         file.small("record", responses.record)
+
+
+def _require_numbers(path, responses):
+    """Raise ComputationError for numbers that are not finite, as HDF5 files do, and InputError for one frequency where
+    there have to be more."""
+    for key in RESPONSES:
+        values = getattr(responses, key)
+        if values is not None and not np.isfinite(values).all():
+            bad, size = np.count_nonzero(~np.isfinite(values)), np.size(values)
+            raise ComputationError(f"{path}: {key} has {bad} of {size} numbers that are not finite, and is not written")
+    if FOREIGN.get(Path(path).suffix) == UFF and len(responses.frequencies) < 2:
+        raise InputError(f"output {path}: found one frequency, of which pyuff writes no universal file; expected more, "
+                         "or a name that ends in .npz")  # fmt: skip
 
 
 def _write_csv(path, responses, polar):

@@ -11,17 +11,29 @@ import numpy as np
 
 from ..fe.dofs import DIRECTIONS, QUANTITIES, named_quantity, quantity_name
 from ..files.frf_file import FRF, QUANTITY_NUMBERS, universal
+from ..files.hdf5 import HDF5
 from ..files.response_file import Responses, read_responses
-from ..files.text import absent
+from ..files.system_errors import open_input, reading_from
+from ..files.text import LARGEST_LABEL, first_bytes, require_file
 from ..parallel.failures import InputError
+from ..parallel.messages import printable
+from ..parallel.petsc import MPI
+from .matlab import binary, hdf5
+from .matrices.npz import read_arrays
+from .nodes import uff
+
+NAMES = ("input_names", "output_names", "node_names")
+NUMBERS = {"frequencies": "fiu", "H": "fiuc", "nodes": "fiu", "positions": "fiu"}  # and their kinds
+FUNCTION, LINES_ABOVE = 58, 11  # the dataset of a function, and its lines above the numbers
+COLUMNS = {78: 13, 80: 20, 66: 33}  # letters of a number, or of a pair, by those of a line; others have one item
+EXPECTED = "expected frequencies, H, input_names and output_names, which are texts, in MATLAB cellstr(names)"
 
 
 def read_frf(path) -> Responses:
     """Return the responses of displacements in SI of a universal file, .npz, .mat or one of hpcred, with `places`:
     number and position of nodes by name, as far as they are known. On this rank. Raises InputError."""
     path = Path(path)
-    if not path.is_file():
-        raise absent(path)
+    require_file(path)
     ending = path.suffix.lower()
     if ending in (".unv", ".uff", ".uf"):
         responses = _read_universal(path)
@@ -45,12 +57,20 @@ def read_frf(path) -> Responses:
 
 def _displacements(found, path) -> Responses:
     """Return responses of velocities and accelerations as those of displacements."""
+    for name in (*found.input_names, *found.output_names, *(found.places or {})):
+        if not (name and name.isprintable()):
+            raise InputError(f"{path}: found the name '{printable(name)[:40]}' with signs that are no letters, "
+                             "expected such as foot:z")  # fmt: skip
     order = [QUANTITIES.index(named_quantity(name)[0]) for name in found.output_names]
     names = tuple(named_quantity(name)[1] for name in found.output_names)
     if any(order) and found.frequencies[0] == 0:
         found.frequencies, found.response = found.frequencies[1:], found.response[1:]  # which tell nothing of rest
     s = 2j * np.pi * found.frequencies
-    H = found.response / s[:, None, None] ** np.array(order)[:, None] if any(order) else found.response
+    with np.errstate(all="ignore"):
+        H = found.response / s[:, None, None] ** np.array(order)[:, None] if any(order) else found.response
+    if not len(H) or not np.isfinite(H).all():
+        raise InputError(f"{path}: found velocities or accelerations that no displacements belong to, at "
+                         f"{found.frequencies[0] if len(H) else 0:g} Hz and above")  # fmt: skip
     if len(set(names)) < len(names) or len(set(found.input_names)) < len(found.input_names):
         raise InputError(f"{path}: found an output or an input twice, expected each once")
     return Responses(frequencies=found.frequencies, input_names=found.input_names, output_names=names, response=H,
@@ -58,60 +78,98 @@ def _displacements(found, path) -> Responses:
 
 
 def _read_arrays(path, ending) -> Responses:
-    try:
-        if ending == ".npz":
-            with np.load(path, allow_pickle=False) as file:
-                data = dict(file)
-        else:
-            from scipy.io import loadmat
-
-            data = loadmat(path, squeeze_me=False, chars_as_strings=True)
-    except Exception as error:
-        raise InputError(f"{path}: cannot be read ({str(error)[:80]}); expected {ending} with frequencies, H, "
-                         "input_names and output_names") from error  # fmt: skip
+    data = read_arrays(path, (*NUMBERS, *NAMES)) if ending == ".npz" else _of_matlab(path)
     if missing := [key for key in ("frequencies", "H", "input_names", "output_names") if key not in data]:
-        raise InputError(f"{path}: found no {missing[0]}, expected frequencies, H, input_names and output_names")
-    names = {key: tuple(_text(item) for item in np.ravel(data[key]))
-             for key in ("input_names", "output_names", "node_names") if key in data}  # fmt: skip
+        raise InputError(f"{path}: found no {missing[0]}, {EXPECTED}")
+    names = {key: _texts(path, key, data[key]) for key in NAMES if key in data}
+    for key, kinds in NUMBERS.items():
+        if key in data and data[key].dtype.kind not in kinds:
+            raise InputError(f"{path}: found {key} of the type {data[key].dtype}, expected "
+                             f"{'' if 'c' in kinds else 'real '}numbers")  # fmt: skip
     F, H = np.ravel(data["frequencies"]).astype(float), np.asarray(data["H"], dtype=complex)
     shape = len(F), len(names["output_names"]), len(names["input_names"])
     if H.ndim < 3 and H.size == np.prod(shape) and (len(H) == len(F) or H.size == len(F)):  # one input or one output
         H = H.reshape(shape)
     places = {}
     if {"node_names", "nodes", "positions"} <= data.keys():
-        numbers, positions = np.ravel(data["nodes"]), np.atleast_2d(data["positions"])
-        if not len(names["node_names"]) == len(numbers) == len(positions) or positions.shape[1] != 3:
+        numbers, positions = np.ravel(data["nodes"]), np.atleast_2d(data["positions"]).astype(float)
+        if not len(names["node_names"]) == len(numbers) == len(positions) or positions.shape[1:] != (3,):
             raise InputError(f"{path}: found {len(names['node_names'])} node_names, {len(numbers)} nodes and positions "
                              f"{positions.shape}, expected as many of each, (k, 3)")  # fmt: skip
+        if not ((np.abs(numbers) <= LARGEST_LABEL) & (numbers == np.floor(numbers))).all() or np.isinf(positions).any():
+            raise InputError(f"{path}: found nodes that are no whole numbers, or positions that are infinite")
         rows = zip(names["node_names"], numbers.tolist(), positions, strict=True)
-        places = {name: (int(number), np.array(place, dtype=float)) for name, number, place in rows}
+        places = {name: (int(number), place) for name, number, place in rows}
     return Responses(frequencies=F, response=H, input_names=names["input_names"], output_names=names["output_names"],
                      places=places)  # fmt: skip
 
 
-def _text(item) -> str:
-    """Return a text of NumPy, or of a cell of MATLAB."""
-    while isinstance(item, np.ndarray):
-        item = item.ravel()[0] if item.size else ""
-    return (item.decode() if isinstance(item, bytes) else str(item)).strip()
+def _of_matlab(path) -> dict:
+    if (start := first_bytes(path)).startswith(HDF5) or hdf5.begins(start):
+        raise InputError(f"{path}: found a MATLAB file of version 7.3, expected one that save wrote with '-v7'")
+    numbers, texts = binary.arrays(path, (*NUMBERS, *NAMES))
+    return numbers | {key: np.array(found) for key, found in texts.items()}
+
+
+def _texts(path, key, array) -> tuple[str, ...]:
+    """Return the names in an array. Raises InputError where they are no texts."""
+    if array.dtype.kind not in "US":
+        raise InputError(f"{path}: found {key} of the type {array.dtype}, {EXPECTED}")
+    return tuple((item.decode(errors="replace") if isinstance(item, bytes) else str(item)).strip()
+                 for item in np.ravel(array))  # fmt: skip
 
 
 def _read_universal(path) -> Responses:
     pyuff = universal()
+    there = []
+    for number, start, stop in uff.datasets(path, MPI.COMM_SELF):
+        there.append(number)
+        if number == FUNCTION:
+            _require_columns(path, start, stop)
     try:
-        sets = pyuff.UFF(str(path)).read_sets()
+        with reading_from(path):
+            sets = pyuff.UFF(str(path)).read_sets()
         sets = sets if isinstance(sets, list) else [sets]
-    except Exception as error:
+        return _responses(path, sets, there)
+    except InputError:
+        raise
+    except Exception as error:  # pyuff believes what damaged files say of themselves
         raise InputError(f"{path}: cannot be read ({str(error)[:80]}), expected a universal file with datasets 58"
                          ) from error  # fmt: skip
+
+
+def _require_columns(path, start, stop):
+    """Raise InputError where lines of numbers of a function of text have lost letters, which shifts their columns."""
+    with open_input(path) as file:
+        file.seek(start)
+        if b"\0" in (text := file.read(stop - start)):  # binary
+            return
+    *lengths, last = [len(line.rstrip()) for line in text.splitlines()[LINES_ABOVE:] if line.strip()] or [0]
+    full = lengths[0] if lengths else last
+    if len(set(lengths)) > 1 or last > full or last % COLUMNS.get(full, full or 1):
+        wrong = next((k for k, length in enumerate(lengths) if length != full), len(lengths))
+        raise InputError(f"{path}: found lines of numbers of different lengths in a function, at line {wrong + 1} of "
+                         "them, expected columns; the file is damaged")  # fmt: skip
+
+
+def _responses(path, sets, there) -> Responses:
+    """Return the responses of the datasets that pyuff found, of those that are `there`."""
+    if (found := [int(item["type"]) for item in sets]) != there:
+        raise InputError(f"{path}: found the datasets {', '.join(map(str, there))}, of which {len(found)} can be read; "
+                         "expected lines of four blanks and -1 around each")  # fmt: skip
     functions = [item for item in sets if item["type"] == 58 and item.get("func_type") == FRF]
     if not functions:
         raise InputError(f"{path}: found no frequency response (dataset 58, function 4), expected one for each pair")
-    units = next((item for item in sets if item["type"] == 164), None)
-    force, length = (1.0, 1.0) if units is None else (units["force"], units["length"])  # of the file in one of SI
+    units = {(item["force"], item["length"]) for item in sets if item["type"] == 164} or {(1.0, 1.0)}
+    if len(units) > 1 or not all(0 < value < np.inf for value in min(units)):
+        raise InputError(f"{path}: found units (dataset 164) that are no numbers, or that differ; expected one of SI")
+    ((force, length),) = units  # of the file in one of SI
     # one response for each pair, on the same lines
     F, columns = np.asarray(functions[0]["x"], dtype=float), {}
     for item in functions:
+        if not len(item["x"]) == len(item["data"]) == item["num_pts"]:
+            raise InputError(f"{path}: found {len(item['data'])} numbers of a response, expected {item['num_pts']} as "
+                             "it says; the file is damaged")  # fmt: skip
         if len(item["x"]) != len(F) or not np.allclose(item["x"], F, rtol=1e-6, atol=1e-9 * F[-1]):
             raise InputError(f"{path}: found responses at different frequencies, expected the same in all")
         signs = [np.sign(item[key]) or 1 for key in ("rsp_dir", "ref_dir")]
@@ -135,9 +193,10 @@ def _read_universal(path) -> Responses:
                          f"outputs and {len(inputs)} inputs; {len(lacking)} are missing")  # fmt: skip
     H = np.array([[columns[j, i] for i in inputs] for j in outputs]).transpose(2, 0, 1)
     # places of nodes, by the names that the responses have
-    where = {int(n): np.array(place) / length for item in sets if item["type"] in (15, 2411)
-             for n, *place in zip(item["node_nums"], item["x"], item["y"], item["z"], strict=True)}  # fmt: skip
-    places = {}
+    where, places = {}, {}
+    if set(there) & uff.NODE_LINES.keys():
+        nodes = uff.read(path, MPI.COMM_SELF).nodes
+        where = dict(zip(nodes.label.tolist(), nodes.position / length, strict=True))
     for item in functions:
         for key in ("rsp", "ref"):
             number = int(item[f"{key}_node"])

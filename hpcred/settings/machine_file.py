@@ -41,7 +41,8 @@ class MachineJob:
     __pydantic_config__ = CONFIG
 
     def __post_init__(self):
-        check_file_names(output=self.output, **{f"body[{k}].result": item.result for k, item in enumerate(self.body)})
+        check_file_names(output=self.output, **{f"body[{k}].result": item.result for k, item in enumerate(self.body)},
+                         **{f"joint[{k}].table": getattr(item, "table", None) for k, item in enumerate(self.joint)})
         check_machine(self.band, self.tolerance, self.inputs, self.outputs)
         if not self.write_basis and any(item.kind == "measured" for item in self.body):
             raise InputError("write_basis: a machine with measured bodies has no basis; leave it out")

@@ -1,6 +1,7 @@
 """Machines of reduced bodies against full models put together, and the files and commands around them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -100,6 +101,20 @@ def test_two_solids_are_those_of_the_full_models_within_the_estimate(made, machi
     true = found.measure.total(np.abs(truth(made[1], s) - H) / found.scale[some])
     assert (found.curve()[some] >= 0.5 * true).all() and 1e-3 < true.max() < 0.2
     assert np.median(found.curve()[some] / true) < 100
+
+
+def test_velocities_and_accelerations_have_the_error_of_their_displacements(made):
+    """A relative one, so that the measure grows with the frequency as the error does; on a circle around a frequency it
+    is larger on one side than at the middle."""
+    result, curves = hpcred.read_result(made[0] / "held.h5"), []
+    for key, quantity in (("C", ""), ("Cv", "velocity "), ("Ca", "acceleration ")):
+        C = result.reduced.C
+        moved = replace(result.reduced, **{"C": 0 * C, key: C},
+                        output_names=tuple(quantity + name for name in result.reduced.output_names))  # fmt: skip
+        part = part_of(MachineBody(name="bed", result="-"), replace(result, reduced=moved)).as_measured()
+        whole = machine_of([part], [])
+        curves.append(sensitivity(whole, whole.model(1 / (2 * np.pi * BAND[1]))[0], BAND).curve())
+    assert curves[1] == pytest.approx(curves[0], rel=0.2) and curves[2] == pytest.approx(curves[0], rel=0.3)
 
 
 def test_the_command_writes_a_result_that_commands_take(machine, capsys):

@@ -113,6 +113,26 @@ def test_what_is_held_is_turned_with_its_body():
         assert (places == position[np.where(numbers == 4, 0, 2)]).all()
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e6])
+def test_springs_and_masses_that_hide_the_bodies_are_refused(unit):
+    """As of stiffness in another unit: a thousand times the body is right, and 10^9 times is none of its motions."""
+    K = 3.0 * np.eye(4)
+    K[0, 3] = K[3, 0] = -1.0
+    body = result(unit * np.diag([1.0, 1.0, 1.0, 2.0]), unit * K, ("a:x", "a:y", "a:z", "b:x"))
+
+    def squares(joints=(), masses=()):
+        return machine_of([part_of(MachineBody(name="b", result="-"), body)], joints, masses).model(1.0)[0].frequencies
+
+    spring = [hpcred.BushingJoint(bodies=("b.a", "ground"), stiffness=(1e5 * unit, 0, 0))]
+    assert (2 * np.pi * squares(spring)[0]) ** 2 == pytest.approx(1.5, rel=1e-4)
+    mass = [hpcred.PointMass(at="b.a", mass=1e5 * unit)]
+    assert (2 * np.pi * squares(masses=mass)[0]) ** 2 == pytest.approx((3.0 - 1 / 3) / 1e5, rel=1e-3)
+    with pytest.raises(hpcred.InputError, match="joint.0. between b.a and ground:x: is .*e.09 times as stiff or heavy"):
+        squares([replace(spring[0], stiffness=(1e10 * unit, 0, 0))])
+    with pytest.raises(hpcred.InputError, match="mass.0. at b.a:x: is .*e.09 times as stiff or heavy"):
+        squares(masses=[replace(mass[0], mass=1e10 * unit)])
+
+
 def test_a_body_beyond_buckling_is_refused():
     with pytest.raises(hpcred.InputError, match="unstable at rest: 1 of its modes"):
         machine(result(np.eye(2), np.diag([1.0, -0.5]), ("a:x", "a:y"))).model(1.0)
@@ -146,6 +166,13 @@ def test_errors_of_bodies_have_one_damping_or_none():
     (lambda: hpcred.assemble([], inputs=[]), "inputs: found none, expected some; leave it out for all"),
     (lambda: MachineJob(body=(MachineBody(name="a", result="a.npz", kind="measured"),), write_basis=False),
      "write_basis: a machine with measured bodies has no basis"),
+    *((lambda name=name: MachineBody(name=name, result="a.h5"), "body.name: found '.*expected a word") for name in (
+        "a\x1b[31m", "a\0b", "a\nb", "a\ud800")),
+    (lambda: MachineBody(name="a", result="a.h5", nodes={"b\0": 3}), r"body.nodes: found 'b\\x00'"),
+    (lambda: MachineBody(name="a", result="a.h5", nodes={"b": "3"}), "body.nodes.b: found '3', expected a whole"),
+    (lambda: hpcred.BushingJoint(bodies=("a.b", "ground"), table="t.csv", at={"size": "1"}), "joint.at.size: found"),
+    (lambda: MachineJob(body=(MachineBody(name="a", result="a.h5"),), joint=(
+        hpcred.BushingJoint(bodies=("a.b", "ground"), table="t\0.csv"),)), r"joint\[0\].table: found 't\\x00"),
 ])  # fmt: skip
 def test_keys_without_meaning_are_refused(made, words):
     with pytest.raises(hpcred.InputError, match=words):
@@ -163,6 +190,7 @@ def test_keys_without_meaning_are_refused(made, words):
     ("f_hz,re_x,a\n0,1,1\n9,1,1\n0,1,2\n", "other ones at other values of the parameter"),
     ("f_hz,re_x,a\n0,1,2\n9,1,2\n0,1,3\n9,1,3\n", "at: found a = 1, expected 2 to 3"),
     ("f_hz,x\n0,1\n", "found the columns f_hz, x"),
+    ("f_hz,re_x\n0,1\n9,1e300\n", "t.csv: found no lines, or numbers that are not finite or above 1e30"),
 ])  # fmt: skip
 def test_bad_tables_are_refused(tmp_path, text, words):
     (tmp_path / "t.csv").write_text(text)

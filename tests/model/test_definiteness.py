@@ -7,7 +7,7 @@ from helpers import dense_model
 
 import hpcred
 from hpcred.linalg.eigensolver import lowest_modes
-from hpcred.model.definiteness import check_definite, warnings_of_definiteness
+from hpcred.model.definiteness import check_definite, growing, warnings_of_definiteness, zero_of
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.petsc import is_complex
 
@@ -121,3 +121,20 @@ def test_free_and_massless_bodies_are_not_warned_of(comm, linkage, digits):
     with SecondOrderModel.from_scipy(K, M, comm=comm) as model:
         assert warnings_of_definiteness(model) == []
         check_definite(model)
+
+
+@pytest.mark.parametrize("digits", [None, 9])
+def test_what_counts_as_a_negative_eigenvalue_is_a_share_of_the_others(comm, digits):
+    """In any unit of force, and by the digits of K, of which an error in the last one moves eigenvalues by as much."""
+    K = chain(40).toarray() * (1.0 + np.add.outer(np.arange(40), np.arange(40)) / 77)
+    if digits:
+        K = np.vectorize(lambda value: float(f"{value:.{digits - 1}e}"))(K)
+    shares = []
+    for unit in (1.0, 1e6):
+        with model_of(comm, unit * K, np.eye(40)) as model:
+            shares.append(zero_of(model) / (unit * np.trace(K) / 40))
+            assert not growing(model, np.array([-0.9 * zero_of(model), unit]))
+            assert "1 negative eigenvalue of" in growing(model, np.array([-1.1 * zero_of(model), unit]))
+    assert shares[0] == pytest.approx(shares[1], rel=1e-6)
+    low, high = (1e-8, 1e-6) if digits else (1e-12, 1e-8)
+    assert low < shares[0] < high

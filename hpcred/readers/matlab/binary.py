@@ -1,17 +1,20 @@
 """Read the variables of MATLAB files of version 4 and 5 (also 6 and 7), and columns or rows of one.
 
 Version 5 is a list of elements, optionally compressed by zlib. A compressed element is unpacked up to the wanted
-part; others are read in place. Structs and cells are searched up to a depth.
+part; others are read in place. Structs and cells are searched up to a depth. SciPy reads the same, and crashes on
+damaged files.
 """
 
 import zlib
 from dataclasses import dataclass, replace
+from math import prod
 from pathlib import Path
 
 import numpy as np
 
 from ...files.system_errors import open_input
 from ...parallel.failures import InputError
+from ...parallel.memory import MB, node_mb
 from .variables import Variable, entries_of, whole
 
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -24,6 +27,8 @@ DOUBLES = 9
 DEPTH, MOST_ITEMS = 12, 1000  # structs in structs, and items of a cell or struct array, that are looked into
 VERSION_4 = {0: "f8", 1: "f4", 2: "i4", 3: "i2", 4: "u2", 5: "u1"}
 BYTES_AT_A_TIME = 2**22  # bytes unpacked at a time
+LETTERS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+LONGEST_TEXT = 2**16  # bytes; longer ones are no names
 
 
 def begins_version_5(start: bytes) -> bool:
@@ -56,6 +61,7 @@ class Place:
     size: int
     packed: bool
     values: Run | None = None
+    imaginary: Run | None = None
     rows: Run | None = None
     starts: Run | None = None
     columns: Run | None = None
@@ -139,34 +145,69 @@ def variables(path) -> list[Variable]:
         start = file.read(128)
         if not begins_version_5(start):
             return _variables_4(path, file)
-        order = "<" if start[126:128] == b"IM" else ">"
-        size, at, listed = Path(path).stat().st_size, 128, []
-        while at < size:
-            file.seek(at)
-            tag = file.read(8)
-            if len(tag) < 8:
-                raise damaged(path, at, "a few bytes behind the last element")
-            kind, count = (int(number) for number in np.frombuffer(tag, f"{order}u4"))
-            if kind not in (MATRIX, PACKED) or at + 8 + count > size:
-                raise damaged(path, at, f"an element of type {kind} and {count} bytes")
-            try:
-                these = _Level5(path, file, Place(at + 8, count, kind == PACKED), order).found
-                listed += [item for item in these if item.name]  # without: what MATLAB keeps for objects
-            except (ValueError, IndexError, OverflowError) as error:
-                if isinstance(error, InputError):
-                    raise
-                raise damaged(path, at, "a variable that fits no rule") from error
-            at += 8 + count
-        return listed
+        # without a name: what MATLAB keeps for objects
+        return [item for level in _levels_5(path, file, start) for item in level.found if item.name]
+
+
+def arrays(path, names) -> tuple[dict[str, np.ndarray], dict[str, list[str]]]:
+    """Return those of these variables that are full arrays of numbers, and the rows of those that are texts, or cells
+    of texts, of a file of version 5. On this rank. Raises InputError."""
+    numbers, texts = {}, {}
+    with open_input(path) as file:
+        start = file.read(128)
+        if not begins_version_5(start):
+            raise InputError(f"{path}: found no MATLAB file of version 5 to 7, expected one that save wrote with '-v7'")
+        for level in _levels_5(path, file, start):
+            for item in level.found:
+                if item.name in names and not item.sparse:
+                    numbers[item.name] = _array_of(path, file, item)
+            for name, shape, letters in level.texts:
+                if (name := name.partition("{")[0]) in names:
+                    rows = np.array(list(letters)).reshape(shape[0], -1, order="F") if letters else [""]
+                    texts.setdefault(name, []).extend("".join(row).rstrip() for row in rows)
+    return numbers, texts
+
+
+def _array_of(path, file, item) -> np.ndarray:
+    """Return a full array."""
+    if 16 * prod(item.shape) > MB * (free := node_mb()):
+        raise InputError(f"{path}: found {item.name}, {item.in_words()}, and {free:.0f} MB are free")
+    element = _Element(path, file, item.place)
+    values = element.numbers(item.place.values, 0, item.place.values.count)
+    if item.complex:
+        values = values + 1j * element.numbers(item.place.imaginary, 0, item.place.imaginary.count)
+    return values.astype(bool if item.logical else values.dtype).reshape(item.shape, order="F")
+
+
+def _levels_5(path, file, start):
+    """Yield what the elements of a file of version 5 have, which begins so. Raises InputError."""
+    order = "<" if start[126:128] == b"IM" else ">"
+    size, at = Path(path).stat().st_size, 128
+    while at < size:
+        file.seek(at)
+        tag = file.read(8)
+        if len(tag) < 8:
+            raise damaged(path, at, "a few bytes behind the last element")
+        kind, count = (int(number) for number in np.frombuffer(tag, f"{order}u4"))
+        if kind not in (MATRIX, PACKED) or at + 8 + count > size:
+            raise damaged(path, at, f"an element of type {kind} and {count} bytes")
+        try:
+            level = _Level5(path, file, Place(at + 8, count, kind == PACKED), order)
+        except (ValueError, IndexError, OverflowError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise damaged(path, at, "a variable that fits no rule") from error
+        yield level
+        at += 8 + count
 
 
 class _Level5:
-    """The variables `found` in one element of version 5."""
+    """The variables `found` in one element of version 5, and its `texts`: name, shape and letters."""
 
     def __init__(self, path, file, place, order):
         self._path, self._place, self._order = path, place, order
         self._stream = _Element(path, file, place)
-        self.found = []
+        self.found, self.texts = [], []
         if place.packed:
             kind, _, _ = self._tag()
             if kind != MATRIX:
@@ -231,13 +272,12 @@ class _Level5:
             runs = [self._run() for _ in range(1 + is_complex)]
             if any(run.count != items for run in runs):
                 raise self._wrong(f"{runs[0].count} numbers for the matrix '{name}' of {items}")
-            place = replace(self._place, values=runs[0])
-            self.found.append(Variable(name, shape, complex=is_complex, place=place))
+            place = replace(self._place, values=runs[0], imaginary=runs[-1])
+            self.found.append(Variable(name, shape, complex=is_complex, logical=is_logical, place=place))
         elif kind == SPARSE:
             self._sparse(name, shape, is_complex, is_logical, int(flags[1]))
         elif kind == CHAR:
-            _, count, padding = self._tag()
-            self._stream.skip(count + padding)
+            self._text(name, shape, items)
         elif kind == CELL:
             self._items([f"{name}{{{k + 1}}}" for k in range(min(items, MOST_ITEMS))], items, depth)
         elif kind in (STRUCT, OBJECT):
@@ -249,6 +289,17 @@ class _Level5:
                 f"{self._path}: found the variable '{name}' of a kind that cannot be read (class {kind}); save the "
                 "matrices without it"
             )
+
+    def _text(self, name, shape, items):
+        kind, count, padding = self._tag()
+        if kind in LETTERS and count <= LONGEST_TEXT:
+            code = LETTERS[kind] + {"<": "-le", ">": "-be"}[self._order] * (LETTERS[kind] in ("utf-16", "utf-32"))
+            letters = self._stream.read(count).decode(code, "replace")
+            if len(letters) != items:
+                raise self._wrong(f"{len(letters)} letters for the text '{name}' of {items}")
+            self.texts.append((name, shape, letters))
+            count = 0
+        self._stream.skip(count + padding)
 
     def _sparse(self, name, shape, is_complex, is_logical, room):
         rows = self._run()

@@ -19,6 +19,7 @@ class Variable:
     sparse: bool = False
     nonzeros: int | None = None
     complex: bool = False
+    logical: bool = False
     place: object = None
 
     def in_words(self) -> str:

@@ -1,4 +1,4 @@
-"""Read files of scipy.sparse.save_npz (CSR, CSC or COO); each rank reads its share of rows.
+"""Read files of scipy.sparse.save_npz (CSR, CSC or COO), each rank its share of rows, and whole arrays of other .npz.
 
 The arrays are compressed in a zip archive: each rank unpacks them up to the end of its share, and keeps its share.
 """
@@ -7,6 +7,8 @@ import errno
 import struct
 import zipfile
 import zlib
+from contextlib import contextmanager
+from math import prod
 
 import numpy as np
 
@@ -24,21 +26,49 @@ DAMAGES = (
 NEEDED = {"coo": ("row", "col"), "csr": ("indptr", "indices"), "csc": ("indptr", "indices")}
 
 
-def _read_archive(path, comm):
+def read_arrays(path, names) -> dict[str, np.ndarray]:
+    """Return those of these arrays of numbers or texts that a .npz has. On this rank. Raises InputError."""
+    found = {}
+    with _opened(path) as (archive, there):
+        for name in names:
+            if f"{name}.npy" in there:
+                with archive.open(f"{name}.npy") as file:
+                    shape, fortran, dtype = _header(path, name, file)
+                    array = np.frombuffer(_exactly(path, name, file, prod(shape) * dtype.itemsize), dtype)
+                    if file.read(1):
+                        raise InputError(f"{path}: the array '{name}' is longer than it says; the file is damaged")
+                found[name] = array.reshape(shape, order="F" if fortran else "C")
+    return found
+
+
+@contextmanager
+def _opened(path):
+    """An archive and the names in it, on this rank. Raises InputError, also for damage that is met later."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            return _read(path, archive, comm)
+        with reading_from(path), _no_place_outside(), zipfile.ZipFile(path) as archive:
+            names = set(archive.namelist())
+            if len(names) < len(archive.namelist()):
+                raise InputError(
+                    f"{path}: found an array twice in the archive, expected each name once; the file is damaged"
+                )
+            yield archive, names
+    except InputError:
+        raise
+    except DAMAGES as error:
+        raise InputError(f"{path}: found a damaged zip archive ({error})") from error
+
+
+@contextmanager
+def _no_place_outside():
+    try:
+        yield
     except OSError as error:
         if error.errno == errno.EINVAL:
             raise zipfile.BadZipFile("it names a place outside of the file") from error
         raise
 
 
-def _read(path, archive, comm):
-    # what is in the archive, before anything of size n is read
-    names = set(archive.namelist())
-    if len(names) < len(archive.namelist()):
-        raise InputError(f"{path}: found an array twice in the archive, expected each name once; the file is damaged")
+def _read(path, archive, names, comm):
     if not {"format.npy", "shape.npy", "data.npy"} <= names:
         raise InputError(
             f"{path}: found the arrays {sorted(names)}, expected those of scipy.sparse.save_npz, one matrix a file"
@@ -49,7 +79,7 @@ def _read(path, archive, comm):
         raise InputError(f"{path}: found a sparse matrix of format '{kind[:20]}', expected csr, csc or coo; save "
                          "A.tocsr()")  # fmt: skip
     with archive.open("shape.npy") as file:
-        _, dtype = _header(path, "shape", file)
+        _, _, dtype = _header(path, "shape", file)
     if dtype.kind not in "iu":
         raise InputError(f"{path}: found an array 'shape' of type {dtype}, expected whole numbers")
     shape = tuple(int(number) for number in np.atleast_1d(_whole_array(path, archive, "shape", 2)))
@@ -99,7 +129,7 @@ def _require(path, name, found, expected):
 def _length(path, archive, name, kinds):
     """Return length of a one-dimensional array of numbers of some kinds of numpy."""
     with archive.open(f"{name}.npy") as file:
-        shape, dtype = _header(path, name, file)
+        shape, _, dtype = _header(path, name, file)
     if len(shape) != 1 or dtype.kind not in kinds:
         what = "real" if "f" in kinds else "whole"
         raise InputError(
@@ -109,22 +139,25 @@ def _length(path, archive, name, kinds):
 
 
 def _header(path, name, file):
+    """Return shape, whether the first index runs fastest, and type of an array."""
     try:
         version = np.lib.format.read_magic(file)
         read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
-        shape, _, dtype = read(file)
+        shape, fortran, dtype = read(file)
+        if min(shape, default=0) < 0:
+            raise ValueError(f"it has the shape {shape}")
     except (ValueError, KeyError) as error:
         raise InputError(f"{path}: the array '{name}' cannot be read ({error})") from error
     if dtype.hasobject:
         raise InputError(f"{path}: found Python objects in the array '{name}', expected numbers")
-    return shape, dtype
+    return shape, fortran, dtype
 
 
 def _whole_array(path, archive, name, largest):
     """Return a scalar or an array of at most `largest` items."""
     with archive.open(f"{name}.npy") as file:
-        shape, dtype = _header(path, name, file)
-        size = int(np.prod(shape, dtype=np.int64))
+        shape, _, dtype = _header(path, name, file)
+        size = prod(shape)
         if size > largest:
             raise InputError(f"{path}: found {size} items in the array '{name}', expected {largest}")
         array = np.frombuffer(_exactly(path, name, file, size * dtype.itemsize), dtype)
@@ -134,7 +167,7 @@ def _whole_array(path, archive, name, largest):
 def _part(path, archive, name, low, high):
     """Return elements low..high of a one-dimensional array."""
     with archive.open(f"{name}.npy") as file:
-        _, dtype = _header(path, name, file)
+        _, _, dtype = _header(path, name, file)
         file.seek(file.tell() + low * dtype.itemsize)
         return np.frombuffer(_exactly(path, name, file, (high - low) * dtype.itemsize), dtype)
 
@@ -161,11 +194,5 @@ class Npz(Reader):
         return start[:2] == b"PK"
 
     def read_matrix(self, path, comm):
-        with agreed(comm):
-            try:
-                with reading_from(path):
-                    return _read_archive(path, comm)
-            except InputError:
-                raise
-            except DAMAGES as error:
-                raise InputError(f"{path}: found a damaged zip archive ({error})") from error
+        with agreed(comm), _opened(path) as (archive, names):
+            return _read(path, archive, names, comm)

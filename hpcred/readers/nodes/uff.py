@@ -69,14 +69,8 @@ def begins(start: bytes) -> bool:
 
 def read(path, comm) -> Mesh:
     """Return what a file has. Collective. Raises InputError."""
+    sets = datasets(path, comm)
     with agreed(comm):
-        refuse_packed(path)
-        size = os.path.getsize(path)
-        mine = [piece.start + match.start() for piece in records(path, comm, 0, size, re.compile(rb"(?m)^"))
-                for match in MARK.finditer(piece.text)]  # fmt: skip
-    marks = sum(comm.allgather(mine), [])
-    with agreed(comm):
-        sets = _datasets(path, marks)
         nodes = [item for item in sets if item[0] in NODE_LINES]
         if len(nodes) != 1:
             numbers = ", ".join(str(number) for number, *_ in sets)
@@ -108,9 +102,21 @@ def read(path, comm) -> Mesh:
     )  # fmt: skip
 
 
+def datasets(path, comm) -> list[tuple[int, int, int]]:
+    """Return number, first and last byte of the lines of the datasets of a file. Collective. Raises InputError where
+    something stands outside of them, or the file is cut off."""
+    with agreed(comm):
+        refuse_packed(path)
+        size = os.path.getsize(path)
+        mine = [piece.start + match.start() for piece in records(path, comm, 0, size, re.compile(rb"(?m)^"))
+                for match in MARK.finditer(piece.text)]  # fmt: skip
+    marks = sum(comm.allgather(mine), [])
+    with agreed(comm):
+        return _datasets(path, marks)
+
+
 def _datasets(path, marks):
-    """Return Number, first and last byte of the lines of the datasets of text."""
-    datasets, at, size = [], 0, os.path.getsize(path)  # at: the byte up to which all is understood
+    listed, at, size = [], 0, os.path.getsize(path)  # at: the byte up to which all is understood
     with open_input(path) as file:
         while (place := bisect_left(marks, at)) < len(marks):
             _require_nothing(path, file, at, marks[place])
@@ -118,19 +124,20 @@ def _datasets(path, marks):
             line = file.readline()
             match = NUMBER.fullmatch(line)
             if match is not None and match["binary"] and int(match[1]) not in (*NODE_LINES, *ELEMENTS):
-                at = _end_of_functions(path, file, line)
+                begin, at = file.tell(), _end_of_functions(path, file, line)
+                listed.append((int(match[1]), begin, at))
                 continue
             if match is None or match["binary"]:
                 below = shown(line, 20)
                 raise InputError(f"{path}: found '{below}' below a line of -1, expected the number of a dataset")
             if place + 1 == len(marks):
                 raise InputError(f"{path}: found {len(marks)} lines of -1, expected two a dataset; the file is cut off")
-            datasets.append((int(match[1]), file.tell(), marks[place + 1]))
+            listed.append((int(match[1]), file.tell(), marks[place + 1]))
             file.seek(marks[place + 1])
             file.readline()
             at = file.tell()
         _require_nothing(path, file, at, size)
-    return datasets
+    return listed
 
 
 def _require_nothing(path, file, low, high):
@@ -148,14 +155,24 @@ def _end_of_functions(path, file, line):
     words = line.split()[1:]
     if len(words) < 4 or not all(word.isdigit() and len(word) < 16 for word in words[:4]) or int(words[2]) > ABOVE:
         raise InputError(f"{path}: found the binary dataset '{shown(line)}', expected its number of lines and bytes")
-    for _ in range(int(words[2])):
-        file.readline()
-    file.seek(int(words[3]), os.SEEK_CUR)
-    while (end := file.readline()) and not end.strip():  # the last line may begin behind the last byte
-        pass
-    if end.strip() != b"-1":
-        raise InputError(f"{path}: found no line of -1 behind the binary dataset '{shown(line)}'; the file is cut off")
-    return file.tell()
+    lines = [file.readline() for _ in range(int(words[2]))]
+    begin = file.tell()
+    for count in (int(words[3]), _bytes_of_function(lines)):
+        file.seek(begin + count)
+        while (end := file.readline()) and not end.strip():  # the last line may begin behind the last byte
+            pass
+        if end.strip() == b"-1":
+            return file.tell()
+    raise InputError(f"{path}: found no line of -1 behind the binary dataset '{shown(line)}'; the file is cut off")
+
+
+def _bytes_of_function(lines) -> int:
+    """Return how many bytes the numbers of a function take by the lines above, as pyuff writes the bytes wrongly."""
+    words = lines[6].split()[:3] if len(lines) > 6 else []
+    if len(words) < 3 or not all(word.isdigit() and len(word) < 16 for word in words):
+        return 0
+    kind, count, even = map(int, words)
+    return count * ((2 if kind in (5, 6) else 1) + (not even)) * (4 if kind in (2, 5) else 8)
 
 
 def _global_systems(path, sets):
