@@ -34,7 +34,9 @@ def release(root: Path, version: str, today: datetime.date, build) -> None:
     elif f"\n## {version} - " not in (changelog := (root / "CHANGELOG.md").read_text()):
         raise Refused(f"CHANGELOG.md: found no section '## {version} - ', though pyproject.toml has this version")
     elif (later := UNRELEASED_LINES.search(changelog)) and later[1].strip():
-        raise Refused(f"CHANGELOG.md: found lines below '## Unreleased', which would be in v{version}; move them below it")
+        raise Refused(
+            f"CHANGELOG.md: found lines below '## Unreleased', which would be in v{version}; move them below it"
+        )
     for name, text in texts.items():
         (root / name).write_text(text)
     try:
