@@ -53,13 +53,14 @@ PURE     := import re, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["
 
 .venv/.ready: pyproject.toml Makefile
 	$(call apt,$(DEBIAN))
-	/usr/bin/python3 -m venv --clear --system-site-packages .venv
-	/usr/bin/python3 -c '$(VERSIONS)' > .venv/constraints.txt
-	/usr/bin/python3 -c '$(PURE)' > .venv/requirements.txt
-	.venv/bin/python -m pip install -q -c .venv/constraints.txt -r .venv/requirements.txt
-	.venv/bin/python -m pip install -q --no-deps scipy_dae pyyeti pyNastran  # they ask for another numpy or h5py than they need
-	.venv/bin/python -m pip install -q --no-deps --config-settings editable_mode=compat -e .
-	.venv/bin/python -m compileall -q hpcred
+	@echo "make: packages of PyPI into .venv, which takes minutes"
+	@/usr/bin/python3 -m venv --clear --system-site-packages .venv
+	@/usr/bin/python3 -c '$(VERSIONS)' > .venv/constraints.txt
+	@/usr/bin/python3 -c '$(PURE)' > .venv/requirements.txt
+	@.venv/bin/python -m pip install -q -c .venv/constraints.txt -r .venv/requirements.txt
+	@.venv/bin/python -m pip install -q --no-deps scipy_dae pyyeti pyNastran  # they ask for another numpy or h5py than they need
+	@.venv/bin/python -m pip install -q --no-deps --config-settings editable_mode=compat -e .
+	@.venv/bin/python -m compileall -q hpcred
 	@echo "export OMPI_MCA_orte_execute_quiet=1" >> .venv/bin/activate
 	@[ "$$(id -u)" != 0 ] || echo "export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1" >> .venv/bin/activate
 	@touch $@

@@ -12,6 +12,7 @@ from pathlib import Path
 
 VERSION = re.compile(r"\d+\.\d+\.\d+")
 UNRELEASED = "## Unreleased\n"
+UNRELEASED_LINES = re.compile(rf"^{UNRELEASED}(.*?)(?=^## |\Z)", re.M | re.S)
 
 
 class Refused(Exception):
@@ -30,8 +31,12 @@ def release(root: Path, version: str, today: datetime.date, build) -> None:
     texts = {}
     if version != old:
         texts = {name: change((root / name).read_text(), version, today) for name, change in CHANGES.items()}
-    elif f"\n## {version} - " not in (root / "CHANGELOG.md").read_text():
+    elif f"\n## {version} - " not in (changelog := (root / "CHANGELOG.md").read_text()):
         raise Refused(f"CHANGELOG.md: found no section '## {version} - ', though pyproject.toml has this version")
+    elif (later := UNRELEASED_LINES.search(changelog)) and later[1].strip():
+        raise Refused(
+            f"CHANGELOG.md: found lines below '## Unreleased', which would be in v{version}; move them below it"
+        )
     for name, text in texts.items():
         (root / name).write_text(text)
     try:
@@ -64,7 +69,7 @@ def _of_citation(text, version, today):
 
 def _of_changelog(text, version, today):
     """What is unreleased becomes the version, below a new empty part for what comes."""
-    found = re.search(rf"^{UNRELEASED}(.*?)(?=^## |\Z)", text, re.M | re.S)
+    found = UNRELEASED_LINES.search(text)
     if found is None or not found[1].strip():
         raise Refused("CHANGELOG.md: found nothing below '## Unreleased', expected what the release changes")
     return f"{text[: found.start()]}{UNRELEASED}\n## {version} - {today}\n{text[found.start(1) :]}"

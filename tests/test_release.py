@@ -63,9 +63,13 @@ def test_versions_that_are_refused(checkout, version):
 
 
 def test_a_version_that_the_files_have_is_built_and_tagged_once(checkout):
+    with pytest.raises(program.Refused, match="lines below '## Unreleased', which would be in v0.9.1"):
+        program.release(checkout, "0.9.1", TODAY, lambda: None)
+    (checkout / "CHANGELOG.md").write_text(FILES["CHANGELOG.md"].replace("### Added\n- New.\n", ""))
+    git(checkout, "commit", "-q", "-am", "a")
     program.release(checkout, "0.9.1", TODAY, lambda: None)
-    assert git(checkout, "tag", "--points-at", "HEAD") == "v0.9.1\n" and git(checkout, "log", "--format=%s") == "a\n"
-    assert {name: (checkout / name).read_text() for name in FILES} == FILES
+    assert git(checkout, "tag", "--points-at", "HEAD") == "v0.9.1\n"
+    assert git(checkout, "log", "--format=%s") == "a\na\n" and git(checkout, "status", "--porcelain") == ""
     with pytest.raises(program.Refused, match="tag v0.9.1 already"):
         program.release(checkout, "0.9.1", TODAY, lambda: None)
 

@@ -185,9 +185,10 @@ class SecondOrderModel:
         Ca: Matrix | None = None,
         circulatory: bool = False,
     ) -> None:
-        if K is None:
-            raise InputError("SecondOrderModel: K is missing; the order is M, D, K, and without damping "
-                             "SecondOrderModel(M=M, K=K)")  # fmt: skip
+        if K is None or len({*np.shape(K)}) > 1:
+            found = "K is missing" if K is None else f"K: found an array {np.shape(K)}, expected a square matrix"
+            raise InputError(f"SecondOrderModel: {found}; the order is M, D, K, B, C, and without damping "
+                             "SecondOrderModel(M=M, K=K, B=B)")  # fmt: skip
         rates = Cv is not None or Ca is not None
         given = construction.from_given(
             M, D, K, B, None if rates else C, comm, dofs=dofs, input_names=input_names,

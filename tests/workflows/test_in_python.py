@@ -68,6 +68,8 @@ def test_damping_may_be_left_out_but_not_the_stiffness():
     np.testing.assert_array_equal(fom.frequency_response(F[:2]), same.frequency_response(F[:2]))
     with pytest.raises(InputError, match=r"K is missing; the order is M, D, K"):
         hpcred.SecondOrderModel(M, K)
+    with pytest.raises(InputError, match=r"K: found an array .*, expected a square matrix; the order is M, D, K, B"):
+        hpcred.SecondOrderModel(M, K, B)
 
 
 @pytest.mark.parametrize(("make", "says"), [
