@@ -71,14 +71,24 @@ def solid(comm):
         yield model
 
 
-@pytest.fixture
-def folder(comm):
-    """An empty folder that all ranks share."""
+def shared_folder(comm):
     path = comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None)
     yield Path(path)
     comm.Barrier()
     if comm.rank == 0:
         shutil.rmtree(path, ignore_errors=True)
+
+
+@pytest.fixture
+def folder(comm):
+    """An empty folder that all ranks share."""
+    yield from shared_folder(comm)
+
+
+@pytest.fixture(scope="module")
+def module_folder(comm):
+    """An empty folder that all ranks share, for what the tests of a module need once."""
+    yield from shared_folder(comm)
 
 
 @pytest.fixture

@@ -102,7 +102,8 @@ class FloatingFrame:
         S = self.S
         trace = S[0, 0] + S[1, 1] + S[2, 2]
         outer = S.transpose(2, 3, 0, 1)
-        return trace[:, :, None, None] * np.eye(3) - (outer + outer.transpose(0, 1, 3, 2)) / 2
+        # in the order of rows: a simulation multiplies it at every step
+        return np.ascontiguousarray(trace[:, :, None, None] * np.eye(3) - (outer + outer.transpose(0, 1, 3, 2)) / 2)
 
     @property
     def Gr(self) -> np.ndarray:
@@ -132,17 +133,22 @@ class FloatingFrame:
 
     def translations(self, q) -> np.ndarray:
         """Return the couplings Ct(q) (m, 3) with translation, the derivative of the first moment."""
-        return self.Ct + np.tensordot(self.Ct1, q, axes=(1, 0))
+        return self.Ct + q @ self.Ct1
 
     def inertia(self, q) -> np.ndarray:
         """Return J(q) (3, 3)."""
-        quadratic = np.tensordot(q, np.tensordot(q, self.J2, axes=(0, 0)), axes=(0, 0))
-        return self.J + np.tensordot(q, self.dJ, axes=(0, 0)) + quadratic
+        mean = (self.dJ + self.inertia_slopes(q)) / 2  # of the slopes at 0 and at q
+        return self.J + (q @ mean.reshape(len(q), 9)).reshape(3, 3)
+
+    def inertia_slopes(self, q) -> np.ndarray:
+        """Return dJ/dq_k (m, 3, 3) at q."""
+        m = len(q)
+        return self.dJ + 2 * (q @ self.J2.reshape(m, 9 * m)).reshape(m, 3, 3)
 
     def mass_matrix(self, q) -> np.ndarray:
         """Return the mass matrix M(q) (6 + m, 6 + m) of (13)."""
         m = len(self.Ct)
-        Ct, Cr = self.translations(q), self.Cr + np.tensordot(self.Cr1, q, axes=(1, 0))
+        Ct, Cr = self.translations(q), self.Cr + q @ self.Cr1
         M = np.zeros((6 + m, 6 + m))
         M[:3, :3] = self.mass * np.eye(3)
         M[3:6, :3] = skew(self.first_moment(q))

@@ -77,6 +77,8 @@ class FlexibleBody:
         self.gravity, self.loads, self.springs, self.holds = np.asarray(gravity, dtype=float), loads, springs, holds
         self.size, self.mass = len(floating_frame.Ct), floating_frame.mass
         self.multipliers = sum(len(hold) for hold in holds)
+        ends = np.cumsum([0, 3, 4, self.size, 6 + self.size, self.multipliers, 3]).tolist()
+        self._parts = [slice(first, last) for first, last in zip(ends, [*ends[1:], None], strict=True)]
         self.elements = elements or MaxwellStates(np.zeros((self.size, 0)), np.zeros(0), np.zeros(0))
         self._shapes = {item.shape.node: item.shape for item in (*loads, *springs, *holds)}
 
@@ -84,9 +86,7 @@ class FlexibleBody:
     def split(self, y):
         """Return views r, p, q, z = (v, w, u), impulses, energies and displacements of dashpots of a state (size, ...);
         of y', multipliers and powers."""
-        m = self.size
-        cuts = np.cumsum([3, 4, m, 6 + m, self.multipliers, 3])
-        return np.split(y, cuts)
+        return [y[part] for part in self._parts]
 
     def node_motions(self, r, A, q) -> dict:
         """Return the NodeMotion of every node with a load, spring or constraint, by number."""
@@ -97,13 +97,13 @@ class FlexibleBody:
         """Return M' z + (w x P_v, w x P_w + v x P_v, -dT/dq): what stands beside M z'."""
         v, w, u = z[:3], z[3:6], z[6:]
         body, P = self.floating_frame, M @ z
-        slope = body.dJ + 2 * np.tensordot(body.J2, q, axes=(1, 0))  # dJ/dq_k (m, 3, 3)
+        slope = body.inertia_slopes(q)
         Ct = body.translations(q)
         flow = Ct.T @ u
         gyroscopic = body.Cr1 @ w  # [i, k]: (integral of Phi_k x Phi_i) . w
         h = np.zeros_like(z)
         h[:3] = cross(w, flow) + u @ (u @ body.Ct1) + cross(w, P[:3])
-        h[3:6] = cross(flow, v) + np.tensordot(u, slope, axes=(0, 0)) @ w + u @ (u @ body.Cr1)
+        h[3:6] = cross(flow, v) + u @ (slope @ w) + u @ (u @ body.Cr1)
         h[3:6] += cross(w, P[3:6]) + cross(v, P[:3])
         h[6:] = gyroscopic @ u - (Ct @ cross(v, w) + 0.5 * slope @ w @ w + gyroscopic.T @ u)
         return h

@@ -47,6 +47,7 @@ def test_frequencies_are_those_of_the_program(comm, folder, name):
             assert np.allclose(rom.frequencies[:4], expected, rtol=digits, atol=0)
 
 
+@pytest.mark.mpi(costly=True)
 def test_few_digits_are_no_end_of_modes(comm, folder):
     """Where the rigid-body motions of the nodes are too inexact for K, the way out is named, and it is one."""
     file, _, _, expected, digits, _ = MODELS["maewing1"]

@@ -1,6 +1,7 @@
 """Motions of all nodes from reduced coordinates: against the simulation, the basis, and the full model in time."""
 
 import json
+import shutil
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import vtu_reading
-from helpers import SIMULATION, block_with_ends, dense_model, names
+from helpers import MODES_JOB, SIMULATION, block_with_ends, dense_model, names
 
 import hpcred
 from hpcred import Buckens, InputError, Krylov, Modes
@@ -20,14 +21,25 @@ ALL = ("displacement", "velocity", "acceleration")
 MOVING = 't = 0.05\nvelocity = [0.5, 0.0, 1.0]\nangular_velocity = [0.0, 3.0, 1.0]\n'
 
 
-@pytest.fixture
-def simulated(reduced_linkage, folder, comm):
-    """The folder with result.h5, and simulation.h5 of the linkage on its supports."""
-    reduced_linkage()
+@pytest.fixture(scope="module")
+def simulated_once(module_folder, comm):
+    """A folder with result.h5, and simulation.h5 of the linkage on its supports."""
     if comm.rank == 0:
-        (folder / "sim.toml").write_text(SIMULATION)
+        (module_folder / "sim.toml").write_text(SIMULATION)
+        (module_folder / "job.toml").write_text(MODES_JOB)
+    with hpcred.linkage(comm) as model:
+        hpcred.write_model(module_folder / "model.h5", model)
+    assert run(["reduce", str(module_folder / "job.toml")]) == 0
+    hpcred.simulate_file(module_folder / "sim.toml", overrides=["rotation=[0.1, -0.2, 0.3]"])
+    return module_folder
+
+
+@pytest.fixture
+def simulated(simulated_once, folder, comm):
+    """A copy of that folder."""
+    if comm.rank == 0:
+        shutil.copytree(simulated_once, folder, dirs_exist_ok=True)
     comm.Barrier()
-    hpcred.simulate_file(folder / "sim.toml", overrides=["rotation=[0.1, -0.2, 0.3]"])
     return folder
 
 
