@@ -16,6 +16,7 @@ UNIFORM = 200  # frequencies over the band
 BESIDE = np.array([-3, -1, -0.3, 0, 0.3, 1, 3])  # places around a pole, in half widths of its resonance
 AT_A_TIME = 2**22  # numbers of dynamic stiffness matrices
 STEPS, REFINED = 30, 1e-13  # of solves, and the change that ends them
+LEADING = 26  # bits of the leading part of an entry of K
 
 
 @dataclass
@@ -144,19 +145,35 @@ def responses(matrices, laws, eta, f) -> tuple[np.ndarray, np.ndarray]:
     shape, H, drive = (1, *K.shape), [], []
     for part in np.array_split(f, int(np.ceil(len(f) * K.size / AT_A_TIME)) or 1):
         s = (2j * np.pi * np.asarray(part)).astype(np.clongdouble)[:, None, None]
-        A = s * s * M.reshape(shape) + s * D.reshape(shape) + (1 + 1j * np.longdouble(eta)) * K.reshape(shape)
+        beside, loss = s * s * M.reshape(shape) + s * D.reshape(shape), 1 + 1j * np.longdouble(eta)
         for K_v, law in laws:  # K has g(0) K_v in the reduced model, and K_e alone here
-            A = A + np.array([law(value) for value in s[:, 0, 0].astype(complex)])[:, None, None] * K_v
-        inverse = np.linalg.inv(A.astype(complex))
+            beside = beside + np.array([law(value) for value in s[:, 0, 0].astype(complex)])[:, None, None] * K_v
+        inverse = np.linalg.inv((beside + loss * K).astype(complex))
         x = (inverse @ B.astype(float)).astype(np.clongdouble)
         for _ in range(STEPS):  # at sharp resonances of soft modes each has few digits
-            change = inverse @ (B - A @ x).astype(complex)
+            change = inverse @ (B - beside @ x - loss * _product(K, x)).astype(complex)
             x = x + change
             if (np.linalg.norm(change, axis=1) <= REFINED * np.linalg.norm(x, axis=1)).all():
                 break
         H.append((C @ x).astype(complex))
         drive.append(np.einsum("np,snp->sp", B, x).astype(complex))
     return np.concatenate(H), np.concatenate(drive)
+
+
+def _product(K, x) -> np.ndarray:
+    """Return K x (S, n, p) of a real K, of whose terms little may be left: products of leading bits have no round-off.
+    """
+    parts, bits = np.concatenate([x.real, x.imag], axis=2), np.finfo(np.longdouble).nmant - LEADING
+    rows, columns = np.abs(K).max(axis=1, keepdims=True), np.abs(parts).max(axis=1, keepdims=True)
+    first, leading = _rounded(K, LEADING, rows), _rounded(parts, bits - int(np.ceil(np.log2(len(K)))), columns)
+    found = (K - first) @ parts + first @ (parts - leading) + first @ leading
+    return found[..., : x.shape[2]] + 1j * found[..., x.shape[2] :]
+
+
+def _rounded(values, bits, largest):
+    """Return values rounded to multiples of 2^-bits of the next power of two above the `largest`."""
+    unit = np.exp2(np.ceil(np.log2(np.where(largest > 0, largest, 1.0))) - bits)
+    return np.rint(values / unit) * unit
 
 
 def beside_poles(matrices, eta, high, rng) -> np.ndarray:

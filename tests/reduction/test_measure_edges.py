@@ -1,13 +1,14 @@
 """Edges of the measure: outputs that are round-off, laws with a branch point at 0 Hz, loads and static responses that
 pass zero in ranges of parameters, and complete models."""
 
+from fractions import Fraction
 from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from adaptive_models import chain, tied_chains, unit, up_to
-from random_models import random_case
+from random_models import random_case, responses
 
 import hpcred
 from hpcred.model.frames import apply_frame
@@ -192,6 +193,38 @@ def test_a_complete_model_has_few_frequencies():
     with (hpcred.SecondOrderModel(M, None, K, unit(4, 0)) as model,
           hpcred.reduce(model, tolerance=1e-4, band=up_to(K, M, 3), damping=damping) as rom):  # fmt: skip
         assert rom.size == 4 and len(rom.record.accuracy.frequencies) < 1500
+
+
+@pytest.mark.parametrize("damper, eta", [(1e-6, 0.0), (0.0, 1e-3)])
+def test_the_truth_of_soft_modes_beside_stiff_ones(damper, eta):
+    """Two masses on a spring that is softer than theirs by 1e-11, at their lowest resonance, in fractions."""
+    k, soft = 1e5 / 3, 1e-6 / 7
+    K, M = np.array([[k + soft, -k], [-k, k]]), np.diag([1.3, 0.7])
+    D, B = np.diag([damper, 0.0]), np.array([[1.0], [0.0]])
+    f = np.sqrt(soft / 2.0) / (2 * np.pi) * np.array([0.9, 1.0 - 1e-6, 1.0, 1.1])
+    of, drive = responses({"K": K, "M": M, "D": D, "B": B, "C": B.T}, [], eta, f)
+    for omega, value in zip((2j * np.pi * f).imag, of[:, 0, 0], strict=True):
+        w, (a, b, c) = Fraction(omega), (Fraction(x) for x in K[[0, 0, 1], [0, 1, 1]])
+        real = a - w * w * Fraction(1.3), c - w * w * Fraction(0.7)
+        loss = [Fraction(eta) * x for x in (a, b, c)]
+        loss[0] += w * Fraction(damper)
+        # (p + i q) and (r + i t) are the numerator and the determinant
+        p, q = real[1], loss[2]
+        r = real[0] * real[1] - loss[0] * loss[2] - b * b + loss[1] * loss[1]
+        t = real[0] * loss[2] + real[1] * loss[0] - 2 * b * loss[1]
+        size = r * r + t * t
+        true = complex(float((p * r + q * t) / size), float((q * r - p * t) / size))
+        assert value == pytest.approx(true, rel=1e-10)
+    np.testing.assert_array_equal(of[:, :, 0], drive)
+
+
+def test_what_is_estimated_of_soft_mounts_is_true():
+    """The stiffness at a resonance is 1e-9 of that of the springs, and the damping ratio 1e-7."""
+    case = random_case("soft-mounts", 9017)
+    with case.reduced() as rom:
+        accuracy = rom.record.accuracy
+        true, _ = case.largest_error(rom, np.random.default_rng(9017))
+        assert accuracy.reached and true <= 1.02 * (accuracy.largest + accuracy.noise)
 
 
 SLOW = ("silent", 89), ("signs", 1040), ("signs", 6022), ("signs", 50001)
