@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 import scipy.io
 import scipy.linalg
 import scipy.sparse
@@ -75,6 +76,13 @@ node = 14
 directions = ["z"]
 """
 PLACES = np.array([[0.0, 0.0, 5.0], [1.0, 0.5, 5.0], [0.0, 2.0, 5.0]])  # of the nodes of a truss
+
+
+def few_on_ranks(values, count=1):
+    """Values of a parameter (tuples of several), of which only the first `count` are quick on several ranks."""
+    rest = [pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=pytest.mark.costly)
+            for value in values[count:]]  # fmt: skip
+    return [*values[:count], *rest]
 
 
 def reduce_linkage(folder, job=MODES_JOB):

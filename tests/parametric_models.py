@@ -208,7 +208,7 @@ def random_viscoelastic(seed, most=60):
     return case, tolerance
 
 
-def fresh_pairs(case, count=40, seed=5):
+def fresh_pairs(case, count=24, seed=5):
     """Random pairs of a frequency and values, corners of the ranges among them, and pairs near resonances."""
     rng = np.random.default_rng(seed)
     pairs = []

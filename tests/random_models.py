@@ -42,8 +42,8 @@ class Case:
     free: bool = False
 
     @contextmanager
-    def reduced(self):
-        """The reduced model."""
+    def reduced(self, **search):
+        """The reduced model; `search`: keywords for models with parameters."""
         asked = {"tolerance": self.tolerance, "band": self.band, "damping": self.damping}
         more = {"circulatory": True} if self.circulatory else {}
         with hpcred.SecondOrderModel(self.M, self.D, self.K, self.B, self.C, **more) as plain:
@@ -53,7 +53,7 @@ class Case:
             elif self.parameters:
                 terms = [hpcred.Term(*term) for term in self.terms]
                 with hpcred.ParametricModel(plain, self.parameters, terms) as model:
-                    yield hpcred.reduce(model, **asked)
+                    yield hpcred.reduce(model, **asked, **search)
             else:
                 yield hpcred.reduce(plain, **asked)
 

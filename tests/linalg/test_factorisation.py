@@ -103,7 +103,7 @@ def test_factors_on_disk_are_the_same(comm, folder):
 def test_low_rank_factors_reach_the_same_residual(hpcred, tmp_path, monkeypatch):
     """In a program of its own, since MUMPS must be without Scotch there."""
     monkeypatch.chdir(tmp_path)
-    package.write_model("model.h5", package.solid((10, 5, 5)))
+    package.write_model("model.h5", package.solid((8, 4, 4)))
     (tmp_path / "job.toml").write_text(JOB)
     low_rank = hpcred("reduce", "job.toml", "--json", "low_rank.json", "--low-rank", "1e-5", ranks=2)
     if not TWO_BUILDS and "with Scotch crashes there" in low_rank.stderr:

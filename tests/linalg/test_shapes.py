@@ -29,14 +29,19 @@ def test_each_shape_has_a_bound():
     assert list(MOST) == list(SHAPES)
 
 
+ON_RANKS = (
+    "housing, tetrahedra of 10", "housing, shells on 3 points", "rigid faces", "soft layers, 1e-4",
+    "ring, curved hexahedra of 20",
+)  # fmt: skip
+
+
 @pytest.mark.mpi(ranks=(1, 3), costly=True)
-@pytest.mark.parametrize("name", ["housing, tetrahedra of 10", "housing, shells on 3 points", "rigid faces",
-                                  "soft layers, 1e-4", "ring, curved hexahedra of 20"])  # fmt: skip
+@pytest.mark.parametrize("name", ON_RANKS)
 def test_iterations_stay_in_bounds_on_ranks(comm, name):
     check_iterations(comm, name)
 
 
-@pytest.mark.parametrize("name", [name for name in SHAPES if name not in ("cube",)])
+@pytest.mark.parametrize("name", [name for name in SHAPES if name not in ("cube", *ON_RANKS)])
 def test_iterations_stay_in_bounds(comm, name):
     check_iterations(comm, name)
 

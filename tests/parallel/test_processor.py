@@ -149,7 +149,7 @@ def test_a_result_says_it(hpcred, tmp_path):
     package.write_model(tmp_path / "model.h5", package.solid((4, 2, 2)))
     (tmp_path / "job.toml").write_text(JOB)
     most = str(os.cpu_count() + 1)
-    run = hpcred("reduce", "job.toml", "--json", "record.json", "--details", ranks=2, OPENBLAS_NUM_THREADS=most)
+    run = hpcred("reduce", "job.toml", "--json", "record.json", "--details", OPENBLAS_NUM_THREADS=most)
     assert run.returncode == 0, run.stderr
     record = json.loads((tmp_path / "record.json").read_text())
     assert record["versions"]["blas"] == (found()[0] or "unknown")

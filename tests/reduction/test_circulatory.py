@@ -27,7 +27,7 @@ from hpcred import (
 SLOW = {"parameter_search": hpcred.ParameterSearch(points=9)}
 
 
-def friction(n=40, strength=300.0):
+def friction(n=24, strength=300.0):
     """A damped chain of n masses with circulatory forces between some of them; B, C of other masses."""
     rng = np.random.default_rng(2)
     K, M = chain(n)
@@ -35,7 +35,7 @@ def friction(n=40, strength=300.0):
     for j, k in rng.choice(n, (6, 2), replace=False):
         N[j, k], N[k, j] = strength, -strength
     D = 1e-3 * K + 0.3 * M + dashpots(n, 3, rng)
-    return K, N, M, D, unit(n, 5, 20), unit(n, 30)
+    return K, N, M, D, unit(n, 3, 12), unit(n, 18)
 
 
 def friction_model(comm, **more):
@@ -63,13 +63,13 @@ def test_a_model_with_an_unsymmetric_stiffness_is_reduced_to_the_tolerance(comm)
             assert np.abs(rom.frequency_response(f) - dense).max() <= 1e-4 * np.abs(dense).max()
             both, diagonal = rom.K + rom.K.T, 2 * np.diag(np.diag(rom.K))
             assert np.abs(both - diagonal).max() < 1e-12 * both.max() and np.abs(rom.K - rom.K.T).max() > 1.0
-        found = hpcred.full_response(model, f, tolerance=1e-8, check=3)
-        assert close(found.response, dense) < 1e-6 and found.accuracy.reached and found.check.passed
+        found = hpcred.full_response(model, f, tolerance=1e-6, check=3)
+        assert close(found.response, dense) < 1e-5 and found.accuracy.reached and found.check.passed
     unstable = poles_of(M, D, K + 20 * N)
     assert unstable.real.max() > 0
     with friction_model(comm) as model, SecondOrderModel.from_scipy(
         K + 20 * N, M, D, comm, inputs=B, circulatory=True
-    ) as model, hpcred.reduce(model, tolerance=1e-8, band=(0.0, 10.0)) as rom:
+    ) as model, hpcred.reduce(model, tolerance=1e-6, band=(0.0, 10.0)) as rom:
         worst = unstable[unstable.real.argmax()]
         assert any(abs(complex(*pole) - worst) < 1e-4 * abs(worst) for pole in rom.record.unstable_poles)
 
@@ -94,7 +94,7 @@ def test_moments_are_those_of_the_unsymmetric_pencil(comm):
     K, N, M, _, B, C = friction()
     with SecondOrderModel.from_scipy(K + N, M, None, comm, inputs=B, circulatory=True) as given:
         basis, shift = Krylov(1.3, 1), -((2 * np.pi * 1.3) ** 2)
-        both = unit(len(K), 30, 7)
+        both = unit(len(K), 18, 7)
         with with_columns(given, "output", both) as model:
             for projection, count in (("one_sided", 2), ("two_sided", 4)):
                 with hpcred.reduce(model, [basis], projection=projection, allow_unstable=True) as rom:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from adaptive_models import chain, unit
+from helpers import few_on_ranks
 
 import hpcred
 from hpcred import Adaptive, Factoring, PointStore, Rayleigh
@@ -47,7 +48,7 @@ def reduced(comm, hidden, band, tolerance=1e-4, **more):
 
 @pytest.mark.mpi
 @needs_counts
-@pytest.mark.parametrize("hidden", [1, 5, 70])
+@pytest.mark.parametrize("hidden", few_on_ranks([5, 1, 70]))
 def test_hidden_modes_are_found_whatever_their_number(comm, hidden):
     """The search ended at 60 columns, with dozens of modes missing, and nothing told of it."""
     record, below = reduced(comm, np.linspace(3.0, 29.0, hidden), (0.0, 30.0))
@@ -233,7 +234,8 @@ def test_counts_of_a_model_with_parameters_are_those_at_the_visited_values(comm)
         hpcred.ParametricModel(
             constant, [hpcred.Parameter("k", (0.5, 2.0), 1.0)], [hpcred.Term("K", soft, "k")]
         ) as model,
-        hpcred.reduce(model, tolerance=1e-3, band=(0.0, 30.0), damping=Rayleigh(2.0, 1e-5)) as rom,
+        hpcred.reduce(model, tolerance=1e-3, band=(0.0, 30.0), damping=Rayleigh(2.0, 1e-5),
+                      parameter_search=hpcred.ParameterSearch(points=5)) as rom,
     ):
         accuracy = rom.record.accuracy
         elsewhere = rom.at(k=0.7).record.accuracy

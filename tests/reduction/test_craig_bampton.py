@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
-from helpers import block_with_ends, dense_model, face, gather, rigid_motions_at, to_dense
+from helpers import block_with_ends, dense_model, face, few_on_ranks, gather, rigid_motions_at, to_dense
 
 import hpcred
 from hpcred import Buckens, Chord, CraigBampton, Dofs, GivenDamping, Krylov, Modes, NoFrame, Rayleigh
@@ -14,7 +14,8 @@ from hpcred.reduction.interface_coordinates import elastic_part
 
 pytestmark = pytest.mark.mpi
 
-KINDS = pytest.mark.parametrize("kind", ["averaging", "rigid"])
+KINDS = pytest.mark.parametrize("kind, clamped", few_on_ranks(
+    [("averaging", False), ("rigid", True), ("averaging", True), ("rigid", False)], 2))  # fmt: skip
 FREQUENCIES = (300.0, 5000.0, 17000.0)
 
 
@@ -31,7 +32,6 @@ def dense_component_modes(model):
 
 
 @KINDS
-@pytest.mark.parametrize("clamped", [True, False])
 def test_craig_bampton_in_interface_coordinates_is_the_textbook_form(comm, kind, clamped):
     """Against the null space of G in dense numpy; M = [M_bb M_bi; M_ib I], K = [K_bb 0; 0 omega^2], C = [I 0]."""
     frame = NoFrame() if clamped else Buckens()
@@ -59,7 +59,6 @@ def test_craig_bampton_in_interface_coordinates_is_the_textbook_form(comm, kind,
 
 
 @KINDS
-@pytest.mark.parametrize("clamped", [True, False])
 def test_any_basis_keeps_its_responses_in_interface_coordinates(comm, kind, clamped):
     """Krylov, modes with attachment modes: the same transfer function to 1e-10, with damping; for a free body that of
     the elastic part, and of the whole the response of the free model."""
@@ -215,7 +214,7 @@ def test_component_modes_come_from_a_store(comm, tmp_path):
         assert np.abs(response - responses[0]).max() < 1e-12 * np.abs(responses[0]).max()
 
 
-@pytest.mark.parametrize("clamped", [True, False])
+@pytest.mark.parametrize("clamped", few_on_ranks([False, True]))
 def test_motions_of_interfaces_that_no_load_needs_stay_whatever_comes_first(comm, clamped):
     """Constraint modes of a basis beside a tolerance were compressed away, and the result was refused for lack of them;
     the rigid-body modes of a free body came on top of `size`."""

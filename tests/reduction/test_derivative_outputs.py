@@ -10,7 +10,7 @@ from tests import adaptive_models as am
 pytestmark = pytest.mark.mpi
 
 
-def case(seed, n=40):
+def case(seed, n=20):
     """A chain with Rayleigh damping as dense matrices, B (n, 2), and C, Cv, Ca (4, n): drive-point acceleration,
     velocity elsewhere, a mixed row of all three, displacement."""
     rng = np.random.default_rng(seed)

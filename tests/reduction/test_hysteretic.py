@@ -27,8 +27,8 @@ class Plate(Sandwich):
         return self.K + (1 + 1j * eta) * self.parts[0][0]
 
 
-def plate(**more):
-    return Plate(**vars(sandwich((LAW,), **more)))
+def plate(n=20, **more):
+    return Plate(**vars(sandwich((LAW,), n, **more)))
 
 
 def test_reductions_reach_the_tolerance_against_truth(comm):

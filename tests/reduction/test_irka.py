@@ -10,7 +10,7 @@ from hpcred.parallel.failures import InputError
 from hpcred.reduction.irka import IRKA, mirrored
 
 FRAME, DAMPING = hpcred.Chord(nodes=(1, 7, 14), axes="yxz"), hpcred.Rayleigh(alpha=20.0, beta=1e-5)
-F = np.linspace(0.5, 400, 4000)
+F = np.linspace(0.5, 400, 800)
 
 
 def h2(H):

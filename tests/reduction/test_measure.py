@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 import pytest
 from adaptive_models import Case, chain, fresh, reduced_response, tied_chains, unit, up_to
+from helpers import few_on_ranks
 from pydantic import TypeAdapter
 
 import hpcred
@@ -134,7 +135,7 @@ def test_the_tolerance_holds_for_every_direction_and_the_paper_says_what_it_hide
     assert sizes[0] < sizes[1]
 
 
-@pytest.mark.parametrize("units", ["of inputs", "mm-t-s"])
+@pytest.mark.parametrize("units", few_on_ranks(["of inputs", "mm-t-s"]))
 def test_other_units_give_the_same_body(rod, comm, units):
     random, found = np.random.default_rng(4), []
     for factor in (np.ones(12), 10.0 ** random.integers(-6, 7, 12) if units == "of inputs" else None):
@@ -219,15 +220,15 @@ def test_a_gyroscopic_response_has_an_error_that_is_no_round_off(comm):
     """H is not symmetric there, though outputs are inputs: their difference passed for round-off."""
     K, M = chain(40)
     skew = np.triu(np.random.default_rng(1).uniform(-100.0, 100.0, K.shape), 1)
-    case = Case("gyroscopic", K, M, unit(40, 3, 17, 30), up_to(K, M, 8), D=skew - skew.T + 1e-5 * K,
+    case = Case("gyroscopic", K, M, unit(40, 3, 17, 30), up_to(K, M, 4), D=skew - skew.T + 1e-5 * K,
                 damping=hpcred.GivenDamping())  # fmt: skip
-    with case.model(comm) as model, hpcred.reduce(model, damping=case.damping, tolerance=1e-5, band=case.band) as rom:
+    with case.model(comm) as model, hpcred.reduce(model, damping=case.damping, tolerance=1e-4, band=case.band) as rom:
         accuracy = rom.record.accuracy
         frequencies = fresh(case, rom)
         found = reduced_response(rom, case.damping_model(), frequencies, given=True)
     assert accuracy.reached and accuracy.noise < 1e-7
     H, drive = case.truth_and_drive(frequencies)
-    assert accuracy.measure.eps(H - found, H, drive).max() < 1e-5
+    assert accuracy.measure.eps(H - found, H, drive).max() < 1e-4
 
 
 def test_a_full_response_is_measured_by_directions(rod):

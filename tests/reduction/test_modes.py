@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse
-from helpers import dense_model
+from helpers import dense_model, few_on_ranks
 
 import hpcred
 from hpcred import Buckens, ModalDamping, Modes, Rayleigh
@@ -81,11 +81,11 @@ def test_dominance_is_half_the_height_of_a_resonance(comm, damping):
 @pytest.mark.mpi(ranks=(1, 3), costly=True)
 @pytest.mark.parametrize("cells", [(10, 2, 2), (4, 4, 4)])
 def test_no_mode_of_a_repeated_pair_is_left_out(comm, cells):
-    """Free square bars, whose bending modes are pairs, against dense numpy, for each number of modes."""
+    """Free square bars, whose bending modes are pairs, against dense numpy, for even and odd numbers of modes."""
     with hpcred.solid(cells, clamped=False, comm=comm) as model:
         K, M, _ = dense_model(model)
         expected = np.sqrt(scipy.linalg.eigvalsh(K, M)[6:20]) / 2 / np.pi
-        for count in range(1, 13):
+        for count in (1, 2, 3, 6, 9, 12):
             with hpcred.reduce(model, [Modes(count=count)], Buckens()) as rom:
                 assert np.allclose(rom.frequencies, expected[:count], rtol=1e-8), count
 
@@ -100,8 +100,8 @@ def blades(count, of=4, k=4e4):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize(
-    "asked", [Modes(count=50), Modes(band=(0.0, 32.0)), Modes(index=tuple(range(20, 51)))],
-    ids=["lowest", "band", "listed"],
+    "asked", few_on_ranks([Modes(band=(0.0, 32.0)), Modes(count=50), Modes(index=tuple(range(20, 51)))]),
+    ids=["band", "lowest", "listed"],
 )  # fmt: skip
 def test_every_mode_of_equal_blades_is_found(comm, asked):
     """39 of 40 blades vibrate against each other with the same frequency, of which a Krylov sequence knows one."""
@@ -112,4 +112,5 @@ def test_every_mode_of_equal_blades_is_found(comm, asked):
     with hpcred.SecondOrderModel.from_scipy(K, M, comm=comm, inputs=np.eye(K.shape[0])[:, :1]) as model:
         with hpcred.reduce(model, [asked]) as reduced:
             assert reduced.frequencies == pytest.approx(chosen, rel=1e-9)
-        assert hpcred.natural_modes(model, 50).frequencies == pytest.approx(exact[:50], rel=1e-9)
+        if asked.count:
+            assert hpcred.natural_modes(model, 50).frequencies == pytest.approx(exact[:50], rel=1e-9)

@@ -13,7 +13,6 @@ import hpcred
 from hpcred import Buckens, InputError, Rayleigh, SecondOrderModel
 
 SIZE = 1e-14  # of what each entry is moved by, relative
-MOVES = 4
 
 
 def moved(matrix, random):
@@ -23,10 +22,10 @@ def moved(matrix, random):
     return upper + scipy.sparse.triu(upper, 1).T
 
 
-def outcomes(K, M, comm, given, prepare=lambda model: [], D=None, **asked):
-    """What reductions of a model and of those beside it end with: verdict and size, or what was refused."""
+def outcomes(K, M, comm, given, prepare=lambda model: [], D=None, moves=2, **asked):
+    """What reductions of a model and of so many beside it end with: verdict and size, or what was refused."""
     found = set()
-    for seed in range(MOVES + 1):
+    for seed in range(moves + 1):
         random = np.random.default_rng(seed)
         beside = (moved(K, random), moved(M, random)) if seed else (K, M)
         opened = []
@@ -43,11 +42,12 @@ def outcomes(K, M, comm, given, prepare=lambda model: [], D=None, **asked):
     return found
 
 
-def of_case(case, tolerance, comm):
+def of_case(case, tolerance, comm, moves=2):
     given = {"inputs": case.B, "input_names": [f"u{i}" for i in range(case.B.shape[1])]}
     if case.Ct is not None:
         given |= {"outputs": case.Ct, "output_names": [f"y{i}" for i in range(case.Ct.shape[1])]}
-    return outcomes(case.K, case.M, comm, given, D=case.D, damping=case.damping, tolerance=tolerance, band=case.band)
+    asked = {"D": case.D, "moves": moves, "damping": case.damping, "tolerance": tolerance, "band": case.band}
+    return outcomes(case.K, case.M, comm, given, **asked)
 
 
 @pytest.mark.parametrize("asked", [{"static": "exact"}, {"coordinates": "interface"}], ids=["static", "interface"])
@@ -90,7 +90,7 @@ def test_chains_with_masses_that_are_missing(comm, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [k for k in range(32) if k not in (1, 16)])
 def test_random_models(comm, seed):
-    assert len(of_case(*random_case(seed, 80), comm)) == 1
+    assert len(of_case(*random_case(seed, 80), comm, moves=4)) == 1
 
 
 @pytest.mark.slow
@@ -98,4 +98,4 @@ def test_random_models(comm, seed):
                                   "double modes, centre", "cancelling loads", "nearly equal loads", "light oscillators",
                                   "other outputs", "narrow band", "stiffness jump", "quiet band"])  # fmt: skip
 def test_difficult_models(comm, name):
-    assert len(of_case(hard_cases()[name](), 1e-3, comm)) == 1
+    assert len(of_case(hard_cases()[name](), 1e-3, comm, moves=4)) == 1

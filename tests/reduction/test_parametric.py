@@ -54,6 +54,13 @@ def bushings(n=60, **more):
     return AffineCase("bushings", K, M, unit(n, n // 3, 2 * n // 3), (0.0, 4.0), parameters, terms, **more)
 
 
+def bushing(n, **more):
+    """The same with the first parameter alone."""
+    case = bushings(n, **more)
+    del case.parameters[1:], case.terms[1:]
+    return case
+
+
 def rotor(n=25):
     """Masses in y and z on a shaft that spins: gyroscopic moments by omega, spin softening by its square."""
     K, M = chain(n)
@@ -63,7 +70,8 @@ def rotor(n=25):
     D = 1e-3 * K + 0.05 * M
     terms = [("D", gyroscopic, "omega"), ("K", 0.02 * M, "-omega^2")]
     parameters = [Parameter("omega", (0.0, 10.0), reference=4.0, unit="rad/s")]
-    return AffineCase("rotor", K, M, unit(2 * n, 9, 30), (0.0, 5.0), parameters, terms, D=D, damping=GivenDamping())
+    loads = unit(2 * n, 2 * (n // 6) + 1, 6 * n // 5)
+    return AffineCase("rotor", K, M, loads, (0.0, 5.0), parameters, terms, D=D, damping=GivenDamping())
 
 
 def reduced(case, tolerance, comm, **more):
@@ -102,7 +110,7 @@ def test_the_tolerance_holds_at_other_values(make, tolerance, comm):
 def test_random_models(seed, comm):
     case, tolerance = random_affine(seed, 30)
     with reduced(case, tolerance, comm) as rom:
-        assert not rom.record.accuracy.reached or case.eps(rom, fresh_pairs(case)).max() <= tolerance
+        assert not rom.record.accuracy.reached or case.eps(rom, fresh_pairs(case, 20)).max() <= tolerance
 
 
 @pytest.mark.slow
@@ -133,12 +141,12 @@ def rubber(n, laws):
     (rotor, Maxwell(factors=[1.0, 0.5], times=[0.3, 0.02])),
 ], ids=["fractional", "maxwell"])  # fmt: skip
 def test_viscoelastic_parts_beside_parameters(make, law, comm):
-    case = make(16)
+    case = make(12)
     case.parts = rubber(len(case.K), [law])
     if make is bushings:
-        case.terms.append(("M", np.diag(np.arange(16) % 4 == 0) * 0.3, "a"))
-    with reduced(case, 1e-3, comm, parameter_search=hpcred.ParameterSearch(points=5)) as rom:
-        check(case, rom, 1e-3)
+        case.terms.append(("M", np.diag(np.arange(12) % 4 == 0) * 0.3, "a"))
+    with reduced(case, 1e-2, comm, parameter_search=hpcred.ParameterSearch(points=5)) as rom:
+        check(case, rom, 1e-2)
         assert "viscoelastic parts of the model" in rom.record.accuracy.measured
         values = {item.name: item.range[1] for item in case.parameters}
         s = 2j * np.pi * np.array([0.3, 2.2])
@@ -151,21 +159,20 @@ def test_viscoelastic_parts_beside_parameters(make, law, comm):
 @pytest.mark.parametrize("seed", [2, pytest.param(0, marks=pytest.mark.slow)])
 def test_random_models_with_viscoelastic_parts(seed, comm):
     case, tolerance = random_viscoelastic(seed, 25)
-    with reduced(case, tolerance, comm) as rom:
-        assert not rom.record.accuracy.reached or case.eps(rom, fresh_pairs(case)).max() <= tolerance
+    with reduced(case, tolerance, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
+        assert not rom.record.accuracy.reached or case.eps(rom, fresh_pairs(case, 20)).max() <= tolerance
 
 
 def test_viscoelastic_parts_that_leave_modes_undamped_at_other_values(comm):
     """A mass beside the rubber, whose frequency is in the band where the term of M is small."""
-    n = 20
-    case = bushings(n)
+    n = 14
+    case = bushing(n)
     case.K, case.M = np.pad(case.K, (0, 1)), np.pad(case.M, (0, 1))
     case.K[n, n], case.M[n, n] = 250.0, 1.0  # 2.5 Hz without the term
-    case.terms = [(of, np.pad(matrix, (0, 1)), factor) for of, matrix, factor in case.terms]
-    case.terms.append(("M", np.diag(np.arange(n + 1) == n) * 1e3, "a"))
+    case.terms = [("M", np.diag(np.arange(n + 1) == n) * 1e3, "a")]
     case.B, case.band = np.vstack([case.B, [1.0, 1.0]]), (1.0, 4.0)
     case.parts = rubber(n + 1, [Maxwell(factors=[1.0], times=[0.05])])
-    with reduced(case, 1e-2, comm, parameter_search=hpcred.ParameterSearch(points=5)) as rom:
+    with reduced(case, 1e-2, comm, parameter_search=hpcred.ParameterSearch(points=3)) as rom:
         assert rom.record.accuracy.loss_factor == 2e-3
         assert "since the viscoelastic parts leave modes of the band" in rom.record.accuracy.measured
 
@@ -195,7 +202,7 @@ def test_the_terms_are_those_of_the_full_model(comm):
         assert np.allclose(rom.transfer_function(s, **values), at.transfer_function(s), rtol=1e-9)
         assert np.allclose(rom.frequency_response([0.3, 2.2], **values), at.transfer_function(s), rtol=1e-9)
         assert np.allclose(rom.transfer_function(s), rom.base.transfer_function(s), rtol=1e-9)
-        assert case.eps(rom, fresh_pairs(case)).max() <= 1e-6
+        assert case.eps(rom, fresh_pairs(case, 20)).max() <= 1e-6
         moved = replace(rom, resultants=np.ones((1, 6)))  # of the inputs at the reference, p = 0.5
         assert moved.at(p=0.83).resultants is None and moved.at(p=0.5).resultants is moved.resultants
         with pytest.raises(InputError, match="found 1.5, expected 0 to 1, its range"):
@@ -205,9 +212,9 @@ def test_the_terms_are_those_of_the_full_model(comm):
 @pytest.mark.parametrize("damping", [Rayleigh(0.1, 1e-4), ModalDamping(ratio=0.02)], ids=lambda item: item.kind)
 def test_damping_that_follows_the_matrices(damping, comm):
     """D of the reduced model at other values is what its M and K make of it there."""
-    case = bushings(20, damping=damping)
+    case = bushing(20, damping=damping)
     with reduced(case, 1e-2, comm, parameter_search=hpcred.ParameterSearch(points=5)) as rom:
-        at = rom.at(a=1.7, b=3.0)
+        at = rom.at(a=1.7)
         omega = 2 * np.pi * at.frequencies
         expected = 0.1 + 1e-4 * omega**2 if damping.kind == "rayleigh" else 0.04 * omega
         assert np.allclose(at.D, np.diag(expected), atol=1e-9 * expected.max())
@@ -221,8 +228,10 @@ def test_damping_that_follows_the_matrices(damping, comm):
 
 
 def test_undamped_models_are_checked_with_the_loss_factor_of_their_error(comm):
-    case = bushings(20)
-    with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-2, band=case.band) as rom:
+    case, search = bushing(20), hpcred.ParameterSearch(points=5)
+    with case.model(comm) as model, hpcred.reduce(
+        model, tolerance=1e-2, band=case.band, parameter_search=search
+    ) as rom:
         measured = as_measured(rom, rom.record.accuracy)
         assert measured.loss_factor == rom.record.accuracy.loss_factor > 0 and not measured.D.any()
         with model.at() as full:
@@ -329,44 +338,44 @@ def test_components_at_several_values(comm):
 def test_a_store_serves_again(comm, tmp_path):
     """And another model with the same matrices at the reference is another one."""
     folder = comm.bcast(str(tmp_path))
-    case, others = bushings(20), bushings(20)
+    case, others = bushing(12), bushing(12)
     others.parameters[0] = Parameter("a", (0.0, 2.0))
     others.terms[0] = ("K", others.terms[0][1], "2*a - 1")  # the same at 1
     responses = []
     for each in (case, case, others):
-        more = {"store": hpcred.PointStore(folder, comm), "parameter_search": hpcred.ParameterSearch(points=9)}
-        with reduced(each, 1e-4, comm, **more) as rom:
+        more = {"store": hpcred.PointStore(folder, comm), "parameter_search": hpcred.ParameterSearch(points=5)}
+        with reduced(each, 1e-2, comm, **more) as rom:
             responses.append(rom.transfer_function(3j, a=1.5))
             made = len(rom.record.factorisations)
             assert case is not each or made == 0 or len(responses) == 1
-            assert each.eps(rom, fresh_pairs(each, 10)).max() <= 1e-4
+            assert each.eps(rom, fresh_pairs(each, 10)).max() <= 1e-2
     assert np.allclose(responses[0], responses[1], rtol=1e-9)
     assert not np.allclose(responses[0], responses[2], rtol=1e-3)
 
 
 def test_limits_end_it_honestly(comm):
-    case = bushings(40)
-    search = hpcred.ParameterSearch(points=16)
+    case = bushing(24)
+    search = hpcred.ParameterSearch(points=5)
     with case.model(comm) as model:
-        adaptive = hpcred.Adaptive(tolerance=1e-8, band=case.band, columns=20)
+        adaptive = hpcred.Adaptive(tolerance=1e-8, band=case.band, columns=10)
         with hpcred.reduce(model, adaptive=adaptive, parameter_search=search) as rom:
             accuracy = rom.record.accuracy
-            assert not accuracy.reached and "with 20 columns" in accuracy.stopped
-            assert case.eps(rom, fresh_pairs(case)).max() <= 3 * accuracy.largest
+            assert not accuracy.reached and "with 10 columns" in accuracy.stopped
+            assert case.eps(rom, fresh_pairs(case, 20)).max() <= 3 * accuracy.largest
     with case.model(comm) as model:
-        search = hpcred.ParameterSearch(points=9, most=3)
+        search = hpcred.ParameterSearch(points=4, most=3)
         with hpcred.reduce(model, tolerance=1e-10, band=case.band, parameter_search=search) as rom:
             assert len(rom.record.accuracy.parameters.points) <= 3
 
 
 def test_a_size_that_was_asked_for(comm):
-    case = bushings(40)
-    search = hpcred.ParameterSearch(points=16)
+    case = bushing(24)
+    search = hpcred.ParameterSearch(points=5)
     with case.model(comm) as model:
-        adaptive = hpcred.Adaptive(tolerance=1e-4, band=case.band, size=8)
+        adaptive = hpcred.Adaptive(tolerance=1e-4, band=case.band, size=6)
         with hpcred.reduce(model, adaptive=adaptive, parameter_search=search) as rom:
-            assert rom.size == 8 and "with 8 coordinates" in rom.record.accuracy.sentence
-            true = case.eps(rom, fresh_pairs(case)).max()
+            assert rom.size == 6 and "with 6 coordinates" in rom.record.accuracy.sentence
+            true = case.eps(rom, fresh_pairs(case, 20)).max()
             assert true <= 1.05 * rom.record.accuracy.largest
 
 
@@ -404,7 +413,8 @@ def test_what_is_refused(comm):
         other = bushings(n, D=0.1 * np.eye(n), damping=GivenDamping(), parts=rubber(n, [law]))
         other.terms.append((of, skew - skew.T, "a - 1"))  # nothing at the reference
         with other.model(comm) as model, pytest.raises(InputError, match=message):
-            hpcred.reduce(model, tolerance=1e-3, band=case.band, damping=GivenDamping())
+            hpcred.reduce(model, tolerance=0.1, band=case.band, damping=GivenDamping(),
+                          parameter_search=hpcred.ParameterSearch(points=4))  # fmt: skip
     for key, value in (("points", 1), ("most", 2)):
         with pytest.raises(InputError, match=f"parameter_search.{key}: found {value}, expected at least"):
             hpcred.ParameterSearch(**{key: value})

@@ -30,7 +30,7 @@ def errors(case, rom, eta=0.0):
 
 @pytest.mark.mpi
 def test_any_number_of_ranks(comm):
-    case = sandwich((ZENER, MAXWELL), inputs=2, damped=True)
+    case = sandwich((ZENER, MAXWELL), n=20, inputs=2, damped=True)
     with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-3, band=BAND, groups="auto") as rom:
         true, estimated = errors(case, rom)
         assert true.max() <= 1e-3 and np.median(estimated / true) < 2
@@ -41,7 +41,7 @@ def test_any_number_of_ranks(comm):
     ((ZENER,), {}), ((MAXWELL, ZENER), {"inputs": 2}), ((SPRINGPOT, MAXWELL, ZENER), {"outputs": 2, "damped": True}),
 ])  # fmt: skip
 def test_tolerance_against_truth(comm, laws, more):
-    case = sandwich(laws, **more)
+    case = sandwich(laws, n=24, **more)
     with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-4, band=BAND) as rom:
         accuracy = rom.record.accuracy
         assert accuracy.reached and "viscoelastic parts of the model" in accuracy.measured
@@ -56,7 +56,7 @@ def test_tolerance_against_truth(comm, laws, more):
 
 @pytest.mark.mpi
 def test_full_response_to_a_tolerance(comm):
-    case = sandwich((ZENER, MAXWELL))
+    case = sandwich((ZENER, MAXWELL), n=24)
     with case.model(comm) as model:
         found = hpcred.full_response(model, FRESH, tolerance=1e-8, band=BAND, check=3, seed=2)
         assert found.reached
@@ -90,7 +90,7 @@ def test_components(comm):
 
 def test_damping_beside_it(comm):
     """A loss factor belongs to the static stiffness; modal ratios count besides."""
-    case = sandwich()
+    case = sandwich(n=20)
     with case.model(comm) as model:
         with hpcred.reduce(model, tolerance=1e-4, band=BAND, damping=hpcred.Structural(0.05)) as rom:
             assert errors(case, rom, eta=0.05)[0].max() <= 1e-4
@@ -101,7 +101,7 @@ def test_damping_beside_it(comm):
 
 def test_modes_without_damping_are_measured_with_a_loss_factor(comm):
     """Viscoelastic parts of one chain leave those of the other undamped."""
-    case = sandwich((ZENER, ZENER))
+    case = sandwich((ZENER, ZENER), n=20)
     half = len(case.K) // 2
     for matrix, _ in case.parts:
         matrix[:half] = matrix[:, :half] = 0.0
@@ -236,7 +236,7 @@ def test_what_has_no_place_for_it_is_refused(comm):
 
 
 def test_gyroscopic_forces_with_maxwell_elements(comm):
-    case = sandwich((MAXWELL,))
+    case = sandwich((MAXWELL,), n=20)
     half = len(case.K) // 2
     G = np.zeros_like(case.K)
     G[np.arange(half), half + np.arange(half)] = 20.0
