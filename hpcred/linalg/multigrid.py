@@ -100,7 +100,10 @@ class Multigrid:
         level = self._levels[k]
         if k == self.levels - 1:
             inverse, first, last = self._coarsest
-            whole = np.concatenate(level.comm.allgather(level.b.getDenseArray().copy()))
+            mine = np.ascontiguousarray(level.b.getDenseArray())
+            whole = np.empty((len(inverse), mine.shape[1]), mine.dtype)
+            counts = np.diff(level.matrix.getOwnershipRanges()) * mine.shape[1]
+            level.comm.Allgatherv(mine, [whole, counts])
             level.x.getDenseArray()[...] = inverse[first:last] @ whole
             return
         below = self._levels[k + 1]

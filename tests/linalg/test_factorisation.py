@@ -13,7 +13,7 @@ import hpcred as package
 from hpcred import Krylov, Modes
 from hpcred.cli.main import run
 from hpcred.linalg.blocks import apply, create_block, from_dense, local_rows, random_block
-from hpcred.linalg.solvers import mumps
+from hpcred.linalg.solvers import base, mumps
 from hpcred.linalg.solvers.settings import Factoring
 from hpcred.linalg.solvers.shifted import ShiftedSolver
 from hpcred.parallel.failures import ComputationError, InputError
@@ -237,4 +237,23 @@ def test_folders_that_mumps_cannot_write_to(model, tmp_path):
     (tmp_path / "gone").rmdir()
     with pytest.raises(ComputationError, match="out_of_core: MUMPS cannot write factors to .*gone; make room there"):
         solver.factor(-1e4)
+    solver.close()
+
+
+@pytest.mark.mpi
+def test_solves_for_more_columns_than_32_bits_count_go_by_slices(comm, model, monkeypatch):
+    """PETSc counts the numbers of a block by 32 bits: with a limit of two columns seven go by four calls."""
+    loads = random_block(model.K, 7)
+    solver, solutions = ShiftedSolver(model), []
+    solver.factor(0.0)
+    calls, solve = [], solver.factors._solve
+    monkeypatch.setattr(solver.factors, "_solve", lambda b, x: (calls.append(b.getSize()[1]), solve(b, x)))
+    for most in (base.MOST_NUMBERS, 2 * model.size + 1):
+        monkeypatch.setattr(base, "MOST_NUMBERS", most)
+        solutions.append(create_block(model.K, 7))
+        solver.solve(loads, solutions[-1])
+        assert solutions[-1].getActiveColumns() == loads.getActiveColumns() == (0, 7)
+    assert calls == [7, 2, 2, 2, 1]
+    with local_rows(solutions[0]) as one, local_rows(solutions[1]) as other:
+        assert np.allclose(one, other, rtol=1e-9, atol=1e-9 * abs(one).max(initial=0.0))
     solver.close()

@@ -13,12 +13,13 @@ import numpy as np
 
 from ...parallel.failures import ComputationError, InputError
 from ...parallel.petsc import PETSc, SLEPc, is_complex
-from ..blocks import column_norms, dense, local_rows, packed
+from ..blocks import column_norms, dense, local_rows, packed, view_of
 from ..conjugate_gradients import NotSolved
 from ..known import EXACT, Source
 from ..refinement import refinement_converges
 from .settings import Factoring
 
+MOST_NUMBERS = 2**31 - 1  # of a block in all rows, whose places PETSc's solves count by 32 bits
 AT_REST = "0 Hz"
 MOVES_FREELY = (
     "the body, or a part of it as along the axis of a rotor, can move freely; take frame kind 'buckens' (inertia "
@@ -271,6 +272,19 @@ class Factorisation(ABC):
 
     def back_substitute(self, load: SLEPc.BV, solution: SLEPc.BV):
         """solution = A^-1 load, all active columns at once, unchecked."""
+        first, last = load.getActiveColumns()
+        most = max(1, MOST_NUMBERS // self.matrix.getSize()[0])
+        if last - first > most:
+            whole = view_of(load), view_of(solution)
+            for low in range(0, last - first, most):
+                self._back_substitute(*(view.between(low, min(low + most, last - first)) for view in whole))
+            for block in whole:
+                block.bv.setActiveColumns(block.first, block.stop)
+        else:
+            self._back_substitute(load, solution)
+
+    def _back_substitute(self, load, solution):
+        """The same for columns that fit one call of PETSc."""
         start = time.perf_counter()
         if self.factoring.single:  # columns of about length 1, whose numbers are not too small for it
             scale = np.exp2(np.frexp(column_norms(load))[1])  # exact, so that the load is what it was

@@ -60,15 +60,13 @@ def _copy(model, group, number, groups):
         columns += list(mat.getDenseArray().real.T)
     if model.dofs is not None:
         columns += [model.dofs.node, model.dofs.direction, *model.dofs.position.T]
-    received = None
+    owners = []
     for target in range(groups):
         ranks = np.array([rank for rank, (owner, _, _) in enumerate(layouts) if owner == target])
-        limits = layouts[ranks[0]][2]
-        owner = ranks[np.searchsorted(limits, columns[0], side="right") - 1]
-        parts = exchange(comm, owner, [np.ascontiguousarray(column) for column in columns])
-        if target == number:
-            order = np.argsort(parts[0])
-            received = [part[order] for part in parts[1:]]
+        owners.append(ranks[np.searchsorted(layouts[ranks[0]][2], columns[0], side="right") - 1])
+    parts = exchange(comm, np.concatenate(owners), [np.tile(column, groups) for column in columns])
+    order = np.argsort(parts[0])
+    received = [part[order] for part in parts[1:]]
     blocks = []
     for mat in dense:
         count = mat.getSize()[1]

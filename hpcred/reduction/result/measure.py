@@ -69,6 +69,11 @@ class Measure(ABC):
     def each(self, E: np.ndarray, H: np.ndarray, drive: np.ndarray) -> np.ndarray:
         """Return the error of every response (S, r, p), for errors E of the responses H."""
         h, g = self.scales(H, drive)
+        if (h > 0).all() and (g > 0).all():
+            each = np.abs(E)
+            each /= h[:, :, None]
+            each /= g[:, None, :]
+            return each
         return _divided(_divided(np.abs(E), h[:, :, None]), g[:, None, :])
 
     def eps(self, E: np.ndarray, H: np.ndarray, drive: np.ndarray) -> np.ndarray:

@@ -107,6 +107,7 @@ class Expansion:
         blocks, sequence = Blocks(f, proving), None
         if self.by_mass and solver.nearby is None:
             sequence = solver.sequence(f)
+            blocks.filled = sequence.filled
         judged = self._extend(blocks, sequence)
         if sequence is not None:
             sequence.keep()

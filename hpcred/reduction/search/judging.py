@@ -20,7 +20,8 @@ from .projections import HELD_BACK, Projections
 from .search_checks import check_response
 
 MARGIN = 0.1  # part of the tolerance that the uncompressed basis may use; the rest is left to the compression
-COLUMNS = 128  # columns of a point at most
+COLUMNS = 128  # columns of a point at most,
+FILLED = 8  # and so many more for each random one that its blocks are filled with
 AHEAD = 32  # columns beyond that, where the rate of the last block promises the goal within them
 UNREFINED = 1e-2  # of the goal: where estimates are smaller, their grid is not refined
 HAS_MODES = 1e-2  # estimated error below which a basis made at 0 Hz is taken to have the modes of the band
@@ -55,7 +56,8 @@ class Judgement:
 @dataclass
 class Blocks:
     """The blocks of a point (Hz) so far: `order` of the last one, the columns that are `new` with it, those `added` by
-    all, and the estimates (`history`); `proving`: whether the point is to prove the candidate."""
+    all, and the estimates (`history`); `proving`: whether the point is to prove the candidate; `filled`: the random
+    columns of each."""
 
     frequency: float
     proving: bool
@@ -63,6 +65,7 @@ class Blocks:
     new: int = 0
     added: int = 0
     history: list[float] = field(default_factory=list)
+    filled: int = 0
 
     def take(self, new):
         """Note a block."""
@@ -151,16 +154,16 @@ class Judge:
         """Return the error that the blocks of a point have to reach, unless round-off is larger."""
         return self.goal if blocks.frequency else max(self.goal, self.enough)
 
-    def _limit(self):
+    def _limit(self, blocks):
         """Return columns of a point at most."""
         if self.projections.run.solvers.multigrid:
             return self.settings.columns
-        return COLUMNS + 2 * self.projections.loads.getActiveColumns()[1]
+        return COLUMNS + 2 * self.projections.loads.getActiveColumns()[1] + FILLED * blocks.filled
 
     def _has_room(self, blocks):
         """Test whether another block may follow that is as large as the last one."""
         new, size = blocks.new, self.projections.basis.size
-        return blocks.added + new <= self._limit() and new and size < self.settings.columns
+        return blocks.added + new <= self._limit(blocks) and new and size < self.settings.columns
 
     def _is_done(self, blocks, judged):
         """Test whether a point needs no more blocks, or may have none."""
@@ -173,7 +176,7 @@ class Judge:
             proof = judged.proofs[0]
             good = proof.uncertainty <= max(proof.measured / 10, self.goal / 100, judged.noise)
         promising = _columns_ahead([*blocks.history, judged.estimate], goal, new) <= AHEAD
-        most = self._limit() + (AHEAD if promising else 0)
+        most = self._limit(blocks) + (AHEAD if promising else 0)
         full = blocks.added + (0 if promising else new) > most or self.projections.basis.size >= self.settings.columns
         return bool(not new or good or full)
 

@@ -232,6 +232,6 @@ def directions_of(pair, frequencies, band, model) -> tuple[Direction, ...]:
     """Return the accuracy of each output, the least accurate first; local."""
     by = measure_over(MEASURES["directions"], band, pair.outer)
     parts = np.array_split(frequencies, 1 + len(frequencies) * len(by.outputs) * len(by.inputs) // TOGETHER)
-    pair = replace(pair, measure=by)
+    pair = pair.by(by)
     return directions_table(by, ((part, pair.each(part), pair.outer.responses(part)[0]) for part in parts),
                             model.output_names, model.input_names)  # fmt: skip

@@ -11,7 +11,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from ...linalg.blocks import copy_of, create_block, random_block
+from ...linalg.blocks import copy_of, create_block, local_rows, random_block
 from ...linalg.conjugate_gradients import NegativeCurvature, NotSolved
 from ...linalg.known import ModeCount, Source
 from ...linalg.solvers.base import MOVES_FREELY, SingularMatrix
@@ -25,6 +25,10 @@ from .goal import Adaptive
 from .projections import Projections
 from .residual_blocks import residual_block
 
+# columns of loads up to which blocks are filled, to so many: with few a back substitution waits for the factor to pass
+# through memory, which takes as long as the arithmetic of about ten. Not by the clock, for a search gives the same each
+# time, on any number of ranks
+FEW, WIDTH = 4, 12
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
 TRIES, OUTWARDS = (0, 1, -1, 3), (0, 1, 2, 3)  # how often, in turn; points at the ends of a band out of it
 # of its first residual may be left by multigrid, of loads, and of what a basis leaves of them
@@ -36,12 +40,32 @@ class NoRegularPoint(ComputationError):
 
 
 class SearchSequence(PencilSequence):
-    """The Krylov sequence of a point of a search: of the inputs and outputs together."""
+    """The Krylov sequence of a point of a search: of the inputs and outputs together, and of M times random columns
+    where these are FEW. What no load moves is found with the rest then."""
 
-    rule = "pencil of inputs and outputs"
+    rule = "pencil of inputs, outputs and random columns"
 
     def _factor(self):
         return self.run.solvers.factored(self._square, self._name, may_give_up=False)
+
+    @property
+    def filled(self) -> int:
+        """The random columns of the first block."""
+        loads = super()._load_columns()
+        return WIDTH - loads if loads <= FEW else 0
+
+    def _load_columns(self):
+        return super()._load_columns() + self.filled
+
+    def _next_load(self):
+        if self.ends or not self.filled:
+            return super()._next_load()
+        model = self.run.model
+        block = create_block(model.K, self._load_columns())
+        random = self.run.times_mass(random_block(model.K, self.filled))
+        with local_rows(block) as rows, local_rows(self._loads) as own, local_rows(random) as more:
+            rows[...] = np.hstack([own, more])
+        return block
 
 
 class PointSolver:

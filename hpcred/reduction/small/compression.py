@@ -17,6 +17,7 @@ LARGE = 1e6  # error that counts as any other above it
 BALANCES = (1.0, 0.1, 10.0, 0.01, 100.0)  # of the states of inputs beside those of outputs, where these are others
 LITTLE = 1e-3  # of the goal: errors that are no matter
 WIDE = 0.1  # of the goal: error of the columns that a refinement combines
+CLEAR = 1e3  # times the round-off of plain subtraction, above which an error is known by it
 TIE = 0.01  # by how much the first input or output counts less than the last, so that equal directions have an order
 
 
@@ -53,10 +54,11 @@ class States:
 
     def __init__(self, pair: Comparison, frequencies, fixed=None, outward=None, inward=None):
         self.pair, self.frequencies, self._outward, self._inward = pair, frequencies, outward, inward
-        self._states = states = snapshots(pair.outer, frequencies, pair.measure)
+        states = snapshots(pair.outer, frequencies, pair.measure)
         if fixed is not None:
-            self._states = states - times(fixed, times(fixed.T, states))
-        self._known = pair.outer.responses(frequencies)
+            states = states - times(fixed, times(fixed.T, states))
+        self._states, self._width = columns(states), states.shape[2]
+        self._known, self._noise = pair.outer.responses(frequencies), np.inf
         self._ties = 1 + TIE * np.linspace(0.0, 1.0, states.shape[2])
         self.balances = BALANCES if states.shape[2] > self._inputs else BALANCES[:1]
         self.reset()
@@ -72,15 +74,24 @@ class States:
 
     def gram(self) -> np.ndarray:
         """Return the Gram matrix of the rows (m, m) of the weighted states."""
-        flat = columns(self._states * self._weights)
+        weights = self._weights.ravel()
+        flat = self._states * np.tile(weights, self._states.shape[1] // len(weights))
         gram = flat @ flat.T
         return gram if self._outward is None else self._outward @ gram @ self._outward.T
 
     def error(self, span) -> float:
         """Return the largest error of a model on orthonormal columns."""
         inside = self.pair.within(span if self._inward is None else np.linalg.qr(self._inward @ span)[0])
-        self._each = np.minimum(self.pair.measure.each(inside.difference(self.frequencies), *self._known), LARGE)
-        return self.pair.measure.total(self._each).max()
+        measure = self.pair.measure
+        plain = self._known[0] - inside.inner.response(self.frequencies)
+        each = measure.each(plain, *self._known)
+        # plain subtraction is quick, and serves where its round-off is no matter; a NaN, as at 0 Hz, does not compare
+        if not measure.total(each).max() > CLEAR * self._noise:
+            exact = inside.difference(self.frequencies)
+            self._noise = float(np.nanmax(measure.eps(plain - exact, *self._known), initial=0.0))
+            each = measure.each(exact, *self._known)
+        self._each = np.minimum(each, LARGE)
+        return measure.total(self._each).max()
 
     def largest_part(self) -> float:
         """Return the largest error of an input or output, of the model whose error was asked for last."""
@@ -92,7 +103,7 @@ class States:
 
     def _parts(self):
         of_inputs, of_outputs = self._each.max(axis=1), self._each.max(axis=2)
-        return of_inputs if self._states.shape[2] == self._inputs else np.hstack([of_inputs, of_outputs])
+        return of_inputs if self._width == self._inputs else np.hstack([of_inputs, of_outputs])
 
 
 class Snapshots:

@@ -87,6 +87,12 @@ class Comparison(Keeping):
         inner = self.inner.response(frequencies)
         return self.measure.eps(H - inner - self.difference(frequencies), H, drive)
 
+    def by(self, measure: Measure) -> Comparison:
+        """Return the same by another measure, for which the differences that are kept serve as well."""
+        other = replace(self, measure=measure)
+        other.memory.update(self.memory)
+        return other
+
     def with_damping(self, damping: Proportional) -> Comparison:
         """Return the same with another proportional damping."""
         inner, outer = (replace(model, damping=damping) for model in (self.inner, self.outer))

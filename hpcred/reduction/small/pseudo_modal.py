@@ -33,6 +33,7 @@ NEARLY_ZERO = 1e-12  # eigenvalue, relative to the largest, that round-off may h
 PUSHED = 1e-11  # of the norm of a load, or of a damping matrix: less on a motion is round-off
 MIXED = 1e-8  # lowest eigenvalue, relative to the highest, that combinations of both have few digits of
 NUMBERS_AT_A_TIME = 2**22  # complex numbers of states held at a time
+NUMBERS_IN_CACHE = 2**16  # the same where each is passed over several times for little arithmetic
 NUMBERS_KEPT = 2**24  # complex numbers of inverses that a model keeps
 
 
@@ -316,8 +317,8 @@ class PseudoModal(Keeping):
     def parts_of(self, frequencies: np.ndarray) -> list[np.ndarray]:
         """Parts of the frequencies whose states (and matrices, with a given D) fit."""
         m, l = self.L.shape
-        width = l if self.is_diagonal else l + m
-        return np.array_split(frequencies, max(1, -(-len(frequencies) * m * width // NUMBERS_AT_A_TIME)))
+        width, most = (l, NUMBERS_IN_CACHE) if self.is_diagonal else (l + m, NUMBERS_AT_A_TIME)
+        return np.array_split(frequencies, max(1, -(-len(frequencies) * m * width // most)))
 
     def response(self, frequencies: np.ndarray) -> np.ndarray:
         """Return H (S, r, p)."""
@@ -331,6 +332,14 @@ class PseudoModal(Keeping):
     def _responses_at(self, frequencies):
         left, right = self.Ct.T, self.B
         H, drive = [], []
+        if self.is_diagonal:  # each mode adds c b^T over its own number, for all frequencies in one product
+            products = (left.T[:, :, None] * right[:, None, :]).reshape(len(self), -1)
+            for part in self.parts_of(frequencies):
+                inverse = 1 / self._diagonal(part)
+                rows = _times_real(inverse, products).reshape(len(part), len(left), right.shape[1])
+                H.append(self.io.measured(2j * np.pi * part, rows))
+                drive.append(_times_real(inverse, right**2))
+            return np.concatenate(H), np.concatenate(drive)
         for part in self.parts_of(frequencies):
             states = self.solve(part, right)
             rows = left @ states
@@ -354,6 +363,10 @@ def kept(owner: Keeping, name: str, frequencies, compute, size: int) -> tuple[np
         known = np.concatenate([known, new])
         order = np.argsort(known)
         known, *arrays = owner.memory[name] = [part[order] for part in (known, *made)]
+        for part in arrays:
+            part.flags.writeable = False  # what is kept goes to all that ask for it
+    if np.array_equal(known, frequencies):
+        return tuple(arrays)
     at = np.searchsorted(known, frequencies)
     return tuple(part[at] for part in arrays)
 
@@ -457,6 +470,14 @@ def columns(states: np.ndarray) -> np.ndarray:
     """Return real and imaginary parts of states (S, m, l) side by side: (m, 2 S l), or (m, S l) of real ones."""
     flat = states.transpose(1, 0, 2).reshape(states.shape[1], states.shape[0] * states.shape[2])
     return np.hstack([flat.real, flat.imag]) if np.iscomplexobj(flat) else flat
+
+
+def _times_real(matrix, real):
+    """Return a complex matrix times a real one, without complex arithmetic."""
+    product = np.empty((len(matrix), real.shape[1]), dtype=complex)
+    product.real = np.ascontiguousarray(matrix.real) @ real
+    product.imag = np.ascontiguousarray(matrix.imag) @ real
+    return product
 
 
 def _column_norms(blocks):
