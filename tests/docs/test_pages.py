@@ -5,7 +5,7 @@ import inspect
 import re
 import shlex
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 from xml.etree import ElementTree
@@ -171,6 +171,21 @@ def test_public_functions_say_what_they_take_and_return():
             missing |= {"Returns"} - {*found}
             lacking |= {name: missing} if missing else {}
     assert lacking == {}
+
+
+def fields_without_meaning(kind):
+    """The arguments of a class that no section Parameters or Attributes names, of itself or of what it extends."""
+    above = reference.sources(kind) if is_dataclass(kind) else []
+    named = {name for item in (kind, *above) for name in reference.meanings(item)}
+    return {*inspect.signature(kind).parameters} - COMMON - {"kind"} - named
+
+
+def test_public_classes_say_what_their_arguments_are():
+    kinds = [item for name in hpcred.__all__ if inspect.isclass(item := getattr(hpcred, name))]
+    kinds = [item for item in kinds if not issubclass(item, Exception)]
+    assert len(kinds) > 60
+    assert {item.__name__: lacking for item in kinds if (lacking := fields_without_meaning(item))} == {}
+    assert fields_without_meaning(Flat) == {"sides"}
 
 
 @dataclass(frozen=True, kw_only=True)
