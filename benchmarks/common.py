@@ -131,6 +131,6 @@ def origin():
 
     commit = git("rev-parse", "--short", "HEAD") + "+" * bool(git("status", "--porcelain", "hpcred"))
     known = "from hpcred.reduction.result.record import versions; import json; print(json.dumps(versions()))"
-    found = subprocess.run([sys.executable, "-c", known], env=ENVIRONMENT, check=True, stdout=subprocess.PIPE, text=True)
-    day = date.today().isoformat()
-    return {"machine": machine(), "date": day, "commit": commit or "unknown", "versions": json.loads(found.stdout.splitlines()[-1])}
+    found = subprocess.run([sys.executable, "-c", known], env=ENVIRONMENT, check=True, capture_output=True, text=True)
+    versions = json.loads(found.stdout.splitlines()[-1])
+    return {"machine": machine(), "date": date.today().isoformat(), "commit": commit or "unknown", "versions": versions}
