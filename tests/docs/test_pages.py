@@ -156,6 +156,24 @@ def test_the_first_picture_is_vectors_with_colours_for_light_and_dark(page):
     ElementTree.fromstring(picture)
 
 
+CLAIM = re.compile(r"\b(?:never|refused|refuses|not followed|not loaded|unchanged|not waited)\b")
+
+
+def claims_without_test(text):
+    """Rows of tables and paragraphs that promise what never happens and name no test of it."""
+    blocks = re.split(r"\n\n|\n(?=- )", text)
+    parts = [part for block in blocks for part in (block.splitlines() if "\n|" in block else [block])]
+    return [part for part in parts if CLAIM.search(part) and not re.search(r"`(?:tests/[^`]+|make \w+)`", part)]
+
+
+def test_what_never_happens_has_a_test():
+    page = (DOCS / "robustness.md").read_text()
+    assert claims_without_test(page) == [] and len(CLAIM.findall(page)) > 30
+    for path, function in re.findall(r"`(tests/[\w/]+(?:\.py)?)(?:::(\w+))?`", page):
+        assert (ROOT / path).exists() and (not function or f"def {function}(" in (ROOT / path).read_text()), path
+    assert claims_without_test("It is never so.\n\n| a | refused | `tests/x.py` |\n| b | refused | |") != []
+
+
 COMMON = {"comm", "progress"}  # which mean the same in all functions
 
 
