@@ -403,6 +403,25 @@ def test_the_cited_version_and_paper_are_those_of_the_citation_file():
     assert f"title = {{{re.search(r'^title: .(.*).$', cited, re.M)[1]}}}" in page
 
 
+def broken_tables(text):
+    """Heads of tables that no line sets apart, or whose rows have another number of cells."""
+    for rows in re.findall(r"(?:^\|[ -].*\n)+", FENCE.sub("", text), re.M):
+        cells = [len(re.split(r"(?<!\\)\|", CODE.sub("", row.strip()))) for row in rows.splitlines()]
+        if len(cells) < 2 or not re.match(r"\|( *-+ *\|)+$", rows.splitlines()[1]) or len(set(cells)) > 1:
+            yield rows.partition("\n")[0]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_tables_have_a_head_and_rows_of_one_length(page):
+    assert list(broken_tables(page.read_text() + "\n")) == []
+
+
+def test_broken_tables_are_seen():
+    assert list(broken_tables("| a | b |\n| 1 | 2 |\n\n| c |\n| --- |\n| 1 | 2 |\n\n| d |\n|---|\n| 1 |\n")) == [
+        "| a | b |", "| c |",
+    ]  # fmt: skip
+
+
 def test_every_known_system_of_units_is_on_its_page():
     from hpcred.model.units import UNITS
 
