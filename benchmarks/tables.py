@@ -356,7 +356,7 @@ def main(folder=None):
     for path in sorted(Path(folder).glob("*.json")) if folder else ():
         if path.stem in known:
             shutil.copy(path, OUTCOMES / path.name)
-            print(f"{path} is now one of benchmarks/outcomes")
+            print(f"{path} is now one of benchmarks/outcomes; take its rows out of {path.stem}.recorded.json there")
     for page in PAGES:
         (ROOT / page).write_text(written(page))
 
