@@ -6,6 +6,7 @@ import platform
 import subprocess
 import sys
 import tempfile
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -119,4 +120,17 @@ def finish(name, rows):
     print("| " + " | ".join(keys) + " |\n|" + " --- |" * len(keys))
     for row in cells:
         print("| " + " | ".join(row) + " |")
-    Path(f"{name}.json").write_text(json.dumps({"machine": machine(), "rows": rows}, indent=1) + "\n")
+    Path(f"{name}.json").write_text(json.dumps({**origin(), "rows": rows}, indent=1) + "\n")
+
+
+def origin():
+    """Where a table comes from: machine, date, commit, with a + where the package has changes, and versions."""
+
+    def git(*words):
+        return subprocess.run(["git", "-C", str(HERE.parent), *words], capture_output=True, text=True).stdout.strip()
+
+    commit = git("rev-parse", "--short", "HEAD") + "+" * bool(git("status", "--porcelain", "hpcred"))
+    known = "from hpcred.reduction.result.record import versions; import json; print(json.dumps(versions()))"
+    found = subprocess.run([sys.executable, "-c", known], env=ENVIRONMENT, check=True, capture_output=True, text=True)
+    versions = json.loads(found.stdout.splitlines()[-1])
+    return {"machine": machine(), "date": date.today().isoformat(), "commit": commit or "unknown", "versions": versions}

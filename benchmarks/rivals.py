@@ -231,7 +231,7 @@ def rows_of(name, found):
 
 
 def overview(runs):
-    """The table of docs/rivals.md, in Markdown: sizes for both errors, seconds, and the error at the size of hpcred."""
+    """A table in Markdown: sizes for both errors, seconds, and the error at the size of hpcred."""
     rows = {(row["model"], row["method"], row["error"]): row for name in runs for row in rows_of(name, runs[name])}
     groups = list(dict.fromkeys(key[1] for key in rows))
     lines = ["| method | " + " | ".join(runs) + " |", "| --- |" + " --- |" * len(runs)]

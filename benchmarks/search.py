@@ -52,7 +52,7 @@ def crank(scale):
 def viscoelastic(scale):
     """A block whose stiffness relaxes."""
     model = solid((16, 6, 6), 3, scale)
-    return model.with_viscoelastic([hpcred.Viscoelastic(model.K, hpcred.Maxwell([0.1, 0.05], [1e-3, 1e-4]))])
+    return model.with_viscoelastic([hpcred.Viscoelastic(model.K, hpcred.laws.Maxwell([0.1, 0.05], [1e-3, 1e-4]))])
 
 
 def parametric(scale):

@@ -1,14 +1,26 @@
-"""Write the tables of benchmarks in docs/benchmarks.md from the results of a run: python benchmarks/tables.py [folder].
+"""Write the tables of the pages from saved results: python benchmarks/tables.py [folder].
 
-They stand between two comments; rows whose results are not in the folder are left out.
+The results of the folder, NAME.json as a benchmark writes it, are first put into benchmarks/outcomes, which is part of
+the sources. A table stands between two comments, and a table without any results stays as it is. Results that were not
+saved when they were made, and whose runs take too long to be repeated at will, were taken over from the page that had
+them (NAME.recorded.json, with the date and commit of that page).
 """
 
 import json
+import re
+import shutil
 import sys
 from pathlib import Path
 
-PAGE = Path(__file__).parent.parent / "docs" / "benchmarks.md"
-BEGIN, END = "<!-- benchmarks: made by benchmarks/tables.py -->", "<!-- end of benchmarks -->"
+ROOT = Path(__file__).parent.parent
+OUTCOMES = Path(__file__).parent / "outcomes"
+BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(<!-- end of table -->)", re.S)
+PAGES = ("README.md", "docs/evidence.md", "docs/choose.md", "docs/benchmarks.md")
+LONG = "taken over from the page {} of that commit; its results were not saved, and its runs take long"
+
+
+# of benchmarks.md
+
 HEAD = ("work", "dofs", "hpcred", "peer", "peer / hpcred", "largest difference")
 
 
@@ -42,11 +54,11 @@ def modes(row):
 
 def accuracy(row):
     ours, size = row["hpcred, 2 ranks (s)"], row["size"]
-    asked = f"{row['body']}: eps <= 1e-6 to 6000 Hz, {size} coordinates (error {number(row['error'])}); peer: "
+    asked = f"{row['body']}: to 1e-6, {size} coordinates ({number(row['error'])}); peer: "
     yield line(asked + "its points and orders on PARDISO", row["dofs"], ours, row["PARDISO copy (s)"],
                row["copy's error"])  # fmt: skip
     if "chain alone's error" in row:
-        yield line(asked + "its first point on PARDISO, no proof", row["dofs"], ours, row["chain alone (s)"],
+        yield line(asked + "its first point on PARDISO, not verified", row["dofs"], ours, row["chain alone (s)"],
                    row["chain alone's error"])  # fmt: skip
     for factor in ("1.5", "2"):
         count = row[f"modes to {factor} times the band"]
@@ -81,8 +93,6 @@ def readers(name, work, ours, theirs):
 
 def parts_of_solids(rows):
     for row in rows:
-        yield [f"{points_of(row)}, {row['dofs']:,} dofs: outside of MUMPS, with start and files; orthogonalisation",
-               f"{100 * row['outside MUMPS']:.0f} %; {100 * row['orthogonalisation']:.1f} %"]  # fmt: skip
         yield [f"{points_of(row)}, {row['dofs']:,} dofs: memory of both ranks (of PARDISO), kB a dof",
                f"{row['kB/dof']:.1f} ({row['PARDISO kB/dof']:.1f})"]  # fmt: skip
 
@@ -127,28 +137,228 @@ COMPARED = {
 MORE = {"solids": parts_of_solids, "growth": growth, "growth-multigrid": multigrid, "million": each(to_a_tolerance)}
 
 
-def table(folder, head, makers, machines):
-    """Lines of a table from the results that the folder has, in Markdown."""
-    rows = []
+
+def shown(value):
+    """A number in two digits, a text as it is."""
+    if not isinstance(value, float):
+        return f"{value:,}" if isinstance(value, int) else "" if value is None else str(value)
+    text = f"{value:.2g}" if value >= 0.01 else f"{value:.1e}"
+    return re.sub(r"(?:\.0)?e([+-])0", lambda found: f"e{found[1]}", text)
+
+
+# of evidence.md: the tables' heads, and for each row of a result its cells
+
+CASES = {  # what the bodies of the benchmarks are called on the pages, where one name stands for several
+    ("directions", "crank"): "rod", ("directions", "linkage"): "linkage, supports and load",
+    ("directions", "plate"): "plate 16 x 16", ("adaptive", "linkage"): "linkage, one force",
+    ("adaptive", "linkage-mimo"): "linkage, supports and load", ("adaptive", "plate"): "plate 20 x 20",
+    ("adaptive", "solid"): "block 16 x 6 x 5", ("adaptive", "free"): "block 14 x 5 x 4, free",
+    ("rivals", "linkage"): "linkage, one force", ("rivals", "block"): "block, damped",
+    ("rivals", "plate"): "plate 16 x 16, damped", ("rivals", "foundation"): "foundation, viscous",
+    ("rivals", "concrete"): "concrete, viscous", ("rivals", "shaft"): "shaft, viscous",
+}  # fmt: skip
+TO_A_TOLERANCE = "hpcred"
+
+
+def case_of(name, row):
+    body = row.get("body") or row.get("model")
+    return CASES.get((name, body), body)
+
+
+def columns(*names, **shown_as):
+    """(head, cells) of a table with the values of these keys."""
+    head = [shown_as.get(name.replace(" ", "_"), name) for name in names]
+    return head, lambda rows: [[shown(row.get(name)) for name in names] for row in rows]
+
+
+def cells_of_directions(rows):
+    keys = ("asked", "size", "estimated", "true", "drive point", "static", "paper", "its drive point", "Craig-Bampton",
+            "best")  # fmt: skip
+    rows = [row for row in rows if row["solver"] == "direct"]
+    return [[case_of("directions", row), shown(row["dofs"]), *(shown(row[key]) for key in keys)] for row in rows]
+
+
+def cells_of_cost(rows):
+    keys = ("asked", "groups", "factorisations", "columns", "size", "estimated / true")
+    return [[case_of("adaptive", row), *(shown(row[key]) for key in keys)] for row in rows]
+
+
+def cells_of_boundary(rows):
+    return [[shown(value) for key, value in row.items() if key != "size"] for row in rows]
+
+
+def cells_of_published(rows):
+    keys = ("dofs", "inputs", "band (Hz)", "coordinates", "largest error", "processor s")
+    bases = {"tolerance 0.0001": "to 1e-4"}
+    return [[f"`{row['model']}`", bases.get(row.get("basis"), row.get("basis", row.get("verdict", ""))),
+             *(shown(row.get(key)) for key in keys)] for row in rows]  # fmt: skip
+
+
+SAME_SIZE = ("to a tolerance", "Craig-Bampton", "modes", "modes and attachment modes", "points by hand")
+
+
+def cells_of_same_size(rows):
+    found = {(row["asked"], row["method"]): f"{row['coordinates']}: {shown(row['largest error'])}" for row in rows}
+    return [[shown(asked), *(found[asked, method] for method in SAME_SIZE)] for asked in sorted(
+        {row["asked"] for row in rows}, reverse=True)]  # fmt: skip
+
+
+def cells_of_rivals(rows):
+    """Sizes for both errors, seconds and the error at the size of hpcred; of a model in the table of published ones,
+    the seconds and the error of hpcred are there."""
+    models, methods = (list(dict.fromkeys(row[key] for row in rows)) for key in ("model", "method"))
+    known = {row["model"] for _, row in results("published")}
+    by = {(row["model"], row["method"], row["error"]): row for row in rows}
+    made = []
+    for method in methods:
+        cells = [method]
+        for model in models:
+            loose, close = (by.get((model, method, eps)) for eps in (1e-2, 1e-4))
+            if loose is None:
+                cells.append("-")
+                continue
+            more = [close["seconds"], close["error at the size of hpcred"]]
+            if method == TO_A_TOLERANCE and case_of("rivals", loose) in known:
+                more = []
+            units = [f"{shown(value)}{unit}" for value, unit in zip(more, (" s", ""), strict=False) if value != "-"]
+            cells.append(", ".join([f"{loose['size']} / {close['size']}", *units]))
+        made.append(cells)
+    ratios = [[by[model, TO_A_TOLERANCE, eps]["hpcred / best"] for eps in (1e-2, 1e-4)] for model in models]
+    return [*made, ["hpcred / best", *(" / ".join(f"{ratio:.2f}" for ratio in pair) for pair in ratios)]]
+
+
+def head_of_rivals(rows):
+    return ["method", *dict.fromkeys(case_of("rivals", row) for row in rows)]
+
+
+def cells_of_bounds(rows):
+    asked = {"tolerance": "", "exact": ", `static = \"exact\"`"}
+    keys = ("size", "frequencies", "static")
+    return [[f"{shown(row['tolerance'])}{asked[row['asked of 0 Hz']]}", *(shown(row[key]) for key in keys),
+             f"{100 * row['stress']:.2g} %" if row["stress"] > 1e-9 else "round-off"]
+            for row in sorted(rows, key=lambda row: (-row["tolerance"], row["asked of 0 Hz"] == "exact"))]  # fmt: skip
+
+
+EVIDENCE = {
+    "directions": (("body", "dofs", "asked", "size", "estimated", "true", "drive point", "static", "paper",
+                    "its drive point", "Craig-Bampton", "best"), cells_of_directions),
+    "adaptive": (("body", "asked", "groups", "factorisations", "columns", "size", "estimated / true"), cells_of_cost),
+    "boundary": (None, cells_of_boundary),
+    "published": (("model", "basis", "dofs", "inputs", "band (Hz)", "coordinates", "largest error", "processor s"),
+                  cells_of_published),
+    "bearings": (("tolerance", *SAME_SIZE), cells_of_same_size),
+    "rivals": (head_of_rivals, cells_of_rivals),
+    "rivals_large": columns("method", "size for 0.01", "size for 0.0001", "seconds", "error with 29", "error with 34",
+                            "largest tried"),
+    "mbsim_body": columns("quantity", "hpcred, consistent mass", "with the mass lumped to the diagonal"),
+    "rotor": columns("what", "dofs", "coordinates", "factorisations", "estimated", "measured"),
+    "bounds": (("tolerance", "coordinates", "frequencies in the band", "deflection at 0 Hz",
+                "stress at 0 Hz, of the largest"), cells_of_bounds),
+}  # fmt: skip
+
+
+def results(name):
+    """(run, row) of the saved results of a benchmark; a run is the name of their file."""
+    for path in [*OUTCOMES.glob(f"{name}.json"), *sorted(OUTCOMES.glob(f"{name}.*.json"))]:
+        yield from ((path.stem, row) for row in json.loads(path.read_text())["rows"])
+
+
+def rows_of(name):
+    """Head and cells of a table of evidence, each row with its run."""
+    head, cells = EVIDENCE[name]
+    made, rows = [], list(results(name))
+    for run in dict.fromkeys(run for run, _ in rows):
+        of_run = [row for of, row in rows if of == run]
+        made += [[*row, f"[{run}](#runs)"] for row in cells(of_run)]
+    every = [row for _, row in rows]
+    head = head(every) if callable(head) else head or [key for key in every[0] if key != "size"]
+    return [*head, "run"], made
+
+
+def runs():
+    """Where the rows of evidence come from."""
+    for name in EVIDENCE:
+        for run in dict.fromkeys(run for run, _ in results(name)):
+            found = json.loads((OUTCOMES / f"{run}.json").read_text())
+            versions = ", ".join(f"{key} {value}" for key, value in found["versions"].items())
+            note = LONG.format(Path(found["recorded"]).stem) if "recorded" in found else ""
+            yield [run, found["machine"], found["date"], found["commit"], versions or "not recorded", note]
+
+
+def claims():
+    """((body, tolerance, method, quantity), value as it is shown, run) of everything that the page says of reductions
+    to a tolerance."""
+    for name, keys in (
+        ("directions", {"size": "size", "true": "error"}),
+        ("adaptive", {"size": "size"}),
+        ("published", {"coordinates": "size", "largest error": "error", "processor s": "seconds"}),
+        ("bounds", {"size": "size"}),
+    ):
+        for run, row in results(name):
+            usual = {"groups": 1, "solver": "direct", "asked of 0 Hz": "tolerance"}
+            if any(row.get(key, value) != value for key, value in usual.items()):
+                continue
+            if not row.get("basis", "tolerance").startswith("tolerance"):
+                continue
+            asked = row.get("asked", row.get("tolerance", 1e-4))
+            body = "rod" if name == "bounds" else case_of(name, row)
+            for key, quantity in keys.items():
+                if key in row:
+                    yield (body, asked, TO_A_TOLERANCE, quantity), shown(row[key]), run
+    known = {row["model"] for _, row in results("published")}
+    for run, row in results("rivals"):
+        key = case_of("rivals", row), row["error"], row["method"]
+        yield (*key, "size"), str(row["size"]), run
+        if row["method"] != TO_A_TOLERANCE or key[0] not in known:
+            yield from (((*key, of), shown(row[of]), run) for of in ("seconds",) if row[of] != "-")
+
+
+def markdown(head, rows):
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in (head, ["---"] * len(head), *rows))
+
+
+def compared(makers, head):
+    """A table of benchmarks.md, empty without results, and the machines that it was measured on."""
+    rows, machines = [], []
     for name, make in makers.items():
-        path = Path(folder) / f"{name}.json"
+        path = OUTCOMES / f"{name}.json"
         if path.exists():
             found = json.loads(path.read_text())
             machines.append(found["machine"])
             rows += make(found["rows"])
-    return [f"| {' | '.join(cells)} |\n" for cells in (head, ["---"] * len(head), *rows)] if rows else []
+    return (markdown(head, rows) if rows else ""), machines
 
 
-def main(folder="benchmark-results"):
-    machines = []
-    tables = [table(folder, HEAD, COMPARED, machines), table(folder, ("more", "value"), MORE, machines)]
-    if not machines:
-        sys.exit(f"{folder}: found no results for a table; docs/benchmarks.md stays as it is")
-    said = f"Measured on: {'; '.join(dict.fromkeys(machines))}."
-    before, rest = PAGE.read_text().split(BEGIN)
-    after = rest.split(END)[1]
-    text = "\n".join("".join(lines) for lines in tables if lines)
-    PAGE.write_text("".join([before, BEGIN, "\n", text, f"\n{said}\n", END, after]))
+def table(name):
+    """The text of a table, or "" without results."""
+    if name == "runs":
+        return markdown(("run", "machine", "date", "commit", "versions", ""), runs())
+    if name in EVIDENCE:
+        head, rows = rows_of(name) if any(results(name)) else ((), [])
+        return markdown(head, rows) if rows else ""
+    text, machines = compared(*{"compared": (COMPARED, HEAD), "more": (MORE, ("more", "value"))}[name])
+    return f"{text}\nMeasured on: {'; '.join(dict.fromkeys(machines))}.\n" if text else ""
+
+
+def written(page):
+    """The text of a page with its tables made anew; the runs are on the page of evidence."""
+    place = {"README.md": "docs/evidence.md", "docs/evidence.md": ""}.get(page, "evidence.md")
+
+    def made(found):
+        text = table(found[2]).replace("(#runs)", f"({place}#runs)")
+        return f"{found[1]}{text}{found[3]}" if text else found[0]
+
+    return BLOCK.sub(made, (ROOT / page).read_text())
+
+
+def main(folder=None):
+    known = [*EVIDENCE, *COMPARED, *MORE]
+    for path in sorted(Path(folder).glob("*.json")) if folder else ():
+        if path.stem in known:
+            shutil.copy(path, OUTCOMES / path.name)
+            print(f"{path} is now one of benchmarks/outcomes; take its rows out of {path.stem}.recorded.json there")
+    for page in PAGES:
+        (ROOT / page).write_text(written(page))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,8 @@ from run import commands  # noqa: E402  (in docs/tutorial)
 
 INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.S)
 CONSOLE = re.compile(r'<div class="language-console highlight">(.*?)</div>', re.S)
+CELL = re.compile(r"<td[^>]*>.*?</td>", re.S)
+SMALL = re.compile(r"(?<![\w.=-])\d[\d.]*e-\d+(?![^<]*>)")  # numbers that a browser would break behind e-
 BLOCK = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.S)
 
 
@@ -40,6 +42,7 @@ def on_files(files, config):
 def on_page_content(content, page, config, files):
     content = INLINE.sub(lambda found: mathml(found[1], "inline"), content)
     content = CONSOLE.sub(with_commands, content)
+    content = CELL.sub(lambda found: SMALL.sub(r'<span class="number">\g<0></span>', found[0]), content)
     if page.file.src_uri == "reference/python.md":
         content = linked(content, '<a href="#{place}"><code>{name}</code></a>')
     return BLOCK.sub(lambda found: mathml(found[1], "block"), content)

@@ -57,10 +57,23 @@ ROOMS = {
 def pages() -> dict[str, str]:
     """All reference pages by their place in docs/."""
     found = {"command-line": command_line(), "python": python_names(), "files": hdf5_files()}
-    for name, module in modules_of(hpcred.settings).items():
-        for table in tables_of_files(module):
+    modules = modules_of(hpcred.settings)
+    tables = [(name, table) for name, module in modules.items() for table in tables_of_files(module)]
+    texts = [table for _, table in tables if len(fields(table)) == 1]  # around a table that an option takes
+    for name, table in tables:
+        if table not in texts:
             found[name.replace("_", "-")] = keys_of_file(f"the {name.replace('_', ' ')}", table)
+    known = {kind for name, table in tables if name == "job_file" for _, kind in inner_tables(table)}
+    inner = [(path, kind) for table in texts for path, kind in inner_tables(table) if kind not in known]
+    found["job-file"] = joined([found["job-file"], *(keys_of_a_text(path, kind) for path, kind in inner)])
     return {f"reference/{name}.md": text for name, text in found.items()}
+
+
+def keys_of_a_text(path, kind) -> str:
+    """A section on a table that options of the command line take, and no file."""
+    name = path.strip("`[]")
+    about = f"The value of `--{name}`, such as `--{name} '{{key = value}}'`; jobs have no such table."
+    return joined([f"## {path} of the command line", about, text_of(kind), table_of_keys(kind)])
 
 
 def modules_of(package) -> dict:

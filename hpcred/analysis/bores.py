@@ -20,10 +20,22 @@ DIGITS = 7  # of places, relative to the radius
 
 @dataclass(frozen=True, kw_only=True)
 class Bore:
-    """A cylinder on the surface of a body: a "bore", around a hole, or a "pin", seen from outside; "shell" on shells.
+    """A cylinder on the surface of a body.
 
-    `start` and `end` (m): the ends of its axis; `radius` in m; `turn`: degrees around the axis that the surface
-    covers, 360 for a whole one; `nodes`: their numbers, ascending.
+    Attributes
+    ----------
+    name : str
+        "bore1", "pin1" and so on.
+    kind : str
+        "bore" around a hole, "pin" where it is seen from outside, "shell" on shells.
+    start, end : tuple of three floats
+        The ends of its axis in m.
+    radius : float
+        m.
+    turn : float
+        Degrees around the axis that the surface covers, 360 for a whole one.
+    nodes : tuple of int
+        Their numbers, ascending.
     """
 
     name: str

@@ -55,8 +55,17 @@ class CriticalSpeed:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FullPoles:
-    """Poles (k,) in rad/s of a full model at a value, of imaginary parts of at least 0, with the largest relative
-    residual of the eigenproblem."""
+    """Poles of a full model at a value of the parameter.
+
+    Attributes
+    ----------
+    value : float
+        Of the parameter.
+    poles : ndarray, complex, shape (k,)
+        rad/s, of imaginary parts of at least 0.
+    residual : float
+        The largest relative residual of the eigenproblem.
+    """
 
     value: float
     poles: np.ndarray

@@ -32,9 +32,20 @@ SOME = 3  # resonances at most
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """At `frequencies` (Hz) that `seed` drew: the `estimated` and the `measured` relative error; `bound`: eps.
+    """The estimated error beside that of full solves at random frequencies.
 
-    `beside_resonances`: how many of the frequencies are there, besides those that the user asked for.
+    Attributes
+    ----------
+    seed : int
+        What drew the frequencies.
+    bound : float
+        The eps that holds.
+    frequencies : tuple of float
+        Hz.
+    estimated, measured : tuple of float
+        The relative errors at these frequencies.
+    beside_resonances : int
+        How many of the frequencies are there, besides those that the user asked for.
     """
 
     seed: int

@@ -48,11 +48,30 @@ POLE = 1e-10  # relative distance of the square of a frequency from an undamped 
 class FullResponse:
     """The frequency response of a full model, and how well it is known.
 
-    `response` (F, r, p) complex at `frequencies` (F,) in Hz, ascending and each once, r outputs and p inputs by name;
-    `eps` (F,): its relative error as estimated at each of them, round-off included, with the damping of the response.
-    `accuracy`: over the whole band, with the damping that it says, and the proofs. `check`: fresh frequencies against
-    full solves, if asked for. `factorisations`: of the search. `warnings`: sentences.
-    `models`, `scale`: what the response is computed from, and a factor of it.
+    Attributes
+    ----------
+    frequencies : ndarray, shape (F,)
+        Hz, ascending and each once.
+    response : ndarray, complex, shape (F, r, p)
+        Of r outputs under p inputs.
+    eps : ndarray, shape (F,)
+        Its relative error as estimated, round-off included, with the damping of the response.
+    input_names, output_names : tuple of str
+        Of the p inputs and r outputs.
+    accuracy : Accuracy
+        Over the whole band, with the damping that it names.
+    factorisations : tuple of FactorRecord
+        Those of the search.
+    timing : Timing
+        Where the time went.
+    check : Check or None
+        Fresh frequencies against full solves, if asked for.
+    warnings : tuple of str
+        Sentences.
+    models : object
+        What the response is computed from.
+    scale : float
+        A factor of the response.
     """
 
     frequencies: np.ndarray

@@ -30,13 +30,25 @@ SHIFT = 1e-6  # of trace(K) / trace(M), where K is singular
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NaturalModes:
-    """The lowest modes x of (K, M) with x^T M x = 1, the `rigid` rigid-body modes first, at 0 Hz.
+    """The lowest modes x of (K, M) with x^T M x = 1, rigid-body modes first, at 0 Hz.
 
-    `frequencies` (m,) in Hz. With the unit translations along x, y, z and rotations about the centre of mass r_1..r_6:
-    `participation` (m, 6), the factors x^T M r_k in kg^(1/2) and kg^(1/2) m; `masses` (6,), r_k^T M r_k in kg and
-    kg m^2; both None without nodes. `residual`: largest ||K x - lambda M x|| / (lambda ||M x||) of the elastic modes.
-    `shapes`: the elastic modes in all dofs as a block (n, m - rigid), or None where there is none: call close().
-    `warnings`: sentences on frequencies for which K has too few digits.
+    Attributes
+    ----------
+    frequencies : ndarray, shape (m,)
+        Hz.
+    rigid : int
+        The number of rigid-body modes.
+    participation : ndarray, shape (m, 6), or None
+        The factors x^T M r_k in kg^(1/2) and kg^(1/2) m, with the unit translations r_1..r_3 along x, y, z and
+        rotations r_4..r_6 about the centre of mass; None without nodes.
+    masses : ndarray, shape (6,), or None
+        r_k^T M r_k in kg and kg m^2; None without nodes.
+    residual : float
+        The largest ||K x - lambda M x|| / (lambda ||M x||) of the elastic modes.
+    shapes : block or None
+        The elastic modes in all dofs, (n, m - rigid); call close().
+    warnings : tuple of str
+        Sentences on frequencies for which K has too few digits.
     """
 
     frequencies: np.ndarray

@@ -41,7 +41,23 @@ class PointStore:
     """A store of expansion points in a folder, which is made if it is not there.
 
     Runs may use one folder at the same time: entries appear whole or not at all, and are independent of the number of
-    ranks. Making one is collective. Raises InputError where the folder cannot be written.
+    ranks.
+
+    Parameters
+    ----------
+    folder : str or path
+        Where the entries are.
+    comm : MPI communicator, optional
+        By default that of all ranks.
+
+    Raises
+    ------
+    InputError
+        Where the folder cannot be written.
+
+    Notes
+    -----
+    Collective.
     """
 
     def __init__(self, folder: str | os.PathLike[str], comm: MPI.Comm = MPI.COMM_WORLD) -> None:

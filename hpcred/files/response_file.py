@@ -43,8 +43,27 @@ SCHEMA = {
 
 @dataclass(eq=False, kw_only=True)
 class Responses:
-    """What a file of responses contains: see the docstring of the module. What is not there is None. `places`: number
-    and position (3,) in m of nodes by name, for files of other programs."""
+    """What a file of responses contains; None for what is not there.
+
+    Attributes
+    ----------
+    frequencies : ndarray, shape (F,)
+        Hz, ascending.
+    input_names, output_names : tuple of str
+        Of the p inputs and r outputs, such as 20:z.
+    response : ndarray, complex, shape (F, r, p), or None
+        Of a full model, from `hpcred response`.
+    reduced, full : ndarray, complex, shape (F, r, p), or None
+        Of a reduced model, and of its full model, from `hpcred evaluate`.
+    drive : ndarray, complex, shape (F, p), or None
+        Beside `full`, its responses where the inputs act.
+    eps : ndarray, shape (F,), or None
+        The relative error, estimated beside `response`, measured beside `full`.
+    record : dict
+        What is known of the error, and what made it.
+    places : dict or None
+        Number and position (3,) in m of nodes by name, for files of other programs.
+    """
 
     frequencies: np.ndarray
     input_names: tuple[str, ...]

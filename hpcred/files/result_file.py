@@ -98,12 +98,28 @@ LARGE = 100_000  # dofs of a body whose surface is no longer drawn without being
 class Result:
     """What a result file contains, but for the basis, which stays in the file: see shapes().
 
-    `reduced`: the ReducedModel with its record. `floating_frame`: None where the model had no nodes or the projection
-    was two-sided. `nodes`: shapes of the interface nodes, those of the inputs and outputs. `geometric_stiffness`: None
-    where it was not asked for. `values` of the parameters at which `reduced` is, with the coordinates X z of the basis
-    (`turn`, X (m, m)), see at; empty and None as read, where `reduced` may have parameters.
-    `preload`: at which `reduced` is, with its `prestress`, see at_preload. `stress_nodes`,
-    `stress_source`: the number of nodes with stress modes, and how these were made. `path` of the file.
+    Attributes
+    ----------
+    path : Path
+        Of the file.
+    reduced : ReducedModel
+        With its record.
+    floating_frame : FloatingFrame or None
+        None where the model had no nodes or the projection was two-sided.
+    nodes : list of NodeShape
+        Shapes of the interface nodes, those of the inputs and outputs.
+    geometric_stiffness : GeometricStiffness or None
+        None where it was not asked for.
+    values : dict
+        Of the parameters at which `reduced` is, as `at` sets them; empty as read, where `reduced` may have parameters.
+    turn : ndarray, shape (m, m), or None
+        X of the coordinates X z of the basis at `values`.
+    preload, prestress : Preload and Prestress, or None
+        At which `reduced` is, as `at_preload` sets it.
+    stress_nodes : int
+        The number of nodes with stress modes.
+    stress_source : str
+        How these were made.
     """
 
     path: Path

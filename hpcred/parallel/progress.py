@@ -55,11 +55,18 @@ class Stage:
 class Progress:
     """Times named stages. A stage inside a stage is taken off the outer one, so the sum is the elapsed time.
 
-    `seconds` holds the time per stage of this rank. Rank 0 gives its lines to the logger "hpcred"; where that has no
-    handler, `show` says whether they are on stderr, by default once a run has lasted SHORT seconds. `bars`: on a
-    terminal steps are bars below the lines; call close() then. `show=True` shows every line; by default there is one a
-    stage, and of those that come many in a stage one after SILENT seconds without any.
-    A thread of rank 0 looks after stages that say nothing by themselves.
+    `seconds` holds the time per stage of this rank. Rank 0 gives its lines to the logger "hpcred". A thread of rank 0
+    looks after stages that say nothing by themselves.
+
+    Parameters
+    ----------
+    comm : MPI communicator
+    show : bool, optional
+        Whether lines are on stderr where the logger has no handler: True shows every line, False none. By default they
+        are there once a run has lasted SHORT seconds, one a stage, and of those that come many in a stage one after
+        SILENT seconds without any.
+    bars : bool
+        On a terminal steps are bars below the lines; call close() then.
     """
 
     def __init__(self, comm, show: bool | None = None, bars: bool = False):

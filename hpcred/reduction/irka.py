@@ -73,11 +73,21 @@ class TangentialPoints(Component):
 class IRKA(Reductor):
     """Iterative rational Krylov algorithm, which seeks a small error in the H2 norm over all frequencies.
 
-    `size`: coordinates, an even number, for half as many resonances; `band` (Hz): where the first points lie, and no
-    band of accuracy, which a reduction to a tolerance has. `frame`, `damping`: as for reduce. It ends where no point
-    moves by more than `change` of itself, or after so many `turns`, which the record warns of. Where outputs
-    are not the inputs the projection is two-sided, and may make an unstable model of a stable one: the record warns of
-    it.
+    Where outputs are not the inputs the projection is two-sided, and may make an unstable model of a stable one: the
+    record warns of it.
+
+    Parameters
+    ----------
+    size : int
+        Coordinates, an even number, for half as many resonances.
+    band : tuple of two floats
+        Hz, where the first points lie; no band of accuracy, which a reduction to a tolerance has.
+    frame, damping : Frame and Damping, optional
+        As for `reduce`.
+    change : float
+        It ends where no point moves by more than this part of itself.
+    turns : int
+        It ends after so many, which the record warns of.
     """
 
     size: int

@@ -9,14 +9,25 @@ FILES = ("K", "M", "D", "B", "C", "Cv", "Ca", "nodes", "dofs")
 
 @dataclass(frozen=True)
 class Source:
-    """The files of a model: K and M, perhaps D, B (n, p), C, Cv, Ca (r, n), `nodes` and `dofs`.
+    """The files of a model: K and M, perhaps D, B, C, Cv and Ca; y = C q + Cv q' + Ca q''.
 
-    The outputs are y = C q + Cv q' + Ca q''; without Cv and Ca displacements, y = C q.
-    `nodes`: an input file of Abaqus, CalculiX or Nastran, results of CalculiX (.frd), nodes of ANSYS, a universal file,
-    or text lines of node, x, y, z in the order of the rows. `dofs`: text lines of node, direction (1 to 6), one a row
-    of the matrices, or what ANSYS (.mapping) or CalculiX (.dof) writes; without it every node has the same
-    number of dofs (1 to 3 displacements, or 6), unless the matrices name their rows themselves. `variables`: names by
-    K, M, D, B, C, Cv, Ca of matrices in files that hold several.
+    Parameters
+    ----------
+    K, M, D : str
+        Files of the matrices; D is optional.
+    B : str, optional
+        Inputs, (n, p).
+    C, Cv, Ca : str, optional
+        Outputs, (r, n); without Cv and Ca displacements, y = C q.
+    nodes : str, optional
+        An input file of Abaqus, CalculiX or Nastran, results of CalculiX (.frd), nodes of ANSYS, a universal file, or
+        text lines of node, x, y, z in the order of the rows.
+    dofs : str, optional
+        Text lines of node, direction (1 to 6), one a row of the matrices, or what ANSYS (.mapping) or CalculiX (.dof)
+        writes; without it every node has the same number of dofs (1 to 3 displacements, or 6), unless the matrices name
+        their rows themselves.
+    variables : dict, optional
+        Names by K, M, D, B, C, Cv, Ca of matrices in files that hold several.
     """
 
     K: str

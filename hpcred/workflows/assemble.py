@@ -61,6 +61,10 @@ class Assembly:
     warnings : list of str
     nodes : list of NodeShape
         The interfaces in the coordinates of `reduced`.
+    T : ndarray or None
+        The coordinates of the bodies by those of the machine.
+    parts, results : list
+        The bodies as they are coupled, and the results that they were read from.
     """
 
     machine: Machine

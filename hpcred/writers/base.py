@@ -24,13 +24,30 @@ OF_NAMES = "surrogateescape"  # for texts with names of files, whose bytes need 
 
 @dataclass
 class ExportSource:
-    """What a Writer takes of a result; each part is made when it is first asked for. On one rank.
+    """What a Writer takes of a result. Each part is made when it is first asked for, on one rank.
 
-    `name`: of the result, without suffix; `stem`: of the file that is written. `units`: those of the file, in which
-    `body` and `superelement` are; everything else is in SI. `modes`: numbers from 1 of the chosen shapes, or None.
-    `surface`, `stress`: whether the body has them. `options`: those of the Writer, an instance of its class `options`,
-    or None. `parametric`: the reduced model with its parameters, None where it has none or values were chosen.
-    `beside`: contents (str or bytes) of further files to write, by what follows `stem` in their names.
+    Attributes
+    ----------
+    result : Result
+        The result file.
+    name : str
+        Of the result, without suffix.
+    stem : str
+        Of the file that is written.
+    nodes : list of int or str, optional
+        The interface nodes that were chosen.
+    units : Units
+        Those of the file, in which `body` and `superelement` are; everything else is in SI.
+    modes : list of int or None
+        Numbers from 1 of the chosen shapes.
+    surface, stress : bool
+        Whether the body has them.
+    options : object or None
+        The settings of the Writer, an instance of its class `options`.
+    beside : dict
+        Contents (str or bytes) of further files to write, by what follows `stem` in their names.
+    parametric : ParametricReducedModel or None
+        The reduced model with its parameters; None where it has none or values were chosen.
     """
 
     result: Result

@@ -123,9 +123,9 @@ def test_springs_and_masses_that_hide_the_bodies_are_refused(unit):
     def squares(joints=(), masses=()):
         return machine_of([part_of(MachineBody(name="b", result="-"), body)], joints, masses).model(1.0)[0].frequencies
 
-    spring = [hpcred.BushingJoint(bodies=("b.a", "ground"), stiffness=(1e5 * unit, 0, 0))]
+    spring = [hpcred.assembly.BushingJoint(bodies=("b.a", "ground"), stiffness=(1e5 * unit, 0, 0))]
     assert (2 * np.pi * squares(spring)[0]) ** 2 == pytest.approx(1.5, rel=1e-4)
-    mass = [hpcred.PointMass(at="b.a", mass=1e5 * unit)]
+    mass = [hpcred.assembly.PointMass(at="b.a", mass=1e5 * unit)]
     assert (2 * np.pi * squares(masses=mass)[0]) ** 2 == pytest.approx((3.0 - 1 / 3) / 1e5, rel=1e-3)
     with pytest.raises(hpcred.InputError, match="joint.0. between b.a and ground:x: is .*e.09 times as stiff or heavy"):
         squares([replace(spring[0], stiffness=(1e10 * unit, 0, 0))])
@@ -170,9 +170,9 @@ def test_errors_of_bodies_have_one_damping_or_none():
         "a\x1b[31m", "a\0b", "a\nb", "a\ud800")),
     (lambda: MachineBody(name="a", result="a.h5", nodes={"b\0": 3}), r"body.nodes: found 'b\\x00'"),
     (lambda: MachineBody(name="a", result="a.h5", nodes={"b": "3"}), "body.nodes.b: found '3', expected a whole"),
-    (lambda: hpcred.BushingJoint(bodies=("a.b", "ground"), table="t.csv", at={"size": "1"}), "joint.at.size: found"),
+    (lambda: hpcred.assembly.BushingJoint(bodies=("a.b", "ground"), table="t.csv", at={"size": "1"}), "joint.at.size: found"),
     (lambda: MachineJob(body=(MachineBody(name="a", result="a.h5"),), joint=(
-        hpcred.BushingJoint(bodies=("a.b", "ground"), table="t\0.csv"),)), r"joint\[0\].table: found 't\\x00"),
+        hpcred.assembly.BushingJoint(bodies=("a.b", "ground"), table="t\0.csv"),)), r"joint\[0\].table: found 't\\x00"),
 ])  # fmt: skip
 def test_keys_without_meaning_are_refused(made, words):
     with pytest.raises(hpcred.InputError, match=words):

@@ -5,7 +5,7 @@ import inspect
 import re
 import shlex
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 from xml.etree import ElementTree
@@ -156,6 +156,24 @@ def test_the_first_picture_is_vectors_with_colours_for_light_and_dark(page):
     ElementTree.fromstring(picture)
 
 
+CLAIM = re.compile(r"\b(?:never|refused|refuses|not followed|not loaded|unchanged|not waited)\b")
+
+
+def claims_without_test(text):
+    """Rows of tables and paragraphs that promise what never happens and name no test of it."""
+    blocks = re.split(r"\n\n|\n(?=- )", text)
+    parts = [part for block in blocks for part in (block.splitlines() if "\n|" in block else [block])]
+    return [part for part in parts if CLAIM.search(part) and not re.search(r"`(?:tests/[^`]+|make \w+)`", part)]
+
+
+def test_what_never_happens_has_a_test():
+    page = (DOCS / "robustness.md").read_text()
+    assert claims_without_test(page) == [] and len(CLAIM.findall(page)) > 30
+    for path, function in re.findall(r"`(tests/[\w/]+(?:\.py)?)(?:::(\w+))?`", page):
+        assert (ROOT / path).exists() and (not function or f"def {function}(" in (ROOT / path).read_text()), path
+    assert claims_without_test("It is never so.\n\n| a | refused | `tests/x.py` |\n| b | refused | |") != []
+
+
 COMMON = {"comm", "progress"}  # which mean the same in all functions
 
 
@@ -170,6 +188,21 @@ def test_public_functions_say_what_they_take_and_return():
             missing |= {"Returns"} - {*found}
             lacking |= {name: missing} if missing else {}
     assert lacking == {}
+
+
+def fields_without_meaning(kind):
+    """The arguments of a class that no section Parameters or Attributes names, of itself or of what it extends."""
+    above = reference.sources(kind) if is_dataclass(kind) else []
+    named = {name for item in (kind, *above) for name in reference.meanings(item)}
+    return {*inspect.signature(kind).parameters} - COMMON - {"kind"} - named
+
+
+def test_public_classes_say_what_their_arguments_are():
+    kinds = [item for name in hpcred.__all__ if inspect.isclass(item := getattr(hpcred, name))]
+    kinds = [item for item in kinds if not issubclass(item, Exception)]
+    assert len(kinds) > 60
+    assert {item.__name__: lacking for item in kinds if (lacking := fields_without_meaning(item))} == {}
+    assert fields_without_meaning(Flat) == {"sides"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -369,6 +402,25 @@ def test_the_cited_version_and_paper_are_those_of_the_citation_file():
     assert f"title = {{{re.search(r'^title: .(.*).$', cited, re.M)[1]}}}" in page
 
 
+def broken_tables(text):
+    """Heads of tables that no line sets apart, or whose rows have another number of cells."""
+    for rows in re.findall(r"(?:^\|[ -].*\n)+", FENCE.sub("", text), re.M):
+        cells = [len(re.split(r"(?<!\\)\|", CODE.sub("", row.strip()))) for row in rows.splitlines()]
+        if len(cells) < 2 or not re.match(r"\|( *-+ *\|)+$", rows.splitlines()[1]) or len(set(cells)) > 1:
+            yield rows.partition("\n")[0]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_tables_have_a_head_and_rows_of_one_length(page):
+    assert list(broken_tables(page.read_text() + "\n")) == []
+
+
+def test_broken_tables_are_seen():
+    assert list(broken_tables("| a | b |\n| 1 | 2 |\n\n| c |\n| --- |\n| 1 | 2 |\n\n| d |\n|---|\n| 1 |\n")) == [
+        "| a | b |", "| c |",
+    ]  # fmt: skip
+
+
 def test_every_known_system_of_units_is_on_its_page():
     from hpcred.model.units import UNITS
 
@@ -401,12 +453,12 @@ TYPED_ELSEWHERE = {  # why the commands of a page do not run here
     "bearings.md": "is a command of the gallery",
     "campbell.md": "takes results over a speed; tests/workflows/test_campbell.py has them",
     "cluster.md": "plans a cube of 10^7 dofs; tests/workflows/test_plan.py runs them",
+    "evidence.md": "takes files of publishers",
     "export-fmu.md": "needs a compiler; tests/writers has the same command",
     "export-openfast.md": "takes loads over time; tests/writers has them",
     "geometric-stiffness.md": "takes bodies of solids under load; tests/body has them",
     "install.md": "only says what is installed",
     "large.md": "takes up to 10^6 dofs",
-    "models.md": "takes files of publishers",
     "parameters.md": "takes results with parameters; tests/workflows has them",
     "recover.md": "takes simulations and CalculiX; the third tutorial runs the same",
     "reduce.md": "takes jobs with other bases; the first block is that of README",

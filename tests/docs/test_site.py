@@ -54,6 +54,12 @@ def test_formulas_are_drawn_without_a_script(site):
         assert not re.search(r"\$[^$<]*\\\w+", text), page
 
 
+def test_small_numbers_stay_on_one_line(site):
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", (site / "evidence.html").read_text(), re.S)
+    small = [cell for cell in cells if re.search(r"\de-\d", cell)]
+    assert len(small) > 50 and all('<span class="number">' in cell for cell in small)
+
+
 def test_buttons_copy_commands_alone(site):
     text = html.unescape((site / "tutorial" / "2-crank.html").read_text())
     copied = re.findall(r'<div data-copy="([^"]*)" class="language-console', text)

@@ -223,7 +223,7 @@ def test_damaged_universal_files_are_refused(text_of, change, words):
 def test_places_are_those_of_global_systems(tmp_path, comm):
     """Which pyuff does not look at."""
     path, places = tmp_path / "r.unv", {"a": (3, np.array([1.0, 2.0, 3.0]))}
-    hpcred.write_responses(path, responses(("a:x",), ("a:x",), places=places), comm)
+    hpcred.files.write_responses(path, responses(("a:x",), ("a:x",), places=places), comm)
     number, position = read_frf(path).places["a"]
     assert number == 3 and position == pytest.approx([1.0, 2.0, 3.0])
     head = b"         3         0         0        11"
@@ -241,7 +241,7 @@ def test_binary_functions_say_how_long_they_are(tmp_path, comm):
     from hpcred.readers.nodes.uff import datasets
 
     path = tmp_path / "r.unv"
-    hpcred.write_responses(path, responses(("a:x", "b:x"), ("a:x",)), comm)
+    hpcred.files.write_responses(path, responses(("a:x", "b:x"), ("a:x",)), comm)
     assert [int(line.split()[4]) for line in path.read_bytes().splitlines() if b"58b" in line] == [24 * len(F)] * 2
     assert [number for number, *_ in datasets(path, comm)] == [164, 58, 58]
     found = pyuff.UFF(str(path)).read_sets()
@@ -256,11 +256,11 @@ def test_responses_that_are_not_finite_are_not_written(tmp_path, comm, name):
     given = responses(("a:x",), ("a:x",))
     given.response[1] = np.nan
     with pytest.raises(hpcred.ComputationError, match="response has 1 of 3 numbers that are not finite"):
-        hpcred.write_responses(tmp_path / name, given, comm)
+        hpcred.files.write_responses(tmp_path / name, given, comm)
     given.frequencies, given.response = F[:1], np.ones((1, 1, 1))
     if name == "r.unv":
         with pytest.raises(hpcred.InputError, match=r"output .*r.unv: found one frequency"):
-            hpcred.write_responses(tmp_path / name, given, comm)
+            hpcred.files.write_responses(tmp_path / name, given, comm)
     assert not list(tmp_path.iterdir())
 
 
@@ -271,7 +271,7 @@ def test_a_full_disk_is_one_sentence(tmp_path, comm, capfd, name):
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
     try:
         with pytest.raises(hpcred.ComputationError, match=f"{name}: the disk is full"):
-            hpcred.write_responses(tmp_path / name, responses(("a:x",), ("a:x",)), comm)
+            hpcred.files.write_responses(tmp_path / name, responses(("a:x",), ("a:x",)), comm)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     gc.collect()

@@ -38,16 +38,29 @@ def _of_today(kind):
 class LinearSolver:
     """How blocks are solved for at the points of a reduction.
 
-    `kind`: "direct", by factors; "multigrid", by conjugate gradients with algebraic multigrid, which takes a tenth
-    of the memory and real points only (0 Hz, decays). `unfit`: what happens where a factor does not fit into
-    memory: "refuse" ends the run, "multigrid" goes on by multigrid from that real point on. `package`: what makes
-    factors: "mumps"; "cudss", on a GPU of NVIDIA; "auto": by cuDSS where there is a GPU, nvmath-python imports and
-    the factor fits, else by MUMPS; "superlu_dist" or "petsc" (one rank). `precision` of the factors: "double", or
-    "single", which takes half the memory (cuDSS, and MUMPS with PETSc 3.25 or later); solutions are refined to the
-    residual of full factors, and the run fails if that is not reached. Both are refused beside "multigrid", which
-    makes no factors. Of multigrid: `residual`, the relative one that solutions are refined to, as far as round-off
-    lets them; at most so many `iterations`, also of those that a trial expects; `threshold`, the share of the
-    diagonal below which entries do not count in coarsening; `sweeps` of the smoother.
+    Parameters
+    ----------
+    kind : {"direct", "multigrid"}
+        By factors, or by conjugate gradients with algebraic multigrid, which takes a tenth of the memory and real
+        points only (0 Hz, decays).
+    unfit : {"refuse", "multigrid"}
+        What happens where a factor does not fit into memory: "refuse" ends the run, "multigrid" goes on by multigrid
+        from that real point on.
+    package : str
+        What makes factors: "mumps"; "cudss", on a GPU of NVIDIA; "auto", cuDSS where there is a GPU, nvmath-python
+        imports and the factor fits, else MUMPS; "superlu_dist"; or "petsc" (one rank). Refused beside "multigrid".
+    precision : {"double", "single"}
+        Of the factors; "single" takes half the memory (cuDSS, and MUMPS with PETSc 3.25 or later). Solutions are
+        refined to the residual of full factors, and the run fails if that is not reached. Refused beside "multigrid".
+    residual : float
+        Of multigrid: the relative residual that solutions are refined to, as far as round-off lets them.
+    iterations : int
+        Of multigrid: at most so many per column, also of those that a trial expects.
+    threshold : float
+        Of multigrid: the share of the diagonal below which entries do not count in coarsening; 0 for bodies with very
+        different element sizes.
+    sweeps : int
+        Of multigrid: Chebyshev sweeps of the smoother; more for thin bodies.
     """
 
     kind: Annotated[Literal["direct", "multigrid"], BeforeValidator(_of_today)] = "direct"

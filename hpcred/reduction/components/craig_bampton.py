@@ -56,7 +56,15 @@ class Guyan(ConstraintModes):
 
 @dataclass(frozen=True)
 class FixedInterfaceModes(Component):
-    """Undamped modes of the body with all interfaces held: the lowest `count`, or all in `band` (Hz)."""
+    """Undamped modes of the body with all interfaces held.
+
+    Parameters
+    ----------
+    count : int, optional
+        The number of lowest modes.
+    band : tuple of two floats, optional
+        All modes in this band in Hz, in place of `count`.
+    """
 
     kind: Literal["fixed_interface_modes"] = field(default="fixed_interface_modes", kw_only=True, repr=False)
     count: int | None = None
@@ -105,7 +113,15 @@ class FixedInterfaceModes(Component):
 
 @dataclass(frozen=True)
 class CraigBampton(FixedInterfaceModes):
-    """Constraint modes, and fixed-interface modes by `count` or in `band` (Hz)."""
+    """Constraint modes and fixed-interface modes.
+
+    Parameters
+    ----------
+    count : int, optional
+        The number of lowest fixed-interface modes.
+    band : tuple of two floats, optional
+        All fixed-interface modes in this band in Hz, in place of `count`.
+    """
 
     kind: Literal["craig_bampton"] = field(default="craig_bampton", kw_only=True, repr=False)
 

@@ -71,11 +71,22 @@ class ComplexPencilSequence(PencilSequence):
 
 @dataclass(frozen=True)
 class Krylov(PointComponent):
-    """`order` + 1 blocks at s = decay + i 2 pi frequency (1/s, Hz): (K + s^2 M)^-1 B, then repeatedly (K + s^2 M)^-1 M.
+    """Blocks at s = decay + i 2 pi frequency: (K + s^2 M)^-1 B, then repeatedly (K + s^2 M)^-1 M.
 
     The reduced transfer function and its first `order` derivatives with respect to s^2 match those of the full
-    undamped model there (42, 43); with C = B^T it is 2 (order + 1) moments. `infinity`: M^-1 B, then repeatedly
-    M^-1 K, which matches Markov parameters. Points that are neither real nor imaginary give twice the columns (50).
+    undamped model there (42, 43); with C = B^T it is 2 (order + 1) moments. Points that are neither real nor imaginary
+    give twice the columns (50).
+
+    Parameters
+    ----------
+    frequency : float, optional
+        Hz.
+    order : int
+        It adds order + 1 blocks.
+    decay : float, optional
+        1/s.
+    infinity : bool
+        M^-1 B, then repeatedly M^-1 K, which matches Markov parameters, in place of a point.
     """
 
     kind: Literal["krylov"] = field(default="krylov", kw_only=True, repr=False)

@@ -32,14 +32,21 @@ AT_FIRST = 16  # modes that are looked for where nobody knows how many lie in a 
 
 @dataclass(frozen=True)
 class Modes(Component):
-    """Undamped modes: exactly one of the lowest `count`, all in `band` (Hz), or those of the list `index`.
+    """Undamped modes: exactly one of `count`, `band` and `index`.
 
-    `dominant`: of these, only so many that contribute most to the transfer function, ranked by approximate Hankel
-    singular values of the lightly damped modal model, |b_i| |c_i| / (4 xi_i omega_i^2) (Gawronski, Dynamics and
-    Control of Structures, 1998, ch. 4), with xi = 1 % where the model has no damping.
-
-    `index` counts from 1 as finite-element programs do: rigid-body modes of a free body come first (1 to 6), and
-    are never part of the basis.
+    Parameters
+    ----------
+    count : int, optional
+        The number of lowest modes.
+    band : tuple of two floats, optional
+        All modes in this band in Hz.
+    index : tuple of int, optional
+        Modes by number, from 1 as in finite-element programs: rigid-body modes of a free body come first (1 to 6), and
+        are never part of the basis.
+    dominant : int, optional
+        Of these, only so many that contribute most to the transfer function, ranked by approximate Hankel singular
+        values of the lightly damped modal model, |b_i| |c_i| / (4 xi_i omega_i^2) (Gawronski, Dynamics and Control of
+        Structures, 1998, ch. 4), with xi = 1 % where the model has no damping.
     """
 
     kind: Literal["modes"] = field(default="modes", kw_only=True, repr=False)

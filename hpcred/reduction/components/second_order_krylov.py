@@ -30,11 +30,22 @@ SMALL = 1e-13  # singular value below which a direction of the coefficients is d
 
 @dataclass(frozen=True)
 class SecondOrderKrylov(PointComponent):
-    """`order` + 1 blocks of the second-order Krylov subspace at s = decay + i 2 pi frequency, or at `s` (re, im).
+    """Blocks of the second-order Krylov subspace at s = decay + i 2 pi frequency, or at `s`, for any damping matrix.
 
-    For any damping matrix; with added terms c(s) is linear from the point on, so that blocks 0 and 1 match. The
-    real and the imaginary part of each block both enter the real basis (50), so that a complex point gives twice the
-    columns and its conjugate is matched as well.
+    With viscoelastic parts c(s) is linear from the point on, so that blocks 0 and 1 match. The real and the imaginary
+    part of each block both enter the real basis (50), so that a complex point gives twice the columns and its conjugate
+    is matched as well.
+
+    Parameters
+    ----------
+    frequency : float, optional
+        Hz.
+    decay : float, optional
+        1/s.
+    order : int
+        It adds order + 1 blocks.
+    s : tuple of two floats, optional
+        (re, im) in rad/s, in place of the two.
     """
 
     kind: Literal["second_order_krylov"] = field(default="second_order_krylov", kw_only=True, repr=False)

@@ -22,8 +22,17 @@ from .singular import factor_of_mass
 
 @dataclass(frozen=True, eq=False)
 class ReducedTerm:
-    """A term of a reduced model: the matrix (m, m) of "M", "D" or "K", (m, p) of "B" or (r, m) of "C", and its factor,
-    an expression of the parameters."""
+    """A term of a reduced model with parameters.
+
+    Attributes
+    ----------
+    of : str
+        "M", "D", "K", "B" or "C".
+    factor : str
+        An expression of the parameters.
+    matrix : ndarray
+        (m, m) of M, D or K, (m, p) of B, (r, m) of C.
+    """
 
     of: str
     factor: str
@@ -45,9 +54,22 @@ def with_terms(constant: Mapping[str, np.ndarray], terms, values: Mapping[str, f
 class ParametricReducedModel(ReducedModel):
     """A reduced model for all values of some parameters in their ranges; by itself it is that at the reference values.
 
-    `constant`: M, D, K (m, m), B (m, p) and C (r, m) without the terms, by name, and Cv, Ca where outputs are
-    velocities or accelerations; `terms`: what joins them, so that A(p) = A + sum theta_k(p) A_k as in the full model,
-    in the coordinates of the model at the reference. Added terms do not depend on parameters.
+    A(p) = A + sum theta_k(p) A_k as in the full model, in the coordinates of the model at the reference. Viscoelastic
+    parts do not depend on parameters.
+
+    Attributes
+    ----------
+    parameters : tuple of Parameter
+        Names and ranges.
+    constant : dict of ndarray
+        M, D, K (m, m), B (m, p) and C (r, m) without the terms, by name, and Cv, Ca where outputs are velocities or
+        accelerations.
+    terms : tuple of ReducedTerm
+        What joins them.
+
+    Notes
+    -----
+    The other attributes are those of ReducedModel.
     """
 
     parameters: tuple[Parameter, ...] = ()

@@ -68,18 +68,56 @@ class Proof:
 class Accuracy:
     """How large the error of an automatic reduction is, and how that is known.
 
-    `largest`: the estimated eps over the band, at `worst` (Hz), `mean` its mean Q / (upper - lower), `noise` the
-    round-off of the small models; `reached`: largest + noise <= tolerance; `stopped`: why the search ended, as text;
-    `unproven`: why no measured error supports the estimate, "" where one does. `measured`: with which damping, as text;
-    `loss_factor`: that of (1 + i eta) K where the response is not measured with the damping of the model alone, else 0;
-    `beside_damping`: whether the damping matrix counts too. `uncompressed_size`: columns before the compression;
-    `highest`: pseudo-frequency (Hz); `missing_modes`: of the band that inertia counts and the uncompressed model
-    has not, None where nothing was counted; `counted`: how many were counted, up to where, and what counted them.
-    `measure`: what eps is, with its floors; `directions`: of every output, the worst first, against the uncompressed
-    model. `frequencies` (S,) and `eps` (S,): the curve. `proofs`: estimated errors beside measured ones. `points`: in
-    order. `silent`: outputs that no input moves but for round-off, which do not count. `multigrid`: whether there was
-    no factor. `parameters`: of a model that depends on parameters, over whose
-    ranges `largest` holds, while the curve and the directions belong to the reference values.
+    Attributes
+    ----------
+    tolerance : float
+        The eps that was asked for.
+    band : tuple of two floats
+        Hz.
+    reached : bool
+        Whether largest + noise <= tolerance.
+    stopped : str
+        Why the search ended.
+    largest : float
+        The estimated eps over the band.
+    worst : float
+        Hz, where it is largest.
+    mean : float
+        Q / (upper - lower).
+    noise : float
+        The round-off of the small models.
+    measured : str
+        With which damping the error is measured.
+    uncompressed_size : int
+        Columns before the compression.
+    highest : float
+        The highest pseudo-frequency in Hz.
+    missing_modes : int or None
+        Modes of the band that inertia counts and the uncompressed model has not; None where nothing was counted.
+    points : tuple of Point
+        The expansion points in order.
+    proofs : tuple of Proof
+        Estimated errors beside measured ones.
+    frequencies, eps : tuple of float
+        The curve of the error, (S,) each; Hz.
+    loss_factor : float
+        That of (1 + i eta) K where the response is not measured with the damping of the model alone, else 0.
+    beside_damping : bool
+        Whether the damping matrix counts beside the loss factor.
+    unproven : str
+        Why no measured error supports the estimate, "" where one does.
+    multigrid : bool
+        Whether there was no factor.
+    measure : Measure
+        What eps is, with its floors.
+    directions : tuple of Direction
+        The error of every output against the uncompressed model, the worst first.
+    silent : tuple of str
+        Outputs that no input moves but for round-off, which do not count.
+    parameters : ParameterAccuracy or None
+        The ranges over which `largest` holds; the curve and the directions belong to the reference values.
+    counted : ModeCount or None
+        How many modes were counted, up to where, and what counted them.
     """
 
     tolerance: float

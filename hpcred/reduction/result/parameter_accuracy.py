@@ -12,9 +12,17 @@ def in_words(values: dict[str, float]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterPoint:
-    """Values of the parameters at which the model was factored: how often, and the columns that it brought; the error
-    at a point of the band of the model that was before it, as it was `estimated` and as it is `measured`, None at the
-    first."""
+    """Values of the parameters at which the model was factored.
+
+    Attributes
+    ----------
+    values : dict
+        By name.
+    factorisations, columns : int
+        How often the model was factored there, and the columns that this brought.
+    estimated, measured : float or None
+        The error at a point of the band of the model before; None at the first.
+    """
 
     values: dict[str, float]
     factorisations: int
@@ -27,9 +35,18 @@ class ParameterPoint:
 class ParameterAccuracy:
     """Over which ranges of parameters an accuracy holds, and how that is known.
 
-    `ranges`: lowest and highest values by name; `reference`: values of the model that the other figures belong to;
-    `points`: where the model was factored, in order; `checked`: number of values at which the error over the band was
-    estimated; `worst`: values where it is largest.
+    Attributes
+    ----------
+    ranges : dict
+        Lowest and highest values by name.
+    reference : dict
+        Values of the model that the other figures belong to.
+    points : tuple of ParameterPoint
+        Where the model was factored, in order.
+    checked : int
+        The number of values at which the error over the band was estimated.
+    worst : dict
+        Values where the error is largest.
     """
 
     ranges: dict[str, tuple[float, float]]

@@ -69,15 +69,48 @@ class ComponentRecord:
 class Record:
     """What made a reduced model.
 
-    Of the full model: its name, `size` n, `free_size` in the frame, nonzeros, rigid-body modes, inputs and outputs
-    by name, interfaces and their nodes, loads with their sums, and its `digests`, by which it is known again; none in
-    results of earlier versions. Of the reduction: frame, damping, basis and settings; what each component brought;
-    every factorisation, and how many more a store saved; max |V^T M V - I|; unstable poles (re, im) in rad/s; warnings;
-    where the time went, and hints at what would take less; of an automatic one its accuracy. `viscoelastic`: the laws
-    of added terms. `job`: the job file with its overrides, file names absolute, and `contents` of the files that it
-    names, by name. `basis_of`: the result over ranges of parameters whose basis it is at the values `at` of the job, ""
-    for a basis of its own. `units`: from which the numbers of the model were converted to SI, "" where nothing is
-    known of that.
+    Attributes
+    ----------
+    date, versions, scalar, ranks, petsc_options
+        When and by what it was made: versions by name, "real" or "complex", the number of ranks, options by name.
+    model : str
+        The name of the full model.
+    size, free_size, nonzeros, rigid_body_modes : int
+        Dofs of the full model, those that its frame leaves, entries of K, and rigid-body modes.
+    symmetry_defects : dict
+        Of M, D and K.
+    inputs, outputs : tuple of str
+        Their names.
+    interfaces, interface_nodes, loads : tuples
+        The interfaces and their nodes, and loads with their sums.
+    frame, damping, basis, projection, coordinates, deflation_tolerance, drop_above, groups
+        Settings of the reduction.
+    components : tuple of ComponentRecord
+        What each component of the basis brought.
+    factorisations : tuple of FactorRecord
+        Every factorisation.
+    factorisations_saved, symbolic_analyses : int
+        How many factorisations a store saved, and how often the matrix was analysed.
+    orthonormality_defect : float
+        max |V^T M V - I|.
+    unstable_poles : tuple
+        (re, im) in rad/s.
+    warnings, hints : tuple of str
+        Sentences; hints name what would take less time.
+    timing : Timing
+        Where the time went.
+    accuracy : Accuracy or None
+        Of an automatic reduction.
+    viscoelastic : tuple of NamedLaw
+        The laws of viscoelastic parts.
+    job, contents : dict or None
+        The job file with its overrides, file names absolute, and the contents of the files that it names.
+    basis_of : str
+        The result over ranges of parameters whose basis it is at the values `at` of the job, "" for a basis of its own.
+    digests : dict
+        By which the full model is known again; none in results of earlier versions.
+    units : str
+        From which the numbers of the model were converted to SI, "" where nothing is known of that.
     """
 
     date: str

@@ -37,20 +37,40 @@ DOUBLE_ZERO = 1e-7  # of the largest pole: rigid-body motions have double zeros,
 class ReducedModel:
     """M x'' + D x' + K x = B u, y = C x + C_v x' + C_a x'' with m coordinates, p inputs, r outputs; SI units.
 
-    M, D, K (m, m), which are terms of its `operator`; B (m, p), C, Cv, Ca (r, m), the last two None where they are
-    zero. It does not change: dataclasses.replace() returns others; another `operator` has other M, D, K or terms.
-    M is singular where dofs have no mass: the last coordinates then are static deflections, or first-order states of
-    dampers.
-    `frequencies` (m,): eigenfrequencies and pseudo-frequencies in Hz (52); without mass the least that counts as such.
-    `loss_factor`: eta of structural damping, for frequency responses only. `viscoelastic`: terms, with
-    matrices (m, m), that are added to K, the static stiffness. `record`: what made it.
-    `interfaces`: in interface coordinates, the nodes whose displacements x, y, z, rx, ry, rz are the first coordinates,
-    six a node, in this order; empty in pseudo-modal ones.
-    `resultants` (p, 6): force and moment about the origin of each input at 1 on the whole body, in N and N m, which
-    move its frame; None where the model has no nodes.
-    `columns`: the basis V as a distributed block (n, m), zero at the dofs that the frame holds, when the reduction
-    was run here, and `left_columns` W of a two-sided projection; `model`: the SecondOrderModel that was reduced. None
-    after reading a file. close() frees them.
+    It does not change: dataclasses.replace() returns others; another `operator` has other M, D, K or terms.
+
+    Attributes
+    ----------
+    M, D, K : ndarray, shape (m, m)
+        Terms of `operator`. M is singular where dofs have no mass: the last coordinates then are static deflections, or
+        first-order states of dampers.
+    B : ndarray, shape (m, p)
+        Inputs.
+    C, Cv, Ca : ndarray, shape (r, m)
+        Outputs; Cv and Ca are None where they are zero.
+    operator : Operator
+        All terms of A(s).
+    frequencies : ndarray, shape (m,)
+        Eigenfrequencies and pseudo-frequencies in Hz (52); without mass the least that counts as such.
+    loss_factor : float
+        eta of structural damping, for frequency responses only.
+    viscoelastic : tuple
+        Terms with matrices (m, m) that are added to K, the static stiffness.
+    input_names, output_names : tuple of str
+        Of the inputs and outputs.
+    interfaces : tuple of InterfaceNode
+        In interface coordinates, the nodes whose displacements x, y, z, rx, ry, rz are the first coordinates, six a
+        node, in this order; empty in pseudo-modal ones.
+    resultants : ndarray, shape (p, 6), or None
+        Force and moment about the origin of each input at 1 on the whole body, in N and N m, which move its frame; None
+        where the model has no nodes.
+    record : Record or None
+        What made it.
+    columns, left_columns : block or None
+        The basis V, distributed, (n, m), zero at the dofs that the frame holds, and W of a two-sided projection; None
+        after reading a file. close() frees them.
+    model : SecondOrderModel or None
+        What was reduced; None after reading a file.
     """
 
     operator: Operator

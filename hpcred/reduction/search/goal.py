@@ -15,11 +15,22 @@ from ..result.measure import Measure, measure_called
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What an automatic reduction may take.
+    """What an automatic reduction may take. Where a limit ends the search the tolerance is not reached.
 
-    At most `factorisations`, `columns` of the uncompressed model, `size` coordinates of the result and `seconds`; where
-    one of them ends the search the tolerance is not reached. `points` (Hz) are taken first, before the search chooses.
-    The response of an undamped model is measured with the loss factor 2 `zeta0`.
+    Parameters
+    ----------
+    factorisations : int
+        At most so many.
+    columns : int
+        At most so many in the uncompressed model.
+    size : int, optional
+        At most so many coordinates of the result.
+    seconds : float, optional
+        At most so much time.
+    zeta0 : float
+        The response of an undamped model is measured with the loss factor 2 zeta0.
+    points : tuple of float
+        Hz; expansion points that are taken first, before the search chooses.
     """
 
     factorisations: int = 14
@@ -46,11 +57,21 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Adaptive(Limits):
-    """Reduction to an accuracy: eps(f) <= `tolerance` over `band` (Hz), within Limits.
+    """Reduction to an accuracy: eps(f) <= `tolerance` over `band`, within Limits.
 
-    `measure`: what eps is, "directions" (each response over the drive points of its input and output) or "paper", the
-    Frobenius norm (55). `static`: with "exact" the deflection at 0 Hz under every input is that
-    of the full model to round-off, which takes a factor of K and at least as many coordinates as there are inputs.
+    Parameters
+    ----------
+    tolerance : float
+        The largest eps that is allowed over the band.
+    band : tuple of two floats
+        Hz.
+    measure : {"directions", "paper"} or Measure
+        What eps is: each response over the drive points of its input and output, or the Frobenius norm (55).
+    static : {"tolerance", "exact"}
+        With "exact" the deflection at 0 Hz under every input is that of the full model to round-off, which takes a
+        factor of K and at least as many coordinates as there are inputs.
+    factorisations, columns, size, seconds, zeta0, points
+        Those of Limits.
     """
 
     tolerance: float
