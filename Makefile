@@ -74,8 +74,13 @@ QUICK := "not slow and not ccx and not dolfinx and not chromium and not slurm an
 test-packages: install
 	$(call apt,gcc libc6-dev libgl1)
 
+TIMES := $(CURDIR)/build/test-times
+
+# the processor time of each item goes to TIMES
 test: test-packages
-	$(PYTHON) -m pytest --beside -m $(QUICK)
+	@mkdir -p $(dir $(TIMES)) && rm -f $(TIMES)
+	HPCRED_TEST_TIMES=$(TIMES) $(PYTHON) -m pytest --beside -m $(QUICK)
+	@$(PYTHON) tests/item_times.py $(TIMES)
 
 test-slow: test-packages
 	$(PYTHON) -m pytest -m slow
@@ -85,19 +90,22 @@ test-wheel: install
 	$(PYTHON) -m pytest -m wheel
 
 # the numerical rooms with other kernels of OpenBLAS, whose round-off differs: those of processors without AVX-512, and
-# the oldest. Each test runs with one of them, as a checksum of its name decides; with `SHARE=` it runs with both
+# the oldest. Each test runs with one of them, as a checksum of its name decides; with `SHARE=` it runs with both. With
+# `OF=8` each kernel has the PART-th and another of eight shares of the tests
 test-kernels: install
 	$(MAKE) -j2 -O $(addprefix test-kernel-,$(KERNELS))
 
-SHARE = --share $(if $(filter Haswell,$*),1,2)/2
+OF    := 2
+PART  := 0
+SHARE = --share $(shell echo $$((($(PART) + $(if $(filter Haswell,$*),0,1)) % $(OF) + 1)))/$(OF)
 
 test-kernel-%:
 	OPENBLAS_CORETYPE=$* $(PYTHON) -m pytest -q $(SHARE) -m $(QUICK) -k "not 2-ranks and not 3-ranks and not complex" \
 	    tests/linalg tests/reduction tests/analysis tests/fe tests/model
 
-# the quickest that tells whether hpcred works with the PETSc of a system
+# the quickest that tells whether hpcred works with the PETSc of a system, on 1 and 2 ranks
 test-linalg: test-packages
-	$(PYTHON) -m pytest -q --beside -m $(QUICK) tests/linalg tests/parallel
+	$(PYTHON) -m pytest -q --beside -m $(QUICK) -k "not 3-ranks" tests/linalg tests/parallel
 
 # the wheel with what pip alone brings, where Python is 3.12 or later; tests/systems/pip.sh says why it leaves out a system
 test-pip:

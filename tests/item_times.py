@@ -37,7 +37,7 @@ def pytest_runtest_teardown(item):
             file.write(f"{seconds:.2f}\t{'costly' if costly else ''}\t{item.nodeid}\n")
 
 
-def main(path, shown=40):
+def main(path, shown=20):
     items, costly, files = Counter(), set(), Counter()
     for line in Path(path).read_text().splitlines():
         seconds, mark, name = line.split("\t")

@@ -5,8 +5,9 @@ build of PETSc makes no difference, as to readers of text. Out: the same items w
 suffixes [1-rank] (run here), [2-ranks], [3-ranks] and, where there are two builds, [1-rank-complex], [2-ranks-complex].
 
 Quick are [1-rank] and one more, as the name of the test decides: of eight tests about four run on two ranks, three on
-two ranks of the complex build, and one on three ranks. The others are marked slow, and tests that cost much say
-`mpi(costly=True)`, and cases of a test `marks=pytest.mark.costly`: of them [1-rank] alone is quick.
+two ranks of the complex build, and one on three ranks. Of the cases of one test the first and about every third of the
+others have this one more. All else is marked slow. Tests that cost much say `mpi(costly=True)`, and cases of a test
+`marks=pytest.mark.costly`: of them [1-rank] alone is quick.
 
 The items of one suffix run together in one `mpiexec ... pytest`, the inner session, which starts with the first of
 them. Its ranks append what happens, a line of JSON each time, to a file; the session outside reads its reports there
@@ -45,6 +46,7 @@ HERE = "1-rank"
 LAUNCHED = {HERE: (1, ""), "1-rank-complex": (1, "complex"), "2-ranks": (2, ""), "3-ranks": (3, ""),
             "2-ranks-complex": (2, "complex")}  # fmt: skip  # suffix: ranks, build
 MORE = ["2-ranks"] * 4 + ["2-ranks-complex"] * 3 + ["3-ranks"]
+CASES = 3  # of so many cases of a test, but for the first, one runs on more ranks
 if not (TWO_BUILDS or INNER):
     LAUNCHED = {suffix: job for suffix, job in LAUNCHED.items() if not job[1]}
 
@@ -102,10 +104,13 @@ def pytest_itemcollected(item):
     if (mark := item.get_closest_marker("mpi")) is None or world().size > 1:
         return
     job, suffixes = item.callspec.params["job"], launched(mark)
-    turn = MORE[crc32(item.nodeid.replace(job, "").encode()) % len(MORE)]
+    number = crc32(item.nodeid.replace(job, "").encode())
+    turn = MORE[number % len(MORE)]
     more = next((name for name in (turn, *MORE, "1-rank-complex") if name in suffixes), HERE)
     costly = mark.kwargs.get("costly") or item.get_closest_marker("costly")
-    if job not in (HERE, more) or (costly and job != suffixes[0]):
+    later = max(item.callspec.indices.values()) >= len(suffixes)  # no first case: pytest counts the suffixes as well
+    alone = costly or (later and number % CASES)
+    if job not in (HERE, more) or (alone and job != suffixes[0]):
         item.add_marker("slow")
 
 
@@ -279,7 +284,7 @@ def start_beside(item):
         start_session(suffix, half)
 
 
-def last_half(item, few=40):
+def last_half(item, few=20):
     """Items without the mark to hand over while this one runs: of whole files, and none where but few are left."""
     items = item.session.items
     left = [other for other in items[items.index(item) :] if suffix_of(other) is None and other.path != item.path]

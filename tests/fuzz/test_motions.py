@@ -95,7 +95,7 @@ def test_damaged_hdf5(tmp_path, seed):
         file["t"], file["q"], file["qdot"] = np.arange(5.0), np.ones((5, COUNT)), np.ones((5, COUNT))
         file.create_dataset("qddot", data=np.ones((5, COUNT)), chunks=(2, 2), compression="gzip")
     good, rng, path = (tmp_path / "good.h5").read_bytes(), np.random.default_rng(seed), tmp_path / "m.h5"
-    for _ in range(15):
+    for _ in range(6):
         _, damaged = damaged_bytes(good, rng)
         path.write_bytes(damaged)
         try:

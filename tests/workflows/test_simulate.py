@@ -34,31 +34,21 @@ def test_gravity_in_mm_is_warned_of(made, gravity, doubted):
     assert ("gravity: found 9810 m/s^2; in SI it is 9.81" in warnings) == doubted
 
 
-def test_a_motion_that_diverges_is_told_also_quietly(made, capsys):
-    """On stderr, in the file, and by info."""
+@pytest.mark.parametrize("quiet", [[], ["--quiet"]])
+def test_a_motion_that_diverges_is_told_once_also_quietly(made, capsys, quiet):
+    """On stderr, in the file, and by info; where it is told while the simulation runs, not again at its end."""
     path = made()
     capsys.readouterr()
-    more = ["--set", "force.0.amplitude=[0.0, 0.0, -2e6]", "--set", "end=0.02"]
-    assert run(["simulate", str(path), "--quiet", *more]) == 0
+    more = ["--set", "force.0.amplitude=[0.0, 0.0, -2e6]", "--set", "gravity=[0.0, 0.0, -9810.0]", "--set", "end=0.02"]
+    assert run(["simulate", str(path), *quiet, *more]) == 0
     told = capsys.readouterr()
-    assert told.out == "" and "warning: the simulation diverges: at t = " in told.err
+    assert (told.out == "") == bool(quiet) and "warning: the simulation diverges: at t = " in told.err
+    for sentence in ("warning: gravity: found 9810 m/s^2", "warning: the simulation diverges"):
+        assert told.err.count(sentence) == 1 and sentence not in told.out
     with h5py.File(path.with_name("simulation.h5")) as file:
         warnings = json.loads(file["provenance"][()])["warnings"]
     assert any(text.startswith("the simulation diverges") for text in warnings)
     assert warnings[-1] in hpcred.info(path.with_name("simulation.h5"))["warnings"]
-
-
-def test_a_warning_is_printed_once(made, capsys):
-    """Where it is told while the simulation runs, not again at its end; gravity in mm and a motion that diverges."""
-    path = made()
-    capsys.readouterr()
-    for quiet in ([], ["--quiet"]):
-        words = ["--set", "force.0.amplitude=[0.0, 0.0, -2e6]", "--set", "gravity=[0.0, 0.0, -9810.0]",
-                 "--set", "end=0.02"]  # fmt: skip
-        assert run(["simulate", str(path), *words, *quiet]) == 0
-        told = capsys.readouterr()
-        for sentence in ("warning: gravity: found 9810 m/s^2", "warning: the simulation diverges"):
-            assert told.err.count(sentence) == 1 and sentence not in told.out
 
 
 @pytest.mark.mpi

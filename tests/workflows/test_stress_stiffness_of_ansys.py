@@ -66,7 +66,7 @@ def put_job(comm, folder, state, value):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("state, value, preload, sign", [
-    ("wz^2", 9e4, {"omega": (0.0, 0.0, 300.0)}, 1.0), ("wz^2", 9e4, {"omega": (0.0, 0.0, 300.0)}, -1.0),
+    ("wz^2", 9e4, {"omega": (0.0, 0.0, 300.0)}, 1.0),
     ("ay", 50.0, {"acceleration": (0.0, 50.0, 0.0)}, 1.0), ("14:z", -7.0, {"forces": {"14:z": -7.0}}, -1.0),
 ])  # fmt: skip
 def test_the_sign_follows_from_the_equilibrium_of_the_state(comm, folder, state, value, preload, sign):

@@ -23,6 +23,8 @@ tolerance = 1e-4
 band = [0.0, 30000.0]
 stress = true
 at = {m = 0.3}
+[parameter_search]
+points = 5
 [[parameter]]
 name = "k"
 range = [0.1, 10.0]
@@ -40,10 +42,10 @@ factor = "m"
 """
 SWEEP = """
 job = "job.toml"
-evaluate = {{points = 9}}
+evaluate = {{points = 5}}
 [[vary]]
 key = "at.k"
-values = [0.2, 3.0, 10.0]
+values = [0.2, 3.0]
 [launch]
 {launch}
 """
@@ -91,13 +93,13 @@ def test_one_basis_serves_all_values(body, capsys, monkeypatch, launch):
         monkeypatch.setenv(key, value)
     Path("sweep.toml").write_text(SWEEP.format(launch=launch))
     report = package.run_sweep("sweep.toml")
-    assert report["finished"] == 3 and not report["failed"]
+    assert report["finished"] == 2 and not report["failed"]
     (ranges,) = Path("sweep").glob("ranges-*.h5")
     family = package.read_result(ranges).reduced
     assert report["factorisations"] == len(family.record.factorisations) > 0
-    assert len(list(Path("sweep").glob("full-*.h5"))) == 3
+    assert len(list(Path("sweep").glob("full-*.h5"))) == 2
     f = np.linspace(0.0, 30000.0, 61)
-    for k in (0.2, 3.0, 10.0):
+    for k in (0.2, 3.0):
         path = Path(f"sweep/k-{k:g}.h5")
         found = package.read_result(path)
         reduced, record = found.reduced, found.reduced.record
@@ -131,7 +133,7 @@ def test_one_basis_serves_all_values(body, capsys, monkeypatch, launch):
     assert run(["collect", "sweep.toml", "-o", "table.json"]) == 0
     rows = json.loads(Path("table.json").read_text())
     rows = rows["runs"] if isinstance(rows, dict) else rows
-    assert [row["factorisations"] for row in rows] == [0, 0, 0]
+    assert [row["factorisations"] for row in rows] == [0, 0]
     assert all(row["eps"] <= 1e-4 for row in rows)
     assert run(["info", "sweep/k-3.h5"]) == 0
 
@@ -143,12 +145,12 @@ def test_a_sweep_that_goes_on_finds_its_basis(body):
     before = ranges.read_bytes()
     Path("sweep/k-3.h5").unlink()
     report = package.run_sweep("sweep.toml")
-    assert [row["status"] for row in report["runs"]] == ["skipped", "finished", "skipped"]
+    assert [row["status"] for row in report["runs"]] == ["skipped", "finished"]
     assert report["factorisations"] == 0 and ranges.read_bytes() == before
     file = Path("K.mtx")
     scipy.io.mmwrite(file, 2 * scipy.io.mmread(file))
     report = package.run_sweep("sweep.toml")
-    assert report["finished"] == 3 and report["factorisations"] > 0
+    assert report["finished"] == 2 and report["factorisations"] > 0
     bases = {package.read_result(path).reduced.record.basis_of for path in Path("sweep").glob("k-*.h5")}
     assert len(bases) == 1 and str(ranges.absolute()) not in bases
 
@@ -156,14 +158,14 @@ def test_a_sweep_that_goes_on_finds_its_basis(body):
 def test_sweeps_at_the_same_time_make_one_basis(body):
     """As the tasks of an array do."""
     Path("sweep.toml").write_text(SWEEP.format(launch=ALONE).replace("evaluate", "# evaluate"))
-    command = [sys.executable, "-m", "hpcred", "sweep", "sweep.toml", "--of", "3"]
-    tasks = [subprocess.Popen([*command, "--index", i, "--json", f"{i}.json"], env=mpi_environment()) for i in "123"]
-    assert [each.wait() for each in tasks] == [0, 0, 0]
-    reports = [json.loads(Path(f"{i}.json").read_text()) for i in "123"]
+    command = [sys.executable, "-m", "hpcred", "sweep", "sweep.toml", "--of", "2"]
+    tasks = [subprocess.Popen([*command, "--index", i, "--json", f"{i}.json"], env=mpi_environment()) for i in "12"]
+    assert [each.wait() for each in tasks] == [0, 0]
+    reports = [json.loads(Path(f"{i}.json").read_text()) for i in "12"]
     (ranges,) = Path("sweep").glob("ranges-*.h5")
     made = len(package.read_result(ranges).reduced.record.factorisations)
-    assert sorted(report["factorisations"] for report in reports) == [0, 0, made]
-    assert [report["finished"] for report in reports] == [1, 1, 1]
+    assert sorted(report["factorisations"] for report in reports) == [0, made]
+    assert [report["finished"] for report in reports] == [1, 1]
 
 
 @pytest.mark.slow
@@ -171,7 +173,7 @@ def test_factors_where_the_basis_does_not_reach_the_tolerance(body, capsys):
     text = JOB.replace("[[parameter]]", "[adaptive]\nsize = 9\n[[parameter]]", 1)
     Path("job.toml").write_text(text)
     report = package.run_sweep("sweep.toml")
-    assert report["finished"] == 3 and not report["failed"]
+    assert report["finished"] == 2 and not report["failed"]
     (ranges,) = Path("sweep").glob("ranges-*.h5")
     assert ranges.name.endswith(".not-reached.h5")
     message = refused(capsys, "reduce", "sweep/k-3.toml", "--basis", str(ranges), "--set", "output='own.h5'")
@@ -184,7 +186,7 @@ def test_factors_where_the_basis_does_not_reach_the_tolerance(body, capsys):
 
 
 def test_what_is_refused(body, capsys, monkeypatch):
-    text = Path("sweep.toml").read_text().replace("10.0]", "11.0]")
+    text = Path("sweep.toml").read_text().replace("3.0]", "11.0]")
     Path("outside.toml").write_text(text)
     message = refused(capsys, "sweep", "outside.toml")
     assert "run k-11: parameter 'k': found 11, expected 0.1 to 10, its range" in message
