@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import columns_of, face, gather, to_dense
+from helpers import columns_of, face, few_on_ranks, gather, to_dense
 
 import hpcred
 from hpcred import Modes, SecondOrderModel, Tangent, preloaded
@@ -25,10 +25,10 @@ def blade(comm, cells=(12, 2, 2), **more):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("preload", [
-    Preload(omega=(0.0, 0.0, 100.0)), Preload(omega=(50.0, 60.0, 80.0)), Preload(forces={"right:x": 4e3}),
+@pytest.mark.parametrize("preload", few_on_ranks([
+    Preload(omega=(50.0, 60.0, 80.0)), Preload(forces={"right:x": 4e3}), Preload(omega=(0.0, 0.0, 100.0)),
     Preload(acceleration=(-3000.0, 0.0, 0.0), angular_acceleration=(0.0, 0.0, 50.0)),
-])  # fmt: skip
+], 2))  # fmt: skip
 def test_modes_of_the_whole_and_of_the_reduced_body_agree(comm, preload):
     with blade(comm) as model, hpcred.reduce(model, [Modes(count=10)], CLAMP) as rom:
         stiffness = hpcred.geometric_stiffness(model, rom.columns, CLAMP)

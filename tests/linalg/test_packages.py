@@ -238,13 +238,11 @@ def test_in_a_job_and_in_commands(hpcred, tmp_path, monkeypatch, capsys):
     assert "\nPETSc " in told and "MUMPS" not in told
     evaluate = ["evaluate", "result.h5", "--full", "model.h5", "--frequencies", "10,50"]
     assert run(evaluate) == 0
-    done = hpcred(*evaluate, "--package", "superlu_dist", ranks=2)
-    if "this PETSc was built without 'superlu_dist'" in done.stderr:
-        pytest.skip("no SuperLU_DIST")
-    assert done.returncode == 0, done.stderr
     assert hpcred(*evaluate, ranks=2).returncode == 0  # a frequency a rank
     message = refused(capsys, "reduce", "job.toml", "--set", "solver.package=nix")
     assert "solver.package: found 'nix', expected 'auto', 'mumps'" in message
+    require("superlu_dist", MPI.COMM_WORLD)
+    assert run([*evaluate, "--package", "superlu_dist"]) == 0
 
 
 def test_records_of_earlier_versions_are_of_mumps():
