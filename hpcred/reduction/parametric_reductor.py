@@ -116,7 +116,7 @@ class ParametricReductor(ToleranceReductor):
             )
         # the accuracy at the reference, with the largest error over all values in its place
         reason = greedy.reason or fewest.limited
-        rest = estimated if reason else min(estimated, 3 * judge.floor)
+        rest = (estimated if reason else min(estimated, 3 * judge.floor)) + greedy.lost
         worst = int(fewest.errors.argmax())
         accuracy = accuracy_of(
             greedy.first, reason, fewest.pair, fewest.frequencies, fewest.curve,
@@ -150,7 +150,7 @@ def _project_again(greedy, kept) -> tuple[np.ndarray, float]:
     comm, judge, projections = greedy.parametric.comm, greedy.first.judge, greedy.projections
     noise = max(search.judge.noise for search in greedy.searches)
     pair, outward, inward = decided(comm, turned, projections, greedy.reference, greedy.goal)
-    lacks = ask_for_digits(greedy.run, judge, pair.outer) or noise > judge.goal
+    lacks = ask_for_digits(greedy.run, judge, pair.outer) or projections.quiet or noise > judge.goal
     for _ in range(PASSES if lacks else 0):
         projections.rotate(outward)
         kept, before = inward @ kept, pair.outer

@@ -118,11 +118,14 @@ class PointModels(NamedTuple):
 class AffineProjections:
     """Small projections of the parts of an affine form on a basis that grows, the same on all ranks.
 
-    `small`: as the operators of the form; `L` (m, l) = V^T L; `damping`: the proportional damping of the models.
+    `small`: as the operators of the form; `L` (m, l) = V^T L; `damping`: the proportional damping of the models;
+    `limits` of quiet columns of C^T, of which some are not silent where it is `quiet` (see InputsOutputs).
     """
 
     def __init__(self, form: AffineForm, basis, damping: Proportional):
         self.form, self.basis, self.damping = form, basis, damping
+        self.limits: dict[int, float] = {}
+        self.quiet = False
         self.restart()
 
     def restart(self):
@@ -144,6 +147,12 @@ class AffineProjections:
             cancels = form.run.cancels if key == "K" else None
             made[place][key] = extended(self.small[place][key], mat, new, columns, symmetric, cancels)
         self.small = [small.with_matrices(mats) for small, mats in zip(self.small, made, strict=True)]
+
+    def note_quiet(self, columns: dict[int, tuple[float, float]]):
+        """Keep what is known of quiet columns of C^T at one more point (see quiet_columns); local."""
+        for column, (ratio, limit) in columns.items():
+            self.limits[column] = max(limit, self.limits.get(column, 0.0))
+            self.quiet |= ratio > limit
 
     def rotate(self, turn: np.ndarray):
         """Replace the basis by its combinations `turn` (m, m), and project on these. Collective."""
@@ -168,7 +177,8 @@ class AffineProjections:
         symmetric = all(symmetric for key, *_, symmetric in self.form.matrices if key == "K")
         size = sum(abs(factor) * np.linalg.norm(small["K"])
                    for factor, small in zip(theta, self.small, strict=True) if "K" in small.terms)  # fmt: skip
-        return PointModels(summed, L, turn, self.damping, self.form.io(theta), symmetric, float(size), tau)
+        io = self.form.io(theta)._replace(limits=self.limits, quiet=self.quiet)
+        return PointModels(summed, L, turn, self.damping, io, symmetric, float(size), tau)
 
     def _sum(self, key, theta):
         return sum(factor * small[key] for factor, small in zip(theta, self.small, strict=True) if key in small.terms)
