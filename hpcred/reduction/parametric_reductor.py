@@ -128,7 +128,7 @@ class ParametricReductor(AtReference, ToleranceReductor):
             )
         # the accuracy at the reference, with the largest error over all values in its place
         reason = greedy.reason or fewest.limited
-        rest = estimated if reason else min(estimated, 3 * judge.floor)
+        rest = (estimated if reason else min(estimated, 3 * judge.floor)) + greedy.lost
         worst = int(fewest.errors.argmax())
         accuracy = accuracy_of(
             greedy.first, reason, fewest.pair, fewest.frequencies, fewest.curve,
@@ -169,7 +169,7 @@ def _project_again(greedy, kept) -> tuple[np.ndarray, float]:
         return decided(comm, changed, pair.outer, last[0], greedy.goal.band)
 
     noise = max(search.judge.noise for search in greedy.searches)
-    noise = project_until_settled(greedy.run, judge, last[0].outer, noise, rotated)
+    noise = project_until_settled(greedy.run, judge, last[0].outer, noise, rotated, also=projections.quiet)
     return kept, noise
 
 

@@ -121,11 +121,20 @@ class PointModels(NamedTuple):
 
 class AffineProjections(Projected):
     """Projections of the operators of an affine form, of which those at values of the parameters are sums; `damping`:
-    the proportional damping of the models."""
+    the proportional damping of the models; `limits` of quiet columns of C^T, of which some are not silent where it is
+    `quiet` (see InputsOutputs)."""
 
     def __init__(self, form: AffineForm, basis, damping: Proportional):
         self.form, self.damping = form, damping
+        self.limits: dict[int, float] = {}
+        self.quiet = False
         super().__init__(form.run, basis, form.loads, form.operators, form.is_symmetric, form.in_all_dofs)
+
+    def note_quiet(self, columns: dict[int, tuple[float, float]]):
+        """Keep what is known of quiet columns of C^T at one more point (see quiet_columns); local."""
+        for column, (ratio, limit) in columns.items():
+            self.limits[column] = max(limit, self.limits.get(column, 0.0))
+            self.quiet |= ratio > limit
 
     def turn(self, factor: np.ndarray):
         """Follow a basis V that has become V factor; local."""
@@ -145,7 +154,8 @@ class AffineProjections(Projected):
         symmetric = all(symmetric for key, *_, symmetric in self.form.matrices if key == "K")
         size = sum(abs(factor) * np.linalg.norm(small["K"])
                    for factor, small in zip(theta, self.small, strict=True) if "K" in small.terms)  # fmt: skip
-        return PointModels(summed, L, turn, self.damping, self.form.io(theta), symmetric, float(size), tau)
+        io = self.form.io(theta)._replace(limits=self.limits, quiet=self.quiet)
+        return PointModels(summed, L, turn, self.damping, io, symmetric, float(size), tau)
 
     def _sum(self, key, theta):
         return sum(factor * small[key] for factor, small in zip(theta, self.small, strict=True) if key in small.terms)
