@@ -10,6 +10,7 @@ import typer
 import hpcred
 
 from ..parallel.failures import InputError
+from ..parallel.messages import printable
 from ..report.tables import in_words, show_table
 from ..settings.viscoelastic import viscoelastic_of
 from . import session, values
@@ -117,4 +118,4 @@ def crank(
 def _example(name, output, **keywords):
     report = hpcred.write_example(name, output, progress=session.progress(), **keywords)
     known = "; ".join(f"{key} {', '.join(report[key])}" for key in ("inputs", "sets") if report[key])
-    print(f"{output}: {report['size']} dofs, {known}")
+    print(f"{printable(output)}: {report['size']} dofs, {known}")
