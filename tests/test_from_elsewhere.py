@@ -16,6 +16,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import scipy.io
+import scipy.sparse
 from helpers import CHORD_JOB, MODES_JOB, reduce_linkage
 from launch import mpi_environment
 
@@ -317,6 +319,23 @@ def test_names_do_not_colour_the_terminal(tmp_path, monkeypatch, capsys):
     assert run(["info", "model.h5"]) == 0
     said = capsys.readouterr()
     assert "[31mred" in said.out and not set("\x1b\x07") & set(said.out + said.err)
+
+
+@pytest.mark.parametrize("line", [
+    ["plan", "NAME"], ["response", "NAME", "--frequencies", "10,20", "-o", "NAME.csv"],
+    ["convert", "-K", "K.mtx", "-M", "K.mtx", "-o", "NAME"], ["info", "NAME"],
+])  # fmt: skip
+def test_names_of_files_do_not_steer_the_terminal(tmp_path, monkeypatch, capsys, line):
+    monkeypatch.chdir(tmp_path)
+    name = "\x1b[31mred\x1b]0;title\x07\n.h5"
+    scipy.io.mmwrite("K.mtx", scipy.sparse.eye(4, format="coo"))
+    if line[0] != "convert":
+        with package.linkage() as model:
+            package.write_model(name, model)
+    run([word.replace("NAME", name) for word in line])
+    said = capsys.readouterr()
+    told = (said.out + said.err).partition("#!/bin/bash")[0]  # a script has its words as they are
+    assert "[31mred" in told and not set("\x1b\x07") & set(told)
 
 
 @pytest.mark.parametrize("line", [

@@ -52,6 +52,29 @@ band = [1.0, 50.0]
 [launch]
 launcher = ""
 """
+MACHINE = """
+output = "machine.h5"
+[[body]]
+name = "link"
+result = "bearings.h5"
+[[mass]]
+at = "link.end"
+mass = 0.1
+"""
+MEASURED = """
+output = "coupled.csv"
+[[body]]
+name = "tool"
+kind = "measured"
+result = "tool.npz"
+[[body]]
+name = "link"
+result = "bearings.h5"
+[[joint]]
+bodies = ["link.end", "tool.end"]
+kind = "bushing"
+stiffness = [1e4, 0.0, 0.0]
+"""
 SUPERELEMENTS = [export.name for export in WRITERS.all() if export.needs == "superelement"]
 COMMANDS = {
     "convert": "convert -K K.mtx -M M.mtx --nodes nodes.txt --dofs dofs.txt --inputs 20:z -o c.h5 --json c.json",
@@ -62,6 +85,9 @@ COMMANDS = {
     "evaluate": "evaluate result.h5 --full model.h5 --frequencies 10,150 -o e.h5 --figure e.png",
     "response": "response model.h5 --frequencies 10,150 --frame buckens --damping loss:0.01 -o y.csv --figure y.svg",
     "modes": "modes model.h5 --count 8 --figure m.png",
+    "plan": "plan job.toml --json p.json",
+    "assemble": "assemble machine.toml --json a.json",
+    "measured": "assemble measured.toml",
     "simulate": "simulate sim.toml --set paraview=true",
     "recover": "recover result.h5 simulation.h5 -o motion.pvd",
     "recover-h5": "recover result.h5 simulation.h5 -o motion.h5",
@@ -223,6 +249,10 @@ def make_inputs(folder):
         np.savetxt(folder / "nodes.txt", np.column_stack([node[first], position[first]]), fmt="%d %.9g %.9g %.9g")
     (folder / "job.toml").write_text(MODES_JOB)
     (folder / "bearings.toml").write_text(SUPERELEMENT_JOB)
+    (folder / "machine.toml").write_text(MACHINE)
+    (folder / "measured.toml").write_text(MEASURED)
+    np.savez(folder / "tool.npz", frequencies=[10.0, 20.0], H=np.full((2, 1, 1), 1e-5), input_names=["end:x"],
+             output_names=["end:x"])  # fmt: skip
     (folder / "sweep.toml").write_text(SWEEP)
     (folder / "sim.toml").write_text(SIMULATION.replace("end = 0.05", "end = 0.002").replace("steps = 20", "steps = 2"))
 

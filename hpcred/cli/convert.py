@@ -10,6 +10,7 @@ import typer
 import hpcred
 
 from ..parallel.failures import InputError
+from ..parallel.messages import printable
 from ..report.tables import show_table
 from ..settings.viscoelastic import viscoelastic_of
 from . import session, values
@@ -116,4 +117,4 @@ def crank(
 def _example(name, output, **keywords):
     report = hpcred.example(name, output, progress=session.progress(), **keywords)
     known = "; ".join(f"{key} {', '.join(report[key])}" for key in ("inputs", "sets") if report[key])
-    print(f"{output}: {report['size']} dofs, {known}")
+    print(f"{printable(output)}: {report['size']} dofs, {known}")

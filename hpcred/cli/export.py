@@ -10,6 +10,7 @@ import typer
 import hpcred
 
 from ..parallel.failures import InputError
+from ..parallel.messages import printable
 from ..settings.preload_text import preload_of
 from ..writers.registry import PROGRAMS, WRITERS
 from . import session, values
@@ -61,11 +62,11 @@ def export(
         preload=preload_of(preload), at=values.parameters(at, "--at"), progress=session.progress(),
     )
     if "shapes" in report:
-        print(f"{report['output']}: {', '.join(report['shapes'])}")
+        print(f"{printable(report['output'])}: {', '.join(report['shapes'])}")
     else:
         ends = ", ".join(f"{key} {', '.join(map(str, report[key]))}" for key in ("nodes", "inputs", "outputs")
                          if key in report)  # fmt: skip
-        print(f"{report['output']}: {report['coordinates']} coordinates, {ends}")
+        print(f"{printable(report['output'])}: {report['coordinates']} coordinates, {ends}")
         for name in report.get("files", ()):
             print(f"with {name}")
         session.list_all("note", report["remarks"])

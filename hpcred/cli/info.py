@@ -10,6 +10,7 @@ import hpcred
 
 from ..parallel.declared import flattened
 from ..parallel.failures import InputError
+from ..parallel.messages import printable
 from ..report.tables import show_table
 from ..settings.preload_text import preload_of
 from . import session, values
@@ -73,7 +74,7 @@ def bores(
         show_table(f"{model}: holes (bore) and pins; m, turn in degrees", rows)
         print(f"Lines for the job; give them names of your own, and leave out what is no bearing\n\n{report['job']}")
     else:
-        print(f"{model}: no cylinder of {turn:g} degrees or more on its surface; --turn takes less")
+        print(f"{printable(model)}: no cylinder of {turn:g} degrees or more on its surface; --turn takes less")
     session.written(figure)
     session.warn(report["warnings"])
     session.write_json(json, report)

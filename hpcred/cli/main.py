@@ -11,6 +11,7 @@ import typer
 import hpcred
 
 from ..parallel.failures import InputError
+from ..parallel.messages import printable
 from ..report.tables import show_table
 from . import session
 from .assemble import assemble
@@ -101,7 +102,7 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
         session.write_json(json, rows)
         timing = progress.timing()
         effort = f"{timing.elapsed:.3g} s, at most {max(timing.memory_mb_per_rank):.0f} MB a rank"
-        print(f"model of row 0 written to {output}; {effort}")
+        print(f"model of row 0 written to {printable(output)}; {effort}")
         print(NEXT)
 
 

@@ -8,6 +8,7 @@ import typer
 
 import hpcred
 
+from ..parallel.messages import printable
 from ..parallel.progress import counted
 from ..report.tables import show_table
 from . import session
@@ -27,7 +28,7 @@ def plan(
     report = hpcred.plan(
         file, ranks=ranks, nodes=nodes, memory_gb=memory, gflops=gflops, analyse=analyse, progress=session.progress()
     )
-    print(f"{report['model']}: {report['dofs']} dofs, {report['nonzeros']} nonzeros")
+    print(f"{printable(report['model'])}: {report['dofs']} dofs, {report['nonzeros']} nonzeros")
     print(f"a factor: {report['operations']:.1e} operations, {report['entries']:.1e} entries")
     print(f"          {report['source']}")
     print(f"{counted(report['factors'], 'factor')} {report['points']}")

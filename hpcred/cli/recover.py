@@ -9,6 +9,7 @@ import typer
 import hpcred
 
 from ..parallel.failures import InputError
+from ..parallel.messages import printable
 from ..report.tables import show_table
 from ..writers.decks.registry import DECKS
 from . import session, values
@@ -74,12 +75,12 @@ def recover(
     # a deck for stresses of the basis, the answers to it, or the motion
     if deck is not None:
         report = hpcred.workflows.write_deck(result, deck, original, output, units=units, progress=session.progress())
-        print(f"{report['folder']}: {report['columns']} steps; run there {report['run']}")
+        print(f"{printable(report['folder'])}: {report['columns']} steps; run there {report['run']}")
         session.write_json(json, report)
         return
     if answers is not None:
         report = hpcred.workflows.add_stresses(result, answers, output, units=units, progress=session.progress())
-        print(f"{report['output']}: stresses of {report['columns']} columns at {report['nodes']} nodes "
+        print(f"{printable(report['output'])}: stresses of {report['columns']} columns at {report['nodes']} nodes "
               f"({report['source']})")  # fmt: skip
         session.write_json(json, report)
         return

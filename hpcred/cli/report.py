@@ -9,6 +9,7 @@ import typer
 import hpcred
 
 from ..parallel.declared import flattened
+from ..parallel.messages import printable
 from . import session, values
 from .options import AtValues, Band, FullFile, JsonFile, Pairs, SharedSolving
 
@@ -40,6 +41,6 @@ def report(
     )  # fmt: skip
     session.list_all("note", told["notes"])
     for name in told["files"]:
-        print(name)
-    print(f"{told['output']}: {told['megabytes']:.1f} MB")
+        print(printable(str(name)))
+    print(f"{printable(told['output'])}: {told['megabytes']:.1f} MB")
     session.write_json(json, told)

@@ -154,7 +154,7 @@ def written(*names):
     """Print the names of files that were asked for and are written now; None was not."""
     for name in names:
         if name is not None:
-            print(f"written to {name}")
+            print(f"written to {printable(str(name))}")
 
 
 def show_loads(rows):

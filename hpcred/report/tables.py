@@ -27,8 +27,9 @@ def show_table(title, rows: list[dict]):
     if MPI.COMM_WORLD.rank or not rows:
         return
     columns = shutil.get_terminal_size().columns
+    rows = [{printable(column): value for column, value in row.items()} for row in rows]
     if title:
-        print(textwrap.fill(title, columns, break_long_words=False, break_on_hyphens=False))
+        print(textwrap.fill(printable(title), columns, break_long_words=False, break_on_hyphens=False))
     first, *left = rows[0]
     whole = columns - 2
     start = _width(first, rows, whole // 3, True)

@@ -23,6 +23,7 @@ else:
     import tomli as tomllib
 
 COMMANDS = {"job": ("a sweep", "sweep"), "body": ("a simulation", "simulate"), "model": ("a job", "reduce")}  # by key
+MACHINE = "a machine", "assemble"  # with a list of bodies
 CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)  # of the outermost dataclass, which hands it to those inside
 LONGEST_PATH, LONGEST_NAME = 4096, 255  # bytes, of Linux
 STRAY = re.compile("[\ud800-\udfff]")  # bytes of a command line that are no letters, as Python keeps them
@@ -129,7 +130,7 @@ def require_kind(path, table, key):
     """Raise InputError for the file of another command: one without `key`, and with the key of another."""
     other = next((item for item in COMMANDS if item in table), None)
     if key not in table and other is not None:
-        what, command = COMMANDS[other]
+        what, command = MACHINE if isinstance(table[other], list) else COMMANDS[other]
         raise InputError(f"{path}: found {what}, which `hpcred {command}` reads; expected {COMMANDS[key][0]}, with a "
                          f"key {key}")  # fmt: skip
 

@@ -126,9 +126,11 @@ def test_half_a_file_is_refused_or_half_described(written, tmp_path, monkeypatch
 def test_files_in_toml_are_told_apart(linkage_folder, capsys):
     Path("s.toml").write_text('job = "job.toml"')
     Path("y.toml").write_text('body = "result.h5"\nend = 1.0')
+    Path("m.toml").write_text('[[body]]\nname = "a"\nresult = "result.h5"\n')
     for words, says in (
         (["s.toml"], "s.toml: found a sweep, which `hpcred sweep` reads"),
         (["y.toml"], "y.toml: found a simulation, which `hpcred simulate` reads"),
+        (["m.toml"], "m.toml: found a machine, which `hpcred assemble` reads"),
         (["job.toml", "--modes", "3"], "job.toml: a job is shown and drawn with its interfaces; modes"),
         (["job.toml", "--figure", "f.png"], "job.toml has no [[interface]] to draw"),
     ):

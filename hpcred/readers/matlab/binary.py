@@ -61,10 +61,10 @@ class Place:
     size: int
     packed: bool
     values: Run | None = None
-    imaginary: Run | None = None
     rows: Run | None = None
     starts: Run | None = None
     columns: Run | None = None
+    imaginary: Run | None = None
 
 
 class _Element:

@@ -19,8 +19,8 @@ class Variable:
     sparse: bool = False
     nonzeros: int | None = None
     complex: bool = False
-    logical: bool = False
     place: object = None
+    logical: bool = False
 
     def in_words(self) -> str:
         """Return such as "54 x 54 sparse, 606 entries"."""

@@ -157,7 +157,7 @@ def _end_of_functions(path, file, line):
         raise InputError(f"{path}: found the binary dataset '{shown(line)}', expected its number of lines and bytes")
     lines = [file.readline() for _ in range(int(words[2]))]
     begin = file.tell()
-    for count in (int(words[3]), _bytes_of_function(lines)):
+    for count in (int(words[3]), *_bytes_of_function(lines)):
         file.seek(begin + count)
         while (end := file.readline()) and not end.strip():  # the last line may begin behind the last byte
             pass
@@ -166,13 +166,14 @@ def _end_of_functions(path, file, line):
     raise InputError(f"{path}: found no line of -1 behind the binary dataset '{shown(line)}'; the file is cut off")
 
 
-def _bytes_of_function(lines) -> int:
-    """Return how many bytes the numbers of a function take by the lines above, as pyuff writes the bytes wrongly."""
+def _bytes_of_function(lines) -> list[int]:
+    """Return how many bytes the numbers of a function take by the lines above, where they say it: pyuff writes the
+    bytes wrongly."""
     words = lines[6].split()[:3] if len(lines) > 6 else []
     if len(words) < 3 or not all(word.isdigit() and len(word) < 16 for word in words):
-        return 0
+        return []
     kind, count, even = map(int, words)
-    return count * ((2 if kind in (5, 6) else 1) + (not even)) * (4 if kind in (2, 5) else 8)
+    return [count * ((2 if kind in (5, 6) else 1) + (not even)) * (4 if kind in (2, 5) else 8)]
 
 
 def _global_systems(path, sets):
