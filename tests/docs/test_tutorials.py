@@ -21,7 +21,7 @@ def said(text):
     """The words that the commands of a page print; where tables break lines depends on their numbers."""
     lines = [line for block in tutorial.SESSION.findall(text) for line in block.splitlines()]
     plain = (re.sub("─+", "", NUMBER.sub("#", line)) for line in lines if not line.startswith(OF_THE_MACHINE))
-    return {word for line in plain for word in line.split()}
+    return {word.rstrip(";") for line in plain for word in line.split()}
 
 
 @pytest.mark.parametrize(
