@@ -68,10 +68,42 @@ def test_the_citation_names_the_paper():
     assert paper["title"] in " ".join((ROOT / "README.md").read_text().split()) and str(paper["year"]) == "2006"
 
 
+def requirements(recipe):
+    """{name: what follows it} of a file for conda, with the names of PyPI."""
+    given = yaml.safe_load((ROOT / recipe).read_text())
+    lines = given["dependencies"] if "dependencies" in given else given["requirements"]["run"]
+    words = (line.replace("python-xxhash", "xxhash").split(maxsplit=1) for line in lines if isinstance(line, str))
+    return {name: " ".join(rest) for name, *rest in words}
+
+
 @pytest.mark.parametrize("recipe", ["environment.yml", "packaging/conda/recipe.yaml"])
 def test_recipes_name_what_hpcred_needs(recipe):
+    """With the same bounds, and the packages that pip is not asked for."""
     text = (ROOT / "pyproject.toml").read_text()
-    needed = re.findall(r"^    \"(\w+)", re.search(r"^dependencies = \[\n(.*?)^\]", text, re.M | re.S)[1], re.M)
-    words = set(re.findall(r"[\w-]+", (ROOT / recipe).read_text().replace("python-xxhash", "xxhash")))
-    words |= {word.replace("-", "_") for word in words}
-    assert len(needed) > 10 and [name for name in needed if name not in words | {"tomli"}] == []
+    listed = re.search(r"^dependencies = \[\n(.*?)^\]", text, re.M | re.S)[1]
+    needed = dict(re.findall(r"^    \"(\w+)([^\";]*)\"", listed, re.M))
+    known = requirements(recipe)
+    assert len(needed) > 9 and {"petsc", "petsc4py", "slepc4py", "mpi4py"} <= set(known)
+    assert {name: known.get(name) for name, bound in needed.items() if bound not in known.get(name, "no")} == {}
+
+
+def test_the_recipe_of_a_feedstock_has_what_the_project_has():
+    text = (ROOT / "pyproject.toml").read_text()
+    recipe = yaml.safe_load((ROOT / "packaging/conda/recipe.yaml").read_text())
+    assert f'"Programming Language :: Python :: {recipe["context"]["python_min"]}"' in text
+    about, (entry,) = recipe["about"], recipe["build"]["python"]["entry_points"]
+    command, place = entry.split(" = ")
+    assert f'description = "{about["summary"]}"' in text and f'{command} = "{place}"' in text
+    assert f'text = "{about["license"]}"' in text and (ROOT / about["license_file"]).exists()
+
+
+def test_the_workflow_runs_what_there_is():
+    """Targets of make and files of the checkout, and Pythons that the classifiers name."""
+    jobs = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"]
+    commands = [step["run"] for job in jobs.values() for step in job["steps"] if "run" in step]
+    targets = {word for line in commands if line.startswith("make ") for word in line.split()[1:]}
+    makefile = (ROOT / "Makefile").read_text()
+    assert {"demo", "test", "test-pip"} <= targets
+    assert all(re.search(rf"^{target}:", makefile, re.M) for target in targets)
+    classified = re.findall(r"Python :: (3\.\d+)", (ROOT / "pyproject.toml").read_text())
+    assert set(jobs["pip"]["strategy"]["matrix"]["python"]) <= set(classified)

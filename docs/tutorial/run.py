@@ -27,7 +27,7 @@ FILE = re.compile(r'^```\w+ title="([^"]+)"\n(.*?)^```$', re.M | re.S)
 SESSION = re.compile(r"^```console\n(.*?)^```$", re.M | re.S)
 BLOCK = re.compile(rf"(?:{FILE.pattern})|(?:{SESSION.pattern})", re.M | re.S)
 WIDTH = 80  # of tables, as on most terminals
-WIDEST, COLOURS = 900, 128  # of pictures, which a site carries with it
+WIDEST, COLOURS = 900, 256  # of pictures, which a site carries with it
 ROOT = Path(__file__).parents[2]
 
 

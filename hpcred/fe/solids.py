@@ -244,8 +244,12 @@ class Solids:
         )]
 
     def _forces(self, field) -> np.ndarray:
-        """Return the forces (l, 3, 6) of the elements of this rank for displacements `field` (l, 3, 6), their absolute
-        sums, whether a node is wanted, and whether it has hourglass stiffness beside a support: (l, 3, 14)."""
+        """Return the forces (l, 3, 6) of the elements of this rank for displacements `field` (l, 3, 6), their sizes,
+        whether a node is wanted, and whether it has hourglass stiffness beside a support: (l, 3, 14).
+
+        The size is the sum of the absolute forces, of each element at least a tenth of its largest: uniform strains of
+        straight tetrahedra with ten nodes have none at the corners, where round-off would be compared with round-off.
+        """
         total = np.zeros((len(self.number), 3, 14))
         for group in self.groups:
             for nodes in group.pieces():
@@ -253,9 +257,11 @@ class Solids:
                 moved = field[nodes].reshape(len(nodes), B.shape[3], 6)
                 forces = np.einsum("eg,egia,ij,egjb,ebc->eac", volumes, B, group.elastic, B, moved, optimize=True)
                 forces = forces.reshape(*nodes.shape, 3, 6)
+                size = np.abs(forces)
+                size = np.maximum(size, 0.1 * size.max(axis=(1, 2), keepdims=True))
                 held = (self.rows[nodes] < 0).any(axis=(1, 2)) & (group.rule == UNIFORM)
                 np.add.at(total, nodes, np.concatenate([
-                    forces, np.abs(forces), np.broadcast_to(self.wanted[nodes][..., None, None], (*nodes.shape, 3, 1)),
+                    forces, size, np.broadcast_to(self.wanted[nodes][..., None, None], (*nodes.shape, 3, 1)),
                     np.broadcast_to(held[:, None, None, None], (*nodes.shape, 3, 1)),
                 ], axis=3))  # fmt: skip
         return total

