@@ -45,26 +45,33 @@ from ..linalg.pencil import modes_of
 from ..model.interfaces.nodes import InterfaceNode
 from ..model.laws.registry import laws_of
 from ..model.operator import ADDED, Term
-from ..model.parameters.definitions import checked_values
+from ..model.parameters.definitions import Parameter, checked_values
 from ..model.second_order_model import listed, require_model
 from ..parallel.declared import adapter_of, declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
-from ..reduction.parametric.reduced import ParametricReducedModel
+from ..reduction.parametric.reduced import ParametricReducedModel, ReducedTerm
 from ..reduction.result.parameter_accuracy import in_words
 from ..reduction.result.record import Record, difference_of
 from ..reduction.result.reduced_model import ReducedModel
 from .checked import Array, damaged
 from .hdf5 import ALSO, reading, texts, writing
 from .model_file import LAWS, NODES, read_laws, sets_of, write_nodes
-from .result_parameters import SCHEMA as OF_PARAMETERS
-from .result_parameters import with_parameters, write_parameters
 
 FORMAT, VERSION = "hpcred-result", 2
 LABELS = ("node", "direction", "position")
 ARRAYS = ("M", "D", "K", "B", "C", "frequencies")
 NAMES = ("input_names", "output_names")
 QUANTITIES = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
+SHAPES = {"M": ("m", "m"), "D": ("m", "m"), "K": ("m", "m"), "B": ("m", "p"), "C": ("r", "m")}
+OF_OUTPUTS = {"Cv": ("r", "m"), "Ca": ("r", "m")}
+OF_PARAMETERS = {
+    "parameters/name": Array("text", ("w",)), "parameters/unit": Array("text", ("w",)),
+    "parameters/range": Array("real", ("w", 2)), "parameters/reference": Array("real", ("w",)),
+    **{f"parameters/constant/{key}": Array("real", shape) for key, shape in (SHAPES | OF_OUTPUTS).items()},
+    "parameters/terms/of": Array("text", ("o",)), "parameters/terms/factor": Array("text", ("o",)),
+    **{f"parameters/terms/{key}": Array("real", ("?", *shape)) for key, shape in SHAPES.items()},
+}  # fmt: skip
 SCHEMA = NODES | OF_PARAMETERS | {
     **{f"reduced/{key}": Array("real", ("m", "m"), needed=True) for key in "MDK"},
     "reduced/Cv": Array("real", ("r", "m")), "reduced/Ca": Array("real", ("r", "m")),
@@ -608,3 +615,40 @@ def _interfaces(group) -> tuple[InterfaceNode, ...]:
     """The nodes of interface coordinates."""
     rows = zip(texts(group["name"]), group["node"][...].tolist(), group["position"][...].tolist(), strict=True)
     return tuple(InterfaceNode(name, node, tuple(position)) for name, node, position in rows)
+
+
+# Write and read what a result has beside the model at the reference values of its parameters.
+
+
+def write_parameters(file, reduced: ParametricReducedModel):
+    """Write the parameters and the terms into a result that is being written. Collective."""
+    for key in ("name", "unit", "range", "reference"):
+        file.small(f"parameters/{key}", [getattr(item, key) for item in reduced.parameters])
+    for key, value in reduced.constant.items():
+        file.small(f"parameters/constant/{key}", value)
+    for key in ("of", "factor"):
+        file.small(f"parameters/terms/{key}", [getattr(item, key) for item in reduced.terms])
+    for key in SHAPES:
+        if found := [item.matrix for item in reduced.terms if item.of == key]:
+            file.small(f"parameters/terms/{key}", np.array(found))
+
+
+def with_parameters(file, reduced: ReducedModel, path) -> ReducedModel:
+    """Return the model of an open result, with its parameters if it has some. Raises InputError."""
+    if "parameters" not in file:
+        return reduced
+    try:
+        names, units, of, factors = (texts(file[f"parameters/{key}"]) for key in ("name", "unit", "terms/of",
+                                                                                  "terms/factor"))  # fmt: skip
+        numbers = (file[f"parameters/{key}"][...].tolist() for key in ("range", "reference"))
+        parameters = tuple(
+            Parameter(name, tuple(limits), reference, unit)
+            for name, unit, limits, reference in zip(names, units, *numbers, strict=True)
+        )
+        stacks = {key: iter(file[f"parameters/terms/{key}"][...]) for key in dict.fromkeys(of)}
+        terms = tuple([ReducedTerm(key, factor, next(stacks[key])) for key, factor in zip(of, factors, strict=True)])
+        constant = {key: file[f"parameters/constant/{key}"][...] for key in (*SHAPES, *OF_OUTPUTS)
+                    if key in SHAPES or f"parameters/constant/{key}" in file}  # fmt: skip
+    except (KeyError, StopIteration, ValueError) as error:  # an InputError is a ValueError
+        raise InputError(f"{path}: its parameters are damaged: {error}; reduce again") from error
+    return ParametricReducedModel.of(reduced, parameters=parameters, constant=constant, terms=terms)

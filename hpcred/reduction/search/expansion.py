@@ -3,30 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ...linalg.basis import Basis
+from ...linalg.blocks import add_product, apply, create_block, local_rows
 from ...linalg.known import ModeCount
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError
+from ...parallel.petsc import PETSc
+from ...parallel.sums import summed
 from ..components.point_blocks import Part, PointBlocks
 from ..result.accuracy import Point
 from ..run.run import Run
 from ..small.damping import UNDAMPED, measured_damping
-from ..small.error_estimate import missing, resonances
+from ..small.error_estimate import UNIFORM, grid, missing, quietness, resonances
 from .goal import Adaptive
 from .judging import COLUMNS, Blocks, Judge, Judgement
 from .point_solver import PointSolver
 from .projections import Projections
 from .search_checks import check_massless, check_support, extend_by_random, is_singular
-from .silent_outputs import silent_columns
 
 BLOCK = 16  # columns of a block that is made from residuals
 FEW_BELOW = 0.1  # of the upper end of a band: a lower end up to it leaves few modes below the band
 HOPELESS = 300  # modes in the band, beyond which a search that may have fewer columns is not begun
 MANY, LARGE_PART = 30, 0.2  # modes in the band, and of all modes: beyond both the band looks wrong
 NEAR_END = 0.9  # of the band: where a point that does not count modes is to be
+QUIET = 1e-8  # see quietness: below it round-off is computed
+SURE = 100.0  # times a bound of round-off, up to which a response is decided by it
+UNIT = float(np.finfo(float).eps)
+AT_A_TIME = 8  # outputs
 
 
 class Expansion:
@@ -253,3 +260,93 @@ def expanded(run: Run, settings: Adaptive, f) -> tuple[PointBlocks, Point]:
 
 def _seconds(records) -> float:
     return float(sum(record.factor_seconds for record in records))
+
+
+# Find the outputs whose responses are round-off: zero in exact arithmetic, for all that double precision tells.
+# Where every entry of A(s) is known to one unit of round-off u, the response c^T A^-1 b is known to u |y|^T |A| |x|,
+# with the states x = A^-1 b and y = A^-T c. This bound is small where the output is well isolated, and does not
+# depend on units: a factor on dofs multiplies all of its terms alike. (Higham, Accuracy and Stability of Numerical
+# Algorithms, 2002, section 7.2.) A small model, whose coordinates are those of the whole body, tells no response
+# below u ||y|| ||x|| in the norm of the energies, nor below u/2 times its highest eigenvalue times |y| |x|: stiff
+# columns mix what is soft and apart.
+
+
+class Quiet(NamedTuple):
+    """A column of C^T that hardly feels the inputs: its place, where it feels them most (`frequency`, Hz), the
+    response there (`size`), the same over the energies (`ratio`), the round-off of it in the small model (`mixed`), and
+    the states x and y (m,) in terms of the basis."""
+
+    column: int
+    frequency: float
+    size: float
+    ratio: float
+    mixed: float
+    x: np.ndarray
+    y: np.ndarray
+
+
+def silent_columns(projections, band) -> tuple[tuple[int, ...], bool]:
+    """Return the columns of C^T whose responses over a band (Hz) are round-off, and whether others hardly feel the
+    inputs. Collective."""
+    if projections.io.are_same:
+        return (), False
+    quiet, silent = decided(projections.run.model.comm, _quiet, projections, band), []
+    for start in range(0, len(quiet), AT_A_TIME):
+        some = quiet[start : start + AT_A_TIME]
+        bounds = _round_off(projections, some)
+        silent += [item.column for item, bound in zip(some, bounds, strict=True)
+                   if item.size <= max(SURE * bound, item.mixed) or item.ratio <= SURE * UNIT]  # fmt: skip
+    return tuple(silent), len(silent) < len(quiet)
+
+
+def _quiet(projections, band):
+    """Return the columns that may be silent; local."""
+    model = projections.model()
+    S = grid([model], band, UNIFORM // 4, None)
+    ratio = quietness(model, S)  # (S, k, p)
+    most = ratio.max(axis=(0, 2), initial=0.0)
+    quiet = []
+    for j in np.flatnonzero(most < QUIET):
+        k, i = np.unravel_index(ratio[:, j].argmax(), ratio[:, j].shape)
+        at = S[[k]]
+        x, y = model.solve(at, model.B[:, [i]])[0, :, 0], model.solve(at, model.Ct[:, [j]], transposed=True)[0, :, 0]
+        size = float(abs(model.Ct[:, j] @ x))
+        mixed = float(UNIT / 2 * abs(model.eigenvalues).max() * np.linalg.norm(x) * np.linalg.norm(y))
+        states = model.vectors @ x, model.vectors @ y
+        quiet.append(Quiet(int(j), float(at[0]), size, float(ratio[k, j, i]), mixed, *states))
+    return quiet
+
+
+def _round_off(projections, quiet) -> np.ndarray:
+    """Return u |y|^T |A| |x| of quiet columns. Collective."""
+    model = projections.run.model
+    frequencies = np.array([item.frequency for item in quiet])
+    a, b, s = projections.damping.coefficients(frequencies)
+    factors = zip(projections.beside, projections.beside.coefficients(s), strict=True)
+    terms = [(model.K, a), (model.M, b), *((term.matrix, factor) for term, factor in factors)]
+    x, y = (_magnitudes(projections, np.array([getattr(item, of) for item in quiet]).T) for of in ("x", "y"))
+    product, found = create_block(model.K, len(quiet)), np.zeros(len(quiet))
+    for mat, factor in terms:
+        magnitude = _magnitude(mat)
+        apply(magnitude, x, product)
+        magnitude.destroy()
+        with local_rows(product) as Ax, local_rows(y) as rows:
+            found += np.abs(factor) * (rows * Ax).real.sum(axis=0)
+    return UNIT * summed(model.comm, found)
+
+
+def _magnitudes(projections, coefficients):
+    """Return |V coefficients| entry by entry, of complex ones (m, k), as a block. Collective."""
+    count = coefficients.shape[1]
+    parts = create_block(projections.run.model.K, 2 * count)
+    add_product(parts, projections.basis.columns, np.hstack([coefficients.real, coefficients.imag]), beta=0.0)
+    found = create_block(projections.run.model.K, count)
+    with local_rows(parts) as both, local_rows(found) as rows:
+        rows[...] = np.hypot(both[:, :count].real, both[:, count:].real)
+    return found
+
+
+def _magnitude(mat):
+    """Return |A| entry by entry. Collective."""
+    indptr, indices, values = mat.getValuesCSR()
+    return PETSc.Mat().createAIJ(mat.getSizes(), csr=(indptr, indices, np.abs(values)), comm=mat.comm)
