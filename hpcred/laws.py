@@ -1,4 +1,4 @@
-"""Laws of viscoelastic and hysteretic parts."""
+"""Laws of parts whose stiffness depends on frequency."""
 
 from .public_names import attached
 

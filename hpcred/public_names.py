@@ -1,4 +1,4 @@
-"""Give packages the public names of their stubs, each imported when it is first used."""
+"""Give modules the public names of their stubs, each imported when it is first used."""
 
 import ast
 import sys
@@ -7,10 +7,11 @@ from importlib import import_module
 from pathlib import Path
 
 
-def attached(package, file, moved=None):
+def attached(package, file, renamed=None):
     """Return `__getattr__`, `__dir__` and `__all__` of a module, by the imports in the stub beside its file.
 
-    `moved`: where names of the version before are now, which are found with a DeprecationWarning.
+    Names of the version before are found with a DeprecationWarning: those of public modules in the stub, and those that
+    are `renamed`.
     """
     root, places = sys.modules[package].__package__, {}
     for node in ast.parse(Path(file).with_suffix(".pyi").read_text()).body:
@@ -19,18 +20,10 @@ def attached(package, file, moved=None):
             places |= {alias.name: (module, alias.name) for alias in node.names}
         elif isinstance(node, ast.Assign):  # name = module.other
             places[node.targets[0].id] = (f".{node.value.value.id}", node.value.attr)
-    moved = moved or {}
 
     def find(name):
-        if name in moved:
-            place = f"{package}.{moved[name]}"
-            warnings.warn(f"{package}.{name} is {place}; the old name goes with the next version",
-                          DeprecationWarning, stacklevel=2)  # fmt: skip
-            owner, _, name = place.rpartition(".")
-            return getattr(import_module(owner), name)
         if name not in places:
-            meant = _meant(name, places) if package == "hpcred" else ""  # rooms are asked for their modules too
-            raise AttributeError(f"{package} has no '{name}'{meant}", name=name, obj=sys.modules[package])
+            return _found_elsewhere(name)
         module, attribute = places[name]
         if module == ".":
             item = import_module(f".{attribute}", root)
@@ -43,12 +36,23 @@ def attached(package, file, moved=None):
         vars(sys.modules[package])[name] = item
         return item
 
+    def _found_elsewhere(name):
+        meant, modules = "", [other for other, (module, _) in places.items() if module == "."]
+        if modules and not name.startswith("_"):  # rooms are asked for their modules too
+            if name in (renamed or {}):
+                _warn(name, renamed[name])
+                return find(renamed[name])
+            for owner in modules:
+                if name in (module := import_module(f".{owner}", root)).__all__:
+                    _warn(name, f"{owner}.{name}")
+                    return getattr(module, name)
+            from .parallel.declared import nearest
+
+            meant = nearest(name, places)
+        raise AttributeError(f"{package} has no '{name}'{meant}", name=name, obj=sys.modules[package])
+
+    def _warn(name, place):
+        warnings.warn(f"{package}.{name} is {package}.{place}; the old name goes with the next version",
+                      DeprecationWarning, stacklevel=4)  # fmt: skip
+
     return find, lambda: sorted(places), sorted(places)
-
-
-def _meant(name, names):
-    if name.startswith("_"):
-        return ""
-    from .parallel.declared import nearest
-
-    return nearest(name, names)

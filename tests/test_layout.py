@@ -152,9 +152,12 @@ def test_no_public_name_of_a_room_is_that_of_a_module_in_it():
 
 
 def test_names_of_the_version_before_are_found_with_a_warning():
-    for name, place in hpcred._MOVED.items():
-        with pytest.warns(DeprecationWarning, match=f"hpcred.{name} is hpcred.{place}; "):
-            assert getattr(hpcred, name) is attrgetter(place)(hpcred)
+    places = {place.rpartition(".")[2]: place for place in reference.public_names() if "." in place}
+    for name, place in (places | hpcred._RENAMED).items():
+        if name not in hpcred.__all__:
+            with pytest.warns(DeprecationWarning, match=f"hpcred.{name} is hpcred.{place}; ") as caught:
+                assert getattr(hpcred, name) is attrgetter(place)(hpcred)
+            assert caught[0].filename == __file__
 
 
 def test_modules_say_what_they_do_and_rooms_are_empty():

@@ -12,7 +12,6 @@ from .example import write_example as write_example
 from .export import export_reduced as export_reduced
 from .export import export_result as export_result
 from .info import describe_file as describe_file
-from .info import inspect_file as inspect_file
 from .info import installation as installation
 from .info_of_output import verify_file as verify_file
 from .modes import mass_in_words as mass_in_words

@@ -61,56 +61,22 @@ def installation() -> dict[str, str]:
 
 
 @workflow
-def inspect_file(
-    path, *, frequencies=(), band_top=None, modes: int | None = None, comm=None, progress: Progress | None = None
+def describe_file(
+    path, *, frequencies=(), band_top=None, modes=None, variables=None, figure=None, sets=None, comm=None,
+    progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Return the summary of a model file (see inspect). Collective.
+    """Describe a file: a model file as inspect does, a job file by its model, interfaces and loads, others by their
+    format and contents. Collective.
 
     Parameters
     ----------
     path : str or PathLike
     frequencies : sequence of float
-        Hz, below which modes are counted.
+        Hz, below which modes of a model are counted.
     band_top : float, optional
         Upper end of a band in Hz, for which the size is estimated.
     modes : int, optional
         So many lowest frequencies are computed.
-
-    Returns
-    -------
-    dict
-        Plain numbers for a table or JSON.
-
-    Raises
-    ------
-    InputError
-        For a file that is no model.
-    """
-    if (band_top is not None and band_top <= 0) or any(f <= 0 for f in frequencies):
-        raise InputError("info: frequencies must be positive")
-    within("--below", frequencies, FREQUENCY)
-    within("--band-top", band_top, FREQUENCY)
-    if modes is not None and modes < 1:
-        raise InputError(f"--modes: found {modes}, expected at least 1")
-    with progress.stage("read", str(path)):
-        model = read_model(path, comm)
-    with model, progress.stage("inspect"):
-        return inspect(model, frequencies, band_top, modes=modes, progress=progress)
-
-
-@workflow
-def describe_file(
-    path, *, frequencies=(), band_top=None, modes=None, variables=None, figure=None, sets=None, comm=None,
-    progress: Progress | None = None,
-) -> dict:  # fmt: skip
-    """Describe a file: a model file as inspect_file does, a job file by its model, interfaces and loads, others by
-    their format and contents. Collective.
-
-    Parameters
-    ----------
-    path : str or PathLike
-    frequencies, band_top, modes : optional
-        As for inspect_file.
     variables : dict of str, optional
         Names of matrices by K, M, D in a file that holds several.
     figure : str or PathLike, optional
@@ -155,12 +121,20 @@ def describe_file(
         if kind != MODEL and figure is not None:
             raise InputError(f"--figure: {path} is no model file and no job, whose sets can be drawn; convert it first")
     if kind == MODEL:
-        if figure is not None:
-            with read_model(path, comm) as model, progress.stage("figure"):
-                _draw(figure, model, sets)
-        return inspect_file(
-            path, frequencies=frequencies, band_top=band_top, modes=modes, comm=comm, progress=progress
-        )
+        if (band_top is not None and band_top <= 0) or any(f <= 0 for f in frequencies):
+            raise InputError("info: frequencies must be positive")
+        within("--below", frequencies, FREQUENCY)
+        within("--band-top", band_top, FREQUENCY)
+        if modes is not None and modes < 1:
+            raise InputError(f"--modes: found {modes}, expected at least 1")
+        with progress.stage("read", str(path)):
+            model = read_model(path, comm)
+        with model:
+            if figure is not None:
+                with progress.stage("figure"):
+                    _draw(figure, model, sets)
+            with progress.stage("inspect"):
+                return inspect(model, frequencies, band_top, modes=modes, progress=progress)
     with progress.stage("read", str(path)):
         if kind in OUTPUTS:
             return read_whole(OUTPUTS[kind], path, comm)
