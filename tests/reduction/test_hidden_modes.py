@@ -59,7 +59,7 @@ def test_rounds_of_columns(monkeypatch, counts, answers, taken):
 
 @pytest.mark.mpi
 def test_filled_blocks_have_modes_that_no_load_moves(comm, monkeypatch):
-    """Two chains of which one is loaded, 12 modes each below the end of the band: found by the columns that fill blocks,
+    """Two chains of which one is loaded: the modes of the other are found by the columns that fill blocks,
     without a pass of their own."""
     n, f = 150, 1.2
     modes = 2 * np.sin(np.arange(1, n + 1) * np.pi / (2 * n + 2))  # of a chain of unit masses, in rad/s
