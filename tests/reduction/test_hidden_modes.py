@@ -2,9 +2,12 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+import scipy.sparse
 
-from hpcred.reduction.search import hidden_modes
+import hpcred
+from hpcred.reduction.search import hidden_modes, point_solver
 from hpcred.reduction.search.hidden_modes import UNCOUNTED, find_hidden
 
 
@@ -52,3 +55,31 @@ PAIR, MODES = ("random", 2), ("modes", 2)
 )
 def test_rounds_of_columns(monkeypatch, counts, answers, taken):
     assert rounds(monkeypatch, counts, answers, room=100) == taken
+
+
+@pytest.mark.mpi
+def test_filled_blocks_have_modes_that_no_load_moves(comm, monkeypatch):
+    """Two chains of which one is loaded: the modes of the other are found by the columns that fill blocks,
+    without a pass of their own."""
+    n, f = 150, 1.2
+    modes = 2 * np.sin(np.arange(1, n + 1) * np.pi / (2 * n + 2))  # of a chain of unit masses, in rad/s
+    spring = scipy.sparse.diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(n, n))
+    K = scipy.sparse.block_diag([spring, f**2 * spring], format="csr")
+    B, band = np.zeros((2 * n, 1)), (0.0, float(modes[11] + modes[12]) / (4 * np.pi))
+    B[40] = 1.0
+    below = int((modes < 2 * np.pi * band[1]).sum() + (f * modes < 2 * np.pi * band[1]).sum())
+    passes = []
+    for rows in (point_solver.ROWS, 0):
+        monkeypatch.setattr(point_solver, "ROWS", rows)
+        with (
+            hpcred.SecondOrderModel(scipy.sparse.eye(2 * n, format="csr"), K=K, B=B, comm=comm) as model,
+            hpcred.reduce(model, tolerance=1e-4, band=band) as rom,
+        ):
+            accuracy = rom.record.accuracy
+            assert accuracy.reached and accuracy.missing_modes == 0
+            if accuracy.counted is not None:
+                assert accuracy.counted.modes == below
+            passes.append([part.where for part in rom.record.components if "no load moves" in part.where])
+            passes.append(rom.size)
+    (before, size), (after, filled) = passes[:2], passes[2:]
+    assert before and not after and filled <= size

@@ -27,8 +27,8 @@ from .residual_blocks import residual_block
 
 # columns of loads up to which blocks are filled, to so many: with few a back substitution waits for the factor to pass
 # through memory, which takes as long as the arithmetic of about ten. Not by the clock, for a search gives the same each
-# time, on any number of ranks
-FEW, WIDTH = 4, 12
+# time, on any number of ranks. Factors of fewer rows stay in the cache of the processor
+FEW, WIDTH, ROWS = 4, 12, 5000
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
 TRIES, OUTWARDS = (0, 1, -1, 3), (0, 1, 2, 3)  # how often, in turn; points at the ends of a band out of it
 # of its first residual may be left by multigrid, of loads, and of what a basis leaves of them
@@ -52,7 +52,7 @@ class SearchSequence(PencilSequence):
     def filled(self) -> int:
         """The random columns of the first block."""
         loads = super()._load_columns()
-        return WIDTH - loads if loads <= FEW else 0
+        return WIDTH - loads if loads <= FEW and self.run.model.size >= ROWS else 0
 
     def _load_columns(self):
         return super()._load_columns() + self.filled

@@ -19,7 +19,6 @@ from .projections import Projections
 
 SAMPLES = 3
 FACTORS = (0.7, 1.4)
-ENOUGH = 400  # frequencies of a curve that are looked at one by one; of longer ones down to every fourth
 CHUNK = 2**20  # numbers of matrices that are solved with at a time
 
 
@@ -46,10 +45,8 @@ def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Proje
     """
     measured = as_measured(elastic, accuracy)
     comm, noise = projections.run.model.comm, accuracy.noise
-    # responses of the model at the frequencies of this rank, in parts that fit; round-off is about as large at those
-    # beside each other
-    some = np.array(accuracy.frequencies)[:: 1 + min(len(accuracy.frequencies) // ENOUGH, 3)]
-    mine = some[comm.rank :: comm.size]
+    # responses of the model at the frequencies of this rank, in parts that fit
+    mine = np.array(accuracy.frequencies)[comm.rank :: comm.size]
     parts = np.array_split(mine, 1 + len(mine) * measured.size**2 // CHUNK) if len(mine) else []
     responses = [measured.measured_response(2j * np.pi * part, projections.io.rates) for part in parts]
     # their differences from models with other round-off
