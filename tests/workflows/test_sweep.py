@@ -51,7 +51,7 @@ def finished(tmp_path_factory):
     (folder / "job.toml").write_text(CHORD_JOB)
     text = SWEEP.format(last=1, count=2) + "[evaluate]\nband = [1.0, 100.0]\npoints = 3\n"
     (folder / "sweep.toml").write_text(text)
-    assert package.run_sweep(folder / "sweep.toml")["finished"] == 2
+    assert package.sweep(folder / "sweep.toml")["finished"] == 2
     return folder
 
 
@@ -123,7 +123,7 @@ def test_figures_replace_no_file_of_another_kind(swept, capsys, taken):
 def test_finished_runs_are_known_by_what_they_say(swept, capsys, monkeypatch):
     """Not by times: a new model or job is seen, an old file with the same contents is not."""
     def statuses():
-        report = package.run_sweep("sweep.toml", dry_run=True)
+        report = package.sweep("sweep.toml", dry_run=True)
         return [row["status"] for row in report["runs"]]
 
     Path("sweep/order-1.h5").rename("order-1.h5")
@@ -182,7 +182,7 @@ def test_what_another_sweep_has_done_meanwhile_is_finished(swept, launcher):
                 path.rename(Path("sweep", path.name))
 
     said = []
-    report = package.run_sweep("sweep.toml", progress=Other(MPI.COMM_SELF, show=False))
+    report = package.sweep("sweep.toml", progress=Other(MPI.COMM_SELF, show=False))
     assert [row["status"] for row in report["runs"]] == ["finished", "skipped"] and not report["failed"]
     assert not Path("sweep/order-1.log").exists()
     assert "2 of 2" in said[-1]
@@ -206,7 +206,7 @@ def test_a_run_that_another_sweep_computes_is_waited_for(swept, finishes):
     locked.append(os.open("sweep/.order-0.log.lock", os.O_RDWR | os.O_CREAT))
     fcntl.flock(locked[0], fcntl.LOCK_EX)
     os.write(locked[0], b"process 7 on elsewhere")
-    report = package.run_sweep("sweep.toml", progress=Other(MPI.COMM_SELF, show=False))
+    report = package.sweep("sweep.toml", progress=Other(MPI.COMM_SELF, show=False))
     assert [row["status"] for row in report["runs"]] == ["skipped" if finishes else "finished", "finished"]
     assert not report["failed"] and len(list(Path("sweep").glob("order-*.h5"))) == 2
     (line,) = [line for line in said if "computed by another sweep" in line]
