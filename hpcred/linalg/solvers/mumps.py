@@ -51,6 +51,7 @@ class Mumps(PetscFactorisation):
             _check_single()
         with agreed(matrix.comm.tompi4py()):  # the folder may be on a disk of each node
             self.factoring.make_folder()
+        # icntl_13: without ScaLAPACK, whose root is not counted, MUMPS splits the root over the ranks; -1 would do both
         self._settings = {
             "icntl_7": nested_dissection(), "icntl_14": 40, "icntl_27": SOLVE_WIDTH, **controls(self.factoring),
             **({"icntl_13": 1} if inertia else {}), **({"icntl_24": 1} if null_pivots else {}), **(settings or {}),
