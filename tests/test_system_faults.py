@@ -200,7 +200,9 @@ class Room:
         file = Path(self.record.read_text().splitlines()[0].split(maxsplit=1)[1])
         after, found = contents(folder), []
         left = after
-        killed = fault.kind in ("memory", "space") and status in ABORTED and "internal error" not in told
+        # Open MPI does not live without files of its own
+        by_library = fault.kind in ("memory", "space") or (fault.kind == "size" and "libmpi" in told)
+        killed = by_library and status in ABORTED and "internal error" not in told
         if status is None:
             found.append("hangs")
         elif killed:  # by a library that does not live without memory, such as NumPy's buffers: the next run removes

@@ -26,3 +26,14 @@ def test_zeros_of_any_scale(text, low, high):
 @pytest.mark.parametrize("text", ["1/(x^2 - 2)", "1/(2 - x^2)"])
 def test_no_zero_in_the_range_is_no_pole(text):
     assert possible_pole(Expression(text), {"x": (ROOT + 1e-6, 10.0)}) is None
+
+
+@pytest.mark.parametrize(("text", "low", "high"), [
+    ("1/(0.99995 - sin(x))", 1.5, 1.6), ("1/(0.99995 + sin(x))", -1.6, -1.5), ("1/(0.99995 + cos(x))", 3.1, 3.2),
+    ("1/(0.99995 - cos(x))", 6.2, 6.4), ("1/(0.99995 - sin(x))", 7.8, 7.9),
+])  # fmt: skip
+def test_extremes_of_waves_inside_of_a_range(text, low, high):
+    """Beyond what both ends have."""
+    found = possible_pole(Expression(text), {"x": (low, high)})
+    assert found and low < found["x"] < high
+    assert possible_pole(Expression(text.replace("0.99995", "1.00005")), {"x": (low, high)}) is None

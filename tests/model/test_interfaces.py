@@ -305,3 +305,13 @@ def test_static_correction_by_interface_loads_needs_no_rotations(solid):
     assert np.abs(R.T @ B - rigid_motions_at([centre]).T[:, [3]]).max() < 1e-12
     with hpcred.reduce(marked, [StaticCorrection()]) as rom:
         assert rom.size == 1
+
+
+@pytest.mark.parametrize("way", ["cylinder", "bore", "pin"])
+def test_an_axis_has_two_ends(way):
+    at, along = (0.1, 0.2, 0.3), (0.1, 0.2, 0.4)
+    assert getattr(hpcred.Nodes(**{way: (at, along, 0.01)}), way)[2] == 0.01
+    with pytest.raises(hpcred.InputError, match=f"nodes.{way}: its two points are the same"):
+        hpcred.Nodes(**{way: (at, at, 0.01)})
+    with pytest.raises(hpcred.InputError, match="nodes: found radius 0 m"):
+        hpcred.Nodes(**{way: (at, along, 0.0)})

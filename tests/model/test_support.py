@@ -158,3 +158,9 @@ def test_supports_on_the_diagonal_are_warned_of(comm, folder, way):
         assert "4 false modes at 0 Hz" in hpcred.inspect(loose)["warnings"][0]
     with hpcred.SecondOrderModel.from_scipy(np.diag(np.arange(1.0, 9.0)), np.eye(8), comm=comm) as oscillators:
         assert warnings_of_rows_alone(oscillators) == []
+    # without mass a row is no oscillator
+    M = np.eye(n)
+    M[range(held), range(held)] = 0.0
+    with hpcred.SecondOrderModel.from_scipy(given(K + np.diag([1.0] * held + [0.0] * (n - held))), given(M),
+                                            comm=comm) as still:  # fmt: skip
+        assert warnings_of_rows_alone(still) == []
