@@ -116,7 +116,7 @@ class ParametricReductor(ToleranceReductor):
             )
         # the accuracy at the reference, with the largest error over all values in its place
         reason = greedy.reason or fewest.limited
-        rest = estimated if reason else min(estimated, 3 * judge.floor)
+        rest = (estimated if reason else min(estimated, 3 * judge.floor)) + greedy.lost
         worst = int(fewest.errors.argmax())
         accuracy = accuracy_of(
             greedy.first, reason, fewest.pair, fewest.frequencies, fewest.curve,

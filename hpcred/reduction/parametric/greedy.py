@@ -79,6 +79,7 @@ class Greedy:
         self.reason = ""
         self.estimated = Estimate(np.zeros(0), np.zeros(0))
         self.ratio = 1.0  # by how much measured errors exceed estimated ones
+        self.lost = 0.0  # error by the columns that were left out last, which no estimate has seen
         self._zeros: list[tuple[float, ...]] = []  # points beside zeros of responses
         self._count = 0  # columns of the model that the next point checks
         self._proofs = 0  # new points in a row that have proven it
@@ -221,6 +222,7 @@ class Greedy:
         fixed = decided(self.comm, self._fixed, count)
         snapshots = RangeSnapshots(self.projections, points, self.goal, fixed, count, coarse=True)
         U = fewest(snapshots, TRIM * max(self.first.judge.goal, self.first.judge.noise), rounds=0)
+        self.lost = snapshots.error(U[:, fixed.shape[1] :])
         size, kept = self.basis.size, U.shape[1]
         factor = np.zeros((size, kept + size - count))
         factor[:count, :kept] = U
