@@ -103,7 +103,8 @@ class ParametricReductor(ToleranceReductor):
         with self.progress.stage("project"):
             fixed, noise = _project_again(greedy, fixed)
         # what the estimate and round-off leave of the tolerance is the goal of the compression
-        eps, noise = goal.tolerance, max(noise, *(search.judge.lost for search in greedy.searches))
+        eps, lost = goal.tolerance, [search.judge.lost for search in greedy.searches]
+        noise = max(noise, greedy.projections.round_off, *lost)
         fine = max(0.9 * eps - estimated - noise, 0.3 * eps, noise)
         aim = fine if not greedy.reason else max(0.9 * eps, min(0.5 * estimated, 1.0))
         # the fewest columns that reach it at all points
@@ -150,7 +151,7 @@ def _project_again(greedy, kept) -> tuple[np.ndarray, float]:
     comm, judge, projections = greedy.parametric.comm, greedy.first.judge, greedy.projections
     noise = max(search.judge.noise for search in greedy.searches)
     pair, outward, inward = decided(comm, turned, projections, greedy.reference, greedy.goal)
-    lacks = ask_for_digits(greedy.run, judge, pair.outer) or noise > judge.goal
+    lacks = ask_for_digits(greedy.run, judge, pair.outer) or projections.quiet or noise > judge.goal
     for _ in range(PASSES if lacks else 0):
         projections.rotate(outward)
         kept, before = inward @ kept, pair.outer

@@ -10,6 +10,7 @@ from ...linalg.blocks import Block, copy_of, create_block, dense, from_dense, in
 from ...model.operator import NOTHING, Operator
 from ..run.independent_loads import independent_columns
 from ..search.projections import extended
+from ..search.silent_outputs import UNIT
 from ..small.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
 from .singular import factor_of_mass
 
@@ -118,11 +119,18 @@ class PointModels(NamedTuple):
 class AffineProjections:
     """Small projections of the parts of an affine form on a basis that grows, the same on all ranks.
 
-    `small`: as the operators of the form; `L` (m, l) = V^T L; `damping`: the proportional damping of the models.
+    `small`: as the operators of the form; `L` (m, l) = V^T L; `damping`: the proportional damping of the models;
+    `limits` of quiet columns of C^T, infinite for those that are `silent` at all points that were looked at; `quiet`:
+    whether others are not silent somewhere (see InputsOutputs), and the `round_off` of these, by that of columns that
+    other values of the parameters mix.
     """
 
     def __init__(self, form: AffineForm, basis, damping: Proportional):
         self.form, self.basis, self.damping = form, basis, damping
+        self.limits: dict[int, float] = {}
+        self.silent: set[int] | None = None
+        self.quiet, self.round_off = False, 0.0
+        self._limits: dict[int, float] = {}
         self.restart()
 
     def restart(self):
@@ -144,6 +152,16 @@ class AffineProjections:
             cancels = form.run.cancels if key == "K" else None
             made[place][key] = extended(self.small[place][key], mat, new, columns, symmetric, cancels)
         self.small = [small.with_matrices(mats) for small, mats in zip(self.small, made, strict=True)]
+
+    def note_quiet(self, columns: dict[int, tuple[float, float]]):
+        """Keep what is known of quiet columns of C^T at one more point (see quiet_columns); local."""
+        silent = {column for column, (ratio, limit) in columns.items() if ratio <= limit}
+        self.silent = silent if self.silent is None else self.silent & silent
+        self.quiet |= len(silent) < len(columns)
+        for column, (ratio, limit) in columns.items():
+            self._limits[column] = max(limit, self._limits.get(column, 0.0))
+            self.round_off = max(self.round_off, UNIT / ratio if ratio > limit else 0.0)
+        self.limits = self._limits | dict.fromkeys(self.silent, np.inf)
 
     def rotate(self, turn: np.ndarray):
         """Replace the basis by its combinations `turn` (m, m), and project on these. Collective."""
@@ -168,7 +186,8 @@ class AffineProjections:
         symmetric = all(symmetric for key, *_, symmetric in self.form.matrices if key == "K")
         size = sum(abs(factor) * np.linalg.norm(small["K"])
                    for factor, small in zip(theta, self.small, strict=True) if "K" in small.terms)  # fmt: skip
-        return PointModels(summed, L, turn, self.damping, self.form.io(theta), symmetric, float(size), tau)
+        io = self.form.io(theta)._replace(limits=self.limits, quiet=self.quiet)
+        return PointModels(summed, L, turn, self.damping, io, symmetric, float(size), tau)
 
     def _sum(self, key, theta):
         return sum(factor * small[key] for factor, small in zip(theta, self.small, strict=True) if key in small.terms)

@@ -17,14 +17,17 @@ import numpy as np
 
 from ...linalg.basis import Basis
 from ...linalg.blocks import copy_of
+from ...linalg.eigensolver import congruent, graded_eigenpairs
 from ...parallel.decisions import decided, shared_out
 from ...parallel.stopping import stop_if_asked
 from ..result.parameter_accuracy import ParameterPoint, in_words
 from ..run.run import Run
 from ..search.goal import Adaptive
 from ..search.judging import Candidate
+from ..search.outcome import project_again
 from ..search.search import Search, State
 from ..search.search_checks import is_singular
+from ..search.silent_outputs import quiet_columns
 from ..small.compression import compressed, fewest
 from ..small.damping import UNDAMPED
 from ..small.error_estimate import grid, resonances
@@ -90,6 +93,8 @@ class Greedy:
         self.first.run_to_end()
         with self.run.progress.stage("parameters"):
             self.first.projections.rotate(decided(self.comm, self._trimmed_first))
+            if not self.kept:
+                project_again(self.first, np.zeros((self.basis.size, 0)))
         damping, damped = self.first.projections.damping, self.first.projections.damped
         self.form = AffineForm(self.parametric, self.run, damped)
         self.projections = AffineProjections(self.form, self.basis, damping)
@@ -112,9 +117,11 @@ class Greedy:
         with self._open_run(point, self.visited) as run:
             if self.form.has_mass:
                 basis = run.new_basis(self.basis.size)
-                for start, stop in ((0, self._count), (self._count, self.basis.size)):
-                    basis.extend(copy_of(self.basis.columns_between(start, stop), run.model.K))
-                    self._count = basis.size if not start else self._count
+                count, size = self._count, self.basis.size
+                basis.extend(copy_of(self.basis.columns_between(0, count), run.model.K))
+                self._count = basis.size
+                if size > count:
+                    basis.extend(copy_of(self.basis.columns_between(count, size), run.model.K))
             else:
                 basis = self.basis
             before = basis.size
@@ -137,6 +144,7 @@ class Greedy:
             self.ratio = max(1.0, checked.measured / checked.estimated)
         # the new columns, and blocks for all values
         self._join(search, before)
+        self.projections.note_quiet(quiet_columns(search.projections, self.goal.band))
         self.visited.append(point)
         self._look_at_zeros()
         self._extend_everywhere(search)
@@ -214,8 +222,12 @@ class Greedy:
 
     def _trim(self):
         """Keep the combinations of the columns before the newest block that matter at the visited points and some
-        others. What the rest needs in addition, estimates and blocks that follow see."""
-        count = self._count
+        others. What the rest needs in addition, estimates and blocks that follow see.
+
+        Where outputs hardly feel the inputs, all columns: combinations of parts that hardly couple are errors of these.
+        """
+        isolated = self.projections.quiet and not self.kept
+        count = self.basis.size if isolated else self._count
         if count < 2:
             return
         points = self._spread()
@@ -223,13 +235,23 @@ class Greedy:
         snapshots = RangeSnapshots(self.projections, points, self.goal, fixed, count, coarse=True)
         U = fewest(snapshots, TRIM * max(self.first.judge.goal, self.first.judge.noise), rounds=0)
         self.lost = snapshots.error(U[:, fixed.shape[1] :])
+        if isolated:
+            U = decided(self.comm, self._pseudo_modes, U)
         size, kept = self.basis.size, U.shape[1]
         factor = np.zeros((size, kept + size - count))
         factor[:count, :kept] = U
         factor[count:, kept:] = np.eye(size - count)
-        self.basis.multiply(factor)
-        self.projections.turn(factor)
+        if isolated:
+            self.projections.rotate(factor)
+        else:
+            self.basis.multiply(factor)
+            self.projections.turn(factor)
         self._count = kept
+
+    def _pseudo_modes(self, U):
+        """Return the pseudo-modes at the reference in the span of columns U (count, k) of the basis; local."""
+        K = self.projections.at(self.reference).K[: len(U), : len(U)]
+        return U @ graded_eigenpairs(congruent((K + K.T) / 2, U))[1]
 
     def _fixed(self, count):
         """Return columns (count, c) that stay in the span: those that are kept anyway, and the modes of the band at the

@@ -56,7 +56,7 @@ def outcome_of(search: Search, drop_above=None, beside=0) -> Outcome:
     """
     kept = np.eye(search.projections.basis.size)[:, : search.kept]
     with search.run.progress.stage("project"):
-        kept = _project_again(search, kept)
+        kept = project_again(search, kept)
     with search.run.progress.stage("compress"):
         factor, accuracy = decided(search.run.model.comm, _compressed, search, drop_above, kept, beside)
     return Outcome(factor, accuracy, search.projections)
@@ -137,7 +137,7 @@ def _without_modes_above(limit, pair: Comparison, frequencies, goal):
     return fewer, *largest(fewer, frequencies, LITTLE * goal)
 
 
-def _project_again(search, kept) -> np.ndarray:
+def project_again(search, kept) -> np.ndarray:
     """Project on the pseudo-modes of the basis where its models lack digits (see ask_for_digits) or have noise that
     matters, until that changes nothing: what it changes last is the noise of the models that follow, in place of that
     of the search. Returns the columns `kept` in terms of the new basis. Collective."""

@@ -43,15 +43,23 @@ class Quiet(NamedTuple):
 def silent_columns(projections, band) -> tuple[tuple[int, ...], bool]:
     """Return the columns of C^T whose responses over a band (Hz) are round-off, and whether others hardly feel the
     inputs. Collective."""
+    quiet = quiet_columns(projections, band)
+    silent = tuple(column for column, (ratio, limit) in quiet.items() if ratio <= limit)
+    return silent, len(silent) < len(quiet)
+
+
+def quiet_columns(projections, band) -> dict[int, tuple[float, float]]:
+    """Return the columns of C^T that hardly feel the inputs over a band (Hz): their quietness, and that below which it
+    is round-off. Collective."""
     if projections.io.are_same:
-        return (), False
-    quiet, silent = decided(projections.run.model.comm, _quiet, projections, band), []
+        return {}
+    quiet, found = decided(projections.run.model.comm, _quiet, projections, band), {}
     for start in range(0, len(quiet), AT_A_TIME):
         some = quiet[start : start + AT_A_TIME]
-        bounds = _round_off(projections, some)
-        silent += [item.column for item, bound in zip(some, bounds, strict=True)
-                   if item.size <= max(SURE * bound, item.mixed) or item.ratio <= SURE * UNIT]  # fmt: skip
-    return tuple(silent), len(silent) < len(quiet)
+        for item, bound in zip(some, _round_off(projections, some), strict=True):
+            part = max(SURE * bound, item.mixed) / item.size if item.size else 0.0
+            found[item.column] = item.ratio, max(part * item.ratio, SURE * UNIT)
+    return found
 
 
 def _quiet(projections, band):

@@ -109,7 +109,8 @@ def _silent(model, band) -> list[int]:
     that serves any."""
     columns = model.io.silent
     if columns is None:
-        columns = np.flatnonzero(quietness(model, grid([model], band, UNIFORM // 4, None)).max(axis=(0, 2)) < SILENT)
+        most = quietness(model, grid([model], band, UNIFORM // 4, None)).max(axis=(0, 2))
+        columns = [j for j, ratio in enumerate(most) if ratio < model.io.limits.get(j, SILENT)]
     return model.io.rates.outputs_of_only(columns)
 
 

@@ -61,13 +61,15 @@ UNDAMPED = Proportional()
 class InputsOutputs(NamedTuple):
     """Inputs and outputs in terms of independent loads L: B = L `inputs` (l, p), C^T = L `outputs` (l, r), which are
     one array where C = B^T; `rates`: what the outputs are of them; `silent`: the columns of C^T whose responses are
-    round-off, None where that was not computed; `quiet`: whether others hardly feel the inputs."""
+    round-off, None where that was not computed; `quiet`: whether others hardly feel the inputs; `limits`: the
+    quietness of columns below which it is round-off, where that is known (see silent_outputs)."""
 
     inputs: np.ndarray
     outputs: np.ndarray
     rates: Rates = Rates()
     silent: tuple[int, ...] | None = None
     quiet: bool = False
+    limits: dict[int, float] = {}
 
     @property
     def output_count(self) -> int:
