@@ -93,7 +93,7 @@ class Greedy:
         self.first.run_to_end()
         with self.run.progress.stage("parameters"):
             self.first.projections.rotate(decided(self.comm, self._trimmed_first))
-            if not self.kept:
+            if self.first.projections.io.quiet and not self.kept:
                 project_again(self.first, np.zeros((self.basis.size, 0)))
         damping, damped = self.first.projections.damping, self.first.projections.damped
         self.form = AffineForm(self.parametric, self.run, damped)
