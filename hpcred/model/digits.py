@@ -99,6 +99,18 @@ def warnings_of_peaks(model, K, eigenvalues: np.ndarray, ratios: np.ndarray, blo
     ]
 
 
+def changes_by_last_digits(K, stiffness: np.ndarray, block) -> np.ndarray:
+    """Return by what part of themselves the last digits of K, as doubles have them, change responses of modes (F,).
+    Collective.
+
+    `stiffness` (F, m): lambda - omega^2 + i omega d of the modes at F frequencies, the columns of `block` (n, m or
+    more) with x^T M x = 1.
+    """
+    moved = np.broadcast_to(_errors_of_eigenvalues(K, stiffness.shape[1], block, ALL), stiffness.shape)
+    size = np.abs(stiffness)
+    return np.divide(moved, size, out=np.full(size.shape, np.inf), where=size != 0).max(axis=1, initial=0.0)
+
+
 def _by(error):
     return f"by up to about {error:.0e} of itself" if error < 1 else "altogether"
 
@@ -106,7 +118,12 @@ def _by(error):
 def _errors_of_frequencies(K, eigenvalues, block, digits) -> np.ndarray:
     """Return the relative errors (m,) of the frequencies of the first columns of a block by rounding K to so many
     digits. Collective."""
-    with local_rows(block) as rows:
-        moved = ((np.abs(rows[:, : len(eigenvalues)]) ** 2 * diagonal_of(K)[:, None]) ** 2).sum(axis=0)
-    moved = BESIDE * ROUNDED * 10.0 ** (1 - digits) * np.sqrt(summed(K.comm.tompi4py(), moved))
+    moved = _errors_of_eigenvalues(K, len(eigenvalues), block, digits)
     return moved / np.maximum(eigenvalues, np.finfo(float).tiny) / 2
+
+
+def _errors_of_eigenvalues(K, count, block, digits) -> np.ndarray:
+    """Return the errors (count,) in (rad/s)^2 of the eigenvalues of the first columns of a block. Collective."""
+    with local_rows(block) as rows:
+        moved = ((np.abs(rows[:, :count]) ** 2 * diagonal_of(K)[:, None]) ** 2).sum(axis=0)
+    return BESIDE * ROUNDED * 10.0 ** (1 - digits) * np.sqrt(summed(K.comm.tompi4py(), moved))

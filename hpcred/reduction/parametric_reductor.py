@@ -115,7 +115,8 @@ class ParametricReductor(AtReference, ToleranceReductor):
         with self.progress.stage("project"):
             fixed, noise = _project_again(greedy, fixed)
         # what the estimate and round-off leave of the tolerance is the goal of the compression
-        eps, noise = goal.tolerance, max(noise, *(search.judge.lost for search in greedy.searches))
+        eps, lost = goal.tolerance, [search.judge.lost for search in greedy.searches]
+        noise = max(noise, greedy.projections.round_off, *lost)
         fine = max(0.9 * eps - estimated - noise, 0.3 * eps, noise)
         aim = fine if not greedy.reason else max(0.9 * eps, min(0.5 * estimated, 1.0))
         # the fewest columns that reach it at all points

@@ -454,6 +454,19 @@ def test_peaks_sharper_than_the_last_digits_of_K(count, damper, warned):
     assert moved > 1e-3 if warned else moved < 1e-6
 
 
+def test_a_check_beside_a_peak_that_the_last_digits_of_K_decide():
+    """Against a full model with other last digits of K."""
+    K, M, D, rows = slender(60, 3e-6)
+    B = unit(len(K), *rows)
+    with hpcred.SecondOrderModel(M, D, K, B) as model, hpcred.SecondOrderModel(M, D, 1.001 * K, B) as softer:
+        rom = hpcred.reduce(model, tolerance=1e-4, band=(0.0, 8.0))
+        with hpcred.SecondOrderModel(M, D, with_other_last_digits(K), B) as other:
+            found = hpcred.check_reduced(rom, other, 3, seed=1)
+        assert max(found.measured) > found.bound and found.passed and max(found.digits) < 1.0
+        assert "where the last digits of K decide" in found.sentence and "ABOVE" not in found.sentence
+        assert not hpcred.check_reduced(rom, softer, 3, seed=1).passed
+
+
 def test_a_free_motion_below_the_band_has_no_peak_to_warn_of():
     """Of a chain whose null motion round-off moves to 0.0008 Hz."""
     K = 1e8 * (2 * np.eye(40) - np.eye(40, k=1) - np.eye(40, k=-1))

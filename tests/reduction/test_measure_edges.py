@@ -230,6 +230,79 @@ def test_what_is_estimated_of_soft_mounts_is_true():
         assert accuracy.reached and true <= 1.02 * (accuracy.largest + accuracy.noise)
 
 
+def isolated(tie, of):
+    """Two chains with a weak tie, an input in one and outputs in both, over a spring of one of them, the tie or a mass.
+    """
+    n, K = 12, np.zeros((24, 24))
+    K[:n, :n], K[n:, n:] = chain(n)[0], 1.3 * chain(n)[0]
+    e, spring = unit(24, 7)[:, 0] - unit(24, n + 4)[:, 0], unit(24, 3)[:, 0] - unit(24, 4)[:, 0]
+    T = tie * np.abs(K).max() * np.outer(e, e)
+    K = K + T
+    changed = {"spring": ("K", 0.3 * K.max() * np.outer(spring, spring)), "tie": ("K", T),
+               "mass": ("M", 0.3 * np.diag(unit(24, 3)[:, 0]))}[of]  # fmt: skip
+    top, D = up_to(K, np.eye(24), 6)[1], 2e-5 * K + 0.1 * np.eye(24)
+    return K, D, (0.0, top), changed
+
+
+def errors_of_outputs(rom, K, D, band, changed, b, B, C):
+    """The largest errors (r,) of the outputs of two chains at a value of the parameter, by solves."""
+    matrices = {"K": K, "M": np.eye(len(K)), "D": D, "B": B, "C": C}
+    matrices[changed[0]] = matrices[changed[0]] + b * changed[1]
+    f, at = np.linspace(*band, 201), rom.at(b=b)
+    H, drive = responses(matrices, [], 0.0, f)
+    small = responses({key: getattr(at, key) for key in "KMDBC"}, [], 0.0, f)[0]
+    measure = Directions().over(f, H, drive, (np.full(len(C), -1), np.ones(len(C))))
+    return measure.each(H - small, H, drive).max(axis=(0, 2))
+
+
+def reduced_isolated(tie, of, rows, comm, tolerance=1e-3):
+    K, D, band, changed = isolated(tie, of)
+    B, Ct = unit(24, 2), unit(24, *rows)
+    with hpcred.SecondOrderModel.from_scipy(K, np.eye(24), D, comm=comm, inputs=B, outputs=Ct) as model:
+        family = hpcred.ParametricModel(model, [hpcred.Parameter("b", (0.0, 1.0))], [hpcred.Term(*changed, "b")])
+        rom = hpcred.reduce(
+            family, tolerance=tolerance, band=band, parameter_search=hpcred.ParameterSearch(points=5)
+        )  # fmt: skip
+    return rom, lambda b: errors_of_outputs(rom, K, D, band, changed, b, B, Ct.T)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("tie, of, rows", [
+    (1e-12, "spring", (5, 21)), *(pytest.param(*case, marks=pytest.mark.slow) for case in
+                                  ((1e-10, "spring", (21,)), (1e-12, "tie", (5, 21)), (1e-12, "mass", (21,)))),
+])  # fmt: skip
+def test_an_isolated_output_over_parameters(comm, tie, of, rows):
+    """A sensor 240 dB away, by itself or beside another output, is neither round-off nor beyond it at any value."""
+    rom, errors = reduced_isolated(tie, of, rows, comm)
+    accuracy = rom.record.accuracy
+    assert accuracy.reached and not accuracy.silent
+    assert max(errors(b).max() for b in (0.0, 0.5, 1.0)) <= 1.02 * (accuracy.largest + accuracy.noise)
+
+
+@pytest.mark.slow
+def test_an_output_below_round_off_at_all_values_is_left_out(comm):
+    rom, errors = reduced_isolated(1e-15, "spring", (5, 21), comm)
+    accuracy = rom.record.accuracy
+    assert accuracy.reached and accuracy.silent == (rom.output_names[1],)
+    assert errors(0.3)[0] <= 1.02 * (accuracy.largest + accuracy.noise)
+
+
+@pytest.mark.slow
+def test_an_isolated_output_that_mixed_columns_do_not_know_is_limited_by_round_off(comm):
+    rom, errors = reduced_isolated(1e-13, "spring", (5, 21), comm)
+    accuracy = rom.record.accuracy
+    assert not accuracy.reached and accuracy.stopped == "limited by round-off"
+    assert max(errors(b).max() for b in (0.0, 0.5, 1.0)) <= 1.3 * (accuracy.largest + accuracy.noise)
+
+
+def test_what_is_left_out_between_values_is_estimated(comm):
+    """An output that is felt by 1e-8, where each visit leaves out columns that hardly matter."""
+    rom, errors = reduced_isolated(1e-8, "spring", (21,), comm)
+    accuracy = rom.record.accuracy
+    assert accuracy.reached
+    assert max(errors(b).max() for b in (0.0, 0.5, 1.0)) <= 3 * (accuracy.largest + accuracy.noise)
+
+
 QUICK = (
     ("silent", 1), ("silent", 4), ("vanishing", 58), ("signs", 53), ("soft-mounts", 7), ("soft-mounts", 7012),
     ("silent", 7016), ("free-parts", 6020), ("hidden-modes", 0),

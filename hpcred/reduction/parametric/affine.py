@@ -10,6 +10,7 @@ from ...linalg.blocks import Block, create_block, dense, from_dense, times, view
 from ...model.operator import NOTHING, Operator
 from ..run.independent_loads import independent_columns
 from ..search.projections import Projected
+from ..search.silent_outputs import UNIT
 from ..small.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
 from .singular import factor_of_mass
 
@@ -120,21 +121,30 @@ class PointModels(NamedTuple):
 
 
 class AffineProjections(Projected):
-    """Projections of the operators of an affine form, of which those at values of the parameters are sums; `damping`:
-    the proportional damping of the models; `limits` of quiet columns of C^T, of which some are not silent where it is
-    `quiet` (see InputsOutputs)."""
+    """Projections of the operators of an affine form, of which those at values of the parameters are sums.
+
+    `damping`: the proportional damping of the models; `limits` of quiet columns of C^T, infinite for those that are
+    `silent` at all points that were looked at; `quiet`: whether others are not silent somewhere (see InputsOutputs),
+    and the `round_off` of these, by that of columns that other values of the parameters mix.
+    """
 
     def __init__(self, form: AffineForm, basis, damping: Proportional):
         self.form, self.damping = form, damping
         self.limits: dict[int, float] = {}
-        self.quiet = False
+        self.silent: set[int] | None = None
+        self.quiet, self.round_off = False, 0.0
+        self._limits: dict[int, float] = {}
         super().__init__(form.run, basis, form.loads, form.operators, form.is_symmetric, form.in_all_dofs)
 
     def note_quiet(self, columns: dict[int, tuple[float, float]]):
         """Keep what is known of quiet columns of C^T at one more point (see quiet_columns); local."""
+        silent = {column for column, (ratio, limit) in columns.items() if ratio <= limit}
+        self.silent = silent if self.silent is None else self.silent & silent
+        self.quiet |= len(silent) < len(columns)
         for column, (ratio, limit) in columns.items():
-            self.limits[column] = max(limit, self.limits.get(column, 0.0))
-            self.quiet |= ratio > limit
+            self._limits[column] = max(limit, self._limits.get(column, 0.0))
+            self.round_off = max(self.round_off, UNIT / ratio if ratio > limit else 0.0)
+        self.limits = self._limits | dict.fromkeys(self.silent, np.inf)
 
     def turn(self, factor: np.ndarray):
         """Follow a basis V that has become V factor; local."""

@@ -93,7 +93,7 @@ class Greedy:
         self.first.run_to_end()
         with self.run.progress.stage("parameters"):
             self.first.projections.rotate(decided(self.comm, self._trimmed_first))
-            if not self.kept:
+            if self.first.projections.io.quiet and not self.kept:
                 project_again(self.first, np.zeros((self.basis.size, 0)))
         damping, damped = self.first.projections.damping, self.first.projections.damped
         self.form = AffineForm(self.parametric, self.run, damped)
@@ -117,9 +117,11 @@ class Greedy:
         with self._open_run(point, self.visited) as run:
             if self.form.has_mass:
                 basis = run.new_basis(self.basis.size)
-                for start, stop in ((0, self._count), (self._count, self.basis.size)):
-                    basis.extend(copy_of(self.basis.columns_between(start, stop), run.model.K))
-                    self._count = basis.size if not start else self._count
+                count, size = self._count, self.basis.size
+                basis.extend(copy_of(self.basis.columns_between(0, count), run.model.K))
+                self._count = basis.size
+                if size > count:
+                    basis.extend(copy_of(self.basis.columns_between(count, size), run.model.K))
             else:
                 basis = self.basis
             before = basis.size
