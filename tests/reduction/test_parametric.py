@@ -42,6 +42,7 @@ from hpcred.reduction.parametric.training import (
     training_points,
 )
 from hpcred.reduction.result.reduced_model import as_measured
+from hpcred.reduction.search import outcome
 from hpcred.reduction.small.pseudo_modal import InputsOutputs, diagonalised
 
 
@@ -516,12 +517,12 @@ def test_terms_that_are_zero(damping, comm):
 def test_a_basis_is_projected_again_where_noise_matters_or_digits_lack(monkeypatch, noise, sharp, left):
     one, alone, turns = np.eye(2), SimpleNamespace(size=1), []
     monkeypatch.setattr(parametric_reductor, "turned", lambda *_: (SimpleNamespace(outer=None), one, 2 * one))
-    monkeypatch.setattr(parametric_reductor, "ask_for_digits", lambda *_: sharp)
+    monkeypatch.setattr(outcome, "ask_for_digits", lambda *_: sharp)
     monkeypatch.setattr(parametric_reductor, "changed", lambda *_: 1e-9)
     judge = SimpleNamespace(goal=1e-5, noise=noise)
     greedy = SimpleNamespace(
         parametric=SimpleNamespace(comm=alone), first=SimpleNamespace(judge=judge), run=None, reference={},
-        searches=[SimpleNamespace(judge=judge)], projections=SimpleNamespace(rotate=turns.append),
+        searches=[SimpleNamespace(judge=judge)], projections=SimpleNamespace(rotate=turns.append, quiet=False),
         goal=SimpleNamespace(band=(0.0, 1.0)),
     )  # fmt: skip
     kept, found = parametric_reductor._project_again(greedy, one)
