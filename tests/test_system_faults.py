@@ -200,7 +200,8 @@ class Room:
         file = Path(self.record.read_text().splitlines()[0].split(maxsplit=1)[1])
         after, found = contents(folder), []
         left = after
-        # Open MPI does not live without files of its own
+        # Open MPI does not live without files and memory of its own, and says so before hpcred starts
+        silent = fault.kind in LIMITS and fault.ranks > 1 and not said and re.search("PMIX|mca_base|MPI_INIT", told)
         by_library = fault.kind in ("memory", "space") or (fault.kind == "size" and "libmpi" in told)
         killed = by_library and status in ABORTED and "internal error" not in told
         if status is None:
@@ -211,7 +212,7 @@ class Room:
             left = contents(folder)
         elif status not in (0, 1, 2, Taken.exit_status, NoRoom.exit_status):
             found.append(f"exit status {status}: {told[-1500:]}")
-        elif status and (len(said) != 1 or "internal error" in told or "Traceback" in told):
+        elif status and not silent and (len(said) != 1 or "internal error" in told or "Traceback" in told):
             found.append(told[-1500:])
         elif status and fault.kind not in ("memory", *LIMITS) and plain(file) not in said[0]:
             found.append(f"no name: {said[0]}")
