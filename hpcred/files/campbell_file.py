@@ -50,7 +50,7 @@ def write_campbell(path, diagram: Campbell, comm, record: dict | None = None):
     Parameters
     ----------
     path : str or PathLike
-    found : Campbell
+    diagram : Campbell
     comm : MPI communicator
     record : dict, optional
         What made it.
