@@ -19,6 +19,7 @@ from .eigensolver import solve_by
 TOLERANCE = 1e-11
 GUARD = 3  # more poles than are asked for
 SAME = 1e-7  # relative difference of poles that is none
+SPACE = 60  # vectors of a Krylov space at least: with SLEPc's default, twice the modes, close poles stall
 DEPENDENT = 1e-6  # part of a vector beside others that is round-off
 
 
@@ -64,7 +65,7 @@ def _invariant_states(mat, operator, wanted, states, begin):
     eps.setProblemType(SLEPc.EPS.ProblemType.NHEP)
     eps.setType(SLEPc.EPS.Type.KRYLOVSCHUR)
     eps.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_MAGNITUDE)
-    eps.setDimensions(nev=wanted)
+    eps.setDimensions(nev=wanted, ncv=min(max(2 * wanted, SPACE), mat.getSize()[0] - len(states)))
     eps.setTolerances(tol=TOLERANCE, max_it=500)
     start = mat.createVecRight()
     start.setArray(begin)

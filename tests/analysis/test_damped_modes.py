@@ -80,6 +80,26 @@ def test_equal_poles_are_all_found(comm, equal, count):
     assert np.linalg.matrix_rank(shapes / np.linalg.norm(shapes, axis=0), tol=1e-3) == count
 
 
+def test_close_poles_far_below_the_others(comm):
+    """Two equal stiff chains in soft bearings that push each other across: their rigid motions, in closed form, and the
+    first bending of both, which the cross stiffness hardly parts."""
+    n, k, bearing, across = 200, 1e9, 1e3, 4.0
+    chain = k * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    chain[0, 0] = chain[-1, -1] = k + bearing
+    K = scipy.linalg.block_diag(chain, chain)
+    K[n // 2, n + n // 2], K[n + n // 2, n // 2] = across, -across
+    M, D, load = 1e-3 * np.eye(2 * n), 1e-5 * np.eye(2 * n), np.eye(2 * n)[:, [3]]
+    with (
+        hpcred.SecondOrderModel.from_scipy(K, M, D, inputs=load, comm=comm, circulatory=True) as model,
+        closing(hpcred.damped_modes(model, 4)) as found,
+    ):
+        rigid = [np.roots([1e-3 * n, 1e-5 * n, 2 * bearing + sign * 1j * across]) for sign in (1, -1)]
+        rigid = np.concatenate([roots[roots.imag > 0] for roots in rigid])
+        poles = found.poles[:2]
+        assert poles[np.argsort(poles.real)] == pytest.approx(rigid[np.argsort(rigid.real)], rel=1e-4)
+        assert len(found.poles) == 4 and max(found.residuals) < 1e-5
+
+
 def test_a_frame_and_rayleigh_damping():
     """Damping ratios of modes in a chord frame are those of (40)."""
     with hpcred.linkage() as model:
