@@ -90,16 +90,15 @@ test-wheel: install
 	$(PYTHON) -m pytest -m wheel
 
 # the numerical rooms with other kernels of OpenBLAS, whose round-off differs: those of processors without AVX-512, and
-# the oldest. Each test runs with one of them, as a checksum of its name decides; with `SHARE=` it runs with both. With
-# `OF=8` each kernel has the PART-th and another of eight shares of the tests
-test-kernels: install
-	$(MAKE) -j2 -O $(addprefix test-kernel-,$(KERNELS))
+# the oldest (`make -j2 -O test-kernels` runs them beside each other). Each test runs with one of them, as a checksum of
+# its name decides; with `SHARE=` it runs with both. With `OF=4 PART=k` the first has share k + 1 of four, the other the next
+test-kernels: $(addprefix test-kernel-,$(KERNELS))
 
 OF    := 2
 PART  := 0
 SHARE = --share $(shell echo $$((($(PART) + $(if $(filter Haswell,$*),0,1)) % $(OF) + 1)))/$(OF)
 
-test-kernel-%:
+test-kernel-%: install
 	OPENBLAS_CORETYPE=$* $(PYTHON) -m pytest -q $(SHARE) -m $(QUICK) -k "not 2-ranks and not 3-ranks and not complex" \
 	    tests/linalg tests/reduction tests/analysis tests/fe tests/model
 

@@ -165,10 +165,9 @@ def case_of(name, row):
     return CASES.get((name, body), body)
 
 
-def columns(*names, **shown_as):
+def columns(*names):
     """(head, cells) of a table with the values of these keys."""
-    head = [shown_as.get(name.replace(" ", "_"), name) for name in names]
-    return head, lambda rows: [[shown(row.get(name)) for name in names] for row in rows]
+    return list(names), lambda rows: [[shown(row.get(name)) for name in names] for row in rows]
 
 
 def cells_of_directions(rows):

@@ -46,6 +46,7 @@ def attached(package, file, renamed=None):
                 if name in (module := import_module(f".{owner}", root)).__all__:
                     _warn(name, f"{owner}.{name}")
                     return getattr(module, name)
+        if not name.startswith("_"):
             from .parallel.declared import nearest
 
             meant = nearest(name, places)

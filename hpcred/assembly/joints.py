@@ -10,7 +10,7 @@ import numpy as np
 from ..fe.dofs import DIRECTIONS
 from ..model.laws.registry import AnyLaw
 from ..model.rotation import skew, unit_axis
-from ..parallel.declared import Settings, as_declared, declared
+from ..parallel.declared import Settings, as_declared
 from ..parallel.failures import InputError
 from ..parallel.ranges import LABEL, Coordinate, Range, within
 
@@ -95,8 +95,6 @@ class MachineBody:
             if not name or set(name) & set(".: /") or not name.isprintable() or name == GROUND:
                 raise InputError(f"body.{key}: found {ascii(name[:40])}, expected a word without '.', ':', '/' and "
                                  f"blanks, and not '{GROUND}'")  # fmt: skip
-        numbers = {name: declared(f"body.nodes.{name}", number, int) for name, number in self.nodes.items()}
-        object.__setattr__(self, "nodes", numbers)
         within("body.nodes", numbers := tuple(self.nodes.values()), LABEL)
         if len(set(numbers)) < len(numbers):
             raise InputError(f"body.nodes: found one of the nodes {list(numbers)} twice, expected one name for each")
@@ -176,8 +174,6 @@ class BushingJoint:
             raise InputError("joint.law: multiplies `stiffness`, and there is none; give it")
         if self.at and self.table is None:
             raise InputError("joint.at: is the value of the parameter of a table, and there is no table; leave it out")
-        values = {name: declared(f"joint.at.{name}", value, float) for name, value in self.at.items()}
-        object.__setattr__(self, "at", values)
 
 
 @dataclass(frozen=True, kw_only=True)

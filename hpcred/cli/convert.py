@@ -82,7 +82,7 @@ def convert(
         variables=names, units=units, viscoelastic=viscoelastic_of(viscoelastic), circulatory=circulatory,
         progress=session.progress(),
     )  # fmt: skip
-    show_report(output, report)
+    show_report(output, {key: value for key, value in report.items() if key != "output"})
     session.warn(report["warnings"])
     session.write_json(json, report)
 

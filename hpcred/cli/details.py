@@ -14,7 +14,7 @@ MOST_SETS = 20  # node sets that are listed
 
 def show_report(file, report, details=False):
     """Print what is known of a file, in numbers and sentences; interfaces and loads where no details have them."""
-    below_it = ("output", "sets", "interfaces", "parameters", "terms", "loads", "sentences", "warnings")
+    below_it = ("sets", "interfaces", "parameters", "terms", "loads", "sentences", "warnings")
     rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
     show_table(None, rows)
     if not details:

@@ -231,6 +231,8 @@ def in_words(kind, table: str = "") -> str:
         if ... in get_args(kind):
             return f"a list of {MANY.get(parts[0]) or in_words(parts[0], table)}"
         return f"[{', '.join(in_words(part, table) for part in parts)}]"
+    if get_origin(kind) is dict:
+        return f"{MANY.get(parts[1]) or in_words(parts[1], table)} by name"
     if get_origin(kind) in (Union, UnionType):
         return " or ".join(dict.fromkeys(in_words(part, table) for part in parts))
     return table or kind.__name__
@@ -254,6 +256,8 @@ def _fitted(value, kind):
             return tuple(_fitted(item, parts[0]) for item in value)
         if len(parts) == len(value):
             return tuple(map(_fitted, value, parts))
+    elif origin is dict and isinstance(value, dict):
+        return {_fitted(key, parts[0]): _fitted(item, parts[1]) for key, item in value.items()}
     elif origin is Literal:
         if isinstance(value, str) and value in parts:
             return value

@@ -112,12 +112,11 @@ def _render(surface, nodes, sets, colours, view):
     # larger sets first, so that smaller ones are painted over them
     order = sorted(range(len(sets)), key=lambda k: -len(sets[k]))
     inside = {k: np.isin(surface.nodes, sets[k]) for k in order}
-    # faces with all corners in a set have its colour
     if len(surface.triangles):
         canvas.fill(screen, surface.triangles)
         (y, x), number, _ = canvas.weights(screen, surface.triangles)
         colour = np.tile(GREY, (len(surface.triangles), 1))
-        # nodes as discs, large where no face shows the set, pale where they are hidden
+        # faces with all corners in a set have its colour
         for k in order:
             colour[inside[k][surface.triangles].all(axis=1)] = colours[k]
         image[y, x] = colour[number] * shades(screen, surface.triangles)[number][:, None]
@@ -126,6 +125,7 @@ def _render(surface, nodes, sets, colours, view):
         paint(image, canvas.strokes(screen, surface.outline, FINE, near), OUTLINE, 0.75)
     else:
         paint(image, canvas.discs(screen, 3 * FINE, np.inf), GREY, 1.0)
+    # nodes as discs, large where no face shows the set, pale where they are hidden
     for k in order:
         place = view.screen(nodes[sets[k]])
         faceless = not inside[k][surface.triangles].all(axis=1).any()

@@ -448,8 +448,8 @@ def _steps_of_turns(setup) -> float:
     return STEPS_OF_A_TURN * turned / (2 * np.pi)
 
 
-def _too_many(solution: str, advice: str, most=MOST_STEPS) -> InputError:
-    return InputError(f"{solution}, expected at most {most:.0e}; end earlier, or {advice}")
+def _too_many(what: str, advice: str, most=MOST_STEPS) -> InputError:
+    return InputError(f"{what}, expected at most {most:.0e}; end earlier, or {advice}")
 
 
 class _Pace:

@@ -65,10 +65,10 @@ def _reproduced(folder, figures, show, comm, progress):
     written = {folder / "section5.h5": hdf5_kind("hpcred-section5"), folder / "section5.json": JSON}
     written |= {folder / f"figure_{number}{suffix}": PICTURES[suffix] for suffix in (".png", ".svg")
                 for number in figures}  # fmt: skip
-    # tables come first, since figure 5 takes a simulation
     check_outputs(written, comm, progress=progress)
     data, results = {}, {}
     with linkage(comm) as model:
+        # tables come first, since figure 5 takes a simulation
         for setting in (SISO, MIMO):
             with progress.stage(f"table {setting.table}"):
                 results[setting] = compare(model, setting)

@@ -105,7 +105,7 @@ def plan_file(
     dict
         `dofs`, `nonzeros`, `operations` and `entries` of a factor, `source` of these, `factors`, how many of them are
         made, `points`, where, in words, `rows` of a table with GB and hours of each way, `best`, the way of the job, or
-        else the first that fits, and `script`, a script for SLURM.
+        else the first that fits, `script`, a script for SLURM, and `warnings` of a model that was read.
     """
     ranks = comm.size if ranks is None else ranks
     within("--ranks", ranks, COUNT)

@@ -124,7 +124,7 @@ def _reduced(job, basis, reads, comm, progress) -> Reduced:
             check_room(job.output, _bytes(job, reference) if job.write_basis else 0)
         with progress.stage("read"):
             contents = {str(Path(name).absolute()): content_of(name, comm) for name in job.files}
-        told = check_geometric_stiffness(job, reference)  # before what takes long
+        told = _check_geometric_stiffness(job, reference)  # before what takes long
         with listening(store is not None):
             reduced = reduced_from_ranges(basis, job, model, contents) if basis is not None else reduce(
                 model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings,
@@ -136,7 +136,7 @@ def _reduced(job, basis, reads, comm, progress) -> Reduced:
             record = replace(reduced.record, job=plain(job), contents=contents, timing=progress.timing())
             reduced = replace(reduced, record=record)
             with progress.stage("geometric stiffness"):
-                stiffness = geometric_stiffness_of_job(job, reference, reduced)
+                stiffness = _geometric_stiffness_of_job(job, reference, reduced)
             stress = None
             if job.stress:
                 with progress.stage("stress"):
@@ -196,7 +196,7 @@ def _bytes(job, model) -> int:
 # Make the geometric stiffness that a job asks for: of hpcred's own stresses, or of files of the program.
 
 
-def check_geometric_stiffness(job, model) -> list[str]:
+def _check_geometric_stiffness(job, model) -> list[str]:
     """Refuse what a job asks for and the model does not have, before the reduction; returns warnings of elements that
     are missing. Collective. Raises InputError."""
     warnings = []
@@ -219,7 +219,7 @@ def check_geometric_stiffness(job, model) -> list[str]:
     return warnings
 
 
-def geometric_stiffness_of_job(job, model, reduced) -> GeometricStiffness | None:
+def _geometric_stiffness_of_job(job, model, reduced) -> GeometricStiffness | None:
     """Return the geometric stiffness of a reduced model, None where the job does not ask for it. Collective. Raises
     InputError."""
     if job.geometric_stiffness is True:

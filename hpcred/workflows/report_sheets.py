@@ -10,9 +10,10 @@ from ..analysis.campbell_diagram import Campbell
 from ..analysis.error import Errors, as_compared, errors_of
 from ..analysis.error_check import measuring_damping
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
-from ..analysis.summary import inspect
+from ..analysis.likely_units import extent, likely_units
 from ..files.result_file import Result, read_result
 from ..model.damping import Damping
+from ..model.rigid_body.modes import rigid_body_quantities
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
 from ..parallel.progress import Progress
@@ -151,12 +152,20 @@ def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
         with full_of_record(path, sheet.record, sheet.result.path, damping=sheet.damping, factoring=factoring,
                             at=sheet.result.values, comm=comm) as full_model:  # fmt: skip
             sheet.full = _solved(full_model, sheet, count, groups, progress)
-            units = inspect(full_model.model, progress=progress).get("units")
+            units = _likely_units(full_model.model)
         sheet.notes += [f"{path} looks like {units}: from its mass, size, and speed of waves"] if units else []
     found = frequency_response(sheet.measured, sheet.full.frequencies)
     sheet.errors = errors_of(
         sheet.measured, sheet.full.frequencies, sheet.full.response, found, sheet.full.drive
     )
+
+
+def _likely_units(model):
+    """Return the units that a model looks like, None where it has no nodes or the numbers do not tell. Collective."""
+    if model.dofs is None:
+        return None
+    low, high = extent(model)
+    return likely_units(model, rigid_body_quantities(model).mass, high - low)
 
 
 def _solved(full_model, sheet, count, groups, progress):

@@ -181,13 +181,13 @@ def read_sid(path) -> Sid:
     read = []
     while reader.peek().startswith("new node"):
         node = SidNode(reader.count("new node"), rframe=reader.text("rframe"))
-        # the objects of the body, and nothing behind them
         node.objects = {name: _read_object(reader, name, modes) for name in OF_NODE}
         reader.expect("end node")
         read.append(node)
     if len(read) != nodes:
         raise reader.unexpected(f"{nodes} nodes as in the first line")
     reader.expect("end frame")
+    # the objects of the body, and nothing behind them
     objects = {name: _read_object(reader, name, modes) for name in OBJECTS}
     reader.expect("end modal")
     reader.expect("end part")

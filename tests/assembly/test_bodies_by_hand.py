@@ -169,9 +169,10 @@ def test_errors_of_bodies_have_one_damping_or_none():
     *((lambda name=name: MachineBody(name=name, result="a.h5"), "body.name: found '.*expected a word") for name in (
         "a\x1b[31m", "a\0b", "a\nb", "a\ud800")),
     (lambda: MachineBody(name="a", result="a.h5", nodes={"b\0": 3}), r"body.nodes: found 'b\\x00'"),
-    (lambda: MachineBody(name="a", result="a.h5", nodes={"b": "3"}), "body.nodes.b: found '3', expected a whole"),
+    (lambda: MachineBody(name="a", result="a.h5", nodes={"b": "3"}), "body.nodes: found {'b': '3'}, expected whole"),
+    (lambda: MachineBody(name="a", result="a.h5", nodes={20: 3}), "body.nodes: found {20: 3}, expected whole numbers"),
     (lambda: hpcred.assembly.BushingJoint(bodies=("a.b", "ground"), table="t.csv", at={"size": "1"}),
-     "joint.at.size: found"),
+     "joint.at: found"),
     (lambda: MachineJob(body=(MachineBody(name="a", result="a.h5"),), joint=(
         hpcred.assembly.BushingJoint(bodies=("a.b", "ground"), table="t\0.csv"),)), r"joint\[0\].table: found 't\\x00"),
 ])  # fmt: skip

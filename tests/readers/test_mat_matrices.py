@@ -181,6 +181,13 @@ def test_a_stiffness_of_the_wrong_sign_is_spoken_of(comm, folder):
         load_export(saved(comm, folder, "v5", {"K": K, "M": -M}), comm)
 
 
+def test_texts_beside_the_matrices_have_any_letters(comm, folder):
+    """A letter beyond 16 bits takes two of the numbers that the shape of the text counts."""
+    path = saved(comm, folder, "v5", {"K": K, "M": M, "note": "ab\U0001f600c"})
+    found_K, _ = model_matrices(path, comm)
+    assert np.array_equal(found_K, K)
+
+
 def test_empty_sparse_matrices(comm, folder):
     tree = {"K": scipy.sparse.csc_matrix(K), "M": M, "D": scipy.sparse.csc_matrix((SIZE, SIZE))}
     path = saved(comm, folder, "v7.3", tree)

@@ -272,7 +272,7 @@ class _Level5:
             runs = [self._run() for _ in range(1 + is_complex)]
             if any(run.count != items for run in runs):
                 raise self._wrong(f"{runs[0].count} numbers for the matrix '{name}' of {items}")
-            place = replace(self._place, values=runs[0], imaginary=runs[-1])
+            place = replace(self._place, values=runs[0], imaginary=runs[1] if is_complex else None)
             self.found.append(Variable(name, shape, complex=is_complex, logical=is_logical, place=place))
         elif kind == SPARSE:
             self._sparse(name, shape, is_complex, is_logical, int(flags[1]))
@@ -295,9 +295,8 @@ class _Level5:
         if kind in LETTERS and count <= LONGEST_TEXT:
             code = LETTERS[kind] + {"<": "-le", ">": "-be"}[self._order] * (LETTERS[kind] in ("utf-16", "utf-32"))
             letters = self._stream.read(count).decode(code, "replace")
-            if len(letters) != items:
-                raise self._wrong(f"{len(letters)} letters for the text '{name}' of {items}")
-            self.texts.append((name, shape, letters))
+            if len(letters) == items:  # else some take more than 16 bits, and the shape does not count letters
+                self.texts.append((name, shape, letters))
             count = 0
         self._stream.skip(count + padding)
 

@@ -149,7 +149,7 @@ def _header(path, name, file):
     except (ValueError, KeyError) as error:
         raise InputError(f"{path}: the array '{name}' cannot be read ({error})") from error
     if dtype.hasobject:
-        raise InputError(f"{path}: found Python objects in the array '{name}', expected numbers")
+        raise InputError(f"{path}: found Python objects in the array '{name}', expected numbers or texts")
     return shape, fortran, dtype
 
 

@@ -64,9 +64,10 @@ def _copy(model, group, number, groups):
     for target in range(groups):
         ranks = np.array([rank for rank, (owner, _, _) in enumerate(layouts) if owner == target])
         owners.append(ranks[np.searchsorted(layouts[ranks[0]][2], columns[0], side="right") - 1])
-    parts = exchange(comm, np.concatenate(owners), [np.tile(column, groups) for column in columns])
-    order = np.argsort(parts[0])
-    received = [part[order] for part in parts[1:]]
+    owner = np.concatenate(owners)
+    order = np.argsort(exchange(comm, owner, [np.tile(columns[0], groups)])[0])
+    # column by column, so that no more than one is there for every group
+    received = [exchange(comm, owner, [np.tile(column, groups)])[0][order] for column in columns[1:]]
     blocks = []
     for mat in dense:
         count = mat.getSize()[1]

@@ -10,7 +10,7 @@ from ...linalg.blocks import Block, create_block, dense, from_dense, times, view
 from ...model.operator import NOTHING, Operator
 from ..run.independent_loads import independent_columns
 from ..search.projections import Projected
-from ..search.silent_outputs import UNIT
+from ..search.silent_outputs import QUIET, UNIT
 from ..small.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
 from .singular import factor_of_mass
 
@@ -123,7 +123,7 @@ class PointModels(NamedTuple):
 class AffineProjections(Projected):
     """Projections of the operators of an affine form, of which those at values of the parameters are sums.
 
-    `damping`: the proportional damping of the models; `limits` of quiet columns of C^T, infinite for those that are
+    `damping`: the proportional damping of the models; `limits` of quiet columns of C^T, QUIET for those that are
     `silent` at all points that were looked at; `quiet`: whether others are not silent somewhere (see InputsOutputs),
     and the `round_off` of these, by that of columns that other values of the parameters mix.
     """
@@ -144,7 +144,7 @@ class AffineProjections(Projected):
         for column, (ratio, limit) in columns.items():
             self._limits[column] = max(limit, self._limits.get(column, 0.0))
             self.round_off = max(self.round_off, UNIT / ratio if ratio > limit else 0.0)
-        self.limits = self._limits | dict.fromkeys(self.silent, np.inf)
+        self.limits = self._limits | dict.fromkeys(self.silent, QUIET)
 
     def turn(self, factor: np.ndarray):
         """Follow a basis V that has become V factor; local."""

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...linalg.eigensolver import graded_eigenpairs
+from ...linalg.eigensolver import congruent, graded_eigenpairs
 from ...linalg.pencil import massless_last
 from ...model.damping import Caughey, GivenDamping, ModalDamping, Rayleigh, caughey_terms
 from ...model.operator import Operator, in_coordinates
@@ -257,7 +257,7 @@ def _modes(matrices, values, base) -> _Modes:
         stiffnesses = np.where(masses > 0, squares, tau**-2)
     else:
         inverse = np.linalg.inv(factor_of_mass(M, values, np.diag(base.M)))
-        squares, vectors = graded_eigenpairs(inverse @ K @ inverse.T)
+        squares, vectors = graded_eigenpairs(congruent(K, inverse.T))
         X, masses, stiffnesses = inverse.T @ vectors, np.ones(len(K)), squares
     X = X * np.where(X[np.abs(X).argmax(axis=0), np.arange(len(X))] < 0, -1.0, 1.0)
     return _Modes(X, masses, stiffnesses, np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi))

@@ -65,7 +65,7 @@ class Projected:
         self.small = made
 
     def rotate(self, turn):
-        """Replace the basis by its combinations `turn` (m, m), orthonormal like itself, and project on these."""
+        """Replace the basis by its combinations `turn` (m, k), orthonormal like itself, and project on these."""
         self.basis.multiply(turn)
         self.restart()
 

@@ -234,7 +234,7 @@ class Search:
     def _take(self, points) -> Judgement:
         """Add the blocks of points (Hz) to the basis; returns what was judged last."""
         if self._groups > 1:
-            judged, fine = take_round(self.expansion, self._groups, points)
+            judged, fine = _take_round(self.expansion, self._groups, points)
             if fine is not None:  # of a candidate that the last point of the round has measured
                 self.state = State.PROVING if fine else State.SEEKING
         else:
@@ -312,7 +312,7 @@ class Search:
 # Take several points of a search at once: each group of ranks makes the blocks of one, and all ranks add them.
 
 
-def take_round(expansion: Expansion, groups: int, frequencies) -> tuple[Judgement, bool | None]:
+def _take_round(expansion: Expansion, groups: int, frequencies) -> tuple[Judgement, bool | None]:
     """Have each group of ranks make the blocks of a point, and add all; returns what was judged of them. Collective.
 
     A group judges its blocks over its part of the band. The estimate holds back the last block of every group. Without

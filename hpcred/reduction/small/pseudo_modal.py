@@ -34,6 +34,7 @@ PUSHED = 1e-11  # of the norm of a load, or of a damping matrix: less on a motio
 MIXED = 1e-8  # lowest eigenvalue, relative to the highest, that combinations of both have few digits of
 NUMBERS_AT_A_TIME = 2**22  # complex numbers of states held at a time
 NUMBERS_IN_CACHE = 2**16  # the same where each is passed over several times for little arithmetic
+FEW_PRODUCTS = 2**21  # numbers c_j b_i of all modes, outputs and inputs that are quicker than states of all inputs
 NUMBERS_KEPT = 2**24  # complex numbers of inverses that a model keeps
 
 
@@ -334,7 +335,8 @@ class PseudoModal(Keeping):
     def _responses_at(self, frequencies):
         left, right = self.Ct.T, self.B
         H, drive = [], []
-        if self.is_diagonal:  # each mode adds c b^T over its own number, for all frequencies in one product
+        if self.is_diagonal and left.size * right.shape[1] <= FEW_PRODUCTS:
+            # each mode adds c b^T over its own number, for all frequencies in one product
             products = (left.T[:, :, None] * right[:, None, :]).reshape(len(self), -1)
             for part in self.parts_of(frequencies):
                 inverse = 1 / self._diagonal(part)
