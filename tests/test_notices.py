@@ -83,7 +83,7 @@ def test_recipes_name_what_hpcred_needs(recipe):
     listed = re.search(r"^dependencies = \[\n(.*?)^\]", text, re.M | re.S)[1]
     needed = dict(re.findall(r"^    \"(\w+)([^\";]*)\"", listed, re.M))
     known = requirements(recipe)
-    assert len(needed) > 9 and {"petsc", "petsc4py", "slepc4py", "mpi4py"} <= set(known)
+    assert len(needed) > 8 and {"petsc", "petsc4py", "slepc4py", "mpi4py"} <= set(known)
     assert {name: known.get(name) for name, bound in needed.items() if bound not in known.get(name, "no")} == {}
 
 
