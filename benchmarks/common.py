@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -127,6 +128,8 @@ def origin():
     """Where a table comes from: machine, date, commit, with a + where the package has changes, and versions."""
 
     def git(*words):
+        if shutil.which("git") is None:
+            return ""
         return subprocess.run(["git", "-C", str(HERE.parent), *words], capture_output=True, text=True).stdout.strip()
 
     commit = git("rev-parse", "--short", "HEAD") + "+" * bool(git("status", "--porcelain", "hpcred"))
