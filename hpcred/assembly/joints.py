@@ -140,7 +140,7 @@ class BushingJoint:
     bodies : tuple of two str
         The interfaces, as of a rigid joint.
     stiffness, damping : sequence of three or six floats
-        In N/m and N m/rad, N s/m and N m s/rad; directions that are not given have none.
+        Stiffness in N/m and N m/rad, damping in N s/m and N m s/rad; directions that are not given have none.
     law : law, optional
         How the stiffness depends on frequency, {kind = "maxwell", factors = [0.5], times = [1e-3]}: what a law adds to
         its static value multiplies `stiffness`, which is the static one.

@@ -149,7 +149,8 @@ class Result:
             two_sided = getattr(self.reduced.record, "projection", None) == "two_sided"
             why = "the projection was two-sided; reduce with projection = 'one_sided'" if two_sided else (
                 "the model had no node coordinates, or was not written; give them (convert --nodes FILE, or in Python "
-                "dofs = hpcred.Dofs(node, direction, position)), and reduce again"
+                "dofs = hpcred.Dofs(node, direction, position)), and reduce again; of a machine take a state space, an "
+                "FMU or matrices"
             )  # fmt: skip
             raise InputError(f"{self.path}: no floating-frame quantities: {why}")
         if self.values and self._mass_differs():

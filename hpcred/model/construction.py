@@ -44,6 +44,11 @@ class Labels(TypedDict, total=False):
 def from_given(M, D, K, B, C, comm, **labels) -> dict:
     """Return the fields from SciPy or NumPy matrices that every rank holds, or from PETSc matrices."""
     if not isinstance(K, PETSc.Mat):
+        given = {key: mat for key, mat in (("M", M), ("D", D), ("K", K)) if mat is not None and np.ndim(mat)}
+        sizes = {key: np.shape(mat)[0] for key, mat in given.items()}
+        if len(set(sizes.values())) > 1:
+            found = ", ".join(f"{rows} rows of {key}" for key, rows in sizes.items())
+            raise InputError(f"SecondOrderModel: found {found}, expected the same number")
         B, Ct = _columns(B, C, np.shape(K)[0] if np.ndim(K) else 0)
         return from_arrays(K, M, D, comm or MPI.COMM_WORLD, B, None if _same(B, Ct) else Ct, **labels)
     if comm is not None:

@@ -14,7 +14,9 @@ EXPECTED = "expected M q'' + D q' + K q = B u"
 
 
 def check_definite(model):
-    """Raise InputError for a K of the other sign and for an M that is not positive semidefinite."""
+    """Raise InputError for a K of the other sign and for an M that is zero, or not positive semidefinite."""
+    if not any(_signs(model, "M")):
+        raise InputError(f"{model.name}: M is zero, expected a mass matrix; give one, and check units and the file")
     low, high = _signs(model, "K")
     for sentence in (_of_stiffness(model) if low < 0 and not high else None, _of_mass(model)):
         if sentence:

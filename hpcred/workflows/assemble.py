@@ -140,6 +140,12 @@ class Assembly:
         return (f"{'' if accuracy.reached else 'NOT REACHED: '}largest error of the machine {size}{asked} over "
                 f"{accuracy.band[0]:g} to {accuracy.band[1]:g} Hz, estimated from its bodies{again}")  # fmt: skip
 
+    def __str__(self):
+        size = "responses of measured bodies" if self.reduced is None else f"{self.reduced.size} coordinates"
+        of = ", ".join(f"{row['body']} {row['error']:.1e}" for row in self.budget)
+        return "\n".join([f"machine of {', '.join(self.machine.parts)}: {size}", self.sentence,
+                          *([f"errors of the bodies: {of}"] * bool(of))])  # fmt: skip
+
 
 @workflow
 def assemble(

@@ -12,10 +12,11 @@ from ..analysis.error_check import accuracy_of, check_reduced, estimate_at, meas
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
 from ..body.preload import Preload, warning_of_basis
 from ..files.names import in_text
-from ..files.response_file import Responses, lost_channels, write_responses
+from ..files.response_file import FOREIGN, Responses, lost_channels, write_responses
 from ..files.result_file import result_at
 from ..files.together import rescued, together
 from ..model.damping import NoDamping
+from ..model.frames import NoFrame
 from ..parallel.declared import flattened
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
@@ -134,8 +135,15 @@ def evaluate_result(
             places = {node.label: (node.node, node.position) for node in found.nodes}
             responses = Responses(**arrays, **names, record=made, places=places)
             rescued(lambda place: write_responses(place, responses, comm), output, comm)
-            if lost := lost_channels(output, responses):
-                report["warnings"] = [*report.get("warnings", ()), *lost]
+            told = lost_channels(output, responses)
+            left_out = 0 if isinstance(record.frame, NoFrame) else record.rigid_body_modes
+            if left_out and str(output).endswith(tuple(FOREIGN)):
+                told.append(
+                    f"{output} is without the {left_out} rigid-body motions of the free body, so that nothing can be "
+                    "coupled by it; a machine takes the result itself, and that of this body alone has them"
+                )
+            if told:
+                report["warnings"] = [*report.get("warnings", ()), *told]
         if figure is not None:
             names = reduced.output_names, reduced.input_names
             every = shown or pairs_to_show(arrays["reduced"], *names)

@@ -291,6 +291,17 @@ def test_a_measured_body_couples_as_the_reduced_one_that_it_was_measured_on(mach
     assert sum(item["type"] == 58 for item in sets) == 144
 
 
+def test_responses_without_rigid_body_motions_are_warned_of(machine, capsys):
+    for result, told in (("free.h5", True), ("held.h5", False)):
+        assert run(["evaluate", result, "--frequencies", "1000,2000", "-o", "r.npz"]) == 0
+        assert ("r.npz is without the 6 rigid-body motions" in capsys.readouterr().out) == told
+    Path("alone.toml").write_text('output = "alone.h5"\n[[body]]\nname = "t"\nresult = "free.h5"\n')
+    assert run(["assemble", "alone.toml"]) == 0
+    assert run(["evaluate", "alone.h5", "--frequencies", "1000,2000", "-o", "r.npz"]) == 0
+    assert "is without" not in capsys.readouterr().out
+    assert str(hpcred.assemble([MachineBody(name="t", result="free.h5")])).startswith("machine of t: ")
+
+
 def test_coupling_by_receptances_is_the_dual_formula(machine):
     """Two measured beams, against the formula of Lagrange-multiplier substructuring in NumPy, to 1e-10."""
     f = np.linspace(500.0, 9000.0, 7)

@@ -106,7 +106,7 @@ def test_convert_takes_names_of_quantities(tmp_path, capsys):
     assert rates in refused(capsys, "convert", *options[:4], "--outputs", "speed dof 7", none)
     assert "inputs: found" in refused(capsys, "convert", *options[:4], "--inputs", "velocity dof 7", none)
     other = tmp_path / "short.mtx"
-    scipy.io.mmwrite(other, sparse.coo_matrix(np.ones((3, 40))))
+    scipy.io.mmwrite(other, sparse.coo_matrix(np.ones((3, 20))))
     sentence = "C of 4 rows, Cv of 4 rows, Ca of 3 rows and 4 names, expected as many rows as names"
     assert sentence in refused(capsys, "convert", *options, "-Ca", str(other), none)
 
