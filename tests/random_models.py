@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import decimal
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
@@ -153,11 +154,37 @@ def responses(matrices, laws, eta, f) -> tuple[np.ndarray, np.ndarray]:
         for _ in range(STEPS):  # at sharp resonances of soft modes each has few digits
             change = inverse @ (B - beside @ x - loss * _product(K, x)).astype(complex)
             x = x + change
-            if (np.linalg.norm(change, axis=1) <= REFINED * np.linalg.norm(x, axis=1)).all():
+            known = (np.linalg.norm(change, axis=1) <= REFINED * np.linalg.norm(x, axis=1)).all(axis=1)
+            if known.all():
                 break
+        for k in np.flatnonzero(~known):  # where the inverse has no digit of the softest motion
+            x[k] = _by_many_digits(beside[k], loss, K, B)
         H.append((C @ x).astype(complex))
         drive.append(np.einsum("np,snp->sp", B, x).astype(complex))
     return np.concatenate(H), np.concatenate(drive)
+
+
+def _by_many_digits(beside, loss, K, B) -> np.ndarray:
+    """Solve (beside + loss K) x = B, in its real form, by elimination with 50 digits."""
+    with decimal.localcontext(prec=50):
+        re, im = (_decimals(part(beside)) + _decimals(part(loss)) * _decimals(K) for part in (np.real, np.imag))
+        A, n = np.block([[re, -im], [im, re]]), len(K)
+        X = np.concatenate([_decimals(B), _decimals(0 * B)])
+        for i in range(2 * n):
+            pivot = i + int(np.abs(A[i:, i]).argmax())
+            A[[i, pivot]], X[[i, pivot]] = A[[pivot, i]], X[[pivot, i]]
+            factors = (A[i + 1 :, i] / A[i, i])[:, None]
+            A[i + 1 :], X[i + 1 :] = A[i + 1 :] - factors * A[i], X[i + 1 :] - factors * X[i]
+        for i in reversed(range(2 * n)):
+            X[i] = (X[i] - A[i, i + 1 :] @ X[i + 1 :]) / A[i, i]
+        return X[:n].astype(float) + 1j * X[n:].astype(float)
+
+
+def _decimals(values):
+    """Numbers of extended precision as decimals: two doubles have their digits."""
+    leading = np.asarray(values).astype(float)
+    rest = (values - leading).astype(float)
+    return np.vectorize(lambda a, b: decimal.Decimal(a) + decimal.Decimal(b), otypes=[object])(leading, rest)
 
 
 def _product(K, x) -> np.ndarray:

@@ -198,7 +198,7 @@ def test_a_complete_model_has_few_frequencies():
         assert rom.size == 4 and len(rom.record.accuracy.frequencies) < 1500
 
 
-@pytest.mark.parametrize("damper, eta", [(1e-6, 0.0), (0.0, 1e-3)])
+@pytest.mark.parametrize("damper, eta", [(1e-6, 0.0), (1e-13, 0.0), (0.0, 1e-3)])
 def test_the_truth_of_soft_modes_beside_stiff_ones(damper, eta):
     """Two masses on a spring that is softer than theirs by 1e-11, at their lowest resonance, in fractions."""
     k, soft = 1e5 / 3, 1e-6 / 7
