@@ -45,10 +45,7 @@ def from_given(M, D, K, B, C, comm, **labels) -> dict:
     """Return the fields from SciPy or NumPy matrices that every rank holds, or from PETSc matrices."""
     if not isinstance(K, PETSc.Mat):
         given = {key: mat for key, mat in (("M", M), ("D", D), ("K", K)) if mat is not None and np.ndim(mat)}
-        sizes = {key: np.shape(mat)[0] for key, mat in given.items()}
-        if len(set(sizes.values())) > 1:
-            found = ", ".join(f"{rows} rows of {key}" for key, rows in sizes.items())
-            raise InputError(f"SecondOrderModel: found {found}, expected the same number")
+        _require_one_size("SecondOrderModel", {key: np.shape(mat)[0] for key, mat in given.items()})
         B, Ct = _columns(B, C, np.shape(K)[0] if np.ndim(K) else 0)
         return from_arrays(K, M, D, comm or MPI.COMM_WORLD, B, None if _same(B, Ct) else Ct, **labels)
     if comm is not None:
@@ -89,9 +86,7 @@ def from_arrays(K, M, D, comm, inputs=None, outputs=None, **labels) -> dict:
     given = {key: coordinates(f"from_scipy: {key}", mat) for key, mat in given.items() if mat is not None}
     sizes = {key: item[3] for key, item in given.items()}
     size = max(sizes.values(), default=0)
-    if len(set(sizes.values())) > 1:
-        found = ", ".join(f"{n} rows of {key}" for key, n in sizes.items())
-        raise InputError(f"from_scipy: found {found}, expected the same number")
+    _require_one_size("from_scipy", sizes)
     check_labels(dofs := labels.get("dofs"), size, "from_scipy")
     first, last = row_range(comm, size, dofs_per_node(dofs) if dofs is not None else 1)
     inputs, outputs = (
@@ -176,6 +171,13 @@ def measured_columns(K: PETSc.Mat, C, Cv, Ca, names, what: str) -> tuple[PETSc.M
     check_names(names, there, what)
     columns, rates = packed_parts(parts, there)
     return dense_matrix(K, columns), rates
+
+
+def _require_one_size(where, sizes: dict[str, int]):
+    """Refuse matrices, by name, with different numbers of rows."""
+    if len(set(sizes.values())) > 1:
+        found = ", ".join(f"{rows} rows of {key}" for key, rows in sizes.items())
+        raise InputError(f"{where}: found {found}, expected the same number")
 
 
 def _columns(B, C, rows):
