@@ -130,7 +130,6 @@ class AffineProjections(Projected):
 
     def __init__(self, form: AffineForm, basis, damping: Proportional):
         self.form, self.damping = form, damping
-        self.limits: dict[int, float] = {}
         self.silent: set[int] | None = None
         self.quiet, self.round_off = False, 0.0
         self._limits: dict[int, float] = {}
@@ -144,7 +143,11 @@ class AffineProjections(Projected):
         for column, (ratio, limit) in columns.items():
             self._limits[column] = max(limit, self._limits.get(column, 0.0))
             self.round_off = max(self.round_off, UNIT / ratio if ratio > limit else 0.0)
-        self.limits = self._limits | dict.fromkeys(self.silent, QUIET)
+
+    @property
+    def limits(self) -> dict[int, float]:
+        """The quietness of columns of C^T below which it is round-off; local."""
+        return self._limits | dict.fromkeys(self.silent or (), QUIET)
 
     def turn(self, factor: np.ndarray):
         """Follow a basis V that has become V factor; local."""
