@@ -83,7 +83,7 @@ class States:
         """Return the largest error of a model on orthonormal columns."""
         inside = self.pair.within(span if self._inward is None else np.linalg.qr(self._inward @ span)[0])
         measure = self.pair.measure
-        plain = self._known[0] - inside.inner.response(self.frequencies)
+        plain = self._known[0] - inside.inner.quick_response(self.frequencies)
         each = measure.each(plain, *self._known)
         # plain subtraction is quick, and serves where its round-off is no matter; a NaN, as at 0 Hz, does not compare
         if not measure.total(each).max() > CLEAR * self._noise:

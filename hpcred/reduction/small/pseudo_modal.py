@@ -327,6 +327,22 @@ class PseudoModal(Keeping):
         """Return H (S, r, p)."""
         return self.responses(frequencies)[0]
 
+    def quick_response(self, frequencies: np.ndarray) -> np.ndarray:
+        """Return H (S, r, p) with a given D by its poles alone, without refinement, and with added terms by
+        elimination: for models that are asked once, and judged by others."""
+        if self.is_diagonal or (self.poles is None and not self.added):
+            return self.response(frequencies)
+        left, right, H = self.Ct.T, self.B, []
+        for part in self.parts_of(frequencies):
+            if self.added:
+                rows = left @ _scaled(self.matrices(part), np.broadcast_to(right, (len(part), *right.shape)))
+            else:
+                s = self.damping.coefficients(part)[2]
+                share = _reciprocal(s[:, None] - self.poles.values)[:, :, None] * (self.poles.left @ right)
+                rows = times(left @ self.poles.right, share)
+            H.append(self.io.measured(2j * np.pi * part, rows))
+        return np.concatenate(H)
+
     def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return H (S, r, p), without the factor s^k of rates, and the drive-point responses b_i^T A^-1 b_i
         (S, p) of the inputs; they are kept as there is room."""

@@ -23,12 +23,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...model.operator import times
 from .pseudo_modal import NUMBERS_AT_A_TIME, PseudoModal
 
 POWER = 6  # of the errors whose sum is to fall
 STEPS = 50  # of a number of columns that is tried
 FIRST_DAMPING = 1e-2  # of the diagonal of the normal equations
 WORK = 5e8  # multiplications for the normal equations of a step, above which fewer columns are not tried
+NOTICED = 0.05  # of the largest error: smaller ones weigh less than 1e-5 of it in the normal equations
 
 
 def is_for(model: PseudoModal) -> bool:
@@ -80,6 +82,8 @@ class Errors:
         self._same = outer.is_reciprocal and not outer.io.rates
         parts = [wide.T @ outer.matrices(part) @ wide for part in outer.parts_of(frequencies)]
         self._A = np.concatenate(parts)
+        # U is real: two real products in place of a complex one
+        self._parts = self._A.real.reshape(-1, wide.shape[1]), self._A.imag.reshape(-1, wide.shape[1])
         self._B = np.broadcast_to(wide.T @ outer.B, (len(s), wide.shape[1], outer.B.shape[1]))
         columns = np.broadcast_to(wide.T @ outer.Ct, (len(s), wide.shape[1], outer.Ct.shape[1]))
         self._Ct = outer.io.rates.transposed(s, columns)
@@ -104,9 +108,11 @@ class Errors:
 
     def at(self, U) -> Iterate:
         """Return the model on orthonormal columns U (w, k)."""
-        A = U.T @ (self._A @ U)
+        AU = np.empty((*self._A.shape[:2], U.shape[1]), dtype=complex)
+        AU.real, AU.imag = ((part @ U).reshape(AU.shape) for part in self._parts)
+        A = times(U.T, AU)
         y = _solved(A, U.T @ self._B)
-        r = self._B - self._A @ (U @ y)
+        r = self._B - AU @ y
         z, l = y, r
         if not self._same:
             z = _solved(A.transpose(0, 2, 1), U.T @ self._Ct)
@@ -116,14 +122,14 @@ class Errors:
         j, i = self._of
         return Iterate(U, E[:, j, i], float(self._measure.total(np.abs(E)).max()), y, r, z, l)
 
-    def derivative(self, at: Iterate, N) -> np.ndarray:
-        """Return the derivative (S q, (w - k) (k - fixed)) of the errors for changes N d of the columns U that are not
-        fixed, N (w, w - k) orthogonal to U, d (w - k, k - fixed)."""
-        j, i = self._of
+    def derivative(self, at: Iterate, N, of) -> np.ndarray:
+        """Return the derivative (e, (w - k) (k - fixed)) of the errors that a mask `of` (S, q) takes, for changes N d
+        of the columns U that are not fixed, N (w, w - k) orthogonal to U, d (w - k, k - fixed)."""
+        s, q = np.nonzero(of)
+        j, i = self._of[0][q], self._of[1][q]
         y, z, r, l = at.y[:, self.fixed :], at.z[:, self.fixed :], N.T @ at.r, N.T @ at.l
-        found = np.einsum("saq,sbq->sqab", l[:, :, j], y[:, :, i]) + np.einsum("saq,sbq->sqab", r[:, :, i], z[:, :, j])
-        found *= -self._scale[:, j, i][:, :, None, None]
-        return found.reshape(at.errors.size, -1)
+        l, r = l[s, :, j] * -self._scale[s, j, i][:, None], r[s, :, i] * -self._scale[s, j, i][:, None]
+        return (l[:, :, None] * y[s, :, i][:, None] + r[:, :, None] * z[s, :, j][:, None]).reshape(len(s), -1)
 
 
 def _turned(errors: Errors, start, goal):
@@ -137,7 +143,8 @@ def _turned(errors: Errors, start, goal):
             if not np.isfinite(top):
                 return None
             N = np.linalg.qr(here.U, mode="complete")[0][:, here.U.shape[1] :]
-            system = _normal_equations(here.errors.ravel() / top, errors.derivative(here, N) / top)
+            noticed = np.abs(here.errors) > NOTICED * top
+            system = _normal_equations(here.errors[noticed] / top, errors.derivative(here, N, noticed) / top)
             before = _sum_of_powers(here, top)
         matrix, gradient = system
         diagonal = np.diag(matrix)
@@ -165,8 +172,8 @@ def _normal_equations(e, J) -> tuple[np.ndarray, np.ndarray]:
     derivatives of e: p - 1 times as stiff along e as across it."""
     size = np.abs(e)
     along = J * (size ** (POWER / 2 - 1) * np.exp(-1j * np.angle(e)))[:, None]
-    real, imaginary = along.real.copy(), along.imag.copy()  # contiguous, for the BLAS
-    return (POWER - 1) * real.T @ real + imaginary.T @ imaginary, real.T @ size ** (POWER / 2)
+    real, imaginary = along.real.copy(), along.imag.copy()  # contiguous: the BLAS makes half of a symmetric product
+    return (POWER - 1) * (real.T @ real) + imaginary.T @ imaginary, real.T @ size ** (POWER / 2)
 
 
 def _solved(A, right):
