@@ -78,6 +78,8 @@ static int fails(const char *kind, const char *name) {
     if (hit && seen == number && record && !note(kind, name, 1)) { /* another process had it */
         number = 0;
         hit = all = 0;
+    } else if (hit && seen > number && record) {
+        note(kind, name, 0);
     }
     errno = hit ? code : before;
     return hit;

@@ -6,8 +6,10 @@
 import ctypes
 import glob
 import importlib.util
+import mmap
 import os
 import re
+import resource
 import sys
 import time
 
@@ -25,6 +27,9 @@ SIZES = {
     "PMI_SIZE": ("PMI_RANK", "the mpiexec of MPICH or Intel MPI"),
     "SLURM_STEP_NUM_TASKS": ("SLURM_PROCID", "srun"),
 }
+
+BLAS_BUFFER = 2**27  # bytes, as OpenBLAS takes at most for one thread
+BEYOND_SMALL = 256  # rows of a product that has no kernel of its own without the buffer
 
 with_scotch = False  # whether Debian's MUMPS with Scotch was loaded in place of the one without
 
@@ -237,12 +242,26 @@ def _refuse_singletons():
     )
 
 
+def _take_blas_buffer():
+    """Have the BLAS take its buffer where addresses are limited (ulimit -v), or raise MemoryError: OpenBLAS asks again
+    for ever for one that it is refused, in whatever product comes first."""
+    if resource.getrlimit(resource.RLIMIT_AS)[0] == resource.RLIM_INFINITY:
+        return
+    try:
+        mmap.mmap(-1, BLAS_BUFFER).close()
+    except OSError as error:
+        raise MemoryError(f"{BLAS_BUFFER >> 20} MiB for the BLAS") from error
+    square = np.ones((BEYOND_SMALL, BEYOND_SMALL))
+    square @ square
+
+
 def start_mpi():
     """See to it that an exception on one rank ends the job on all; returns the communicator of the job. Collective."""
     global _mpi_started, ranks_on_node, rank_on_node
     if not _mpi_started:
         _refuse_singletons()
         failures.watched(MPI.COMM_WORLD)
+        _take_blas_buffer()
         node = MPI.COMM_WORLD.Split_type(MPI.COMM_TYPE_SHARED)
         ranks_on_node, rank_on_node = node.size, node.rank
         node.Free()
