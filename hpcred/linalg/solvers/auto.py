@@ -7,7 +7,7 @@ from functools import partial
 from ...parallel.decisions import decided
 from ...parallel.failures import ComputationError
 from . import cudss
-from .base import Factorisation
+from .base import FAILED_ON_GPU, Factorisation
 from .cudss import Cudss
 from .mumps import Mumps
 from .settings import Factoring
@@ -68,8 +68,12 @@ class Auto(Factorisation):
     def estimate(self):
         return self._on_gpu_or_not(lambda: self._factors.estimate())
 
+    def side_by_side(self):
+        return self._factors.side_by_side()
+
     def known(self):
-        return self._factors.known()
+        words, left = self._factors.known()
+        return "; ".join(filter(None, (f"{self._factors.name}, since {self._factors.because}", words))), left
 
     def factor(self, **labels):
         self._on_gpu_or_not(lambda: self._factors.factor(**labels))
@@ -85,7 +89,7 @@ class Auto(Factorisation):
                 raise
             self._factors.close()
             self._factors = self._by_mumps()
-            self._factors.because = f"on the GPU {str(error).partition('; take')[0]}"
+            self._factors.because = f"{FAILED_ON_GPU}{str(error).partition('; take')[0]}"
             return function()
 
     def back_substitute(self, load, solution):

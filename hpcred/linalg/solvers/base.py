@@ -21,6 +21,7 @@ from .settings import Factoring
 
 MOST_NUMBERS = 2**31 - 1  # of a block in all rows, whose places PETSc's solves count by 32 bits
 AT_REST = "0 Hz"
+FAILED_ON_GPU, IN_HOST = "on the GPU ", "the host has the factor"  # beginnings of FactorRecord.package_because
 MOVES_FREELY = (
     "the body, or a part of it as along the axis of a rotor, can move freely; take frame kind 'buckens' (inertia "
     "relief) for a free body, hold what moves ('tangent', 'chord', a soft spring), or take points and bands above 0 Hz"
@@ -56,7 +57,7 @@ class FactorRecord:
     the solves, `nearby_residual` of those at other points, by conjugate gradients with this factor. Of kind "multigrid"
     (or "diagonal", for M) there is no factor: `levels` of the hierarchy, `factor_entries` in all of them, and
     `iterations` of conjugate gradients, the most that a column took; `expected_iterations`, predicted by a trial.
-    `package_because`: why package = "auto" took this one.
+    `package_because`: why package = "auto" took this one, or that the memory of the host has a factor of a GPU.
     `source`: what values have for a source that the factor tells, None in files of earlier versions; `negative_pivots`
     of an approximate one are those of A, or None.
     """
@@ -136,8 +137,13 @@ class Solver(ABC):
         raise NotSolved("this solver solves where it factors")
 
     def estimate(self) -> tuple[float, float] | None:
-        """MB that a factor of A needs in all, and MB that the ranks have; None where it is not known. Raises
+        """MB that a factor of A needs in all, and MB that the ranks, or a GPU, have; None where it is not known. Raises
         DoesNotFit."""
+        return None
+
+    def side_by_side(self) -> int | None:
+        """How many GPUs there are, each for one factor at a time; None for factors of which memory alone limits how
+        many there can be."""
         return None
 
     def known(self) -> tuple[str, float | None]:
@@ -225,6 +231,10 @@ class Factorisation(ABC):
         """solution = A^-1 right for dense matrices in the rows of A, without gaps between columns."""
 
     def estimate(self) -> tuple[float, float] | None:
+        """See Solver."""
+        return None
+
+    def side_by_side(self) -> int | None:
         """See Solver."""
         return None
 
