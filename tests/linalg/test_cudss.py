@@ -292,7 +292,7 @@ def test_without_the_library_one_sentence_says_what_helps(solid, small, monkeypa
 
 
 @pytest.mark.parametrize("count, error, words", [
-    (0, None, "found no GPU of NVIDIA with its driver, or CUDA_VISIBLE_DEVICES hides it"),
+    (0, None, "found no GPU of NVIDIA with its driver, or CUDA_VISIBLE_DEVICES hides it; `nvidia-smi` lists what"),
     (1, RuntimeError("nvmath-python requires cuDSS version 0.8, while you\nhave cuDSS version 1.0."),
      r"cannot be used here \(RuntimeError: nvmath-python requires cuDSS version 0.8, while you have cuDSS"),
     (1, ImportError("libcudss.so.0: cannot open shared object file"), r"cannot be used here \(ImportError: libcudss"),

@@ -243,7 +243,8 @@ def test_a_cudss_that_the_bindings_are_not_for(monkeypatch):
     for name, module in {
         "cuda": SimpleNamespace(), "cuda.pathfinder": SimpleNamespace(load_nvidia_dynamic_lib=loaded.append),
         "nvmath": SimpleNamespace(), "nvmath.bindings": SimpleNamespace(cudss=bindings),
-        "nvmath.sparse": SimpleNamespace(), "nvmath.sparse.advanced": SimpleNamespace(direct_solver=solver),
+        "nvmath.sparse": SimpleNamespace(), "nvmath.sparse.advanced": SimpleNamespace(),
+        "nvmath.sparse.advanced.direct_solver": solver,
     }.items():  # fmt: skip
         monkeypatch.setitem(sys.modules, name, module)
     with pytest.raises(RuntimeError, match="while you have cuDSS version 0.7"):

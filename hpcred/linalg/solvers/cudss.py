@@ -2,7 +2,7 @@
 
 The first rank of a communicator (all ranks, or a group) holds the matrix and its factor on a GPU. The others give it
 their rows, the pattern once and values for each factor, and whole blocks of columns, in memory that they share on one
-node. While it orders and factors the others sleep, and their processors order with it.
+node. While it has the GPU work the others sleep, and their processors order with it.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from .gpu_factor import GpuFactor, count_of_gpus, library, runtime
 WIDTH = 24  # columns of a solve at most
 COPIES = 4  # of them on the GPU: right-hand sides and solutions, residuals and corrections of their refinement
 HELP = "`pip install 'hpcred[cuda13]'` (cuda12 for older drivers) brings nvmath-python and cuDSS; or take 'mumps'"
+NO_GPU = "found no GPU of NVIDIA with its driver, or CUDA_VISIBLE_DEVICES hides it"
 NO_MEMORY = ("alloc_failed", "out of memory", "out_of_memory", "memory_allocation")  # in errors of the library
 PERTURBED = Source(kind="approximate factor", accuracy=1e-8)  # with pivots that were too small
 SPARE_MB = 512  # of the GPU, beside what the analysis says that the factor takes
@@ -66,7 +67,8 @@ class Cudss(Factorisation):
     @classmethod
     def check_build(cls, comm):
         if reason := decided(comm, unusable):
-            raise InputError(f"solver.package: 'cudss' {reason}; {HELP}")
+            what_helps = "`nvidia-smi` lists what there is; or take 'mumps'" if reason == NO_GPU else HELP
+            raise InputError(f"solver.package: 'cudss' {reason}; {what_helps}")
 
     def estimate(self):
         """See Solver: of the memory of the GPUs, by an analysis, which the next factor uses."""
@@ -204,7 +206,9 @@ class Cudss(Factorisation):
             self._forget_columns()
             self._columns = Parts(self._comm, len(b), b.shape[1], self._scalar)
         self._columns.gather(b)
-        decided(self._comm, self._solve_on_gpu, b.shape[1])  # ranks that slept would come late for so short a time
+        with agreed(self._comm):
+            if self._leads:
+                self._solve_on_gpu(b.shape[1])
         self._columns.scatter(x)
 
     def _solve_on_gpu(self, columns):
@@ -277,7 +281,7 @@ def unusable() -> str | None:
         return "needs nvmath-python, which is not installed"
     try:
         if not count_of_gpus():
-            return "found no GPU of NVIDIA with its driver, or CUDA_VISIBLE_DEVICES hides it"
+            return NO_GPU
         indptr, columns = np.array([[0, 1, 2], [0, 1, -1]], np.int32)
         factor = GpuFactor(own_gpu(), indptr, columns[:2], np.array([1.0, 2.0]), True, os.sched_getaffinity(0))
         try:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import os
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -214,12 +215,10 @@ def library():
     for name in ("cublasLt", "cublas", "nvrtc"):
         load_nvidia_dynamic_lib(name)
     from nvmath.bindings import cudss
-    from nvmath.sparse.advanced import direct_solver
 
-    # only the class DirectSolver looks at the version: others have the same name, and other arguments
-    check = getattr(direct_solver, "_check_cudss_version", None)
-    if check is not None:
-        check()
+    # the version is looked at by the class DirectSolver alone: other ones have the same name, and other arguments
+    module = import_module("nvmath.sparse.advanced.direct_solver")
+    getattr(module, "_check_cudss_version", lambda: None)()
     return cudss
 
 
