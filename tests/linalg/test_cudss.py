@@ -1,6 +1,7 @@
 """Factors on a GPU, which a stand-in on the processor takes the place of; those marked `cuda` need a real one."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from hpcred.linalg.solvers.shifted import ShiftedSolver
 from hpcred.parallel import startup
 from hpcred.parallel.failures import ComputationError, InputError
 from hpcred.parallel.petsc import is_complex
+from hpcred.parallel.progress import Progress
+from hpcred.report.tables import show_timing
 
 TOP = 30000.0  # Hz, of the solid
 FULL = RuntimeError("cuDSS error (2): CUDSS_STATUS_ALLOC_FAILED")
@@ -145,6 +148,37 @@ def test_a_gpu_of_one_group_fails(comm, monkeypatch, small, phase):
             assert "MUMPS made factors, since on the GPU cuDSS failed" in " ".join(rom.record.warnings)
 
 
+ALONE = """
+import sys
+sys.path.insert(0, {tests!r})
+import pytest
+from cudss_stand_in import Gpu
+import hpcred
+from hpcred import Buckens, Factoring, Krylov, LinearSolver
+from hpcred.parallel.parts import Parts
+from hpcred.parallel.petsc import MPI
+comm = MPI.COMM_WORLD
+Gpu().used_by(pytest.MonkeyPatch(), count=2)
+call = Parts.{method}
+def fault(self, rows):
+    if comm.rank == 1:
+        raise MemoryError("only here")
+    return call(self, rows)
+Parts.{method} = fault
+with hpcred.linkage() as model:
+    by = Factoring(solver=LinearSolver(package="cudss"))
+    hpcred.reduce(model, [Krylov(frequency=50.0), Krylov(frequency=150.0)], Buckens(), groups=2, factoring=by)
+"""
+
+
+@pytest.mark.parametrize("method", ["gather", pytest.param("scatter", marks=pytest.mark.slow)])
+def test_a_rank_that_fails_beside_a_gpu_ends_all(hpcred, tmp_path, method):
+    """The first two of three ranks have a GPU, and the second of them fails on the way."""
+    (tmp_path / "program.py").write_text(ALONE.format(tests=str(Path(__file__).parents[1]), method=method))
+    run = hpcred(program=("program.py",), ranks=3, timeout=100)
+    assert run.returncode != 0 and "error (rank 1): out of memory" in run.stderr
+
+
 @pytest.mark.parametrize("ranks, groups, count, gpus", [
     (16, 1, 1, [0]), (16, 4, 4, [0, 1, 2, 3]), (16, 2, 4, [0, 2]), (16, 3, 2, [0, 0, 1]), (3, 3, 8, [0, 2, 5]),
     (5, 5, 2, [0, 0, 0, 1, 1]), (4, 4, 1, [0, 0, 0, 0]),
@@ -239,6 +273,24 @@ def test_memory_is_looked_at_before_the_factor(comm, solid, monkeypatch, small):
     with hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by("auto")) as rom:
         assert "5000 MB on the GPU" in rom.record.factorisations[0].package_because
     assert gpu.factors == factors
+
+
+def test_what_a_run_tells_of_its_gpu(solid, monkeypatch, capsys, small):
+    """In the log, and among its times."""
+    gpu = Gpu(free_mb=900.0, need_mb=800, least_mb=50).used_by(monkeypatch)
+    monkeypatch.setenv("HPCRED_MEMORY_MB", "1000")
+    for need, where, logged in (
+        (100, "100 MB of the GPU (there is a GPU that the factor fits)", "by cuDSS on GPU 0, 100 MB"),
+        (800, "800 MB of the GPU and the host (the host has the factor of 800 MB, since the GPU has 900 MB free)",
+         "by cuDSS on GPU 0; the host has the factor of 800 MB, since the GPU has 900 MB free"),
+    ):  # fmt: skip
+        gpu.need_mb = need
+        progress = Progress(solid.comm, show=True)
+        with hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by("auto"), progress=progress) as rom:
+            show_timing(rom.record.timing, rom.record.factorisations)
+        said = capsys.readouterr()
+        assert where in " ".join(said.out.split())
+        assert f"factor, 100 Hz: {logged}" in said.err
 
 
 @pytest.mark.mpi

@@ -73,7 +73,9 @@ class Auto(Factorisation):
 
     def known(self):
         words, left = self._factors.known()
-        return "; ".join(filter(None, (f"{self._factors.name}, since {self._factors.because}", words))), left
+        if words and isinstance(self._factors, Mumps):
+            words += f", by MUMPS, since {self._factors.because}"
+        return words, left
 
     def factor(self, **labels):
         self._on_gpu_or_not(lambda: self._factors.factor(**labels))

@@ -46,6 +46,7 @@ class Cudss(Factorisation):
     name = "cudss"
     tells_inertia = True
     has_single = True
+    _known = ""  # on the first rank
 
     def __init__(self, matrix, symmetric, prefix, factoring=None, reserved_mb=0.0, inertia=False, null_pivots=False):
         super().__init__(matrix, symmetric, prefix, factoring, reserved_mb, inertia, null_pivots)
@@ -79,6 +80,10 @@ class Cudss(Factorisation):
             self._analyse()
         return float(self._need), free_mb(self._gpu)
 
+    def known(self):
+        """See Solver: where the factor will be, by the analysis."""
+        return self._known, None
+
     def side_by_side(self):
         """See Solver: one on each GPU that some rank sees."""
         return len(set().union(*self._comm.allgather(gpus_seen())))
@@ -86,7 +91,6 @@ class Cudss(Factorisation):
     def _factor(self):
         found = self._by_first_rank(self._factored)
         self.analyses += found.pop("analyses")
-        self.because = found.pop("in_host") or self.because
         self.source = PERTURBED if found.get("null_pivots") else self.source_of(self.factoring, self.prefix)
         return found
 
@@ -116,11 +120,13 @@ class Cudss(Factorisation):
         factor = self._on_gpu
         factor.factorise()
         found = {
-            "analyses": int(new), "in_host": self._in_host, "analysis_seconds": round(seconds, 4), "ordering": "METIS",
+            "analyses": int(new), "analysis_seconds": round(seconds, 4), "ordering": "METIS",
             "factor_entries": factor.entries, "memory_mb_estimated_total": self._need,
             "memory_mb_estimated_max_rank": self._need, "memory_mb_used_total": self._need,
             "memory_mb_used_max_rank": self._need,
         }  # fmt: skip
+        if self._in_host:
+            found["package_because"] = self._in_host
         if self.counts() and self.kind == "LDL^T":
             found |= {"negative_pivots": factor.inertia[1], "null_pivots": factor.perturbed}
         return found
@@ -133,6 +139,7 @@ class Cudss(Factorisation):
         self._need, self._in_host, free = factor.need // MB, "", free_mb(self._gpu)
         limit = free - columns - SPARE_MB
         if self._need <= limit:
+            self._known = f"by cuDSS on GPU {self._gpu}, {self._need} MB"
             return
         least, host = factor.least // MB, self._need
         self._free()
@@ -144,6 +151,7 @@ class Cudss(Factorisation):
             )
         self._in_host = f"{IN_HOST} of {self._need} MB, since the GPU has {free:.0f} MB free"
         self._plan(limit=int(limit * MB))
+        self._known = f"by cuDSS on GPU {self._gpu}; {self._in_host}"
 
     def _plan(self, limit=0):
         self._on_gpu = GpuFactor(
