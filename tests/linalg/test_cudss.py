@@ -40,6 +40,11 @@ def gpu(request, monkeypatch):
     return Gpu().used_by(monkeypatch) if request.param == "stand-in" else None
 
 
+def near(gpu) -> float:
+    """How near solutions are to those of others: a real one is refined to a residual of 1e-10."""
+    return 1e-6 if gpu is None else 1e-8
+
+
 def solved(model, solver, loads):
     """A^-1 of dense columns (n, columns), on all ranks."""
     right, solution = block_from(model.K, loads), create_block(model.K, loads.shape[1])
@@ -61,7 +66,7 @@ def test_solutions_and_inertia_are_those_of_dense_matrices(comm, solid, gpu, uns
         for width in (1, cudss.WIDTH, 2 * cudss.WIDTH + 1):
             loads = random.standard_normal((len(K), width))
             expected = np.linalg.solve(K + mass * M, loads)
-            assert np.abs(solved(model, solver, loads) - expected).max() < 1e-9 * np.abs(expected).max()
+            assert np.abs(solved(model, solver, loads) - expected).max() < near(gpu) * np.abs(expected).max()
         assert solver.inertia == (None if unsymmetric or is_complex() else int((values < -mass).sum()))
     records = solver.records
     assert [record.kind for record in records] == 3 * ["LU" if unsymmetric else "LDL^T"]
@@ -90,7 +95,7 @@ def test_models_are_those_of_mumps(comm, gpu, small, task):
                 if task in ("tolerance", "free"):
                     assert rom.record.accuracy.reached and len(rom.record.accuracy.proofs) == (2 if is_complex() else 1)
     for response in responses[1:]:
-        assert np.abs(response - responses[0]).max() < 1e-8 * np.abs(responses[0]).max()
+        assert np.abs(response - responses[0]).max() < near(gpu) * np.abs(responses[0]).max()
     assert {item.package for item in factors["mumps"]} == {"mumps"}
     assert {item.package for item in factors["cudss"] + factors["auto"]} == {"cudss"}
     assert {item.package_because for item in factors["auto"]} == {"there is a GPU that the factor fits"}
@@ -141,10 +146,9 @@ def test_a_gpu_of_one_group_fails(comm, monkeypatch, small, phase):
         points = [Krylov(frequency=50.0), Krylov(frequency=150.0)]
         with pytest.raises(ComputationError, match="cuDSS failed: RuntimeError: CUDSS_STATUS_EXECUTION_FAILED"):
             hpcred.reduce(model, points, Buckens(), groups=2, factoring=by())
-        if phase == "solve":
-            return
         with hpcred.reduce(model, points, Buckens(), groups=2, factoring=by("auto")) as rom:
-            assert sorted(item.package for item in rom.record.factorisations) == ["cudss", "mumps"]
+            found = sorted(item.package for item in rom.record.factorisations)
+            assert found == ["cudss"] * (2 if phase == "solve" else 1) + ["mumps"]
             assert "MUMPS made factors, since on the GPU cuDSS failed" in " ".join(rom.record.warnings)
 
 
@@ -236,10 +240,18 @@ def test_a_gpu_that_fails_leaves_the_factor_to_mumps_if_it_may(comm, solid, monk
 
 
 @pytest.mark.mpi
-def test_a_gpu_that_fails_in_a_solve(comm, solid, monkeypatch):
+def test_a_gpu_that_fails_in_a_solve(comm, solid, monkeypatch, small):
     Gpu(failing="solve", error=RuntimeError("CUDSS_STATUS_EXECUTION_FAILED")).used_by(monkeypatch)
     with pytest.raises(ComputationError, match="cuDSS failed: RuntimeError: CUDSS_STATUS_EXECUTION_FAILED"):
         hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by())
+    frequencies, responses = np.linspace(10.0, 200.0, 5), []
+    for package in ("mumps", "auto"):
+        with hpcred.reduce(solid, [Krylov(frequency=100.0)], factoring=by(package)) as rom:
+            responses.append(hpcred.frequency_response(rom, frequencies))
+            found = rom.record.factorisations
+    assert [item.package for item in found] == ["cudss", "mumps"]
+    assert found[1].package_because.startswith("on the GPU cuDSS failed") and found[1].columns_solved
+    assert np.abs(responses[1] - responses[0]).max() < 1e-9 * np.abs(responses[0]).max()
 
 
 @pytest.mark.mpi
@@ -319,7 +331,7 @@ def test_single_precision_is_refined(comm, solid, gpu):
     solver.factor(-1e6)
     loads = 1e-30 * np.random.default_rng(4).standard_normal((len(K), 2))  # below the numbers of single precision
     expected = np.linalg.solve(K - 1e6 * M, loads)
-    assert np.abs(solved(solid, solver, loads) - expected).max() < 1e-8 * np.abs(expected).max()
+    assert np.abs(solved(solid, solver, loads) - expected).max() < near(gpu) * np.abs(expected).max()
     assert solver.inertia is None and solver.records[-1].precision == "single"
     solver.close()
 

@@ -78,6 +78,7 @@ class Auto(Factorisation):
         return words, left
 
     def factor(self, **labels):
+        self._labels = labels
         self._on_gpu_or_not(lambda: self._factors.factor(**labels))
         self.source = self._factors.source
         self.records.append(self._factors.records[-1])
@@ -95,6 +96,11 @@ class Auto(Factorisation):
             return function()
 
     def back_substitute(self, load, solution):
+        self._on_gpu_or_not(lambda: self._by_present_factor(load, solution))
+
+    def _by_present_factor(self, load, solution):
+        if not self._factors.records:  # MUMPS, after the GPU failed in a solve
+            self.factor(**self._labels)
         self._factors.back_substitute(load, solution)
 
     def _factor(self):
