@@ -9,7 +9,6 @@ import sys
 import textwrap
 
 from ..files.hdf5 import atomic_output
-from ..linalg.solvers.base import FAILED_ON_GPU, IN_HOST
 from ..parallel.failures import agreed
 from ..parallel.messages import printable
 from ..parallel.petsc import MPI
@@ -170,11 +169,9 @@ def show_timing(timing: Timing, factorisations=()):
         parts = [sum(getattr(item, key) for item in factorisations) for key in keys]
         used = max(item.memory_mb_used_max_rank for item in factorisations)
         last = factorisations[-1]
-        where = "of the GPU" if last.package == "cudss" else "a rank"
-        if last.package_because.startswith(IN_HOST):
-            where += " and the host"
+        where = "a rank" if last.package != "cudss" else "of the GPU and the host" if last.in_host else "of the GPU"
         memory = f"; {used} MB {where}" if used else ""
-        if last.package == "cudss" or last.package_because.startswith(FAILED_ON_GPU):
+        if last.package == "cudss" or last.gpu_failed:
             memory += f" ({last.package_because})" if last.package_because else ""
         print(
             f"{NAMES.get(last.package, last.package)} {sum(parts):.2f} s of it "

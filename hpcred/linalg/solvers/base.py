@@ -95,6 +95,16 @@ class FactorRecord:
         """Whether there was a factor."""
         return self.kind in ("LDL^T", "LU")
 
+    @property
+    def in_host(self) -> bool:
+        """Whether the memory of the host has this factor of a GPU."""
+        return self.package_because.startswith(IN_HOST)
+
+    @property
+    def gpu_failed(self) -> bool:
+        """Whether it was made in place of one on a GPU, which failed or is too small."""
+        return self.package_because.startswith(FAILED_ON_GPU)
+
 
 class Solver(ABC):
     """Solves blocks with one matrix A = K + damping D + mass M of a model at a time.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
-from ...linalg.solvers.base import FAILED_ON_GPU, FactorRecord
+from ...linalg.solvers.base import FactorRecord
 from ..result.record import ComponentRecord
 
 WITHOUT_MASS = (
@@ -51,9 +51,9 @@ class Notes:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user of the result has to know."""
-        because = [record.package_because for record in self.factorisations]
-        on_gpu = [f"MUMPS made factors, since {text}" for text in because if text.startswith(FAILED_ON_GPU)]
-        return (*dict.fromkeys([*self.remarks, *on_gpu]), *([WITHOUT_MASS] if self.massless else []))
+        failed = [f"MUMPS made factors, since {record.package_because}" for record in self.factorisations
+                  if record.gpu_failed]  # fmt: skip
+        return (*dict.fromkeys([*self.remarks, *failed]), *([WITHOUT_MASS] if self.massless else []))
 
     @property
     def factorisations_saved(self) -> int:
