@@ -170,9 +170,10 @@ test-chromium: install
 	$(call apt,chromium)
 	$(PYTHON) -m pytest -m chromium
 
-# factors on a GPU of NVIDIA; the driver has to be there
+# factors on a GPU of NVIDIA; the driver has to be there, of CUDA 13, or: make test-cuda CUDA=12
+CUDA ?= 13
 test-cuda: install
-	$(PYTHON) -m pip install -q 'nvmath-python[cu13]>=1.0,<2'
+	$(PYTHON) -m pip install -q 'nvmath-python[cu$(CUDA)]>=1.0,<2'
 	HPCRED_TEST_CUDA=1 $(PYTHON) -m pytest -m cuda
 
 # SLURM on this machine as this user, in a temporary folder: the scripts of jobs/ are submitted to it

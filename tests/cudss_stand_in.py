@@ -13,12 +13,13 @@ class Gpu:
     def __init__(self, free_mb=1000.0, need_mb=100, least_mb=50, failing=None, error=None, spoil=0.0):
         self.free_mb, self.need_mb, self.least_mb = free_mb, need_mb, least_mb
         self.failing, self.error, self.spoil = failing, error, spoil
-        self.analyses, self.factors, self.freed, self.hybrid = 0, 0, 0, None
+        self.analyses, self.factors, self.freed, self.limit = 0, 0, 0, None
 
     def used_by(self, monkeypatch, count=1):
         """Have cuDSS be found, with this GPU `count` times."""
         monkeypatch.setattr(cudss, "unusable", lambda: None)
         monkeypatch.setattr(cudss, "count_of_gpus", lambda: count)
+        monkeypatch.setattr(cudss, "gpus_seen", lambda: set(range(count)))
         monkeypatch.setattr(cudss, "free_mb", lambda gpu: self.free_mb)
         monkeypatch.setattr(cudss, "GpuFactor", lambda *arguments: Factor(self, *arguments))
         return self
@@ -31,10 +32,10 @@ class Gpu:
 class Factor:
     """As GpuFactor: the pattern stays, and only the lower triangle is looked at of symmetric matrices."""
 
-    def __init__(self, gpu, number, indptr, indices, values, symmetric, processors, hybrid=False):
+    def __init__(self, gpu, number, indptr, indices, values, symmetric, processors, limit=0):
         assert len(processors) and len(indices) == len(values)
         self.gpu, self.symmetric, self.locked = gpu, symmetric, []
-        self.size, gpu.hybrid = len(indptr) - 1, hybrid
+        self.size, gpu.limit = len(indptr) - 1, limit
         self.pattern = indices.copy(), indptr.copy()
         self.take(values)
         assert self.matrix.has_canonical_format and (not symmetric or scipy.sparse.triu(self.matrix, 1).nnz == 0)

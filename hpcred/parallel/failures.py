@@ -185,7 +185,7 @@ def _meet(private, word: int, patience: float | None):
             _left_open.append((request, said, told))  # what MPI may still write to
             return None
         if waited > 1e-3:
-            time.sleep(min(waited / 10, 0.005))
+            time.sleep(min(waited / 20, 0.005))  # what it comes late by
     return told
 
 

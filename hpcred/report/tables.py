@@ -169,8 +169,9 @@ def show_timing(timing: Timing, factorisations=()):
         parts = [sum(getattr(item, key) for item in factorisations) for key in keys]
         used = max(item.memory_mb_used_max_rank for item in factorisations)
         last = factorisations[-1]
-        memory = f"; {used} MB {'of the GPU' if last.package == 'cudss' else 'a rank'}" if used else ""
-        if last.package == "cudss" or last.package_because.startswith("on the GPU"):
+        where = "a rank" if last.package != "cudss" else "of the GPU and the host" if last.in_host else "of the GPU"
+        memory = f"; {used} MB {where}" if used else ""
+        if last.package == "cudss" or last.gpu_failed:
             memory += f" ({last.package_because})" if last.package_because else ""
         print(
             f"{NAMES.get(last.package, last.package)} {sum(parts):.2f} s of it "

@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import sys
 from enum import Enum
 from types import SimpleNamespace
 
@@ -13,7 +14,8 @@ import scipy.sparse.linalg
 from hpcred.linalg.solvers import gpu_factor
 from hpcred.linalg.solvers.gpu_factor import GpuFactor
 
-CONFIGURED = {"HOST_NTHREADS": np.int32, "HYBRID_MEMORY_MODE": np.int32, "IR_N_STEPS": np.int32, "IR_TOL": np.float64}
+CONFIGURED = {"HOST_NTHREADS": np.int32, "HYBRID_MEMORY_MODE": np.int32, "HYBRID_DEVICE_MEMORY_LIMIT": np.int64,
+              "IR_N_STEPS": np.int32, "IR_TOL": np.float64}  # fmt: skip
 KINDS = {number: np.dtype(name) for name, number in gpu_factor.KINDS.items()}
 
 
@@ -126,26 +128,34 @@ def _array(place, count, dtype):
     return np.frombuffer((ctypes.c_char * (count * np.dtype(dtype).itemsize)).from_address(place), dtype)
 
 
-def factor_of(A, symmetric):
+def factor_of(A, symmetric, limit=0):
     lower = scipy.sparse.csr_matrix(np.tril(A) if symmetric else A)
-    return GpuFactor(0, lower.indptr, lower.indices, lower.data, symmetric, os.sched_getaffinity(0)), lower
+    return GpuFactor(0, lower.indptr, lower.indices, lower.data, symmetric, os.sched_getaffinity(0), limit), lower
 
 
+@pytest.mark.parametrize("real", [False, pytest.param(True, marks=pytest.mark.cuda)])
+@pytest.mark.parametrize("limit", [0, 2**30])
 @pytest.mark.parametrize("symmetric", [True, False])
-@pytest.mark.parametrize("dtype", [float, complex, np.float32])
-def test_solutions_for_other_widths_and_values(monkeypatch, symmetric, dtype):
+@pytest.mark.parametrize("dtype", [float, complex, np.float32, np.complex64])
+def test_solutions_for_other_widths_and_values(monkeypatch, symmetric, dtype, limit, real):
     """Rows of ranks are blocks of the columns, one of them empty; all is freed at the end."""
-    device, random = Device(monkeypatch), np.random.default_rng(5)
+    device, random = None if real else Device(monkeypatch), np.random.default_rng(5)
     A = (random.standard_normal((6, 6)) + 6 * np.eye(6)).astype(dtype)
     A = A + A.T if symmetric else A
-    factor, matrix = factor_of(A, symmetric)
+    factor, matrix = factor_of(A, symmetric, limit)
     before = os.sched_getaffinity(0)
     factor.analyse()
-    assert (factor.need, factor.least) == (100, 50) and os.sched_getaffinity(0) == before
+    assert os.sched_getaffinity(0) == before
+    assert factor.need > 0 and factor.least >= 0 if real else (factor.need, factor.least) == (100, 50)
     for scale in (1.0, 3.0):
         factor.take((scale * matrix.data).astype(dtype))
         factor.factorise()
-        assert (factor.entries, factor.perturbed, factor.inertia) == (9, 0, (2, 1))
+        assert factor.perturbed == 0
+        if not real:
+            assert (factor.entries, factor.inertia) == (9, (2, 1))
+        elif symmetric and np.isrealobj(A):
+            negative = int((np.linalg.eigvalsh(A) < 0).sum())
+            assert factor.inertia == (len(A) - negative, negative)
         for columns in (2, 5, 1):
             b = random.standard_normal((6, columns)).astype(dtype)
             blocks = [(start, np.array(b[start:stop], order="F")) for start, stop in ((0, 4), (4, 4), (4, 6))]
@@ -153,10 +163,15 @@ def test_solutions_for_other_widths_and_values(monkeypatch, symmetric, dtype):
                 factor.lock(block)
             factor.solve(blocks)
             found = np.vstack([block for _, block in blocks])
-            assert np.allclose(scale * A @ found, b, atol=1e-4 if dtype == np.float32 else 1e-12)
+            single = np.finfo(dtype).eps > 1e-10
+            assert np.allclose(scale * A @ found, b, atol=1e-4 if single else 1e-10 if real else 1e-12)
             factor.unlock()
-    assert ("IR_TOL" in device.config) == (dtype != np.float32)  # whose residuals do not come down so far
     factor.free()
+    if real:
+        return
+    assert ("IR_TOL" in device.config) == (not single)  # whose residuals do not come down so far
+    assert device.config.get("HYBRID_MEMORY_MODE", 0) == (limit > 0)
+    assert device.config.get("HYBRID_DEVICE_MEMORY_LIMIT", 0) == limit
     assert not device.memory and not device.objects and not device.locked
 
 
@@ -215,3 +230,48 @@ def test_a_gpu_that_frees_nothing_after_an_error_tells_that_error(monkeypatch):
     monkeypatch.setattr(device, "config_destroy", lambda *arguments: [][0])
     with pytest.raises(ZeroDivisionError):
         factor_of(np.diag([1.0, 2.0]), True)
+
+
+def test_a_cudss_that_the_bindings_are_not_for(monkeypatch):
+    """Which they do not look at by themselves."""
+
+    def refuse():
+        raise RuntimeError("nvmath-python requires cuDSS version 0.8, while you have cuDSS version 0.7.")
+
+    loaded, bindings = [], SimpleNamespace()
+    solver = SimpleNamespace(_check_cudss_version=refuse)
+    for name, module in {
+        "cuda": SimpleNamespace(), "cuda.pathfinder": SimpleNamespace(load_nvidia_dynamic_lib=loaded.append),
+        "nvmath": SimpleNamespace(), "nvmath.bindings": SimpleNamespace(cudss=bindings),
+        "nvmath.sparse": SimpleNamespace(), "nvmath.sparse.advanced": SimpleNamespace(),
+        "nvmath.sparse.advanced.direct_solver": solver,
+    }.items():  # fmt: skip
+        monkeypatch.setitem(sys.modules, name, module)
+    with pytest.raises(RuntimeError, match="while you have cuDSS version 0.7"):
+        gpu_factor.library()
+    solver._check_cudss_version = lambda: None
+    assert gpu_factor.library() is bindings and loaded == 2 * ["cublasLt", "cublas", "nvrtc"]
+
+
+@pytest.mark.parametrize("driver, error, count", [
+    (0, "CUDA driver version is insufficient for CUDA runtime version (cudaErrorInsufficientDriver)", 0),
+    (13000, "no CUDA-capable device is detected (cudaErrorNoDevice)", 0),
+    (11000, "CUDA driver version is insufficient for CUDA runtime version (cudaErrorInsufficientDriver)", None),
+    (13000, None, 2),
+])  # fmt: skip
+def test_gpus_are_counted_without_any(monkeypatch, driver, error, count):
+    """An old driver is no lack of GPUs."""
+
+    def runtime(name):
+        if name == "cudaDriverGetVersion":
+            return driver
+        if error:
+            raise RuntimeError(f"{name}: {error}")
+        return 2
+
+    monkeypatch.setattr(gpu_factor, "runtime", runtime)
+    if count is None:
+        with pytest.raises(RuntimeError, match="driver version is insufficient"):
+            gpu_factor.count_of_gpus()
+    else:
+        assert gpu_factor.count_of_gpus() == count

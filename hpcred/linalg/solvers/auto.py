@@ -7,7 +7,7 @@ from functools import partial
 from ...parallel.decisions import decided
 from ...parallel.failures import ComputationError
 from . import cudss
-from .base import Factorisation
+from .base import FAILED_ON_GPU, Factorisation
 from .cudss import Cudss
 from .mumps import Mumps
 from .settings import Factoring
@@ -68,10 +68,17 @@ class Auto(Factorisation):
     def estimate(self):
         return self._on_gpu_or_not(lambda: self._factors.estimate())
 
+    def side_by_side(self):
+        return self._factors.side_by_side()
+
     def known(self):
-        return self._factors.known()
+        words, left = self._factors.known()
+        if words and isinstance(self._factors, Mumps):
+            words += f", by MUMPS, since {self._factors.because}"
+        return words, left
 
     def factor(self, **labels):
+        self._labels = labels
         self._on_gpu_or_not(lambda: self._factors.factor(**labels))
         self.source = self._factors.source
         self.records.append(self._factors.records[-1])
@@ -85,10 +92,15 @@ class Auto(Factorisation):
                 raise
             self._factors.close()
             self._factors = self._by_mumps()
-            self._factors.because = f"on the GPU {str(error).partition('; take')[0]}"
+            self._factors.because = f"{FAILED_ON_GPU}{str(error).partition('; take')[0]}"
             return function()
 
     def back_substitute(self, load, solution):
+        self._on_gpu_or_not(lambda: self._by_present_factor(load, solution))
+
+    def _by_present_factor(self, load, solution):
+        if not self._factors.records:  # MUMPS, after the GPU failed in a solve
+            self.factor(**self._labels)
         self._factors.back_substitute(load, solution)
 
     def _factor(self):

@@ -21,6 +21,7 @@ from .settings import Factoring
 
 MOST_NUMBERS = 2**31 - 1  # of a block in all rows, whose places PETSc's solves count by 32 bits
 AT_REST = "0 Hz"
+FAILED_ON_GPU, IN_HOST = "on the GPU ", "the host has the factor"  # beginnings of FactorRecord.package_because
 MOVES_FREELY = (
     "the body, or a part of it as along the axis of a rotor, can move freely; take frame kind 'buckens' (inertia "
     "relief) for a free body, hold what moves ('tangent', 'chord', a soft spring), or take points and bands above 0 Hz"
@@ -56,7 +57,7 @@ class FactorRecord:
     the solves, `nearby_residual` of those at other points, by conjugate gradients with this factor. Of kind "multigrid"
     (or "diagonal", for M) there is no factor: `levels` of the hierarchy, `factor_entries` in all of them, and
     `iterations` of conjugate gradients, the most that a column took; `expected_iterations`, predicted by a trial.
-    `package_because`: why package = "auto" took this one.
+    `package_because`: why package = "auto" took this one, or that the memory of the host has a factor of a GPU.
     `source`: what values have for a source that the factor tells, None in files of earlier versions; `negative_pivots`
     of an approximate one are those of A, or None.
     """
@@ -93,6 +94,16 @@ class FactorRecord:
     def direct(self) -> bool:
         """Whether there was a factor."""
         return self.kind in ("LDL^T", "LU")
+
+    @property
+    def in_host(self) -> bool:
+        """Whether the memory of the host has this factor of a GPU."""
+        return self.package_because.startswith(IN_HOST)
+
+    @property
+    def gpu_failed(self) -> bool:
+        """Whether it was made in place of one on a GPU, which failed or is too small."""
+        return self.package_because.startswith(FAILED_ON_GPU)
 
 
 class Solver(ABC):
@@ -136,8 +147,13 @@ class Solver(ABC):
         raise NotSolved("this solver solves where it factors")
 
     def estimate(self) -> tuple[float, float] | None:
-        """MB that a factor of A needs in all, and MB that the ranks have; None where it is not known. Raises
+        """MB that a factor of A needs in all, and MB that the ranks, or a GPU, have; None where it is not known. Raises
         DoesNotFit."""
+        return None
+
+    def side_by_side(self) -> int | None:
+        """How many GPUs there are, each for one factor at a time; None for factors of which memory alone limits how
+        many there can be."""
         return None
 
     def known(self) -> tuple[str, float | None]:
@@ -228,6 +244,10 @@ class Factorisation(ABC):
         """See Solver."""
         return None
 
+    def side_by_side(self) -> int | None:
+        """See Solver."""
+        return None
+
     def known(self) -> tuple[str, float | None]:
         """See Solver."""
         return "", None
@@ -254,12 +274,11 @@ class Factorisation(ABC):
         # the state of a parallel matrix does not follow MatAXPY, and setUp looks at new values only when told
         self.matrix.stateIncrease()
         start = time.perf_counter()
-        found = {"analysis_seconds": 0.0, **self._factor()}
+        found = {"analysis_seconds": 0.0, "package_because": self.because, **self._factor()}
         seconds = round(time.perf_counter() - start - found["analysis_seconds"], 4)
         self.records.append(
             FactorRecord(**labels, kind=self.kind, package=self.name, factor_seconds=seconds,
-                         precision=self.factoring.solver.precision, package_because=self.because,
-                         source=self.source, **found)
+                         precision=self.factoring.solver.precision, source=self.source, **found)
         )  # fmt: skip
         if self.source != EXACT:
             self._confirm_inertia()

@@ -2,7 +2,7 @@
 
 The first rank of a communicator (all ranks, or a group) holds the matrix and its factor on a GPU. The others give it
 their rows, the pattern once and values for each factor, and whole blocks of columns, in memory that they share on one
-node. While it orders and factors the others sleep, and their processors order with it.
+node. While it has the GPU work the others sleep, and their processors order with it.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ from ...parallel.memory import MB
 from ...parallel.parts import Parts
 from ...parallel.petsc import PETSc
 from ..known import EXACT, Source
-from .base import DoesNotFit, Factorisation
-from .gpu_factor import GpuFactor, runtime
+from .base import IN_HOST, DoesNotFit, Factorisation
+from .gpu_factor import GpuFactor, count_of_gpus, library, runtime
 
 WIDTH = 24  # columns of a solve at most
 COPIES = 4  # of them on the GPU: right-hand sides and solutions, residuals and corrections of their refinement
 HELP = "`pip install 'hpcred[cuda13]'` (cuda12 for older drivers) brings nvmath-python and cuDSS; or take 'mumps'"
+NO_GPU = "found no GPU of NVIDIA with its driver, or CUDA_VISIBLE_DEVICES hides it"
 NO_MEMORY = ("alloc_failed", "out of memory", "out_of_memory", "memory_allocation")  # in errors of the library
 PERTURBED = Source(kind="approximate factor", accuracy=1e-8)  # with pivots that were too small
 SPARE_MB = 512  # of the GPU, beside what the analysis says that the factor takes
@@ -45,6 +46,7 @@ class Cudss(Factorisation):
     name = "cudss"
     tells_inertia = True
     has_single = True
+    _known = ""  # on the first rank
 
     def __init__(self, matrix, symmetric, prefix, factoring=None, reserved_mb=0.0, inertia=False, null_pivots=False):
         super().__init__(matrix, symmetric, prefix, factoring, reserved_mb, inertia, null_pivots)
@@ -66,35 +68,45 @@ class Cudss(Factorisation):
     @classmethod
     def check_build(cls, comm):
         if reason := decided(comm, unusable):
-            raise InputError(f"solver.package: 'cudss' {reason}; {HELP}")
+            what_helps = "`nvidia-smi` lists what there is; or take 'mumps'" if reason == NO_GPU else HELP
+            raise InputError(f"solver.package: 'cudss' {reason}; {what_helps}")
 
     def estimate(self):
         """See Solver: of the memory of the GPUs, by an analysis, which the next factor uses."""
-        self._gather_matrix()
-        found = None
-        with agreed(self._comm):
-            if self._leads:
-                with _failures():
-                    if self._on_gpu is None:
-                        self._analyse()
-                    found = float(self._need), free_mb(self._gpu) * count_of_gpus()
-        return self._comm.bcast(found)
+        return self._by_first_rank(self._estimated)
+
+    def _estimated(self):
+        if self._on_gpu is None:
+            self._analyse()
+        return float(self._need), free_mb(self._gpu)
+
+    def known(self):
+        """See Solver: where the factor will be, by the analysis."""
+        return self._known, None
+
+    def side_by_side(self):
+        """See Solver: one on each GPU that some rank sees."""
+        return len(set().union(*self._comm.allgather(gpus_seen())))
 
     def _factor(self):
+        found = self._by_first_rank(self._factored)
+        self.analyses += found.pop("analyses")
+        self.source = PERTURBED if found.get("null_pivots") else self.source_of(self.factoring, self.prefix)
+        return found
+
+    def _by_first_rank(self, function):
+        """What a function of the first rank returns, which has the matrix as it is now, on all; others sleep."""
         self._gather_matrix()
         found = None
         try:
             with agreed(self._comm):
                 if self._leads:
                     with _failures():
-                        found = self._factored()
+                        found = function()
         except Exception:
             self.release()
             raise
-        found = self._comm.bcast(found)
-        self.analyses += found.pop("analyses")
-        self.source = PERTURBED if found.get("null_pivots") else self.source_of(self.factoring, self.prefix)
-        return found
+        return self._comm.bcast(found)
 
     def _factored(self):
         """Factor on the GPU, with an analysis before the first factor."""
@@ -113,6 +125,8 @@ class Cudss(Factorisation):
             "memory_mb_estimated_max_rank": self._need, "memory_mb_used_total": self._need,
             "memory_mb_used_max_rank": self._need,
         }  # fmt: skip
+        if self._in_host:
+            found["package_because"] = self._in_host
         if self.counts() and self.kind == "LDL^T":
             found |= {"negative_pivots": factor.inertia[1], "null_pivots": factor.perturbed}
         return found
@@ -120,24 +134,28 @@ class Cudss(Factorisation):
     def _analyse(self):
         """Order and analyse for the GPU; for the memory of the host too where the factor is larger than the GPU.
         Raises DoesNotFit."""
-        self._plan(hybrid=False)
+        self._plan()
         factor, columns = self._on_gpu, COPIES * WIDTH * (len(self._pattern[0]) - 1) * self._scalar.itemsize // MB
-        self._need, free = factor.need // MB, free_mb(self._gpu)
-        if self._need + columns + SPARE_MB <= free:
+        self._need, self._in_host, free = factor.need // MB, "", free_mb(self._gpu)
+        limit = free - columns - SPARE_MB
+        if self._need <= limit:
+            self._known = f"by cuDSS on GPU {self._gpu}, {self._need} MB"
             return
         least, host = factor.least // MB, self._need
         self._free()
-        if not least or least + columns + SPARE_MB > free or host > self._host_mb:
+        if not least or least > limit or host > self._host_mb:
             raise DoesNotFit(
                 f"the factorisation does not fit: it needs about {self._need} MB on the GPU, which has {free:.0f} MB "
                 f"free, or {least} MB there and {host} MB on the host, which has {self._host_mb:.0f} MB; take a GPU "
                 "with more memory, solver.precision = 'single', or solver.package = 'mumps'"
             )
-        self._plan(hybrid=True)
+        self._in_host = f"{IN_HOST} of {self._need} MB, since the GPU has {free:.0f} MB free"
+        self._plan(limit=int(limit * MB))
+        self._known = f"by cuDSS on GPU {self._gpu}; {self._in_host}"
 
-    def _plan(self, hybrid):
+    def _plan(self, limit=0):
         self._on_gpu = GpuFactor(
-            self._gpu, *self._pattern, self._values.whole, self.kind == "LDL^T", self._processors, hybrid
+            self._gpu, *self._pattern, self._values.whole, self.kind == "LDL^T", self._processors, limit
         )
         self._on_gpu.analyse()
 
@@ -147,8 +165,8 @@ class Cudss(Factorisation):
         ranks = self._comm.gather(mine)
         if self._leads:
             beside = [processors for host, processors in ranks if host == mine[0]]
-            self._processors, self._host_mb = set().union(*beside), self._rank_mb * len(beside)
-            self._gpu = startup.rank_on_node * count_of_gpus() // startup.ranks_on_node
+            self._processors, self._host_mb = _processors_of(beside), self._rank_mb * len(beside)
+            self._gpu = own_gpu()
 
     # The matrix on the first rank in CSR: of symmetric ones the lower triangle
 
@@ -196,7 +214,9 @@ class Cudss(Factorisation):
             self._forget_columns()
             self._columns = Parts(self._comm, len(b), b.shape[1], self._scalar)
         self._columns.gather(b)
-        decided(self._comm, self._solve_on_gpu, b.shape[1])  # ranks that slept would come late for so short a time
+        with agreed(self._comm):
+            if self._leads:
+                self._solve_on_gpu(b.shape[1])
         self._columns.scatter(x)
 
     def _solve_on_gpu(self, columns):
@@ -238,6 +258,15 @@ class Cudss(Factorisation):
         self._values = None
 
 
+def _processors_of(beside: list[set[int]]) -> set[int]:
+    """The processors of ranks; where a launcher leaves all of a node to each rank, other groups have their part."""
+    found, ranks = sorted(set().union(*beside)), startup.ranks_on_node
+    if len(found) < ranks or any(processors != beside[0] for processors in beside):
+        return set(found)
+    start = startup.rank_on_node * len(found) // ranks
+    return set(found[start : start + len(beside) * len(found) // ranks])
+
+
 @contextmanager
 def _failures():
     """Errors of the library as ours. Raises DoesNotFit, ComputationError."""
@@ -260,9 +289,9 @@ def unusable() -> str | None:
         return "needs nvmath-python, which is not installed"
     try:
         if not count_of_gpus():
-            return "found no GPU of NVIDIA, or CUDA_VISIBLE_DEVICES hides it"
+            return NO_GPU
         indptr, columns = np.array([[0, 1, 2], [0, 1, -1]], np.int32)
-        factor = GpuFactor(0, indptr, columns[:2], np.array([1.0, 2.0]), True, os.sched_getaffinity(0))
+        factor = GpuFactor(own_gpu(), indptr, columns[:2], np.array([1.0, 2.0]), True, os.sched_getaffinity(0))
         try:
             factor.analyse()
             factor.factorise()
@@ -276,9 +305,19 @@ def unusable() -> str | None:
         return f"cannot be used here ({type(error).__name__}: {text})"
 
 
-def count_of_gpus() -> int:
-    """How many GPUs this process sees."""
-    return runtime("cudaGetDeviceCount")
+def own_gpu() -> int:
+    """The GPU of this rank: ranks of a node share those that they see in turn, a group by its first rank. A launcher
+    that binds a GPU to each rank shows it one."""
+    return startup.rank_on_node * count_of_gpus() // startup.ranks_on_node
+
+
+def gpus_seen() -> set[bytes]:
+    """What tells the GPUs that this process sees from those of others."""
+    if find_spec("nvmath") is None:
+        return set()
+    with suppress(Exception):
+        return {runtime("cudaGetDeviceProperties", gpu).uuid.bytes for gpu in range(count_of_gpus())}
+    return set()
 
 
 def free_mb(gpu: int) -> float:
@@ -295,4 +334,5 @@ def gpus_in_words() -> str:
     for gpu in range(count_of_gpus()):
         properties = runtime("cudaGetDeviceProperties", gpu)
         found.append(f"{properties.name.decode()} ({properties.totalGlobalMem / 2**30:.0f} GB)")
-    return f"{', '.join(found)}; nvmath-python {version('nvmath-python')}"
+    cudss = ".".join(str(library().get_property(part)) for part in range(3))
+    return f"{', '.join(found)}; cuDSS {cudss} by nvmath-python {version('nvmath-python')}"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import os
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -24,24 +25,25 @@ REFINED, STEPS = REFINE_ABOVE / 2, 2  # residual that cuDSS refines to, which is
 class GpuFactor:
     """The factor LDL^T, or LU, on a GPU of a matrix in CSR, of whose symmetric ones the lower triangle is given.
 
-    `values` of the matrix, like columns, are arrays of the host; `processors`: for the threads of the analysis. After
-    analyse(): `need`, `least` (bytes): of the GPU, without and with the memory of the host for the factor. After
+    `values` of the matrix, like columns, are arrays of the host; `processors`: for the threads of the analysis;
+    `limit`: bytes of the GPU that may be taken where the memory of the host has the factor, 0 where the GPU has it.
+    After analyse(): `need`, `least` (bytes): of the GPU, without and with the memory of the host for the factor. After
     factorise(): `entries` of the factor, `inertia` (positive, negative) and `perturbed` pivots. Call free().
     """
 
-    def __init__(self, gpu: int, indptr, indices, values, symmetric: bool, processors, hybrid=False):
+    def __init__(self, gpu: int, indptr, indices, values, symmetric: bool, processors, limit=0):
         self._gpu, self._processors, self._dtype, self._index = gpu, processors, values.dtype, indices.dtype
         self.size, self._library = len(indptr) - 1, library()
         self._memory, self._locked, self._columns, self._dense = {}, {}, 0, []
         self._handle = self._config = self._data = self._matrix = 0
         try:
-            self._create(indptr, indices, values, symmetric, hybrid)
+            self._create(indptr, indices, values, symmetric, limit)
         except BaseException:
             with suppress(Exception):  # after an error of a GPU nothing can be freed, and that error counts
                 self.free()
             raise
 
-    def _create(self, indptr, indices, values, symmetric, hybrid):
+    def _create(self, indptr, indices, values, symmetric, limit):
         cudss = self._library
         runtime("cudaSetDevice", self._gpu)
         self._handle, self._config = cudss.create(), cudss.config_create()
@@ -49,7 +51,9 @@ class GpuFactor:
         if threads := threads_library():
             cudss.set_threading_layer(self._handle, threads)
             self._set("HOST_NTHREADS", len(self._processors))
-        self._set("HYBRID_MEMORY_MODE", int(hybrid))
+        if limit:  # by itself cuDSS takes all of the GPU, though others may be there
+            self._set("HYBRID_MEMORY_MODE", 1)
+            self._set("HYBRID_DEVICE_MEMORY_LIMIT", limit)
         if np.finfo(self._dtype).eps < REFINED:
             self._set("IR_N_STEPS", STEPS)
             self._set("IR_TOL", REFINED)
@@ -204,13 +208,17 @@ def _direction(to_gpu):
 
 
 def library():
-    """The bindings of cuDSS, with the libraries that it looks for."""
+    """The bindings of cuDSS, with the libraries that it looks for. Raises RuntimeError for a cuDSS that they are not
+    for."""
     from cuda.pathfinder import load_nvidia_dynamic_lib
 
     for name in ("cublasLt", "cublas", "nvrtc"):
         load_nvidia_dynamic_lib(name)
     from nvmath.bindings import cudss
 
+    # the version is looked at by the class DirectSolver alone: other ones have the same name, and other arguments
+    module = import_module("nvmath.sparse.advanced.direct_solver")
+    getattr(module, "_check_cudss_version", lambda: None)()
     return cudss
 
 
@@ -220,8 +228,20 @@ def runtime(name, *arguments):
 
     code, *found = getattr(runtime, name)(*arguments)
     if code != runtime.cudaError_t.cudaSuccess:
-        raise RuntimeError(f"{name}: {runtime.cudaGetErrorString(code)[1].decode()}")
+        raise RuntimeError(f"{name}: {runtime.cudaGetErrorString(code)[1].decode()} ({code.name})")
     return found[0] if len(found) == 1 else found
+
+
+def count_of_gpus() -> int:
+    """How many GPUs this process sees: none where there is no driver, or where it finds none. Raises RuntimeError."""
+    if not runtime("cudaDriverGetVersion"):
+        return 0
+    try:
+        return runtime("cudaGetDeviceCount")
+    except RuntimeError as error:
+        if "cudaErrorNoDevice" in str(error):
+            return 0
+        raise
 
 
 def threads_library() -> str | None:

@@ -64,6 +64,9 @@ class ShiftedSolver(DirectSolver):
         self._begin_with(self.model.K)
         return self.factors.estimate()
 
+    def side_by_side(self):
+        return self.factors.side_by_side()
+
     @property
     def inertia(self):
         return self.factors.inertia

@@ -91,8 +91,10 @@ def number_of_groups(wanted, run, points: int) -> int:
     if most < 2 or run.solvers.multigrid:
         return 1
     with run.progress.stage("estimate"):
+        solver, gpus = run.solvers.real(), None
         try:
-            estimate = run.solvers.real().estimate()
+            estimate = solver.estimate()
+            gpus = solver.side_by_side()
         except DoesNotFit:  # the first point says what is done then
             estimate = None
         run.solvers.release()
@@ -100,6 +102,11 @@ def number_of_groups(wanted, run, points: int) -> int:
         run.progress.say("1 group of ranks: a factor does not fit, or what it needs is not known")
         return 1
     need, have = estimate
+    if gpus is not None:
+        found = max(1, min(most, gpus))
+        run.progress.say(f"{found} groups of ranks, one on each of {gpus} GPUs: a factor needs about {need:.0f} MB, a "
+                         f"GPU has {have:.0f} MB")  # fmt: skip
+        return found
     found = max(1, min(most, int(have / (1.2 * max(need, 1)))))
     run.progress.say(f"{found} groups of ranks: a factor needs about {need:.0f} MB, there are {have:.0f} MB")
     return found

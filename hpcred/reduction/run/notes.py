@@ -51,7 +51,9 @@ class Notes:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user of the result has to know."""
-        return (*dict.fromkeys(self.remarks), *([WITHOUT_MASS] if self.massless else []))
+        failed = [f"MUMPS made factors, since {record.package_because}" for record in self.factorisations
+                  if record.gpu_failed]  # fmt: skip
+        return (*dict.fromkeys([*self.remarks, *failed]), *([WITHOUT_MASS] if self.massless else []))
 
     @property
     def factorisations_saved(self) -> int:
