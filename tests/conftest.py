@@ -53,6 +53,18 @@ def comm():
     return MPI.COMM_WORLD
 
 
+@pytest.fixture(scope="session", autouse=True)
+def coarse_pictures():
+    """Pictures with few dots: tests look at what is drawn, not at how finely."""
+    from hpcred.report import figures, mode_pictures, set_pictures
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (figures, mode_pictures, set_pictures):
+            patch.setattr(module, "DOTS", 60)
+        patch.setattr(mode_pictures, "MOVING_DOTS", 40)
+        yield
+
+
 @pytest.fixture
 def linkage(comm):
     """The example of the paper, 20 nodes and 120 dofs, free."""

@@ -47,9 +47,7 @@ def test_many_node_sets_are_cut_off_with_a_word(tmp_path, monkeypatch, capsys):
 def written(tmp_path_factory):
     """A folder with a result of a body with two interfaces, in both coordinates, in every format, and more."""
     folder = tmp_path_factory.mktemp("info")
-    with pytest.MonkeyPatch.context() as patch, block_with_ends(MPI.COMM_SELF) as model:
-        patch.setattr(mode_pictures, "MOVING_DOTS", 30)
-        patch.setattr(mode_pictures, "DOTS", 40)
+    with block_with_ends(MPI.COMM_SELF) as model:
         package.write_model(folder / "model.h5", model)
         for name, coordinates in (("body", "modal"), ("arm", "interface")):
             with package.reduce(model, [package.CraigBampton(count=3)], package.Buckens(),
