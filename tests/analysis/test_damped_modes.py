@@ -32,7 +32,7 @@ def nearest(poles, to, count):
 @pytest.mark.parametrize("unsymmetric", [False, True])
 def test_against_a_dense_eigensolver(comm, unsymmetric):
     """Dashpots that make some modes over-critical, and a gyroscopic pair; residuals by shapes in all dofs."""
-    with hpcred.solid((2, 1, 1), comm=comm) as block:
+    with hpcred.solid((3, 1, 2), comm=comm) as block:
         model, K, M, D, _ = damped(block, unsymmetric)
     targets = (0.0, TARGET) if is_complex() else (0.0,)
     with model:
