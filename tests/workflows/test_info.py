@@ -11,7 +11,6 @@ from mpi4py import MPI
 import hpcred as package
 from hpcred.cli.main import run
 from hpcred.model.rigid_body.modes import rigid_motions
-from hpcred.report import mode_pictures
 from hpcred.workflows.export import export_result
 from hpcred.writers.registry import WRITERS
 
