@@ -84,7 +84,7 @@ TIMES := $(CURDIR)/build/test-times
 # the processor time of each item goes to TIMES
 test: test-packages
 	@mkdir -p $(dir $(TIMES)) && rm -f $(TIMES)
-	HPCRED_TEST_TIMES=$(TIMES) $(PYTHON) -m pytest --beside -m $(QUICK)
+	HPCRED_TEST_TIMES=$(TIMES) $(PYTHON) -m pytest --beside -m $(QUICK) $(BUT_SHARES)
 	@$(PYTHON) tests/item_times.py $(TIMES)
 
 test-slow: test-packages
@@ -96,12 +96,15 @@ test-wheel: install
 
 # the numerical rooms with other kernels of OpenBLAS, whose round-off differs: those of processors without AVX-512, and
 # the oldest (`make -j2 -O test-kernels` runs them beside each other). Each test runs with one of them, as a checksum of
-# its name decides; with `SHARE=` it runs with both. With `OF=4 PART=k` the first has share k + 1 of four, the other the next
+# its name decides; with `SHARE=` it runs with both. With `OF=4 PART=k` the first has share k + 1 of four, the other the
+# next; `make test ONCE=1` with the same numbers leaves these shares out
 test-kernels: $(addprefix test-kernel-,$(KERNELS))
 
 OF    := 2
 PART  := 0
-SHARE = --share $(shell echo $$((($(PART) + $(if $(filter Haswell,$*),0,1)) % $(OF) + 1)))/$(OF)
+share = $(shell echo $$((($(PART) + $(1)) % $(OF) + 1)))/$(OF)
+SHARE = --share $(call share,$(if $(filter Haswell,$*),0,1))
+BUT_SHARES = $(if $(and $(ONCE),$(KERNELS)),--but-share $(call share,0) --but-share $(call share,1))
 
 test-kernel-%: install
 	OPENBLAS_CORETYPE=$* $(PYTHON) -m pytest -q $(SHARE) -m $(QUICK) -k "not 2-ranks and not 3-ranks and not complex" \
