@@ -27,7 +27,7 @@ export OMPI_MCA_orte_execute_quiet := 1
 # else each process of the tests, and each rank, compiles all modules again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: install demo test fuzz mutants kills faults coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm test-peers test-cuda docs test-docs \
+.PHONY: install environment demo test fuzz mutants kills faults coverage test-slow test-wheel test-ccx test-dolfinx test-chromium test-slurm test-peers test-cuda docs test-docs \
         test-packages test-kernels test-linalg test-pip test-pip-complex test-debian12 test-debian13 bench bench-peers lint
 
 # $(call apt,packages) installs those that are missing
@@ -51,8 +51,14 @@ PURE     := import re, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["
         deps = p["dependencies"] + p["optional-dependencies"]["test"]; \
         print(*(d for d in deps if re.match("\\w+", d)[0] not in $(COMPILED) | {"scipy_dae"}), sep="\n")
 
+# not where only the dates of the two files are new, as in a fresh copy of the work tree
 .venv/.ready: pyproject.toml Makefile
 	$(call apt,$(DEBIAN))
+	@cat $^ | cmp -s - .venv/made-of || $(MAKE) --no-print-directory environment
+	@.venv/bin/python -m compileall -q hpcred
+	@touch $@
+
+environment:
 	@echo "make: packages of PyPI into .venv, which takes minutes"
 	@/usr/bin/python3 -m venv --clear --system-site-packages .venv
 	@/usr/bin/python3 -c '$(VERSIONS)' > .venv/constraints.txt
@@ -60,10 +66,9 @@ PURE     := import re, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["
 	@.venv/bin/python -m pip install -q -c .venv/constraints.txt -r .venv/requirements.txt
 	@.venv/bin/python -m pip install -q --no-deps scipy_dae pyyeti pyNastran  # they ask for another numpy or h5py than they need
 	@.venv/bin/python -m pip install -q --no-deps --config-settings editable_mode=compat -e .
-	@.venv/bin/python -m compileall -q hpcred
 	@echo "export OMPI_MCA_orte_execute_quiet=1" >> .venv/bin/activate
 	@[ "$$(id -u)" != 0 ] || echo "export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1" >> .venv/bin/activate
-	@touch $@
+	@cat pyproject.toml Makefile > .venv/made-of
 
 demo: install
 	mpiexec -n 2 $(PYTHON) -m hpcred
@@ -79,7 +84,7 @@ TIMES := $(CURDIR)/build/test-times
 # the processor time of each item goes to TIMES
 test: test-packages
 	@mkdir -p $(dir $(TIMES)) && rm -f $(TIMES)
-	HPCRED_TEST_TIMES=$(TIMES) $(PYTHON) -m pytest --beside -m $(QUICK)
+	HPCRED_TEST_TIMES=$(TIMES) $(PYTHON) -m pytest --beside -m $(QUICK) $(BUT_SHARES)
 	@$(PYTHON) tests/item_times.py $(TIMES)
 
 test-slow: test-packages
@@ -91,12 +96,15 @@ test-wheel: install
 
 # the numerical rooms with other kernels of OpenBLAS, whose round-off differs: those of processors without AVX-512, and
 # the oldest (`make -j2 -O test-kernels` runs them beside each other). Each test runs with one of them, as a checksum of
-# its name decides; with `SHARE=` it runs with both. With `OF=4 PART=k` the first has share k + 1 of four, the other the next
+# its name decides; with `SHARE=` it runs with both. With `OF=4 PART=k` the first has share k + 1 of four, the other the
+# next; `make test ONCE=1` with the same numbers leaves these shares out
 test-kernels: $(addprefix test-kernel-,$(KERNELS))
 
 OF    := 2
 PART  := 0
-SHARE = --share $(shell echo $$((($(PART) + $(if $(filter Haswell,$*),0,1)) % $(OF) + 1)))/$(OF)
+share = $(shell echo $$((($(PART) + $(1)) % $(OF) + 1)))/$(OF)
+SHARE = --share $(call share,$(if $(filter Haswell,$*),0,1))
+BUT_SHARES = $(if $(and $(ONCE),$(KERNELS)),--but-share $(call share,0) --but-share $(call share,1))
 
 test-kernel-%: install
 	OPENBLAS_CORETYPE=$* $(PYTHON) -m pytest -q $(SHARE) -m $(QUICK) -k "not 2-ranks and not 3-ranks and not complex" \

@@ -18,17 +18,32 @@ pytest_plugins = ["mpi_items", "item_times"]
 DATA = Path(__file__).parent / "data"
 
 
+NUMERICAL = {"linalg", "reduction", "analysis", "fe", "model"}  # rooms of `make test-kernels`, on 1 rank
+OTHERS = ("2-ranks", "3-ranks", "complex")
+
+
 def pytest_addoption(parser):
     parser.addoption("--share", metavar="K/N", help="of N shares of the tests the K-th, by checksums of their names")
+    text = "without this share of the numerical tests on 1 rank, which runs with another kernel"
+    parser.addoption("--but-share", metavar="K/N", action="append", default=[], help=text)
+
+
+def is_in(item, share):
+    number, count = map(int, share.split("/"))
+    return crc32(item.nodeid.encode()) % count == number - 1
+
+
+def runs_with_kernels(item):
+    """Whether `make test-kernels` runs an item in one of its shares."""
+    return item.path.parent.name in NUMERICAL and not any(word in item.nodeid.lower() for word in OTHERS)
 
 
 def pytest_collection_modifyitems(config, items):
-    if share := config.getoption("share"):
-        number, count = map(int, share.split("/"))
-        others = [item for item in items if crc32(item.nodeid.encode()) % count != number - 1]
-        config.hook.pytest_deselected(items=others)
-        left = set(items).difference(others)
-        items[:] = [item for item in items if item in left]
+    share, elsewhere = config.getoption("share"), config.getoption("but_share")
+    left = [item for item in items if not share or is_in(item, share)]
+    left = [item for item in left if not (runs_with_kernels(item) and any(is_in(item, other) for other in elsewhere))]
+    config.hook.pytest_deselected(items=list(set(items).difference(left)))
+    items[:] = left
 
 
 def pytest_runtest_setup(item):
@@ -51,6 +66,18 @@ def comm():
     from hpcred.parallel.petsc import MPI
 
     return MPI.COMM_WORLD
+
+
+@pytest.fixture(scope="session", autouse=True)
+def coarse_pictures():
+    """Pictures with few dots: tests look at what is drawn, not at how finely."""
+    from hpcred.report import figures, mode_pictures, set_pictures
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (figures, mode_pictures, set_pictures):
+            patch.setattr(module, "DOTS", 60)
+        patch.setattr(mode_pictures, "MOVING_DOTS", 40)
+        yield
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from importlib.util import resolve_name
 from operator import attrgetter
@@ -34,10 +35,15 @@ MODULES = {
 }
 
 
+@cache
+def tree_of(path):
+    return ast.parse(path.read_text())
+
+
 def imports(name, path):
     """The modules of hpcred, without its name, that a module imports anywhere in its text."""
     here = ".".join(["hpcred", *name.split(".")[: None if path.name == "__init__.py" else -1]]).rstrip(".")
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             targets = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -65,7 +71,7 @@ def public_imports(path):
             if isinstance(child, ast.ImportFrom) and child.module == "hpcred" and not child.level:
                 yield scope
 
-    return scopes(ast.parse(path.read_text()), "")
+    return scopes(tree_of(path), "")
 
 
 def contracted(arrows, room):
@@ -162,7 +168,7 @@ def test_names_of_the_version_before_are_found_with_a_warning():
 
 def test_modules_say_what_they_do_and_rooms_are_empty():
     for name, path in MODULES.items():
-        tree = ast.parse(path.read_text())
+        tree = tree_of(path)
         if path.with_suffix(".pyi").exists() and name:
             assert re.fullmatch(PUBLIC, path.read_text()), name
         elif path.name == "__init__.py" and name not in ("", "parallel"):  # which says where mpi4py is missing

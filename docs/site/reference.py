@@ -10,6 +10,7 @@ import inspect
 import pkgutil
 import re
 from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -54,6 +55,7 @@ ROOMS = {
 }
 
 
+@cache
 def pages() -> dict[str, str]:
     """All reference pages by their place in docs/."""
     found = {"command-line": command_line(), "python": python_names(), "files": hdf5_files()}

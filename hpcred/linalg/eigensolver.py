@@ -161,12 +161,12 @@ def _coupled(matrix, values):
 
 
 def _groups(coupled) -> np.ndarray:
-    """Return the numbers (m,) of groups of coordinates, from 0, that couple with no other."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-
-    # a dense graph would go through masked arrays, which takes longer than all else here
-    return connected_components(csr_array(coupled), directed=False)[1]
+    """Return the numbers (m,) of groups of coordinates, from 0, that couple with no other; `coupled` is symmetric."""
+    # each takes the lowest number among those that it couples with, and then the number of that one, until none changes
+    coupled, group = coupled | np.eye(len(coupled), dtype=bool), np.arange(len(coupled))
+    while (lowest := np.where(coupled, group, len(group)).min(axis=1, initial=len(group))).tolist() != group.tolist():
+        group = lowest[lowest]
+    return np.unique(group, return_inverse=True)[1]
 
 
 def _by_groups(matrix, group, eigenpairs):

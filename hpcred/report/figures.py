@@ -177,6 +177,7 @@ def time_figure(path, t, panels, kind="png"):
 
 FIGURES = (".png", ".svg", ".pdf")
 MOST = 16  # curves of a response that can be told apart
+DOTS = 150  # per inch
 
 
 def kind_of_figure(path, endings=FIGURES) -> str:
@@ -187,9 +188,9 @@ def kind_of_figure(path, endings=FIGURES) -> str:
     return ending[1:]
 
 
-def save_as(figure, path, kind, dpi=150):
+def save_as(figure, path, kind, dpi=None):
     """Write a figure as png, svg or pdf, without a date, so that the same numbers give the same file."""
-    figure.savefig(path, dpi=dpi, format=kind, metadata={"Date": None} if kind == "svg" else None)
+    figure.savefig(path, dpi=dpi or DOTS, format=kind, metadata={"Date": None} if kind == "svg" else None)
 
 
 def draw_responses(figure, frequencies, curves, title, errors=None, tolerance=None):

@@ -418,7 +418,7 @@ def block(one, other):
     return np.array([block_diag(*pair) for pair in zip(one, other, strict=True)])
 
 
-@pytest.mark.parametrize("seed", [*range(8), *(pytest.param(k, marks=pytest.mark.slow) for k in range(8, 20))])
+@pytest.mark.parametrize("seed", [*range(5), *(pytest.param(k, marks=pytest.mark.slow) for k in range(5, 20))])
 def test_random_machines_stay_within_the_estimate(seed):
     estimated, true, _ = estimated_and_true(seed)
     there = true > 1e-5  # of smaller ones round-off is a part, beside sharp resonances near 0 Hz

@@ -36,7 +36,7 @@ def test_signals_mean_what_they_meant_when_nobody_listens(comm):
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.mpi(ranks=(1, 2))
 def test_a_stopped_search_goes_on_and_gives_the_same_model(comm, folder, monkeypatch):
     job = CHORD_JOB.partition("[[basis]]")[0].replace("[frame]", "tolerance = 1e-7\nband = [1.0, 300.0]\n[frame]")
     with hpcred.linkage(comm) as model:

@@ -375,14 +375,14 @@ def test_lines_below_replicated_cards_keep_their_numbers(comm, folder):
 
 
 def test_files_that_include_each_other_again_and_again_come_to_an_end(comm, folder, monkeypatch):
-    monkeypatch.setattr("hpcred.files.included.MOST", 1000)
+    monkeypatch.setattr("hpcred.files.included.MOST", 200)
     for k in range(22):
         write(folder / f"n{k}.bdf", f"INCLUDE 'n{k + 1}.bdf'\n" * 2, comm)
     write(folder / "n22.bdf", "$ nothing\n", comm)
     deck = "BEGIN BULK\nGRID,1\nINCLUDE '{}'\nENDDATA\n"
-    with pytest.raises(InputError, match="main.bdf: found more than 1000 files, as often as they are included, at "):
+    with pytest.raises(InputError, match="main.bdf: found more than 200 files, as often as they are included, at "):
         read_nodes(write(folder / "main.bdf", deck.format("n0.bdf"), comm), comm)
-    nodes, *_ = read_nodes(write(folder / "main.bdf", deck.format("n14.bdf"), comm), comm)
+    nodes, *_ = read_nodes(write(folder / "main.bdf", deck.format("n17.bdf"), comm), comm)
     assert gathered(comm, nodes.label)[0].tolist() == [1]
 
 

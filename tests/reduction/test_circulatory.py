@@ -24,7 +24,7 @@ from hpcred import (
     SecondOrderModel,
 )
 
-SLOW = {"parameter_search": hpcred.ParameterSearch(points=9)}
+FEW = {"parameter_search": hpcred.ParameterSearch(points=5)}
 
 
 def friction(n=24, strength=300.0):
@@ -110,7 +110,7 @@ def test_a_shaft_whose_damping_turns_with_it_is_stable_up_to_the_known_speed(com
     with shaft_with_internal_damping(comm, external, internal) as model:
         omega = 2 * np.pi * hpcred.natural_modes(model.model, 1, HELD).frequencies[0]
         band = (0.0, 3 * omega / 2 / np.pi)
-        with hpcred.reduce(model, frame=HELD, tolerance=1e-6, band=band, **SLOW) as rom:
+        with hpcred.reduce(model, frame=HELD, tolerance=1e-6, band=band, **FEW) as rom:
             assert rom.record.accuracy.reached
             found = hpcred.campbell(rom, values=np.linspace(0, 3000, 7), axis="x")
             limit = omega * (1 + external / (internal * omega**2))
@@ -124,7 +124,7 @@ def test_a_shaft_whose_damping_turns_with_it_is_stable_up_to_the_known_speed(com
 def test_a_shaft_with_internal_damping_and_a_disk_over_its_speeds(comm):
     tolerance, rng = 1e-4, np.random.default_rng(3)
     with shaft_with_internal_damping(comm, polar=2e-3) as model, hpcred.reduce(
-        model, frame=HELD, tolerance=tolerance, band=(0.0, 600.0), **SLOW
+        model, frame=HELD, tolerance=tolerance, band=(0.0, 600.0), **FEW
     ) as rom:
         assert rom.record.accuracy.reached and rom.size < 20
         for speed in (0.0, 3000.0, *rng.uniform(0, 3000, 3)):
@@ -170,7 +170,7 @@ def test_random_models(seed, comm):
     """Some of the hunt of benchmarks/parametric.py."""
     case, tolerance = random_circulatory(seed, 40)
     with case.model(comm) as model, hpcred.reduce(
-        model, tolerance=tolerance, band=case.band, damping=case.damping, **SLOW
+        model, tolerance=tolerance, band=case.band, damping=case.damping, **FEW
     ) as rom:
         assert rom.record.accuracy.reached and case.eps(rom, fresh_pairs(case, 20)).max() <= tolerance
 

@@ -138,7 +138,7 @@ def test_a_load_that_vanishes_somewhere(outputs):
             family = hpcred.ParametricModel(
                 model, [hpcred.Parameter("b", (-2.0, 2.0), reference)], [hpcred.Term("B", e, "b")]
             )
-            search = hpcred.ParameterSearch(points=9)
+            search = hpcred.ParameterSearch(points=5)
             return hpcred.reduce(
                 family, tolerance=1e-2, band=(0.0, top), damping=hpcred.GivenDamping(), parameter_search=search
             )
@@ -261,7 +261,7 @@ def reduced_isolated(tie, of, rows, comm, tolerance=1e-3):
     with hpcred.SecondOrderModel.from_scipy(K, np.eye(24), D, comm=comm, inputs=B, outputs=Ct) as model:
         family = hpcred.ParametricModel(model, [hpcred.Parameter("b", (0.0, 1.0))], [hpcred.Term(*changed, "b")])
         rom = hpcred.reduce(
-            family, tolerance=tolerance, band=band, parameter_search=hpcred.ParameterSearch(points=5)
+            family, tolerance=tolerance, band=band, parameter_search=hpcred.ParameterSearch(points=3)
         )  # fmt: skip
     return rom, lambda b: errors_of_outputs(rom, K, D, band, changed, b, B, Ct.T)
 
@@ -304,12 +304,11 @@ def test_what_is_left_out_between_values_is_estimated(comm):
 
 
 QUICK = (
-    ("silent", 1), ("silent", 4), ("vanishing", 58), ("signs", 53), ("soft-mounts", 7), ("soft-mounts", 7012),
-    ("silent", 7016), ("free-parts", 6020), ("hidden-modes", 0),
+    ("silent", 1), ("vanishing", 58), ("signs", 53), ("soft-mounts", 7), ("free-parts", 6020), ("hidden-modes", 0),
 )  # fmt: skip
 SLOW = (
-    ("silent", 28), ("vanishing", 1), ("signs", 2), ("soft-mounts", 7010), ("silent", 6011), ("silent", 89),
-    ("signs", 1040), ("signs", 6022), ("signs", 50001),
+    ("silent", 4), ("silent", 28), ("silent", 89), ("silent", 6011), ("silent", 7016), ("vanishing", 1),
+    ("signs", 2), ("signs", 1040), ("signs", 6022), ("signs", 50001), ("soft-mounts", 7010), ("soft-mounts", 7012),
 )  # fmt: skip
 
 

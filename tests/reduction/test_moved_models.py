@@ -50,8 +50,11 @@ def of_case(case, tolerance, comm, moves=2):
     return outcomes(case.K, case.M, comm, given, **asked)
 
 
-@pytest.mark.parametrize("asked", [{"static": "exact"}, {"coordinates": "interface"}], ids=["static", "interface"])
-@pytest.mark.parametrize("kind", ["averaging", "rigid"])
+@pytest.mark.parametrize("kind, asked", [
+    ("averaging", {"static": "exact"}), ("rigid", {"coordinates": "interface"}),
+    pytest.param("averaging", {"coordinates": "interface"}, marks=pytest.mark.slow),
+    pytest.param("rigid", {"static": "exact"}, marks=pytest.mark.slow),
+])  # fmt: skip
 def test_equal_directions_of_a_square_section(comm, kind, asked):
     """The size was 17 or 18, and 23 or 24, as the compression parted a pair of equal singular values."""
     with hpcred.solid((3, 2, 2), clamped=False, comm=comm) as model:

@@ -146,7 +146,7 @@ def test_viscoelastic_parts_beside_parameters(make, law, comm):
     case.parts = rubber(len(case.K), [law])
     if make is bushings:
         case.terms.append(("M", np.diag(np.arange(12) % 4 == 0) * 0.3, "a"))
-    with reduced(case, 1e-2, comm, parameter_search=hpcred.ParameterSearch(points=5)) as rom:
+    with reduced(case, 1e-2, comm, parameter_search=hpcred.ParameterSearch(points=3)) as rom:
         check(case, rom, 1e-2)
         assert "viscoelastic parts of the model" in rom.record.accuracy.measured
         values = {item.name: item.range[1] for item in case.parameters}
@@ -160,7 +160,7 @@ def test_viscoelastic_parts_beside_parameters(make, law, comm):
 @pytest.mark.parametrize("seed", [2, pytest.param(0, marks=pytest.mark.slow)])
 def test_random_models_with_viscoelastic_parts(seed, comm):
     case, tolerance = random_viscoelastic(seed, 25)
-    with reduced(case, tolerance, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
+    with reduced(case, tolerance, comm, parameter_search=hpcred.ParameterSearch(points=5)) as rom:
         assert not rom.record.accuracy.reached or case.eps(rom, fresh_pairs(case, 20)).max() <= tolerance
 
 
@@ -188,7 +188,7 @@ def test_the_terms_are_those_of_the_full_model(comm):
     case = AffineCase("all", K, M, unit(n, 3), (0.0, 3.0), [Parameter("p", (0.0, 1.0))],
                       [(of, parts[of], factors[of]) for of in parts], D=0.1 * M, Ct=unit(n, 15),
                       damping=GivenDamping())  # fmt: skip
-    with reduced(case, 1e-6, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
+    with reduced(case, 1e-6, comm, parameter_search=hpcred.ParameterSearch(points=5)) as rom:
         V = np.vstack(comm.allgather(rom.columns.getMat().getDenseArray().real)) if comm.size == 1 else None
         values = {"p": 0.83}
         full, small = case.matrices(values), rom.matrices(values)
@@ -250,7 +250,7 @@ def test_frames(frame, comm):
         soft = np.diag(np.arange(len(K)) < 60) * 1.0
         terms = [Term("K", K, "e")] if free else [Term("K", soft @ K @ soft, "e"), Term("M", soft @ M @ soft, "e^2")]
         family = ParametricModel(link, [Parameter("e", (0.0, 0.5))], terms)
-    search = hpcred.ParameterSearch(points=9)
+    search = hpcred.ParameterSearch(points=5)
     given = {"frame": frame, "damping": damping}
     with family, hpcred.reduce(family, tolerance=1e-4, band=(0, 300), parameter_search=search, **given) as rom:
         assert rom.record.accuracy.reached and rom.columns.getSizes()[0][1] == family.size
@@ -344,7 +344,7 @@ def test_a_store_serves_again(comm, tmp_path):
     others.terms[0] = ("K", others.terms[0][1], "2*a - 1")  # the same at 1
     responses = []
     for each in (case, case, others):
-        more = {"store": hpcred.PointStore(folder, comm), "parameter_search": hpcred.ParameterSearch(points=5)}
+        more = {"store": hpcred.PointStore(folder, comm), "parameter_search": hpcred.ParameterSearch(points=3)}
         with reduced(each, 1e-2, comm, **more) as rom:
             responses.append(rom.transfer_function(3j, a=1.5))
             made = len(rom.record.factorisations)
@@ -462,7 +462,7 @@ def test_circulatory_forces_hold_what_springs_do_not(comm):
     case.terms.append(("K", turning, "e"))
     all_k = [case.matrices({"e": e})["K"] for e in np.linspace(0, 2, 101)]
     assert all(np.linalg.det(K) > 0 for K in all_k) and np.linalg.eigvalsh(all_k[-1] + all_k[-1].T).min() < 0
-    with reduced(case, 1e-3, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
+    with reduced(case, 1e-3, comm, parameter_search=hpcred.ParameterSearch(points=5)) as rom:
         assert not rom.record.accuracy.reached or case.eps(rom, fresh_pairs(case)).max() <= 1e-3
     case.terms[-1] = ("K", turning, "e*(2 - e)/1000")
     with pytest.raises(InputError, match="K is singular, but for round-off, near e = 1"):
@@ -507,7 +507,7 @@ def test_terms_that_are_zero(damping, comm):
     case.D, case.damping = 0.5 * np.eye(12), damping
     case.terms += [("M", np.zeros((12, 12)), "e"), ("B", np.zeros((12, 2)), "e"), ("K", np.zeros((12, 12)), "1 - e")]
     case.terms += [("D", np.zeros((12, 12)), "e")] * (damping.kind == "given")
-    with reduced(case, 1e-4, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
+    with reduced(case, 1e-4, comm, parameter_search=hpcred.ParameterSearch(points=3)) as rom:
         assert rom.record.accuracy.reached and case.eps(rom, fresh_pairs(case, 10)).max() <= 1e-4
         s = 2j * np.pi * np.array([0.5, 7.0])
         assert rom.transfer_function(s, e=2.0) == pytest.approx(rom.transfer_function(s, e=0.0), rel=1e-9)

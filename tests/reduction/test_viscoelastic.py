@@ -30,7 +30,7 @@ def errors(case, rom, eta=0.0):
 
 @pytest.mark.mpi
 def test_any_number_of_ranks(comm):
-    case = sandwich((ZENER, MAXWELL), n=20, inputs=2, damped=True)
+    case = sandwich((ZENER, MAXWELL), n=12, inputs=2, damped=True)
     with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-3, band=BAND, groups="auto") as rom:
         true, estimated = errors(case, rom)
         assert true.max() <= 1e-3 and np.median(estimated / true) < 2
@@ -41,7 +41,7 @@ def test_any_number_of_ranks(comm):
     ((ZENER,), {}), ((MAXWELL, ZENER), {"inputs": 2}), ((SPRINGPOT, MAXWELL, ZENER), {"outputs": 2, "damped": True}),
 ])  # fmt: skip
 def test_tolerance_against_truth(comm, laws, more):
-    case = sandwich(laws, n=24, **more)
+    case = sandwich(laws, n=16, **more)
     with case.model(comm) as model, hpcred.reduce(model, tolerance=1e-4, band=BAND) as rom:
         accuracy = rom.record.accuracy
         assert accuracy.reached and "viscoelastic parts of the model" in accuracy.measured

@@ -59,8 +59,7 @@ def test_what_is_inside_a_body_is_not_seen():
 
 
 @pytest.mark.parametrize("cells", [True, False])
-def test_a_picture(tmp_path, cells, monkeypatch):
-    monkeypatch.setattr(mode_pictures, "DOTS", 60)
+def test_a_picture(tmp_path, cells):
     shapes = Bending(cells)
     assert draw_shapes(tmp_path / "a.png", shapes) == ["first", "second"]
     first = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)
@@ -75,8 +74,7 @@ def test_a_picture(tmp_path, cells, monkeypatch):
 
 
 @pytest.mark.parametrize("kind", ["gif", "webp"])
-def test_a_moving_picture(tmp_path, kind, monkeypatch):
-    monkeypatch.setattr(mode_pictures, "MOVING_DOTS", 40)
+def test_a_moving_picture(tmp_path, kind):
     path = tmp_path / f"a.{kind}"
     assert animate_shapes(path, Bending(), None, kind) == ["first"]
     image, frames = Image.open(path), []
@@ -143,9 +141,8 @@ def test_ticks_are_round(largest, ticks):
     assert mode_pictures.round_ticks(largest) == ticks
 
 
-def test_stresses_are_drawn_grey_where_they_are_not_known(tmp_path, monkeypatch):
+def test_stresses_are_drawn_grey_where_they_are_not_known(tmp_path):
     """Displacements are known everywhere; stresses of twice the coordinates have the same picture."""
-    monkeypatch.setattr(mode_pictures, "DOTS", 60)
     shapes = Stressed()
     draw_shapes(tmp_path / "moved.png", shapes, [1])
     draw_shapes(tmp_path / "stress.png", shapes, [1], colour="stress")
@@ -156,9 +153,8 @@ def test_stresses_are_drawn_grey_where_they_are_not_known(tmp_path, monkeypatch)
     assert state == pytest.approx((more, *stressed), abs=0.01)
 
 
-def test_the_stress_of_a_rigid_shape_is_none(tmp_path, monkeypatch):
+def test_the_stress_of_a_rigid_shape_is_none(tmp_path):
     """Round-off is not drawn in the colours of its largest value."""
-    monkeypatch.setattr(mode_pictures, "DOTS", 60)
     shapes = Stressed()
     shapes.frequencies = np.array([1e-5, 2000.0])
     draw_shapes(tmp_path / "rigid.png", shapes, [1], colour="stress")
@@ -167,7 +163,6 @@ def test_the_stress_of_a_rigid_shape_is_none(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("kind", ["gif", "webp"])
-def test_stresses_move(tmp_path, kind, monkeypatch):
-    monkeypatch.setattr(mode_pictures, "MOVING_DOTS", 40)
+def test_stresses_move(tmp_path, kind):
     animate_shapes(tmp_path / f"a.{kind}", Stressed(), None, kind, "stress")
     assert Image.open(tmp_path / f"a.{kind}").n_frames == 24

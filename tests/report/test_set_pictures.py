@@ -5,7 +5,6 @@ import pytest
 from bodies import block
 from PIL import Image
 
-from hpcred.report import set_pictures
 from hpcred.report.set_pictures import PALETTE, draw_sets
 from hpcred.report.surface import surface_of
 
@@ -41,8 +40,7 @@ def test_a_set_inside_of_a_larger_one_and_one_without_faces_are_seen(tmp_path):
     assert found[1] > found[0] > 0.002 and found[2] > 1e-4
 
 
-def test_many_sets_have_a_legend_that_ends(tmp_path, monkeypatch):
-    monkeypatch.setattr(set_pictures, "DOTS", 60)
+def test_many_sets_have_a_legend_that_ends(tmp_path):
     points, cells = block(10, 10, 1)
     surface = surface_of(points, {"hexahedron": cells})
     sets = [(f"set {k}", np.arange(k, k + 3)) for k in range(60)]

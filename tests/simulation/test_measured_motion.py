@@ -30,7 +30,7 @@ def test_a_thrown_body():
     """Spinning about z and pushed in x of the space: rates of the nodes are those of their places."""
     _, _, body, tip = block(lambda tip: [(tip, "x")], Rayleigh(0.0, 1e-6))
     setup = Simulation(
-        end=0.05, steps=2000, velocity=(0.3, -0.2, 0.1), angular_velocity=(1.0, 2.0, 40.0),
+        end=0.025, steps=1000, velocity=(0.3, -0.2, 0.1), angular_velocity=(1.0, 2.0, 40.0),
         force=(ConstantForce(tip, (3.0, 0.0, 1.0)),), relative_tolerance=1e-8, absolute_tolerance=1e-11,
     )  # fmt: skip
     motion = simulate(body, setup)

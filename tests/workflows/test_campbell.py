@@ -2,6 +2,7 @@
 
 import errno
 import json
+import shutil
 from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -32,14 +33,23 @@ count = 6
 """
 
 
-@pytest.fixture
-def blade(tmp_path, monkeypatch):
-    """result.h5 of a held blade along x with geometric stiffness, in a folder of its own."""
-    monkeypatch.chdir(tmp_path)
-    with hpcred.solid((6, 1, 1), (0.06, 0.004, 0.003), 3, False) as model:
+@pytest.fixture(scope="module")
+def reduced_blade(tmp_path_factory):
+    """result.h5 of a held blade along x with geometric stiffness, beside its model and job."""
+    folder = tmp_path_factory.mktemp("blade")
+    with pytest.MonkeyPatch.context() as patch, hpcred.solid((6, 1, 1), (0.06, 0.004, 0.003), 3, False) as model:
+        patch.chdir(folder)
         hpcred.write_model("model.h5", model)
-    Path("job.toml").write_text(BLADE)
-    assert run(["reduce", "job.toml", "--quiet"]) == 0
+        Path("job.toml").write_text(BLADE)
+        assert run(["reduce", "job.toml", "--quiet"]) == 0
+    return folder
+
+
+@pytest.fixture
+def blade(reduced_blade, tmp_path, monkeypatch):
+    """A copy of it, as the working folder."""
+    shutil.copytree(reduced_blade, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
@@ -144,30 +154,38 @@ def test_a_result_without_parameters_is_refused(tmp_path, monkeypatch, capsys):
     assert "it has no parameters; reduce a job with [[parameter]]" in refused(capsys, "campbell", "result.h5")
 
 
-@pytest.fixture
-def shaft(tmp_path, monkeypatch):
-    """result.h5 of modes of a clamped block over the speed about x, in its turning frame, and model.h5, in a folder of
-    its own; the record has the job that a reduction of the same would have."""
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(scope="module")
+def reduced_shaft(tmp_path_factory):
+    """result.h5 of modes of a clamped block over the speed about x, in its turning frame, and model.h5; the record has
+    the job that a reduction of the same would have."""
+    folder = tmp_path_factory.mktemp("shaft")
     with hpcred.solid((4, 1, 1), (0.4, 0.02, 0.016), inputs=2) as plain:
-        hpcred.write_model("model.h5", plain)
+        hpcred.write_model(folder / "model.h5", plain)
         omega = hpcred.Parameter("omega", (0.0, 3000.0), unit="rad/s", reference=0.0)
         damping = hpcred.Parameter("e", (0.0, 1.0), reference=0.0)
         terms = [*hpcred.rotation_terms(plain, "x"), hpcred.Term("D", to_dense(plain.K), "1e-7*(1 + e)")]
         with hpcred.ParametricModel(plain, [omega, damping], terms) as model, model.at() as reference:
             rom = hpcred.reduce(reference, [hpcred.Modes(count=24)])
             parts = projected_parts(model, rom, rom.record.damping)
-            scipy.io.mmwrite("damping.mtx", to_dense(plain.K))
+            scipy.io.mmwrite(folder / "damping.mtx", to_dense(plain.K))
             job = {
                 "parameter": [{"name": "omega", "range": [0.0, 3000.0], "unit": "rad/s", "reference": 0.0},
                               {"name": "e", "range": [0.0, 1.0], "reference": 0.0}],
                 "term": [{"kind": "coriolis", "axis": "x", "factor": "omega"},
                          {"kind": "spin_softening", "axis": "x", "factor": "omega^2"},
-                         {"of": "D", "file": str(tmp_path / "damping.mtx"), "factor": "1e-7*(1 + e)"}],
+                         {"of": "D", "file": str(folder / "damping.mtx"), "factor": "1e-7*(1 + e)"}],
             }  # fmt: skip
             known = {item.name: getattr(rom, item.name) for item in fields(rom)}
             known |= {"model": reference, "record": replace(rom.record, job=job)}
-            ParametricReducedModel(**known, parameters=model.parameters, **parts).save("result.h5")
+            ParametricReducedModel(**known, parameters=model.parameters, **parts).save(folder / "result.h5")
+    return folder
+
+
+@pytest.fixture
+def shaft(reduced_shaft, tmp_path, monkeypatch):
+    """A copy of it, as the working folder."""
+    shutil.copytree(reduced_shaft, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
     return tmp_path
 
 

@@ -13,7 +13,6 @@ from hpcred import Buckens, Modes
 from hpcred.cli.main import run
 from hpcred.files.outputs import kind_of
 from hpcred.parallel.failures import InputError
-from hpcred.report import mode_pictures
 from hpcred.workflows.export import export_result
 from hpcred.writers import read_sid
 from hpcred.writers.registry import WRITERS
@@ -24,8 +23,7 @@ loss_factor = 0.02
 
 
 @pytest.mark.mpi(ranks=(1, 3), costly=True)
-def test_all_formats_without_more(reduced_linkage, comm, monkeypatch):
-    monkeypatch.setattr(mode_pictures, "MOVING_DOTS", 40)
+def test_all_formats_without_more(reduced_linkage, comm):
     result = reduced_linkage()
     for export in WRITERS.all():
         kind = export.name

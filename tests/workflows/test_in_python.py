@@ -107,7 +107,7 @@ def test_commands_are_found_under_their_names():
             function("a.h5")
 
 
-@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.mpi(ranks=(1, 2))
 def test_what_notebooks_show(comm):
     fom = hpcred.SecondOrderModel(M, D, K, B, name="a < b")
     shown = fom._repr_html_() if comm.rank == 0 else ""  # notebooks call it on one rank

@@ -11,7 +11,6 @@ from mpi4py import MPI
 import hpcred as package
 from hpcred.cli.main import run
 from hpcred.model.rigid_body.modes import rigid_motions
-from hpcred.report import mode_pictures
 from hpcred.workflows.export import export_result
 from hpcred.writers.registry import WRITERS
 
@@ -47,9 +46,7 @@ def test_many_node_sets_are_cut_off_with_a_word(tmp_path, monkeypatch, capsys):
 def written(tmp_path_factory):
     """A folder with a result of a body with two interfaces, in both coordinates, in every format, and more."""
     folder = tmp_path_factory.mktemp("info")
-    with pytest.MonkeyPatch.context() as patch, block_with_ends(MPI.COMM_SELF) as model:
-        patch.setattr(mode_pictures, "MOVING_DOTS", 30)
-        patch.setattr(mode_pictures, "DOTS", 40)
+    with block_with_ends(MPI.COMM_SELF) as model:
         package.write_model(folder / "model.h5", model)
         for name, coordinates in (("body", "modal"), ("arm", "interface")):
             with package.reduce(model, [package.CraigBampton(count=3)], package.Buckens(),

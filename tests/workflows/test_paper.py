@@ -60,7 +60,6 @@ def test_tables_are_there_before_the_figures(tmp_path, monkeypatch, comm):
         paper.reproduce(tmp_path, show=lambda data: shown.append(json.loads((tmp_path / "section5.json").read_text())))
     assert sorted(shown[0]) == ["table_1", "table_2"] and [row["size"] for row in shown[0]["table_2"]] == [21] * 4
     assert sorted(item.name for item in tmp_path.glob("*.png")) == ["figure_3.png", "figure_4.png"]
-    again = paper.reproduce(tmp_path / "again", figures=())
-    assert again == shown[0] and not list((tmp_path / "again").glob("figure*"))
+    assert {key: whole[key] for key in shown[0]} == shown[0]
     with pytest.raises(package.InputError, match="figures: found 2, expected some of 3, 4, 5"):
         paper.reproduce(tmp_path, figures=[2])

@@ -127,7 +127,7 @@ def test_a_package_brings_a_reader_and_a_writer(hpcred, tmp_path, example, ranks
         told = capsys.readouterr()
         return " ".join((told.out + told.err).split())
 
-    table = call("convert", "--list-formats")
+    table = here("convert", "--list-formats")
     assert "springs (of" in table and "hpcred-example)" in table and "%springs" in table
     assert "size 4" in call("convert", "chain.txt", "model.h5")
     with package.read_model(tmp_path / "model.h5") as model:

@@ -318,12 +318,14 @@ def test_on_any_number_of_ranks(reduced_linkage, comm):
     assert max(unpacked(data["results"][0]["measured_eps"])) < 1.0 and data["band"] == [0.0, 100.0]
 
 
-def test_where_nothing_is_solved_ranks_do_not_wait_for_each_other(hpcred, tmp_path):
+@pytest.mark.parametrize("words", [
+    "report result.h5", *(pytest.param(words, marks=pytest.mark.slow)
+                          for words in ("info result.h5", "export result.h5 --format npz"))])  # fmt: skip
+def test_where_nothing_is_solved_ranks_do_not_wait_for_each_other(hpcred, tmp_path, words):
     """PETSc starts when it is first needed, on all ranks together."""
     reduce_linkage(tmp_path, MODES_JOB)
-    for words in ("report result.h5", "info result.h5", "export result.h5 --format npz"):
-        found = hpcred(*words.split(), ranks=2, timeout=120)
-        assert found.returncode == 0, found.stderr
+    found = hpcred(*words.split(), ranks=2, timeout=120)
+    assert found.returncode == 0, found.stderr
 
 
 def test_reports_are_refused(linkage_folder, capsys):

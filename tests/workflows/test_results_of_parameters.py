@@ -179,7 +179,7 @@ def test_arrays_keep_parameters(file, name):
 def test_preloads_and_simulations_take_the_model_there(file, tmp_path):
     with pytest.raises(package.InputError, match="preload: the result has no geometric stiffness"):
         read_result("r.h5").at(omega=3.0).at_preload(Preload(omega=(0, 0, 1.0)))
-    text = 'body = "r.h5"\nend = 3e-4\nsteps = 30\n[[force]]\nkind = "sine"\nnode = 37\nfrequency = 500.0\n'
+    text = 'body = "r.h5"\nend = 3e-4\nsteps = 10\n[[force]]\nkind = "sine"\nnode = 37\nfrequency = 500.0\n'
     text += "amplitude = [0.0, 0.0, -10.0]\n"
     motions = {}
     for more in ("", "at = {omega = 2000.0, e = 1.0}\n", "at = {omega = 1000.0, e = 0.5}\n"):
@@ -352,7 +352,8 @@ def test_a_job_at_one_value_and_a_sweep_over_it(reduced_job, monkeypatch):
     """Reductions without parameters, which one basis for all must be like."""
     monkeypatch.chdir(reduced_job[0])
     Path("one.toml").write_text(JOB)
-    Path("sweep.toml").write_text('job = "one.toml"\n[[vary]]\nkey = "at.k"\nvalues = [0.5, 2.2]\n')
+    Path("sweep.toml").write_text('job = "one.toml"\n[[vary]]\nkey = "at.k"\nvalues = [0.5, 2.2]\n'
+                                  '[launch]\nlauncher = ""\n')
     report = package.run_sweep("sweep.toml")
     assert [run["status"] for run in report["runs"]] == ["finished", "finished"], report
     for path, k in zip(sorted(Path(report["folder"]).glob("k-*.h5")), (0.5, 2.2), strict=True):

@@ -19,12 +19,12 @@ from hpcred.workflows import shared_basis
 JOB = """
 model = "model.h5"
 inputs = [[20, "z"], [22, "x"]]
-tolerance = 1e-4
-band = [0.0, 30000.0]
+tolerance = 1e-3
+band = [0.0, 20000.0]
 stress = true
 at = {m = 0.3}
 [parameter_search]
-points = 5
+points = 3
 [[parameter]]
 name = "k"
 range = [0.1, 10.0]
@@ -98,7 +98,7 @@ def test_one_basis_serves_all_values(body, capsys, monkeypatch, launch):
     family = package.read_result(ranges).reduced
     assert report["factorisations"] == len(family.record.factorisations) > 0
     assert len(list(Path("sweep").glob("full-*.h5"))) == 2
-    f = np.linspace(0.0, 30000.0, 61)
+    f = np.linspace(0.0, 20000.0, 41)
     for k in (0.2, 3.0):
         path = Path(f"sweep/k-{k:g}.h5")
         found = package.read_result(path)
@@ -113,10 +113,10 @@ def test_one_basis_serves_all_values(body, capsys, monkeypatch, launch):
         assert pytest.approx(V.T @ B, abs=1e-9 * np.abs(reduced.B).max()) == reduced.B
         small = np.array([reduced.C @ np.linalg.solve((1 + 0.002j) * reduced.K - (2 * np.pi * each) ** 2 * reduced.M,
                                                       reduced.B) for each in f])  # fmt: skip
-        assert np.abs(small - H).max(axis=(1, 2)) / np.abs(H).max(axis=(1, 2)) == pytest.approx(0, abs=1e-4)
+        assert np.abs(small - H).max(axis=(1, 2)) / np.abs(H).max(axis=(1, 2)) == pytest.approx(0, abs=1e-3)
         package.reduce_job("job.toml", overrides=[f"at.k={k}", "output='own.h5'"])
         own = package.read_result("own.h5")
-        low = own.reduced.frequencies < 30000
+        low = own.reduced.frequencies < 20000
         assert reduced.frequencies[: low.sum()] == pytest.approx(own.reduced.frequencies[low], rel=1e-6)
         for key in ("masses", "mc", "J", "origin"):
             expected = getattr(own.floating_frame, key)
@@ -134,7 +134,7 @@ def test_one_basis_serves_all_values(body, capsys, monkeypatch, launch):
     rows = json.loads(Path("table.json").read_text())
     rows = rows["runs"] if isinstance(rows, dict) else rows
     assert [row["factorisations"] for row in rows] == [0, 0]
-    assert all(row["eps"] <= 1e-4 for row in rows)
+    assert all(row["eps"] <= 1e-3 for row in rows)
     assert run(["info", "sweep/k-3.h5"]) == 0
 
 
@@ -195,7 +195,7 @@ def test_what_is_refused(body, capsys, monkeypatch):
     assert run(["reduce", "ranges.toml"]) == 0
     of_job = "result.h5: expected the result of this job over the ranges of its parameters, made without its `at`"
     given = ["reduce", "job.toml", "--basis", "result.h5", "--set", "output='own.h5'"]
-    for more in ("tolerance=1e-3", "inputs=[[20,'z']]", "at={}"):
+    for more in ("tolerance=1e-2", "inputs=[[20,'z']]", "at={}"):
         assert of_job in refused(capsys, *given, "--set", more)
     with monkeypatch.context() as patched:
         patched.setattr(shared_basis, "multiply", lambda *_: None)

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import control
 import numpy as np
 import pytest
 import scipy.io
@@ -44,6 +43,8 @@ def other_coordinates():
 @pytest.mark.parametrize("make", [one_sided, two_sided, other_coordinates])
 @pytest.mark.parametrize("writer, read", [(StateSpaceNpz, np.load), (StateSpaceMat, scipy.io.loadmat)])
 def test_python_control_has_the_transfer_function(tmp_path, make, writer, read):
+    import control  # here, since it takes seconds to load
+
     reduced = make()
     assert exported(writer, tmp_path / "file", reduced) == []
     file = read(tmp_path / "file")
