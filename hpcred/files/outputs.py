@@ -198,8 +198,10 @@ def _check_writable(path):
                              "replace it; choose another name")  # fmt: skip
     try:
         probe = Path(f"{temporary_name(real)}.h5")  # no name is longer
-        begin(probe)
-        probe.unlink()
+        try:
+            begin(probe)
+        finally:
+            probe.unlink(missing_ok=True)
     except PermissionError as error:
         raise InputError(
             f"output {path}: the folder {folder} cannot be written ({error.strerror}); choose another"
