@@ -20,5 +20,5 @@ class Keywords(griffe.Extension):
             del func.parameters[name]
         for key in inspect.signature(item).parameters.values():
             if key.name not in func.parameters:
-                kind = griffe.ParameterKind.keyword_only
-                func.parameters.add(griffe.Parameter(key.name, annotation=str(key.annotation), kind=kind, default="None"))
+                known = {"annotation": str(key.annotation), "kind": griffe.ParameterKind.keyword_only}
+                func.parameters.add(griffe.Parameter(key.name, default="None", **known))
