@@ -100,3 +100,5 @@ plan = workflows.plan_file
 response = workflows.response_file
 store = workflows.list_store
 sweep = workflows.run_sweep
+
+__version__: str

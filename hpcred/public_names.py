@@ -22,6 +22,8 @@ def attached(package, file, renamed=None):
             places[node.targets[0].id] = (f".{node.value.value.id}", node.value.attr)
 
     def find(name):
+        if name == "__version__" and "." not in package:
+            return _version(package)
         if name not in places:
             return _found_elsewhere(name)
         module, attribute = places[name]
@@ -57,3 +59,12 @@ def attached(package, file, renamed=None):
                       DeprecationWarning, stacklevel=4)  # fmt: skip
 
     return find, lambda: sorted(places), sorted(places)
+
+
+def _version(package):
+    from importlib import metadata  # which takes 40 ms, and few ask
+
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:  # of a checkout that is not installed
+        return "unknown"

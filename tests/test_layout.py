@@ -6,6 +6,7 @@ import subprocess
 import sys
 from functools import cache
 from graphlib import TopologicalSorter
+from importlib import metadata
 from importlib.util import resolve_name
 from operator import attrgetter
 from pathlib import Path
@@ -15,6 +16,7 @@ from docs_pages import reference
 from launch import mpi_environment
 
 import hpcred
+from hpcred.cli.main import run
 
 HOUSE = Path(hpcred.__file__).parent
 FLOORS = ["cli", "workflows", "report", "writers", "readers", "settings", "files"]
@@ -166,6 +168,14 @@ def test_names_of_the_version_before_are_found_with_a_warning():
             assert caught[0].filename == __file__
 
 
+def test_the_package_has_its_version(capsys):
+    installed = metadata.version("hpcred")
+    assert hpcred.__version__ == installed
+    assert run(["--version"]) == 0 and capsys.readouterr().out == f"hpcred {installed}\n"
+    with pytest.raises(AttributeError, match="hpcred.files has no '__version__'"):
+        getattr(hpcred.files, "__version__")  # noqa: B009
+
+
 def test_modules_say_what_they_do_and_rooms_are_empty():
     for name, path in MODULES.items():
         tree = tree_of(path)
@@ -184,6 +194,6 @@ def test_petsc_is_loaded_when_it_is_first_used():
         f"import importlib, sys\nfor name in {modules}:\n    importlib.import_module(name)\n"
         "print([name for name in sys.modules if name.split('.')[0] in ('petsc4py', 'slepc4py')])"
     )
-    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=mpi_environment())
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.strip() == "[]"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=mpi_environment())
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "[]"

@@ -91,9 +91,7 @@ def _call(arguments):
 @app.callback(invoke_without_command=True)
 def demo(context: typer.Context, version: Annotated[bool, typer.Option("--version")] = False, json: JsonFile = None):
     if version:
-        from importlib.metadata import version as version_of
-
-        print(f"hpcred {version_of('hpcred')}")
+        print(f"hpcred {hpcred.__version__}")
         raise typer.Exit
     if context.invoked_subcommand is None:
         progress, output = session.progress(), "demo_result.h5"

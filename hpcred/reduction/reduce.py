@@ -113,7 +113,15 @@ def reduce(
         twice; PointStore is one in a folder.
     progress : Progress, optional
         By default one that shows stages and times on stderr once they take long.
-    deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates
+    deflation_tolerance, drop_above : float, optional
+        See Reduction.
+    projection : {"one_sided", "two_sided"}, optional
+        See Reduction.
+    allow_unstable : bool, optional
+        See Reduction.
+    groups : int or "auto", optional
+        See Reduction.
+    coordinates : {"modal", "interface"}, optional
         See Reduction.
 
     Returns

@@ -2,6 +2,7 @@
 
 import html
 import importlib.util
+import inspect
 import os
 import re
 import shutil
@@ -10,6 +11,8 @@ import sys
 
 import pytest
 from docs_pages import DOCS, PATHS, ROOT, reference, tutorial
+
+import hpcred
 
 pytestmark = [
     pytest.mark.docs,
@@ -81,6 +84,15 @@ def test_every_public_name_has_its_place(site):
     assert not PATHS.findall(re.sub(r"<[^>]+>", "", text))
     places = {place.rpartition(".")[2] for place in re.findall(r'id="(hpcred\.[\w.]+)"', text)}
     assert {item.__name__ for item in reference.public_names().values()} <= places
+
+
+def test_keywords_that_may_be_left_out_are_shown_so(site):
+    """Also those that the signature in the code has as **keywords."""
+    text = (site / "reference" / "python.html").read_text()
+    part = text[text.index('id="hpcred.reduction.reduce.reduce"') :]
+    rows = re.findall(r"<tr.*?</tr>", part[: part.index("</table>")], re.S)
+    needed = [re.search(r"<code>(\w+)</code>", row)[1] for row in rows if "required" in row]
+    assert needed == ["model"] and len(rows) > len(inspect.signature(hpcred.reduce).parameters)  # one is the head
 
 
 @pytest.mark.skipif(BROWSER is None, reason="needs chromium")

@@ -38,6 +38,7 @@ sum(range(10**10))
 @pytest.fixture
 def simulation(reduced_linkage, folder):
     """A folder with a simulation that lasts for hours."""
+    pytest.importorskip("scipy_dae")
     reduced_linkage()
     (folder / "sim.toml").write_text(LONG)
     return folder
@@ -62,10 +63,12 @@ def ranks_of(job):
 
 
 def computing(job, ranks):
-    """The processes of the ranks, once one is in the midst of it; the others may wait for it, asleep."""
+    """The processes of the ranks, once one is in the midst of it; the others may wait for it, asleep. A job that ends
+    before is a failure."""
     while len(found := ranks_of(job) if ranks > 1 else [psutil.Process(job.pid)]) < ranks or max(
         sum(process.cpu_times()[:2]) for process in found
     ) < 2.0:  # processor seconds: the same on a busy machine
+        assert job.poll() is None, job.stderr.read()
         time.sleep(0.05)
     return found
 
