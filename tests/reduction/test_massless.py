@@ -454,17 +454,23 @@ def test_peaks_sharper_than_the_last_digits_of_K(count, damper, warned):
     assert moved > 1e-3 if warned else moved < 1e-6
 
 
-def test_a_check_beside_a_peak_that_the_last_digits_of_K_decide():
-    """Against a full model with other last digits of K."""
+def test_a_check_beside_a_peak_that_the_last_digits_of_K_decide(tmp_path):
+    """Against a full model with other last digits of K: the same of the result in memory and from its file, also
+    without the basis."""
     K, M, D, rows = slender(60, 3e-6)
     B = unit(len(K), *rows)
     with hpcred.SecondOrderModel(M, D, K, B) as model, hpcred.SecondOrderModel(M, D, 1.001 * K, B) as softer:
         rom = hpcred.reduce(model, tolerance=1e-4, band=(0.0, 8.0))
+        rom.save(tmp_path / "result.h5", basis=False)
+        read = hpcred.read_result(tmp_path / "result.h5").reduced
         with hpcred.SecondOrderModel(M, D, with_other_last_digits(K), B) as other:
             found = hpcred.check_reduced(rom, other, 3, seed=1)
+            assert hpcred.check_reduced(read, other, 3, seed=1).sentence == found.sentence
+        print(found, found.sentence)
         assert max(found.measured) > found.bound and found.passed and max(found.digits) < 1.0
         assert "where the last digits of K decide" in found.sentence and "ABOVE" not in found.sentence
-        assert not hpcred.check_reduced(rom, softer, 3, seed=1).passed
+        for item in (rom, read):
+            assert not hpcred.check_reduced(item, softer, 3, seed=1).passed
 
 
 def test_a_free_motion_below_the_band_has_no_peak_to_warn_of():
