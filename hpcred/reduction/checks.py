@@ -113,8 +113,9 @@ def doubts_of_matrices(model) -> tuple[str, ...]:
 
 
 def warnings_of(model, frame, constant=None) -> tuple[str, ...]:
-    """Return warnings of the model beside those of its matrices; those that the frame depends on are refusals. `constant`: the constant part of a
-    model with parameters, whose nodes fit if they fit K without terms that resist or push rigid-body motions."""
+    """Return warnings of the model beside those of its matrices; those that the frame depends on are refusals.
+    `constant`: the constant part of a model with parameters, whose nodes fit if they fit K without terms that resist or
+    push rigid-body motions."""
     of_rows = tuple(warnings_of_rows_alone(model))
     if model.dofs is None:
         return of_rows

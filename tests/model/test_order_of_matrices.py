@@ -100,7 +100,8 @@ def test_exchanged_matrices_are_told_of_before_anything_else(comm, way, lumped, 
     M[1::2] *= 0.0 if lumped else 1.0
     B, folder = np.eye(n, 1), comm.bcast(tmp_path)
     make = {
-        "constructor": lambda K, M: hpcred.SecondOrderModel(M, K=K, B=B), "from_petsc": lambda *two: from_petsc(*two, B),
+        "constructor": lambda K, M: hpcred.SecondOrderModel(M, K=K, B=B),
+        "from_petsc": lambda *two: from_petsc(*two, B),
         "from_scipy": lambda *two: hpcred.SecondOrderModel.from_scipy(*two, inputs=B),
         "file": lambda *two: from_file(folder, *two, B),
     }[way]  # fmt: skip
@@ -121,7 +122,8 @@ def test_exchanged_matrices_are_told_of_before_anything_else(comm, way, lumped, 
 def test_no_mesh_without_matrices_is_doubted(comm, name):
     size = np.array([0.3, 0.1, 0.1])
     points, cells = {
-        "block": lambda: bodies.block(3, 2, 2, size), "mapped": lambda: bodies.mapped_block(3, 2, 2, lambda x: x * size),
+        "block": lambda: bodies.block(3, 2, 2, size),
+        "mapped": lambda: bodies.mapped_block(3, 2, 2, lambda x: x * size),
         "quadratic": lambda: bodies.mapped_block(2, 1, 1, lambda x: x * size, quadratic=True),
     }[name]()  # fmt: skip
     with bodies.model_of_mesh(points, cells if isinstance(cells, dict) else {"hexahedron": cells}, comm) as model:

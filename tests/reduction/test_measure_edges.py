@@ -93,7 +93,8 @@ def test_an_isolated_output_beside_interface_coordinates(comm, tie):
                 np.vstack([where.position, where.position + [0.0, 0.3, 0.0]]))  # fmt: skip
     end = tuple(int(node) for node in np.unique(where.node[where.position[:, 0] > 0.39]))
     Ct = unit(2 * n, 30, n + 22)
-    with hpcred.SecondOrderModel.from_scipy(K, M, dofs=dofs, inputs=np.zeros((2 * n, 0)), outputs=Ct, comm=comm) as bare:
+    given = {"dofs": dofs, "inputs": np.zeros((2 * n, 0)), "outputs": Ct, "comm": comm}
+    with hpcred.SecondOrderModel.from_scipy(K, M, **given) as bare:
         face = hpcred.Interface(name="end", nodes=end, kind="averaging")
         with bare.with_interfaces([face]) as jointed, jointed.with_inputs([("end", "all")]) as model:
             band = (0.0, 1.1 * np.sqrt(scipy.linalg.eigvalsh(K, M)[8]) / 2 / np.pi)
