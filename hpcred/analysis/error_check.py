@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..linalg.pencil import modes_of
 from ..linalg.solvers.settings import Factoring
 from ..model.damping import GivenDamping, Structural
-from ..model.digits import changes_by_last_digits
+from ..model.digits import changes_of_responses
 from ..model.second_order_model import SecondOrderModel, require_model
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
@@ -29,6 +30,7 @@ from .frequency_response import measured_response, response_and_drive
 BESIDE = 0.3  # of its damping ratio: how far from a resonance
 SHARPEST = 1e-7  # damping ratio that counts as such
 SOME = 3  # resonances at most
+KNOWN = 0.1  # change of a response by the last digits of K, above which its error is not asked for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +50,7 @@ class Check:
     beside_resonances : int
         How many of the frequencies are there, besides those that the user asked for.
     digits : tuple of float
-        By how much the last digits of K change the full response there, in which no model is better; empty where
+        By what part the last digits of K change the full response there, in which no model is better; empty where
         nothing is known.
     """
 
@@ -62,12 +64,26 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether no measured error is above the bound by more than the last digits of K decide."""
-        return not self._above.any()
+        """Whether no measured error is above the bound, but for what the last digits of K decide where they leave the
+        response known to KNOWN."""
+        return not self._above.any() and not self._unknown.any()
+
+    @property
+    def _beyond(self) -> np.ndarray:
+        return ~(np.array(self.measured) <= self.bound)
+
+    @property
+    def _by_digits(self) -> np.ndarray:
+        return np.array(self.digits) if self.digits else np.zeros(len(self.measured))
 
     @property
     def _above(self) -> np.ndarray:
-        return ~(np.array(self.measured) <= self.bound + (np.array(self.digits) if self.digits else 0.0))
+        return ~(np.array(self.measured) <= self.bound + self._by_digits)
+
+    @property
+    def _unknown(self) -> np.ndarray:
+        """Where neither the model nor the full solve is right or wrong, as K does not say what the response is."""
+        return self._beyond & ~self._above & (self._by_digits > KNOWN)
 
     @property
     def rows(self) -> list[dict]:
@@ -78,8 +94,8 @@ class Check:
     @property
     def sentence(self) -> str:
         """The verdict."""
-        above = int(self._above.sum())
-        undecided = sum(not error <= self.bound for error in self.measured) - above
+        above, unknown = int(self._above.sum()), int(self._unknown.sum())
+        undecided = int(self._beyond.sum()) - above - unknown
         worst = int(np.argmax(self.measured))
         measured, estimated, bound = (
             in_percent(error, self.bound) for error in (self.measured[worst], self.estimated[worst], self.bound)
@@ -87,6 +103,12 @@ class Check:
         verdict = "" if not above else f"ABOVE at {above} of them, "
         if undecided:
             verdict += f"above at {undecided} where the last digits of K decide, "
+        if unknown:
+            part = in_percent(min(float(self._by_digits[self._unknown].max()), 1.0), self.bound)
+            verdict += (
+                f"NOT KNOWN at {unknown}, where the last digits of the matrix K change the response by {part} or more "
+                "of itself, so that full solves do not know it either (give more damping, or larger elements), "
+            )
         where = f", {self.beside_resonances} of them beside resonances" if self.beside_resonances else ""
         return (
             f"{counted(len(self.frequencies), 'full solve')}{where} (--seed {self.seed}): {verdict}largest error "
@@ -178,7 +200,7 @@ def check_reduced(
     )  # fmt: skip
     measured = measured_response(as_measured(reduced, accuracy), frequencies, model.rates)
     errors = relative_error(full, measured, accuracy.measure, drive=drive)
-    digits = _changes_by_last_digits(reduced, model, accuracy, frequencies)
+    digits = _changes_by_last_digits(reduced, accuracy, frequencies)
     return Check(
         seed=seed, bound=bound_of(accuracy), frequencies=tuple(frequencies.tolist()),
         estimated=tuple(estimate_at(accuracy, frequencies).tolist()), measured=tuple(errors.tolist()),
@@ -195,16 +217,18 @@ def _resonances(reduced, accuracy):
     return f, ratios + accuracy.loss_factor / 2
 
 
-def _changes_by_last_digits(reduced, model, accuracy, frequencies) -> np.ndarray:
-    """Return by what part the last digits of K change resonances of the band at frequencies (F,), of a model in
-    pseudo-modal coordinates that has its columns; empty of others. Collective."""
-    if reduced.columns is None or reduced.interfaces:
+def _changes_by_last_digits(reduced, accuracy, frequencies) -> np.ndarray:
+    """Return by what part the last digits of K change resonances of the band at frequencies (F,); empty where nothing
+    is known of them."""
+    count = len(accuracy.last_digits)
+    if not count:
         return np.zeros(0)
     small, omega = as_measured(reduced, accuracy), 2 * np.pi * frequencies[:, None]
-    count = int((reduced.frequencies <= accuracy.band[1]).sum())
+    if small.interfaces:  # in pseudo-modal coordinates
+        small = small.in_coordinates(modes_of(small.K, small.M)[1])
     eigenvalues, damping = (np.diag(matrix)[:count] for matrix in (small.K, small.D))
     stiffness = (1 + 1j * accuracy.loss_factor) * eigenvalues - omega**2 + 1j * omega * damping
-    return changes_by_last_digits(model.K, stiffness, reduced.columns)
+    return changes_of_responses(np.array(accuracy.last_digits), stiffness)
 
 
 def bound_of(accuracy: Accuracy) -> float:

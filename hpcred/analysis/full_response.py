@@ -27,7 +27,7 @@ from ..parallel.decisions import decided
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned
 from ..parallel.progress import Progress, Timing
-from ..reduction.checks import check_model, check_unsymmetric, warnings_of
+from ..reduction.checks import check_model, check_unsymmetric, doubts_of_matrices, warnings_of
 from ..reduction.result.accuracy import Accuracy
 from ..reduction.run.run import Run
 from ..reduction.search.goal import Adaptive
@@ -222,7 +222,10 @@ def _by_search(
     check_model(model)
     check_unsymmetric(model, damping)
     require_room(model, max(len(frequencies), FREQUENCIES))
-    warnings = warnings_of(model, frame)
+    doubts = doubts_of_matrices(model)
+    for doubt in doubts:  # before what follows from it is refused
+        progress.warn(doubt)
+    warnings = doubts + warnings_of(model, frame)
     _check_support(model, frame, frequencies)
     with Owned(model.comm) as owned:
         with progress.stage("frame"):

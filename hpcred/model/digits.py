@@ -66,7 +66,7 @@ def warnings_of_digits(model, K, eigenvalues: np.ndarray, block) -> list[str]:
     digits = digits_of(model.K) if len(eigenvalues) else None
     if digits is None:
         return []
-    errors = _errors_of_frequencies(K, eigenvalues, block, digits)
+    errors = _of_frequencies(_errors_of_eigenvalues(K, len(eigenvalues), block, digits), eigenvalues)
     worst = int(np.argmax(errors))
     if errors[worst] <= INACCURATE:
         return []
@@ -78,18 +78,22 @@ def warnings_of_digits(model, K, eigenvalues: np.ndarray, block) -> list[str]:
     ]
 
 
-def warnings_of_peaks(model, K, eigenvalues: np.ndarray, ratios: np.ndarray, block, tolerance: float) -> list[str]:
-    """Return warnings of resonances so sharp that the last digits of K, as doubles have them, change the peak by more
-    than a tolerance. Collective.
+def changes_by_last_digits(K, count: int, block) -> np.ndarray:
+    """Return by how much (count,) in (rad/s)^2 the last digits of K, as doubles have them, change the eigenvalues of
+    the first columns of a block (n, m), with x^T M x = 1. Collective."""
+    return _errors_of_eigenvalues(K, count, block, ALL)
 
-    `ratios` (m,): damping ratios of the modes; for the others see warnings_of_digits.
+
+def warnings_of_peaks(model, eigenvalues: np.ndarray, changes: np.ndarray, ratios, tolerance: float) -> list[str]:
+    """Return warnings of resonances so sharp that the last digits of K change the peak by more than a tolerance.
+
+    `eigenvalues` (m,) in (rad/s)^2; `changes` (m,) of them (see changes_by_last_digits); `ratios` (m,): damping ratios,
+    0 for modes that are not asked for.
     """
-    if not (ratios > 0).any():
-        return []
-    errors = _errors_of_frequencies(K, eigenvalues, block, ALL)
+    errors = _of_frequencies(changes, eigenvalues)
     peaks = np.divide(errors, ratios, out=np.zeros_like(errors), where=ratios > 0)
-    worst = int(np.argmax(peaks))
-    if peaks[worst] <= tolerance:
+    worst = int(np.argmax(peaks)) if len(peaks) else 0
+    if not peaks.max(initial=0.0) > tolerance:
         return []
     frequency = np.sqrt(max(eigenvalues[worst], 0.0)) / (2 * np.pi)
     return [
@@ -99,15 +103,12 @@ def warnings_of_peaks(model, K, eigenvalues: np.ndarray, ratios: np.ndarray, blo
     ]
 
 
-def changes_by_last_digits(K, stiffness: np.ndarray, block) -> np.ndarray:
-    """Return by what part of themselves the last digits of K, as doubles have them, change responses of modes (F,).
-    Collective.
+def changes_of_responses(changes: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Return by what part of themselves the responses of modes change (F,) with their eigenvalues, by `changes` (m,).
 
-    `stiffness` (F, m): lambda - omega^2 + i omega d of the modes at F frequencies, the columns of `block` (n, m or
-    more) with x^T M x = 1.
+    `stiffness` (F, m): lambda - omega^2 + i omega d of the modes at F frequencies.
     """
-    moved = np.broadcast_to(_errors_of_eigenvalues(K, stiffness.shape[1], block, ALL), stiffness.shape)
-    size = np.abs(stiffness)
+    size, moved = np.abs(stiffness), np.broadcast_to(changes, stiffness.shape)
     return np.divide(moved, size, out=np.full(size.shape, np.inf), where=size != 0).max(axis=1, initial=0.0)
 
 
@@ -115,15 +116,14 @@ def _by(error):
     return f"by up to about {error:.0e} of itself" if error < 1 else "altogether"
 
 
-def _errors_of_frequencies(K, eigenvalues, block, digits) -> np.ndarray:
-    """Return the relative errors (m,) of the frequencies of the first columns of a block by rounding K to so many
-    digits. Collective."""
-    moved = _errors_of_eigenvalues(K, len(eigenvalues), block, digits)
+def _of_frequencies(moved: np.ndarray, eigenvalues: np.ndarray) -> np.ndarray:
+    """Return the relative errors (m,) of frequencies whose eigenvalues have the errors `moved` (m,) in (rad/s)^2."""
     return moved / np.maximum(eigenvalues, np.finfo(float).tiny) / 2
 
 
 def _errors_of_eigenvalues(K, count, block, digits) -> np.ndarray:
-    """Return the errors (count,) in (rad/s)^2 of the eigenvalues of the first columns of a block. Collective."""
+    """Return the errors (count,) in (rad/s)^2 of the eigenvalues of the first columns of a block by rounding K to so
+    many digits. Collective."""
     with local_rows(block) as rows:
         moved = ((np.abs(rows[:, :count]) ** 2 * diagonal_of(K)[:, None]) ** 2).sum(axis=0)
     return BESIDE * ROUNDED * 10.0 ** (1 - digits) * np.sqrt(summed(K.comm.tompi4py(), moved))

@@ -25,7 +25,7 @@ from ..parallel.memory import give_back
 from ..parallel.petsc import free_dropped
 from ..parallel.progress import Progress
 from ..parallel.stopping import stop_if_asked
-from .checks import check_added, check_model, check_series, check_unsymmetric, warnings_of
+from .checks import check_added, check_model, check_series, check_unsymmetric, doubts_of_matrices, warnings_of
 from .components.component import Component, PointComponent
 from .components.groups import blocks_in_groups, number_of_groups
 from .interface_coordinates import check_interface_coordinates
@@ -143,6 +143,9 @@ class BasisReductor(Reductor):
     def check(self, model) -> tuple[str, ...]:
         """Refuse what cannot be reduced in this way; returns warnings of the model. Collective."""
         check_model(model)
+        doubts = doubts_of_matrices(model)
+        for doubt in doubts:  # before what takes long, and before what follows from it is refused
+            self.progress.warn(doubt)
         check_added(model, self.damping)
         check_unsymmetric(model, self.damping)
         check_series(model, self.damping)
@@ -152,7 +155,7 @@ class BasisReductor(Reductor):
         warnings = warnings_of_damping(self.damping)
         if model.D is not None and isinstance(self.damping, NoDamping):
             warnings += (f"damping: none, though {model.name} has a damping matrix, which kind = 'given' takes",)
-        return warnings_of(model, self.frame, self.constant) + warnings
+        return doubts + warnings_of(model, self.frame, self.constant) + warnings
 
     def plan(self, framed) -> Plan:
         """Plan the bases. Collective. Raises InputError where they cannot fit."""

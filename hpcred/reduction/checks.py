@@ -106,14 +106,23 @@ def require_no_series(model, damping):
         )
 
 
+def doubts_of_matrices(model) -> tuple[str, ...]:
+    """Return what looks wrong of M, D and K: an indefinite one, another order, and other units. Collective."""
+    exchanged = exchange_of_matrices(model) if model.dofs is not None else None
+    return (*warnings_of_definiteness(model), *((exchanged,) if exchanged else questions_on_order(model)))
+
+
 def warnings_of(model, frame, constant=None) -> tuple[str, ...]:
-    """Return warnings of the model; those that the frame depends on are refusals. `constant`: the constant part of a
-    model with parameters, whose nodes fit if they fit K without terms that resist or push rigid-body motions."""
-    signs = (*warnings_of_definiteness(model), *questions_on_order(model), *warnings_of_rows_alone(model))
+    """Return warnings of the model beside those of its matrices; those that the frame depends on are refusals.
+    `constant`: the constant part of a model with parameters, whose nodes fit if they fit K without terms that resist or
+    push rigid-body motions."""
+    of_rows = tuple(warnings_of_rows_alone(model))
     if model.dofs is None:
-        return signs
+        return of_rows
     exchanged = exchange_of_matrices(model)
-    of_nodes = (exchanged,) if exchanged else tuple(warnings_of_nodes(model))  # all else follows from it
+    if exchanged and isinstance(frame, Buckens):
+        raise InputError(exchanged)
+    of_nodes = () if exchanged else tuple(warnings_of_nodes(model))  # all else follows from it
     if of_nodes and constant is not None and (misfit := misfit_of_nodes(model)) and not misfit_of_nodes(constant):
         of_nodes = tuple(sentence for sentence in of_nodes if sentence != misfit)
     if of_nodes and isinstance(frame, Buckens):
@@ -131,7 +140,7 @@ def warnings_of(model, frame, constant=None) -> tuple[str, ...]:
     of_loads = (note for item in model.loads for note in item.notes)
     nodes = sorted({item.node for name in model.output_names if (item := stress_output_of(name))})
     of_stresses = Solids(model, nodes).warnings() if nodes and model.properties is not None else ()
-    return (*signs, *of_nodes, *warnings_of_interfaces(model), *of_loads, *of_stresses)
+    return (*of_rows, *of_nodes, *warnings_of_interfaces(model), *of_loads, *of_stresses)
 
 
 def warnings_of_band(model, band) -> tuple[str, ...]:

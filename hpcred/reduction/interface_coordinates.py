@@ -16,7 +16,7 @@ import numpy as np
 
 from ..fe.dofs import DIRECTIONS
 from ..linalg.blocks import create_block, inner, local_rows
-from ..linalg.eigensolver import symmetric_part
+from ..linalg.eigensolver import graded_eigenpairs, symmetric_part
 from ..linalg.pencil import massless_last, modes_of
 from ..model.damping import GivenDamping
 from ..model.frames import Chord, NoFrame, Tangent
@@ -27,6 +27,7 @@ from .components.craig_bampton import check_directions, interface_forces
 from .result.reduced_model import ReducedModel
 from .run.projection import Projection, project, project_columns
 
+RIGID = 1e-8  # of the largest stiffness of a column: less counts as so much
 UNMOVED = 1e-9  # singular value of G V, its rows scaled, below which a direction of the interfaces cannot move
 
 
@@ -111,7 +112,7 @@ def transformation(motion, M, K, interfaces, tau=0.0):
     # G V = U S W^T with scaled rows: of full rank, where every direction of the interfaces moves by itself
     sizes = np.linalg.norm(motion, axis=1)
     scaled = motion / np.maximum(sizes, 1e-300)[:, None]
-    left, values, right = np.linalg.svd(scaled)
+    left, values, _ = np.linalg.svd(scaled, full_matrices=False)
     weak = np.flatnonzero(values < UNMOVED)
     if size < count or weak.size or not sizes.all():
         place = int(np.abs(left[:, weak[0]]).argmax()) if weak.size else int(sizes.argmin())
@@ -122,14 +123,13 @@ def transformation(motion, M, K, interfaces, tau=0.0):
             "component of kind 'constraint_modes', or all directions of the interfaces to the inputs; if drop_above "
             "cut them off, leave it out"
         )
-    # N with G V N = 0, and Psi with G V Psi = I
-    N = right[count:].T
-    psi = right[:count].T @ ((left.T / sizes) / values[:, None])
+    # Psi with G V Psi = I, and N with G V N = 0, which leave columns that hardly move an interface to themselves
+    psi, N = _split(scaled, sizes, np.diag(K))
     if N.shape[1] == 0:
         return psi
     # Phi = N X with Phi^T K Phi = omega^2, Phi^T M Phi = I; Psi without its part that K couples to Phi
     inside = symmetric_part(N.T @ K @ N), symmetric_part(N.T @ M @ N)
-    eigenvalues, X, without = massless_last(*inside, tau) if tau else (*modes_of(*inside), 0)
+    eigenvalues, X, without = massless_last(*inside, tau) if tau else (*_modes(*inside), 0)
     if without:
         eigenvalues[-without:] = tau**-2
     if eigenvalues[0] <= 1e-12 * eigenvalues.max():
@@ -137,6 +137,38 @@ def transformation(motion, M, K, interfaces, tau=0.0):
     phi = N @ X
     psi = psi - phi @ ((phi.T @ K @ psi) / eigenvalues[:, None])
     return np.concatenate([psi, phi], axis=1)
+
+
+def _split(motion, sizes, stiffnesses):
+    """Return Psi (m, 6k) and N (m, m - 6k) of the motion (6k, m) of interfaces, whose rows are divided by `sizes`.
+
+    By elimination with the columns that move them most for their energy: orthogonal combinations would give parts that
+    interfaces hardly move, as those of isolated outputs, the round-off of all others, and stiff columns theirs.
+    `stiffnesses` (m,): of the columns.
+    """
+    from scipy.linalg import qr, solve_triangular  # which most models do without
+
+    least = RIGID * stiffnesses.max(initial=0.0) or 1.0
+    place = qr(motion / np.sqrt(np.maximum(stiffnesses, least)), mode="economic", pivoting=True)[2]
+    Q, R = qr(motion[:, place], mode="economic")
+    count, size = motion.shape
+    psi, N = np.zeros((size, count)), np.zeros((size, size - count))
+    psi[place[:count]] = solve_triangular(R[:, :count], Q.T / sizes)
+    N[place[:count]] = -solve_triangular(R[:, :count], R[:, count:])
+    N[place[count:], np.arange(size - count)] = 1.0
+    return psi, N
+
+
+def _modes(K, M):
+    """Return omega^2 (m,), ascending, and X (m, m) of K and M, symmetric; parts that hardly couple keep their digits.
+    """
+    try:
+        L = np.linalg.cholesky(M)
+    except np.linalg.LinAlgError:  # some combination has no mass
+        return modes_of(K, M)
+    half = np.linalg.solve(L, K)
+    eigenvalues, X = graded_eigenpairs(symmetric_part(np.linalg.solve(L, half.T)))
+    return eigenvalues, np.linalg.solve(L.T, X)
 
 
 def elastic_part(reduced: ReducedModel, count: int | None = None) -> ReducedModel:

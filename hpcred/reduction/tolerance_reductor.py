@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from ..linalg.blocks import add_product, create_block, local_rows
 from ..linalg.csr import diagonal_of
 from ..linalg.pencil import MASSLESS
 from ..linalg.solvers.base import DoesNotFit
-from ..model.digits import warnings_of_peaks
+from ..model.digits import changes_by_last_digits, warnings_of_peaks
 from ..model.input_output_counts import require_room
 from ..parallel.decisions import decided
 from ..parallel.failures import InputError
@@ -128,18 +128,21 @@ class ToleranceReductor(BasisReductor):
 
     def accuracy(self, setup, reduced, outcome):
         framed, accuracy, projections = setup.framed, outcome.accuracy, outcome.projections
+        elastic = elastic_part(reduced, framed.rigid_size if reduced.interfaces else 0)
+        # what the last digits of K decide, by the pseudo-modes, which the basis has before its columns are scaled
+        count = int((elastic.frequencies <= self.goal.band[1]).sum())
+        changes = changes_by_last_digits(framed.model.K, count, projections.basis.columns)
         if framed.model.D is not None and not reduced.interfaces:
-            remarks = self._warnings_of_peaks(reduced, framed.model, projections.basis, accuracy.loss_factor)
-            projections.run.notes.remarks += remarks
+            projections.run.notes.remarks += self._warnings_of_peaks(reduced, framed.model, changes, accuracy)
         with self.progress.stage("estimate"):
-            elastic = elastic_part(reduced, framed.rigid_size if reduced.interfaces else 0)
-            return with_round_off(accuracy, elastic, projections)
+            measured = with_round_off(accuracy, elastic, projections)
+        return replace(measured, last_digits=tuple(changes.tolist()))
 
-    def _warnings_of_peaks(self, reduced, model, basis, loss_factor) -> list[str]:
-        """Return warnings of resonances of the band that the last digits of K decide about. Collective."""
-        count = int((reduced.frequencies <= self.goal.band[1]).sum())
+    def _warnings_of_peaks(self, reduced, model, changes, accuracy) -> list[str]:
+        """Return warnings of resonances of the band that the last digits of K decide about."""
+        count = len(changes)
         eigenvalues = np.diag(reduced.K)[:count]
         ratios = np.diag(reduced.D)[:count] / (2 * np.sqrt(np.maximum(eigenvalues, np.finfo(float).tiny)))
-        ratios = np.maximum(ratios, 0.0) + loss_factor / 2
+        ratios = np.maximum(ratios, 0.0) + accuracy.loss_factor / 2
         ratios[reduced.frequencies[:count] < self.goal.band[0] / 2] = 0.0  # peaks outside, as of free motions
-        return warnings_of_peaks(model, model.K, eigenvalues, ratios, basis.columns, self.goal.tolerance)
+        return warnings_of_peaks(model, eigenvalues, changes, ratios, self.goal.tolerance)

@@ -1,11 +1,14 @@
 """Matrices that were given in another order are asked about, and models that are meant so are not."""
 
+import bodies
 import numpy as np
 import pytest
 from scipy.sparse import coo_array
 
 import hpcred
 from hpcred.model.order_of_matrices import questions_on_order
+from hpcred.parallel.progress import Progress
+from hpcred.reduction.checks import doubts_of_matrices
 
 pytestmark = pytest.mark.mpi
 RAYLEIGH = {"both": (10.0, 1e-5), "mass": (10.0, 0.0), "stiffness": (0.0, 1e-4)}
@@ -75,3 +78,77 @@ def test_reduce_convert_and_info_ask(mass_and_stiffness, tmp_path):
         assert any("in their order?" in sentence for sentence in hpcred.inspect(model)["warnings"])
         with hpcred.reduce(model, [hpcred.Krylov(decay=10.0)]) as reduced:
             assert any("in their order?" in sentence for sentence in reduced.record.warnings)
+
+
+def from_petsc(K, M, inputs):
+    with hpcred.SecondOrderModel.from_scipy(K, M) as model:
+        return hpcred.SecondOrderModel.from_petsc(model.K, model.M, inputs=inputs)
+
+
+def from_file(folder, K, M, inputs):
+    with hpcred.SecondOrderModel.from_scipy(K, M, inputs=inputs) as model:
+        hpcred.write_model(folder / "model.h5", model)
+    return hpcred.read_model(folder / "model.h5")
+
+
+@pytest.mark.parametrize("way", ["constructor", "from_scipy", "from_petsc", "file"])
+@pytest.mark.parametrize("lumped", [False, True])
+def test_exchanged_matrices_are_told_of_before_anything_else(comm, way, lumped, tmp_path):
+    """Also where the reduction then fails for another reason, as without the mass of every second dof."""
+    n = 30
+    K, M = 1e8 * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)), 2 * np.eye(n)
+    M[1::2] *= 0.0 if lumped else 1.0
+    B, folder = np.eye(n, 1), comm.bcast(tmp_path)
+    make = {
+        "constructor": lambda K, M: hpcred.SecondOrderModel(M, K=K, B=B),
+        "from_petsc": lambda *two: from_petsc(*two, B),
+        "from_scipy": lambda *two: hpcred.SecondOrderModel.from_scipy(*two, inputs=B),
+        "file": lambda *two: from_file(folder, *two, B),
+    }[way]  # fmt: skip
+    given = {"tolerance": 1e-2, "band": (0.0, 100.0)}
+    right, other = (Progress(comm, show=False) for _ in range(2))
+    with make(K, M) as model, hpcred.reduce(model, **given, progress=right):
+        assert not right.warned
+    with make(M, K) as model:
+        if lumped:
+            with pytest.raises(hpcred.InputError):
+                hpcred.reduce(model, **given, progress=other)
+        else:
+            hpcred.reduce(model, **given, progress=other).close()
+    assert "K AND M ARE EXCHANGED" in other.warned[0]
+
+
+@pytest.mark.parametrize("name", ["block", "mapped", "quadratic"])
+def test_no_mesh_without_matrices_is_doubted(comm, name):
+    size = np.array([0.3, 0.1, 0.1])
+    points, cells = {
+        "block": lambda: bodies.block(3, 2, 2, size),
+        "mapped": lambda: bodies.mapped_block(3, 2, 2, lambda x: x * size),
+        "quadratic": lambda: bodies.mapped_block(2, 1, 1, lambda x: x * size, quadratic=True),
+    }[name]()  # fmt: skip
+    with bodies.model_of_mesh(points, cells if isinstance(cells, dict) else {"hexahedron": cells}, comm) as model:
+        assert doubts_of_matrices(model) == ()
+
+
+@pytest.mark.parametrize("kilogram, second", [(1.0, 1.0), (1e-3, 1.0), (1e15, 1e6), (1.0, 1e3)])
+@pytest.mark.parametrize("body", ["solid", "free solid", "crank", "linkage", "plate"])
+def test_no_body_is_doubted(comm, body, kilogram, second):
+    """With and without its nodes, in kg and s; t and s; pg and us; and kg and ms: how many are a kilogram, a second."""
+    made = {
+        "solid": lambda: hpcred.solid((4, 3, 3), (0.4, 0.1, 0.1), comm=comm), "crank": lambda: hpcred.crank(600, comm),
+        "free solid": lambda: hpcred.solid((4, 3, 3), (0.4, 0.1, 0.1), clamped=False, comm=comm),
+        "plate": lambda: hpcred.solid((6, 6, 1), (1.0, 1.0, 0.002), comm=comm), "linkage": lambda: hpcred.linkage(comm),
+    }  # fmt: skip
+    with made[body]() as model:
+        assert doubts_of_matrices(model) == ()
+        M, K = matrices(model)
+    with hpcred.SecondOrderModel(M * kilogram, None, K * kilogram / second**2) as model:
+        assert doubts_of_matrices(model) == ()
+
+
+def test_units_that_no_body_has_are_asked_about(mass_and_stiffness):
+    """Densities in kg/m^3 beside lengths in um, but not one penalty spring."""
+    M, K = mass_and_stiffness
+    penalty = coo_array(([1e40], ([0], [0])), K.shape)
+    assert not asked(M, None, (K + penalty).tocsr())
+    assert "in the units of one system?" in asked(M * 1e-18, None, K)[0]

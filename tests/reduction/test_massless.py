@@ -454,17 +454,33 @@ def test_peaks_sharper_than_the_last_digits_of_K(count, damper, warned):
     assert moved > 1e-3 if warned else moved < 1e-6
 
 
-def test_a_check_beside_a_peak_that_the_last_digits_of_K_decide():
-    """Against a full model with other last digits of K."""
+def test_a_check_beside_a_peak_that_the_last_digits_of_K_decide(tmp_path):
+    """Against a full model with other last digits of K: the same of the result in memory and from its file, also
+    without the basis."""
     K, M, D, rows = slender(60, 3e-6)
     B = unit(len(K), *rows)
     with hpcred.SecondOrderModel(M, D, K, B) as model, hpcred.SecondOrderModel(M, D, 1.001 * K, B) as softer:
         rom = hpcred.reduce(model, tolerance=1e-4, band=(0.0, 8.0))
+        rom.save(tmp_path / "result.h5", basis=False)
+        read = hpcred.read_result(tmp_path / "result.h5").reduced
         with hpcred.SecondOrderModel(M, D, with_other_last_digits(K), B) as other:
             found = hpcred.check_reduced(rom, other, 3, seed=1)
+            assert hpcred.check_reduced(read, other, 3, seed=1).sentence == found.sentence
         assert max(found.measured) > found.bound and found.passed and max(found.digits) < 1.0
         assert "where the last digits of K decide" in found.sentence and "ABOVE" not in found.sentence
-        assert not hpcred.check_reduced(rom, softer, 3, seed=1).passed
+        for item in (rom, read):
+            assert not hpcred.check_reduced(item, softer, 3, seed=1).passed
+
+
+@pytest.mark.parametrize("measured, digits, passed, words", [
+    (5e-5, 3.0, True, "largest error 0.005 %"), (5e-3, 8e-3, True, "where the last digits of K decide"),
+    (0.5, 3.0, False, "NOT KNOWN at 1, where the last digits of the matrix K change the response by 100 % or more"),
+    (0.2, np.inf, False, "NOT KNOWN at 1"), (0.2, 0.05, False, "ABOVE at 1"), (np.nan, np.inf, False, "ABOVE at 1"),
+])  # fmt: skip
+def test_no_model_is_good_since_the_digits_of_K_say_nothing(measured, digits, passed, words):
+    check = hpcred.analysis.Check(seed=1, bound=1e-4, frequencies=(2.0,), estimated=(1e-5,), measured=(measured,),
+                                  digits=(digits,))  # fmt: skip
+    assert check.passed == passed and words in check.sentence
 
 
 def test_a_free_motion_below_the_band_has_no_peak_to_warn_of():

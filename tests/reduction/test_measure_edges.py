@@ -7,10 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.linalg
 from adaptive_models import chain, tied_chains, unit, up_to
+from helpers import to_dense
 from random_models import random_case, responses
 
 import hpcred
+from hpcred.fe.dofs import Dofs
 from hpcred.model.frames import apply_frame
 from hpcred.model.operator import Operator
 from hpcred.parallel.failures import Owned
@@ -76,6 +79,34 @@ def test_an_isolated_output_is_no_round_off(comm, tie):
     error = accuracy.measure.eps(C @ states - small, C @ states, states[:, 2]).max()
     assert accuracy.reached and accuracy.noise < 1e-9
     assert error <= 1.02 * accuracy.largest
+
+
+@pytest.mark.parametrize("tie", [1e-10, 1e-12])
+def test_an_isolated_output_beside_interface_coordinates(comm, tie):
+    """A sensor on a second block, which a soft spring ties to the one with the interface; against dense solves."""
+    with hpcred.solid((3, 2, 1), (0.4, 0.1, 0.1), comm=comm) as one:
+        n, where = one.size, one.dofs
+        K, M = (np.kron(np.diag([1.0, factor]), to_dense(mat)) for mat, factor in ((one.K, 1.3), (one.M, 1.0)))
+    e = unit(2 * n, 20)[:, 0] - unit(2 * n, n + 14)[:, 0]
+    K += tie * np.abs(K).max() * np.outer(e, e)
+    dofs = Dofs(np.append(where.node, where.node + 1000), np.tile(where.direction, 2),
+                np.vstack([where.position, where.position + [0.0, 0.3, 0.0]]))  # fmt: skip
+    end = tuple(int(node) for node in np.unique(where.node[where.position[:, 0] > 0.39]))
+    Ct = unit(2 * n, 30, n + 22)
+    given = {"dofs": dofs, "inputs": np.zeros((2 * n, 0)), "outputs": Ct, "comm": comm}
+    with hpcred.SecondOrderModel.from_scipy(K, M, **given) as bare:
+        face = hpcred.Interface(name="end", nodes=end, kind="averaging")
+        with bare.with_interfaces([face]) as jointed, jointed.with_inputs([("end", "all")]) as model:
+            band = (0.0, 1.1 * np.sqrt(scipy.linalg.eigvalsh(K, M)[8]) / 2 / np.pi)
+            B = model.B.getDenseArray().copy()
+            rom = hpcred.reduce(model, tolerance=1e-3, band=band, coordinates="interface")
+    accuracy, s = rom.record.accuracy, 2j * np.pi * np.linspace(*band, 101)
+    full = 1 + 1j * accuracy.loss_factor
+    states = np.array([np.linalg.solve(x * x * M + full * K, B) for x in s])
+    small = np.array([rom.C @ np.linalg.solve(x * x * rom.M + full * rom.K, rom.B) for x in s])
+    error = accuracy.measure.eps(Ct.T @ states - small, Ct.T @ states, np.einsum("ip,sip->sp", B, states)).max()
+    assert accuracy.reached and accuracy.silent == ()
+    assert error <= 1.02 * (accuracy.largest + accuracy.noise)
 
 
 def test_projections_on_pseudo_modes_keep_the_digits_of_an_isolated_output(comm):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from helpers import close
+from scipy.optimize import linear_sum_assignment
 from viscoelastic_models import MAXWELL, SPRINGPOT, ZENER, sandwich
 
 import hpcred
@@ -146,8 +147,7 @@ def test_poles_of_a_fractional_law_are_zeros_of_a():
     for pole in found:
         A = case.dynamic(pole)
         left.append(np.linalg.svd(A)[1][-1] / np.linalg.norm(A))
-    assert len(found) > 30 and np.mean(np.array(left) <= 1e-12) > 0.8
-    assert max(left[:5]) <= 1e-12
+    assert len(found) > 30 and max(left) <= 1e-12
 
 
 @pytest.mark.parametrize(
@@ -170,6 +170,49 @@ def test_a_springpot_alone_has_poles():
     added = Operator.of(added=[Viscoelastic(np.diag([1e8, 0.0]), ZENER)])
     found = oscillating_poles(np.zeros(2), np.zeros((2, 2)), added)
     assert len(found) == 1 and abs(found[0] ** 2 + 1e8 * ZENER.excess(found[0])) < 1e-9 * abs(found[0]) ** 2
+
+
+def coupled(seed):
+    """Eigenvalues, D and Maxwell parts of random models whose parts couple all modes, some nearly equal."""
+    r = np.random.default_rng(seed)
+    m = int(r.integers(2, 25))
+    values = np.sort((2 * np.pi * 10 ** r.uniform(0.5, 3.5, m)) ** 2)
+    if r.random() < 0.3:
+        values[1::2] = values[: m // 2 * 2 : 2] * (1 + 10 ** r.uniform(-8, -1))
+    parts, values = [], np.sort(values)
+    for _ in range(int(r.integers(1, 4))):
+        rank, k = int(r.integers(1, m + 1)), int(r.integers(1, 4))
+        X = np.sqrt(values)[:, None] * np.linalg.qr(r.standard_normal((m, rank)))[0]
+        law = Maxwell(10 ** r.uniform(-2, 0.7, k), 10 ** r.uniform(-5, 0, k))
+        parts.append(Viscoelastic(10 ** r.uniform(-3, 1) * X @ X.T, law))
+    Y = r.standard_normal((m, int(r.integers(1, m + 1))))
+    return values, 10 ** r.uniform(-3, 0) * np.sqrt(np.median(values)) / m * Y @ Y.T * (r.random() < 0.5), parts
+
+
+def test_no_pole_takes_the_place_of_another():
+    """Of all that is found every one is a pole, and nothing is missing but of what is damped by more than 5 %."""
+    missing = count = 0
+    for seed in range(120):
+        values, D, parts = coupled(seed)
+        added = Operator.of(added=parts)
+        exact = np.linalg.eigvals(maxwell_states(added).state_matrix(np.eye(len(values)), D, np.diag(values)))
+        exact = exact[exact.imag > 1e-4 * np.abs(exact)]
+        found = oscillating_poles(values, D, added)
+        assert (np.abs(found[:, None] - exact).min(axis=1) <= 1e-6 * np.abs(found)).all()
+        ratio = -exact.real / np.abs(exact)
+        rows, columns = linear_sum_assignment(np.minimum(np.abs(exact[:, None] - found) / np.abs(exact)[:, None], 1e-3))
+        lost = np.ones(len(exact), dtype=bool)
+        lost[rows] = np.abs(exact[rows] - found[columns]) > 1e-6 * np.abs(exact[rows])
+        assert not lost[ratio < 0.05].any()
+        missing, count = missing + int(lost[ratio < 0.3].sum()), count + int((ratio < 0.3).sum())
+    assert count > 1000 and missing <= 0.005 * count
+
+
+def test_a_multiple_pole_is_found_as_often_as_it_is_there():
+    values, law = np.full(3, 4e4), Maxwell([0.5], [1e-3])
+    found = oscillating_poles(values, np.zeros((3, 3)), Operator.of(added=[Viscoelastic(2e4 * np.eye(3), law)]))
+    roots = np.roots([1e-3, 1.0, 1e-3 * (4e4 + 1e4), 4e4])
+    assert found == pytest.approx(np.full(3, roots[roots.imag.argmax()]), rel=1e-9)
 
 
 @pytest.mark.parametrize("eta", [0.0, 0.1, 0.5])

@@ -118,6 +118,9 @@ class Accuracy:
         The ranges over which `largest` holds; the curve and the directions belong to the reference values.
     counted : ModeCount or None
         How many modes were counted, up to where, and what counted them.
+    last_digits : tuple of float
+        By how much, in (rad/s)^2, the last digits of K change the squared frequencies of the pseudo-modes up to the end
+        of the band; empty where that was not asked, as over parameters and in files of earlier versions.
     """
 
     tolerance: float
@@ -145,6 +148,7 @@ class Accuracy:
     silent: tuple[str, ...] = ()
     parameters: ParameterAccuracy | None = None
     counted: ModeCount | None = None
+    last_digits: tuple[float, ...] = field(default=(), repr=False)
 
     def with_noise(self, noise: float) -> Accuracy:
         """Return the same with so much round-off, which may be more than the claim bears."""

@@ -162,7 +162,7 @@ class Record:
         low, high = self.accuracy.band
         largest = self.accuracy.largest
         known = replace(self.accuracy, frequencies=(low, high), eps=(largest, largest), mean=largest, directions=(),
-                        counted=None, missing_modes=None)  # fmt: skip
+                        counted=None, missing_modes=None, last_digits=())  # fmt: skip
         return replace(self, accuracy=known)
 
     @property

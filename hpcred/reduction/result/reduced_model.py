@@ -305,7 +305,8 @@ class ReducedModel:
     def poles(self) -> np.ndarray:
         """Return the 2m roots of det A(s) in rad/s, by imaginary part, without structural damping.
 
-        With added terms of Maxwell's law also those of their states; of other laws those that oscillate.
+        With added terms of Maxwell's law also those of their states; of other laws those that oscillate and are found,
+        which is nearly all, as nothing counts them.
         """
         if any(term.law.elements is None for term in self.added):
             from scipy.linalg import eigh  # which most models do without

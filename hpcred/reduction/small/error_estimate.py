@@ -14,7 +14,7 @@ import numpy as np
 from ...linalg.known import ModeCount
 from ...linalg.pencil import LEAST_MASS
 from ..result.measure import Measure, Paper, drive_points
-from ..result.oscillating_poles import oscillating_poles
+from ..result.oscillating_poles import places_of_poles
 from .pseudo_modal import Keeping, Proportional, PseudoModal, difference, kept
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
@@ -142,7 +142,7 @@ def upper_poles(model: PseudoModal) -> np.ndarray:
         model = model.with_unit_masses(1 / np.sqrt(np.maximum(model.masses, LEAST_MASS)))
     if model.added:
         D = np.diag(model.damping.at(model.eigenvalues)) + (0.0 if model.D is None else model.D)
-        return oscillating_poles(model.eigenvalues, D, model.added, model.damping.eta)
+        return places_of_poles(model.eigenvalues, D, model.added, model.damping.eta)[0]
     if model.poles is not None:
         poles = model.poles.values
     else:
