@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ..analysis.campbell import POINTS, campbell
+from ..analysis.campbell import campbell
 from ..analysis.campbell_diagram import FULL_POINTS, Campbell
 from ..analysis.whirl import in_words
 from ..body.preload import Preload, reduced_at, warning_of_basis
@@ -27,15 +27,14 @@ from ..reduction.result.record import Record, versions
 from ..report.campbell_figure import campbell_figure
 from ..report.figures import kind_of_figure
 from .full_model import factoring_of, full_of_record
-from .keywords import Files
+from .keywords import At, Files, Speeds, Whirl
 from .workflow import workflow
 
 
 @workflow
 @flattened
 def campbell_file(
-    result, over: str = "omega", *, values=(), range=None, points: int = POINTS, at=None, nodes=None, axis=None,
-    orders=(1.0,), highest: float | None = None, full=None, solves: int = FULL_POINTS,
+    result, over: str = "omega", *, speeds: Speeds, at: At = None, whirl: Whirl, full=None, solves: int = FULL_POINTS,
     factoring: Factoring | None = None, files: Files, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Return the Campbell diagram of result.h5 over a parameter. Collective.
@@ -87,25 +86,28 @@ def campbell_file(
     """
     found, output, figure = read_result(result, comm), files.output, files.figure
     files.check(comm, [result, full], progress, over=over)
-    for key, number in (("points", points), ("solves", solves)):
+    for key, number in (("points", speeds.points), ("solves", solves)):
         within(key, declared(key, number, int), SAMPLES)
-    if points < 2:
-        raise InputError(f"points: found {points}, expected at least 2")
+    if speeds.points < 2:
+        raise InputError(f"points: found {speeds.points}, expected at least 2")
     if solves < 1:
         raise InputError(f"solves: found {solves}, expected at least 1")
     # the model over the parameter, at values of it, with the nodes that tell the whirl
-    axis = axis_of(found.reduced.record) or "z" if axis is None else axis
+    axis = axis_of(found.reduced.record) or "z" if whirl.axis is None else whirl.axis
     model = parametric_of(found, over, axis)
     if at and not model.parameters:
         raise InputError(f"at: found a value of {next(iter(at))}, but {result} has no parameters; leave it out")
+    values = speeds.values
     if not len(values):
-        range = range or _range_of(model, over)
-        values = np.linspace(*declared("range", range, tuple[float, float]), points)
+        range = speeds.range or _range_of(model, over)
+        values = np.linspace(*declared("range", range, tuple[float, float]), speeds.points)
     with agreed(comm):
-        shapes = found.nodes if nodes is None else found.body(nodes).nodes
+        shapes = found.nodes if whirl.nodes is None else found.body(whirl.nodes).nodes
     # the poles, and those of the full model at some of the values
     with progress.stage("poles"):
-        diagram = campbell(model, over, values, at=at, nodes=shapes, axis=axis, orders=orders, highest=highest)
+        diagram = campbell(
+            model, over, values, at=at, nodes=shapes, axis=axis, orders=whirl.orders, highest=whirl.highest
+        )
     if full is not None:
         diagram = _with_full(diagram, full, found, at, solves, factoring, comm, progress)
     if not model.parameters:
