@@ -60,7 +60,7 @@ class Tabulated(Law):
     def coefficient(self, s: np.ndarray) -> np.ndarray:
         """Return g(s) - g(0) at s (...) in 1/s by f = |Im s| / 2 pi, and its conjugate below the real axis."""
         f = np.asarray(s, dtype=complex).imag / (2 * np.pi)
-        real, imaginary = (np.interp(np.abs(f), self.frequencies, part) for part in (self.real, self.imaginary))
+        real, imaginary = (np.interp(np.abs(f), self.frequencies, values) for values in (self.real, self.imaginary))
         return real - self.static + 1j * np.sign(f) * imaginary
 
     def slope(self, s: np.ndarray) -> np.ndarray:

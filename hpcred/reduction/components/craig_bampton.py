@@ -248,11 +248,12 @@ def _interface_system(flexibility, rigid, interfaces):
 
 def check_directions(model):
     """Refuse an interface whose set does not move it in all directions."""
-    for item in model.interfaces:
-        if len(item.directions) < 6:
+    for interface in model.interfaces:
+        if len(interface.directions) < 6:
             raise InputError(
-                f"interface '{item.name}': its set moves it in {', '.join(item.directions)} only, but component modes "
-                "and interface coordinates need all six directions; couple more directions, or take kind 'averaging'"
+                f"interface '{interface.name}': its set moves it in {', '.join(interface.directions)} only, but "
+                "component modes and interface coordinates need all six directions; couple more directions, or take "
+                "kind 'averaging'"
             )
 
 

@@ -78,8 +78,8 @@ class Errors:
         outer, s = pair.outer, 2j * np.pi * frequencies
         self.fixed, self._measure = fixed, pair.measure
         self._same = outer.is_reciprocal and not outer.io.rates
-        parts = [wide.T @ outer.matrices(part) @ wide for part in outer.parts_of(frequencies)]
-        self._A = np.concatenate(parts)
+        chunks = [wide.T @ outer.matrices(chunk) @ wide for chunk in outer.parts_of(frequencies)]
+        self._A = np.concatenate(chunks)
         self._B = np.broadcast_to(wide.T @ outer.B, (len(s), wide.shape[1], outer.B.shape[1]))
         columns = np.broadcast_to(wide.T @ outer.Ct, (len(s), wide.shape[1], outer.Ct.shape[1]))
         self._Ct = outer.io.rates.transposed(s, columns)
