@@ -22,7 +22,7 @@ from ..parallel.decisions import decided
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from ..parallel.messages import message
-from ..parallel.ranges import require_band
+from ..parallel.ranges import Band
 from .components.component import Component
 from .reduce import reduce
 from .reductor import Reductor
@@ -91,7 +91,7 @@ class IRKA(Reductor):
     """
 
     size: int
-    band: tuple[float, float]
+    band: Band
     frame: Frame | None = None
     damping: Damping | None = None
     change: float = 1e-6
@@ -99,7 +99,6 @@ class IRKA(Reductor):
 
     def __post_init__(self):
         as_declared(self, "irka.")
-        require_band("irka.band", self.band)
         if self.size < 2 or self.size % 2:
             raise InputError(f"irka.size: found {self.size}, expected an even number of at least 2")
         if not (self.change > 0 and self.turns >= 1):
