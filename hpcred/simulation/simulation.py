@@ -238,8 +238,6 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         Its nodes must include those of the settings.
     setup : Simulation
         The settings.
-    progress : Progress, optional
-        Reports the progress.
 
     Returns
     -------

@@ -47,12 +47,8 @@ def campbell_file(
     result : Result or path
     over : str
         The name of the parameter.
-    values : sequence of float
-        Of the parameter; or else `points` of them over a `range`.
-    range : sequence of 2 floats, optional
-        By default that of the parameter.
-    points : int
-        Number of values over the range.
+    values, range, points : optional
+        Of the parameter; or else so many equally spaced points over a range, by default that of the parameter.
     at : dict of float, optional
         Values of the other parameters.
     nodes : sequence of int or str, optional
@@ -63,16 +59,12 @@ def campbell_file(
         Multiples of the speed whose crossings are critical speeds (see campbell).
     highest : float, optional
         Hz, up to which modes are shown.
-    full : str or PathLike, optional
-        The model file of the reduction, which is then solved at `solves` of the values.
-    solves : int
-        Number of them.
+    full, solves : optional
+        The model file of the reduction, and at how many of the values it is solved.
     factoring : Factoring, optional
         How the full model is factored.
-    output : str or PathLike, optional
-        A .csv or HDF5 file (see write_campbell).
-    figure : str or PathLike, optional
-        A .png, .svg or .pdf.
+    output, figure : str or PathLike, optional
+        A .csv or HDF5 file (see write_campbell); a .png, .svg or .pdf.
 
     Returns
     -------

@@ -45,16 +45,12 @@ def response_file(
         See full_response.
     inputs, outputs : optional
         Dofs or a matrix file, as in a job; by default those of the model.
-    check : int
-        Number of further full solves.
-    seed : int, optional
-        Of their frequencies.
+    check, seed : int, optional
+        Number of further full solves, and what draws their frequencies again.
     groups, factoring : optional
         Groups of ranks that share the frequencies (see frequency_response), and how full models are factored.
-    output : str or PathLike, optional
-        A .csv or an HDF5 file (see write_responses).
-    figure : str or PathLike, optional
-        A .png, .svg or .pdf.
+    output, figure : str or PathLike, optional
+        A .csv or an HDF5 file (see write_responses); a .png, .svg or .pdf.
     polar : bool
         Magnitude and phase in a .csv.
     preload : Preload, optional
