@@ -29,7 +29,7 @@ PUBLIC = r'""".+"""\n\nfrom \.+public_names import attached\n\n__getattr__, __di
 FACADE = {  # methods that stand for public functions of rooms above
     "Campbell": {"plot"},
     "ReducedModel": {"export", "frequency_response", "plot", "save", "to_pymor", "to_state_space"},
-    "SecondOrderModel": {"frequency_response", "plot_modes", "with_loads"},
+    "SecondOrderModel": {"frequency_response", "plot_modes"},
 }
 MODULES = {
     ".".join(path.relative_to(HOUSE).with_suffix("").parts).removesuffix("__init__").rstrip("."): path

@@ -219,8 +219,6 @@ class Campbell:
             The lowest modes, so many; by default a few more than the diagram has.
         factoring : Factoring, optional
             How to factor, and in how much memory.
-        progress : Progress, optional
-            Shows stages and times.
 
         Returns
         -------

@@ -86,8 +86,6 @@ def damped_modes(
         Hz. Above 0 it needs a complex build of PETSc.
     factoring : Factoring, optional
         How to factor, and in how much memory.
-    progress : Progress, optional
-        By default one that shows stages and times on stderr once they take long.
 
     Returns
     -------

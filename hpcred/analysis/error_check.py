@@ -178,8 +178,6 @@ def check_reduced(
         Groups of ranks that share the frequencies (see frequency_response).
     factoring : Factoring, optional
         How to factor, and in how much memory.
-    progress : Progress, optional
-        By default one that shows stages and times on stderr once they take long.
 
     Returns
     -------

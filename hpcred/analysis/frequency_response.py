@@ -59,8 +59,6 @@ def frequency_response(
         By default the damping matrix of the model, if it has one.
     factoring : Factoring, optional
         How to factor, and in how much memory.
-    progress : Progress, optional
-        By default one that shows stages and times on stderr once they take long.
     groups : int, optional
         Groups of ranks that solve for different frequencies at the same time, each with its own copy of the matrices
         and the factor; by default as many as ranks for small models and one for others.

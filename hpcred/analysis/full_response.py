@@ -149,8 +149,6 @@ def full_response(
         Groups of ranks that share the checks (see frequency_response).
     factoring : Factoring, optional
         How to factor, and in how much memory.
-    progress : Progress, optional
-        By default one that shows stages and times on stderr once they take long.
 
     Returns
     -------

@@ -89,8 +89,6 @@ def natural_modes(
         that the frame does not know (mechanisms, bodies without nodes) it is shifted.
     factoring : Factoring, optional
         How to factor, and in how much memory.
-    progress : Progress, optional
-        By default one that shows stages and times on stderr once they take long.
 
     Returns
     -------

@@ -65,8 +65,6 @@ def inspect(
         Without it, and without `frequencies`, `band_top` or `modes`, nothing is factored.
     factoring : Factoring, optional
         How to factor, and in how much memory.
-    progress : Progress, optional
-        By default one that shows stages and times on stderr once they take long.
 
     Returns
     -------

@@ -247,12 +247,12 @@ def remarks(body: Body) -> list[str]:
 def _follow_the_frame(body) -> list[str]:
     """Return remarks on interfaces whose set does not move them in some directions: their shapes are zero there."""
     record, remarks = body.reduced.record, []
-    known = {} if record is None else {item.node: item for item in record.interface_nodes}
-    for item in (known[shape.node] for shape in body.nodes if shape.node in known):
-        still = [name for name in DIRECTIONS[:6] if name not in item.directions]
+    known = {} if record is None else {interface.node: interface for interface in record.interface_nodes}
+    for interface in (known[shape.node] for shape in body.nodes if shape.node in known):
+        still = [name for name in DIRECTIONS[:6] if name not in interface.directions]
         if still:
             remarks.append(
-                f"the set of interface '{item.name}' does not move it in {', '.join(still)}, where it follows the "
+                f"the set of interface '{interface.name}' does not move it in {', '.join(still)}, where it follows the "
                 "body frame: let no joint or force act there"
             )
     return remarks

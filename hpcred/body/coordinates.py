@@ -138,6 +138,6 @@ class Coordinates:
                        outputs={key: value[chosen] for key, value in self.outputs.items()})  # fmt: skip
 
 
-def _taken(item, chosen, keys=None) -> dict:
-    keys = keys or [part.name for part in fields(item)]
-    return {key: getattr(item, key)[chosen] for key in keys if getattr(item, key) is not None}
+def _taken(table, chosen, keys=None) -> dict:
+    keys = keys or [attribute.name for attribute in fields(table)]
+    return {key: getattr(table, key)[chosen] for key in keys if getattr(table, key) is not None}

@@ -244,7 +244,7 @@ def _integrals(model, columns, origin, mass, bases):
     """Return N (m, 3, 3) and S (3, 3, m, m), the mean of those by the mass matrices of the directions `bases`.
     Collective."""
     count = int(np.diff(columns.getActiveColumns())[0])
-    parts = [slice(low, min(low + WIDTH, count)) for low in range(0, count, WIDTH)]
+    chunks = [slice(low, min(low + WIDTH, count)) for low in range(0, count, WIDTH)]
     N, S = np.zeros((count, 3, 3)), np.zeros((3, 3, count, count))
     for base in bases:
         mine = np.flatnonzero(model.dofs.direction == base)
@@ -254,11 +254,11 @@ def _integrals(model, columns, origin, mass, bases):
         scalar = mass.createSubMatrix(chosen, chosen)  # of one direction: a ninth of the matrix
         fields = [_field(model, columns, d, base, mine) for d in range(3)]
         for b in range(3):
-            for part in parts:
-                load = _product(scalar, fields[b][:, part])
-                N[part, :, b] += load.T @ points / len(bases)
+            for chunk in chunks:
+                load = _product(scalar, fields[b][:, chunk])
+                N[chunk, :, b] += load.T @ points / len(bases)
                 for a in range(b + 1):
-                    S[a, b, :, part] += fields[a].T @ load / len(bases)
+                    S[a, b, :, chunk] += fields[a].T @ load / len(bases)
     N, S = model.comm.allreduce(N), model.comm.allreduce(S)
     for a, b in ((0, 1), (0, 2), (1, 2)):
         S[b, a] = S[a, b].T
@@ -290,12 +290,12 @@ def _transfer(model, source, target, mine):
         wanted, given = rows[mine], rows[mine]
     else:
         # rows of a node meet on a rank that its number chooses
-        parts = []
+        shares = []
         for direction in (target, source):
             those = dofs.direction == direction
             node = dofs.node[those]
-            parts.append(exchange(comm, _meeting_rank(node, comm.size), [node, rows[those]]))
-        (node_t, row_t), (node_s, row_s) = parts
+            shares.append(exchange(comm, _meeting_rank(node, comm.size), [node, rows[those]]))
+        (node_t, row_t), (node_s, row_s) = shares
         _, at_t, at_s = np.intersect1d(node_t, node_s, return_indices=True)
         owner = np.searchsorted(model.row_starts, row_t[at_t], side="right") - 1
         wanted, given = exchange(comm, owner, [row_t[at_t], row_s[at_s]])

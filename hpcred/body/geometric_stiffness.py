@@ -138,7 +138,7 @@ class StiffenedFrame(FloatingFrame):
     """Floating-frame quantities that contain displacements of second order: Ct1, Cr1, Oe1 and J2 with stiffness."""
 
     def __init__(self, frame: FloatingFrame, stiffness: GeometricStiffness):
-        super().__init__(**{item.name: getattr(frame, item.name) for item in fields(FloatingFrame)})
+        super().__init__(**{attribute.name: getattr(frame, attribute.name) for attribute in fields(FloatingFrame)})
         self._stiffness = stiffness
 
     @property

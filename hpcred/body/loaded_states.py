@@ -25,7 +25,7 @@ from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up
 from ..parallel.petsc import PETSc
-from ..parallel.ranges import ANYTHING, within
+from ..parallel.ranges import Number
 from ..parallel.sums import summed
 from ..reduction.run.projection import project
 from .geometric_stiffness import ACCELERATIONS, SIX, check_state
@@ -72,7 +72,7 @@ class LoadedState:
     """
 
     state: str
-    value: float
+    value: Number
     stresses: str | None = None
     file: str | None = None
     opposite: str | None = None
@@ -83,7 +83,6 @@ class LoadedState:
     def __post_init__(self):
         as_declared(self, "geometric_stiffness.")
         check_state(self.state)
-        within("geometric_stiffness.value", self.value, ANYTHING)
         if self.units is not None:
             units_of(self.units)
         if not self.value or (self.value < 0 and self.state.endswith("^2")):
@@ -122,20 +121,20 @@ def stiffness_of_stresses(model, columns, element, point, stress, name) -> np.nd
     return _symmetric(model, summed(model.comm, total)[0])
 
 
-def stiffness_of_difference(model, columns, item: LoadedState, loaded, opposite=None) -> np.ndarray:
+def stiffness_of_difference(model, columns, state: LoadedState, loaded, opposite=None) -> np.ndarray:
     """Return V^T (K' - K) V (m, m) of K' under a load, or half the difference of those of opposite loads.
 
     `loaded`, `opposite`: models under load, with the rows of `model`; with item.matrix K' is the stiffness of the
     stress itself. Collective. Raises InputError for other rows or masses, and for loads that are not axial or
     centrifugal.
     """
-    if item.matrix is None:
-        require_axial(model, item.state)
-    for other, name in ((loaded, item.file), (opposite, item.opposite)):
+    if state.matrix is None:
+        require_axial(model, state.state)
+    for other, name in ((loaded, state.file), (opposite, state.opposite)):
         if other is not None:
             _require_rows(model, other, name)
             _require_alike(model, other.M, model.M, name, "mass")
-    if item.matrix is not None:
+    if state.matrix is not None:
         return _symmetric(model, project(_alike_distributed(model, loaded.K), columns))
     change = _alike_distributed(model, loaded.K)
     change.axpy(-1.0, model.K if opposite is None else _alike_distributed(model, opposite.K))
@@ -143,27 +142,27 @@ def stiffness_of_difference(model, columns, item: LoadedState, loaded, opposite=
         change.scale(0.5)
     if change.norm(PETSc.NormType.FROBENIUS) <= NO_CHANGE * model.K.norm(PETSc.NormType.FROBENIUS):
         raise InputError(
-            f"{item.file}: found the K of {item.opposite or model.name}, expected that under the load '{item.state}'; "
-            "let the program write K of a step behind the loaded one"
+            f"{state.file}: found the K of {state.opposite or model.name}, expected that under the load "
+            f"'{state.state}'; let the program write K of a step behind the loaded one"
         )
-    axis = "xyz".find(item.state[1]) if item.state.endswith("^2") else -1
-    if axis >= 0 and item.spin_softening:
+    axis = "xyz".find(state.state[1]) if state.state.endswith("^2") else -1
+    if axis >= 0 and state.spin_softening:
         spin = np.zeros(3)
-        spin[axis] = np.sqrt(item.value)
+        spin[axis] = np.sqrt(state.value)
         change.axpy(-1.0, spin_softening(model, spin))
     return _symmetric(model, project(change, columns))
 
 
-def stiffness_of_stress(model, columns, item: LoadedState, stressed, elastic: PETSc.Mat) -> np.ndarray:
+def stiffness_of_stress(model, columns, state: LoadedState, stressed, elastic: PETSc.Mat) -> np.ndarray:
     """Return V^T K_sigma V (m, m) of a state; its K_sigma, whose sign is not known, is the K of `stressed`.
 
     `elastic`: K of the same file. Collective. Raises InputError for other rows or another K than those of `model`, and
     for a matrix that is not in equilibrium with the state.
     """
-    _require_rows(model, stressed, item.file)
-    _require_alike(model, elastic, model.K, item.file, "stiffness")
+    _require_rows(model, stressed, state.file)
+    _require_alike(model, elastic, model.K, state.file, "stiffness")
     stiffness = _alike_distributed(model, stressed.K)
-    sign = sign_of_stress_stiffness(model, stiffness, item.state, item.value, item.file)
+    sign = sign_of_stress_stiffness(model, stiffness, state.state, state.value, state.file)
     return sign * _symmetric(model, project(stiffness, columns))
 
 

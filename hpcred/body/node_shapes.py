@@ -78,29 +78,30 @@ def node_shapes(model, columns, nodes) -> list[NodeShape]:
         Without node coordinates, and for a node that does not exist.
     """
     dofs = require_dofs(model, "an interface node")
-    references = [item for item in model.interfaces if item.node in nodes]
+    references = [interface for interface in model.interfaces if interface.node in nodes]
     if references:
         return _with_references(model, columns, nodes, references)
     chosen = np.flatnonzero(np.isin(dofs.node, list(nodes)))
     with local_rows(columns) as rows:
-        part = dofs.node[chosen], dofs.direction[chosen], dofs.position[chosen], rows.real[chosen].copy()
+        own = dofs.node[chosen], dofs.direction[chosen], dofs.position[chosen], rows.real[chosen].copy()
     if model.held is not None:
         held = model.held.take(np.isin(model.held.node, list(nodes)))
-        zero = np.zeros((len(held.node), part[3].shape[1]))
-        part = tuple(np.concatenate(pair) for pair in zip(part, (held.node, held.direction, held.position, zero),
+        zero = np.zeros((len(held.node), own[3].shape[1]))
+        own = tuple(np.concatenate(pair) for pair in zip(own, (held.node, held.direction, held.position, zero),
                                                           strict=True))  # fmt: skip
-    parts = model.comm.allgather(part)
-    return shapes_of_rows(nodes, *(np.concatenate(items) for items in zip(*parts, strict=True)), model.name)
+    gathered = model.comm.allgather(own)
+    return shapes_of_rows(nodes, *(np.concatenate(arrays) for arrays in zip(*gathered, strict=True)), model.name)
 
 
 def _with_references(model, columns, nodes, references):
     """Return the shapes of nodes, among them interface nodes, which move by G V."""
-    others = [node for node in nodes if node not in {item.node for item in references}]
+    others = [node for node in nodes if node not in {interface.node for interface in references}]
     known = {shape.node: shape for shape in (node_shapes(model, columns, others) if others else [])}
     motion = project_columns(columns, model.Gt.copy().convert("dense")).T
-    for place, item in enumerate(model.interfaces):
+    for place, interface in enumerate(model.interfaces):
         rows = motion[6 * place : 6 * place + 6]
-        known[item.node] = NodeShape(item.node, np.array(item.position), rows[:3], rows[3:], True, item.name)
+        position = np.array(interface.position)
+        known[interface.node] = NodeShape(interface.node, position, rows[:3], rows[3:], True, interface.name)
     return [known[node] for node in nodes]
 
 
@@ -108,7 +109,7 @@ def interface_nodes(model) -> list[int]:
     """Return the nodes of the inputs and outputs that are named by node, in ascending order, and the interface
     nodes."""
     nodes = {node_of(name) for name in (*model.input_names, *model.output_names)}
-    references = [item.node for item in model.interfaces]
+    references = [interface.node for interface in model.interfaces]
     return sorted(node for node in nodes if isinstance(node, int) and node not in references) + references
 
 

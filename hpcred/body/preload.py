@@ -177,7 +177,7 @@ def warning_of_basis(body: Body, preload: Preload) -> str:
     half, lowest = rigid + elastic // 2, slice(rigid, rigid + max(elastic // 4, 1))
     if elastic < 2:
         return ""
-    few, every = (np.linalg.eigvalsh((part + part.T) / 2)[lowest] for part in (K[:half, :half], K))
+    few, every = (np.linalg.eigvalsh((matrix + matrix.T) / 2)[lowest] for matrix in (K[:half, :half], K))
     higher = np.sqrt(np.divide(few, every, out=np.ones(len(every)), where=every > 0).clip(min=1.0)) - 1
     worst = int(higher.argmax())
     if higher[worst] < FAR:
@@ -254,12 +254,12 @@ def preloaded(
             "a frame, or take the reduced model at the preload (hpcred evaluate)"
         )
     # K + K_G of these stresses, less the softening by the spin
-    parts = [
+    sentences = [
         (node_stiffness(group.kind, group.rule, solids.position[members], stress).sum(axis=0), solids.rows[members])
         for group, members, stress in stresses(solids, states.field)
     ]
     K = model.K.copy()
-    K.axpy(1.0, assembled(model, parts))
+    K.axpy(1.0, assembled(model, sentences))
     if any(preload.omega):
         K.axpy(1.0, spin_softening(model, preload.omega))
 

@@ -34,14 +34,14 @@ class Recovery:
         self._given = dict(zip(QUANTITIES, given, strict=True))
         self._step, self._room = step, {}
 
-    def motion(self, shapes, part: slice, quantities) -> dict[str, np.ndarray]:
+    def motion(self, shapes, instants: slice, quantities) -> dict[str, np.ndarray]:
         """Return quantities (b, k, 3) of the nodes of shapes (m, 3 k) in the body frame, at the instants of a part."""
-        motion = {key: self._product(key, self._given[key][part], shapes) for key in quantities}
+        motion = {key: self._product(key, self._given[key][instants], shapes) for key in quantities}
         return {key: values.reshape(len(values), -1, 3) for key, values in motion.items()}
 
-    def stresses(self, modes, part: slice) -> dict[str, np.ndarray]:
+    def stresses(self, modes, instants: slice) -> dict[str, np.ndarray]:
         """Return the stresses (b, s, 6) of modes (m, 6 s), and von Mises' (b, s), at the instants of a part."""
-        stresses = self._product("stress", self._given["displacement"][part], modes)
+        stresses = self._product("stress", self._given["displacement"][instants], modes)
         stresses = stresses.reshape(len(stresses), -1, 6)
         return {"stress": stresses, "von_mises": von_mises(stresses)}
 
@@ -55,26 +55,27 @@ def start_places(local, coordinates: Coordinates) -> np.ndarray:
     return coordinates.frame.position[0] + local @ rotation(coordinates.frame.quaternion[0]).T
 
 
-def inertial_motion(motion: dict, local, start, coordinates: Coordinates, part: slice) -> dict[str, np.ndarray]:
+def inertial_motion(motion: dict, local, start, coordinates: Coordinates, instants: slice) -> dict[str, np.ndarray]:
     """Return what Recovery.motion found in inertial axes, with the places and the elastic part of the displacements.
 
     `local` (k, 3): undeformed places from the origin of the body frame, in its axes; `start` (k, 3): start_places of
     the first instant of the whole motion.
     """
     frame = coordinates.frame
-    axes = rotation(frame.quaternion[part])
+    axes = rotation(frame.quaternion[instants])
     turn = axes.transpose(0, 2, 1)
     u = motion["displacement"]
-    place = (local + u) @ turn + frame.position[part, None]
+    place = (local + u) @ turn + frame.position[instants, None]
     result = {"displacement": place - start, "place": place, "elastic": u @ turn}
     if "velocity" in motion:
-        rates = frame.velocity[part, None] + (local + u) @ _spin(frame.angular_velocity[part]) + motion["velocity"]
+        spin = _spin(frame.angular_velocity[instants])
+        rates = frame.velocity[instants, None] + (local + u) @ spin + motion["velocity"]
         result["velocity"] = rates @ turn
     if "acceleration" in motion:
         # v' + w x v of the frame, and what turning adds to a node that moves in it
-        v, w, dw = frame.velocity[part], frame.angular_velocity[part], frame.angular_acceleration[part]
+        v, w, dw = frame.velocity[instants], frame.angular_velocity[instants], frame.angular_acceleration[instants]
         spin = _spin(w)
-        rates = (frame.acceleration[part] + np.cross(w, v))[:, None] + (local + u) @ (_spin(dw) + spin @ spin)
+        rates = (frame.acceleration[instants] + np.cross(w, v))[:, None] + (local + u) @ (_spin(dw) + spin @ spin)
         result["acceleration"] = (rates + 2 * motion["velocity"] @ spin + motion["acceleration"]) @ turn
     return {key: result[key] for key in ("place", "elastic", *motion)}
 

@@ -65,7 +65,7 @@ def continuous(vectors) -> np.ndarray:
 
 def _nearest(vector, other):
     """Return `vector` (..., 3) with whole turns about its axis, as near as possible to `other` (..., 3)."""
-    angle, length = (np.linalg.norm(item, axis=-1, keepdims=True) for item in (vector, other))
+    angle, length = (np.linalg.norm(turn, axis=-1, keepdims=True) for turn in (vector, other))
     axis = np.where(angle > NO_AXIS, vector / np.maximum(angle, NO_AXIS), other / np.maximum(length, NO_AXIS))
     turns = np.round(((other - vector) * axis).sum(axis=-1, keepdims=True) / (2 * np.pi))
     return vector + 2 * np.pi * turns * axis

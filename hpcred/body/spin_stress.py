@@ -17,7 +17,7 @@ REMEDY = (
 
 def lacks_spin(record) -> bool:
     """Tell whether no load of the Record of a reduction has centrifugal forces, or might have them as given columns."""
-    return record is not None and not any(item.spins or item.kind == "given" for item in record.loads)
+    return record is not None and not any(load.spins or load.kind == "given" for load in record.loads)
 
 
 def warnings_of_spin(body, angular_velocity: np.ndarray, largest: float) -> list[str]:

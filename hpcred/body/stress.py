@@ -87,9 +87,9 @@ def stress_modes(model, columns, nodes: Iterable[int | str] | None = None) -> St
     totals = added_up(adding, solids.counts().astype(float)[:, None])
     share = _share_of_energy(solids, values, view)
     for low in range(0, count, WIDTH):
-        part = view.between(low, min(low + WIDTH, count))
-        width = part.stop - part.first
-        sums = solids.sums(values.of(part)).reshape(len(solids.number), 6 * width)
+        chunk = view.between(low, min(low + WIDTH, count))
+        width = chunk.stop - chunk.first
+        sums = solids.sums(values.of(chunk)).reshape(len(solids.number), 6 * width)
         mean = added_up(adding, sums) / totals
         stress[low : low + width] = mean.reshape(len(node), 6, width).transpose(2, 0, 1)
     view.bv.setActiveColumns(view.first, view.stop)  # which views of parts have moved
@@ -123,9 +123,9 @@ def _share_of_energy(solids, values, view) -> float | None:
     model, count = solids.model, view.stop - view.first
     total = np.zeros(2)
     for column in np.unique(np.linspace(0, count - 1, min(SAMPLES, count)).astype(int)).tolist():
-        part = view.between(column, column + 1)
-        total[0] += solids.energies(values.of(part))[0]
-        with local_rows(times(model.K, part)) as forces, local_rows(part) as moved:
+        columns = view.between(column, column + 1)
+        total[0] += solids.energies(values.of(columns))[0]
+        with local_rows(times(model.K, columns)) as forces, local_rows(columns) as moved:
             total[1] += float((forces.real * moved.real).sum())
     own, whole = summed(model.comm, total)
     return float(own / whole) if whole > 0 else None

@@ -45,18 +45,18 @@ def projected(matrices: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return np.array([rows.T @ (matrix @ flat).reshape(-1, count) for matrix in matrices]).reshape(-1, count, count)
 
 
-def assembled(model, parts) -> PETSc.Mat:
+def assembled(model, triplets) -> PETSc.Mat:
     """Return the sparse matrix (n, n) of elements, from pairs of their matrices (e, k, k) and rows (e, k, 3).
     Collective."""
     rows, columns, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
-    for matrices, places in parts:
+    for matrices, places in triplets:
         shape = (*matrices.shape, 3)
-        i, j = (np.broadcast_to(item, shape).ravel() for item in (places[:, :, None], places[:, None]))
+        i, j = (np.broadcast_to(numbers, shape).ravel() for numbers in (places[:, :, None], places[:, None]))
         there = (i >= 0) & (j >= 0)
         rows.append(i[there])
         columns.append(j[there])
         values.append(np.broadcast_to(matrices[..., None], shape).ravel()[there])
-    rows, columns, values = (np.concatenate(part) for part in (rows, columns, values))
+    rows, columns, values = (np.concatenate(arrays) for arrays in (rows, columns, values))
     owner = np.searchsorted(model.row_starts, rows, side="right") - 1
     mine = exchange(model.comm, owner, [rows, columns, values])
     first, last = model.first_row, model.first_row + model.local_rows

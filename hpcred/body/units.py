@@ -40,8 +40,8 @@ def in_units(body: Body, units: Units) -> Body:
     return Body(
         replace(
             reduced, **fields_in(reduced, units), operator=added, B=g[:, None] * reduced.B * force,
-            **{key: part if part is None else measured[:, None] * part * g
-               for key, part in (("C", reduced.C), ("Cv", reduced.Cv), ("Ca", reduced.Ca))}, resultants=resultants,
+            **{key: matrix if matrix is None else measured[:, None] * matrix * g
+               for key, matrix in (("C", reduced.C), ("Cv", reduced.Cv), ("Ca", reduced.Ca))}, resultants=resultants,
         ),
         replace(
             quantities, masses=quantities.masses / M, mc=quantities.mc / moment, J=quantities.J / inertia,
@@ -86,8 +86,8 @@ def fields_in(reduced, units: Units) -> dict:
         "M": both * reduced.M,
         "D": None if reduced.D is None else both * units.time * reduced.D,
         "K": both * units.time**2 * reduced.K,
-        "interfaces": tuple(replace(item, position=tuple(np.array(item.position) / units.length))
-                            for item in reduced.interfaces),
+        "interfaces": tuple(replace(interface, position=tuple(np.array(interface.position) / units.length))
+                            for interface in reduced.interfaces),
     }  # fmt: skip
 
 
@@ -101,7 +101,7 @@ def _over_energy(kind: str, units: Units) -> float:
 def _kinds(reduced, names) -> list[str]:
     """Return "force", "moment" or "load" of inputs or outputs, "fx" or "mx" of a cut, "xx" of a stress, by names.
     Raises InputError for others."""
-    loads = {} if reduced.record is None else {item.name for item in reduced.record.loads if item.kind != "given"}
+    loads = {} if reduced.record is None else {load.name for load in reduced.record.loads if load.kind != "given"}
     own = {name: "mx" if cut.component.startswith("m") else "fx" for name in names if (cut := cut_output_of(name))}
     own |= {name: "xx" for name in names if stress_output_of(name)} | dict.fromkeys(loads, "load")
     targets = {name: target_of(named_quantity(name)[1]) for name in names if name not in own}

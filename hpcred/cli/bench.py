@@ -9,7 +9,8 @@ import typer
 import hpcred
 
 from ..report.tables import in_words, show_table, show_timing
-from . import session, values
+from ..settings import texts
+from . import session
 from .options import JsonFile
 
 
@@ -38,7 +39,7 @@ def paper(
     """Reproduce Section 5 of the paper on the built-in linkage: Tables 1 and 2, Figures 3 to 5."""
     progress = session.progress()
     chosen = [] if figures == "none" else [int(part) if part % 1 == 0 else part
-                                           for part in values.numbers(figures, "--figures")]  # fmt: skip
+                                           for part in texts.numbers(figures, "--figures")]  # fmt: skip
     data = hpcred.paper(output, figures=chosen, show=_show_tables, progress=progress)
     show_table("Figure 5. u_y of node 20 in time, against all elastic modes", data.get("figure_5", ())[1:])
     drawn = f"figure{'s' * (len(chosen) > 1)} {', '.join(map(str, chosen))} (png, svg), " if chosen else ""

@@ -3,45 +3,51 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from typing import Annotated
 
 import typer
 
 import hpcred
 
+from ..parallel.declared import Keywords
 from ..parallel.failures import InputError
 from ..parallel.messages import printable
 from ..report.tables import show_table
-from ..settings.viscoelastic import viscoelastic_of
-from . import session, values
+from ..settings.declared_terms import DeclaredTerms
+from ..workflows.keywords import FileUnits, InputsAndOutputs, Variables
+from . import session
 from .details import show_report
-from .options import Inputs, JsonFile, Outputs
+from .options import JsonFile, command
 
-Viscoelastic = Annotated[
-    list[str] | None,
-    typer.Option(metavar="TABLE", help='Part g(s) K_v: \'{file = "Kv.mtx", law = {kind = "maxwell", ...}}\''),
-]
 Output = Annotated[str, typer.Option("-o", "--output", help="The model file to write.")]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Matrices(Keywords):
+    """Options of single matrix files, with the names of the fields of a Source."""
+
+    K: Annotated[str | None, typer.Option("-K", "--stiffness", metavar="FILE", help="Matrix file of K.")] = None
+    M: Annotated[str | None, typer.Option("-M", "--mass", metavar="FILE", help="Matrix file of M.")] = None
+    D: Annotated[str | None, typer.Option("-D", "--damping", metavar="FILE", help="Matrix file of D.")] = None
+    B: Annotated[str | None, typer.Option("-B", metavar="FILE", help="Matrix file of B (n, p).")] = None
+    C: Annotated[str | None, typer.Option("-C", metavar="FILE", help="Matrix file of C (r, n).")] = None
+    Cv: Annotated[str | None, typer.Option("-Cv", metavar="FILE", help="Cv (r, n) of y = C q + Cv q' + Ca q''.")] = None
+    Ca: Annotated[str | None, typer.Option("-Ca", metavar="FILE", help="Matrix file of Ca (r, n).")] = None
+    nodes: Annotated[str | None, typer.Option(help="Lines of node, x, y, z; or .inp, .bdf, .unv, .cdb, .frd.")] = None
+    dofs: Annotated[str | None, typer.Option(help="Lines of node, direction (1-6), one a row.")] = None
+
+
+@command
 def convert(
     files: Annotated[list[str] | None, typer.Argument(metavar="[EXPORT] MODEL.h5")] = None,
     output: Annotated[str | None, typer.Option("-o", "--output", help="The model file to write.")] = None,
-    stiffness: Annotated[str | None, typer.Option("-K", "--stiffness", help="Matrix file of K.")] = None,
-    mass: Annotated[str | None, typer.Option("-M", "--mass", help="Matrix file of M.")] = None,
-    damping: Annotated[str | None, typer.Option("-D", "--damping", help="Matrix file of D.")] = None,
-    input_file: Annotated[str | None, typer.Option("-B", help="Matrix file of B (n, p).")] = None,
-    output_file: Annotated[str | None, typer.Option("-C", help="Matrix file of C (r, n).")] = None,
-    velocity_file: Annotated[str | None, typer.Option("-Cv", help="Of Cv (r, n), y = C q + Cv q' + Ca q''.")] = None,
-    acceleration_file: Annotated[str | None, typer.Option("-Ca", help="Matrix file of Ca (r, n).")] = None,
-    nodes: Annotated[str | None, typer.Option(help="Lines of node, x, y, z; or .inp, .bdf, .unv, .cdb, .frd.")] = None,
-    dofs: Annotated[str | None, typer.Option(help="Lines of node, direction (1-6), one a row.")] = None,
-    inputs: Inputs = None,
-    outputs: Outputs = None,
-    variables: Annotated[str | None, typer.Option(metavar="K=...,M=...", help="Names of matrices in a file.")] = None,
-    units: Annotated[str, typer.Option(help="Units of the files: SI; mm,t,s; mm-kg-ms; inch-lbf-s; ...")] = "SI",
-    viscoelastic: Viscoelastic = None,
-    circulatory: Annotated[bool, typer.Option("--circulatory", help="K may be unsymmetric.")] = False,
+    *,
+    matrices: Matrices,
+    ends: InputsAndOutputs,
+    variables: Variables = None,
+    units: FileUnits = "SI",
+    terms: DeclaredTerms,
     list_formats: Annotated[bool, typer.Option("--list-formats", help="Say what can be read, and stop.")] = False,
     json: JsonFile = None,
 ):
@@ -57,7 +63,7 @@ def convert(
         session.warn(READERS.broken)
         return
     # the last name is the model file, where -o does not give it
-    files = list(files or [])
+    files, stiffness, mass = list(files or []), matrices.K, matrices.M
     if output is None:
         if not files or (len(files) == 1 and not (stiffness or mass) and os.path.exists(files[0])):
             raise InputError("convert: no model file to write; give its name last or by -o")
@@ -68,20 +74,13 @@ def convert(
     if not files and not (stiffness and mass):
         found = "no matrices" if not (stiffness or mass) else f"only {'K' if stiffness else 'M'}"
         raise InputError(f"convert: {found}; give the main file of an export, or K and M by -K and -M")
-    given = {"-D": damping, "-B": input_file, "-C": output_file, "-Cv": velocity_file, "-Ca": acceleration_file,
-             "--nodes": nodes, "--dofs": dofs}  # fmt: skip
-    if files and (besides := [option for option, value in given.items() if value]):
+    besides = [f"-{key}" if key[0].isupper() else f"--{key}" for key, name in matrices.given.items() if name]
+    if files and besides:
         raise InputError(f"convert: {', '.join(besides)} belong to -K and -M only, found with {files[0]}")
+    source = files[0] if files else hpcred.settings.Source(**matrices.given, variables=variables)
     # the tables of what was made
-    names = values.names(variables, "--variables")
-    source = files[0] if files else hpcred.settings.Source(
-        stiffness, mass, damping, input_file, output_file, nodes, dofs, names, velocity_file, acceleration_file
-    )  # fmt: skip
-    report = hpcred.convert(
-        source, output, inputs=values.targets(inputs, "--inputs"), outputs=values.targets(outputs, "--outputs"),
-        variables=names, units=units, viscoelastic=viscoelastic_of(viscoelastic), circulatory=circulatory,
-        progress=session.progress(),
-    )  # fmt: skip
+    report = hpcred.convert(source, output, variables=variables, units=units, progress=session.progress(),
+                            **ends.given, **terms.given)  # fmt: skip
     show_report(output, {key: value for key, value in report.items() if key != "output"})
     session.warn(report["warnings"])
     session.write_json(json, report)

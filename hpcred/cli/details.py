@@ -7,8 +7,9 @@ from dataclasses import asdict
 from ..reduction.result.directions import rows_of_directions
 from ..report.tables import in_words, show_table, show_timing
 from . import session
-from .options import DIRECTIONS, INTERFACES
+from .options import DIRECTIONS
 
+INTERFACES = "Interfaces, and where their reference nodes are (m)"
 MOST_SETS = 20  # node sets that are listed
 
 

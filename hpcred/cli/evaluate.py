@@ -2,56 +2,54 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import typer
 
 import hpcred
 
-from ..parallel.declared import flattened
 from ..parallel.failures import InputError
 from ..parallel.progress import counted
 from ..report.tables import show_table, show_timing
-from ..settings.preload_text import preload_of
-from . import session, values
-from .options import (
-    DIRECTIONS,
-    AtValues,
-    Figure,
+from ..workflows.keywords import (
+    At,
     FineGrid,
+    FreshPoints,
     FullFile,
     Grid,
-    Inputs,
-    JsonFile,
-    Outputs,
+    Load,
+    Measured,
     Pairs,
-    PreloadTable,
-    ResponseOutput,
-    Seed,
-    SharedSolving,
-    Solving,
-)  # fmt: skip
+    ResponseFiles,
+    State,
+)
+from . import session
+from .options import DIRECTIONS, JsonFile, SharedSolving, Solving, command
 
 
-@flattened
+@dataclass(frozen=True, kw_only=True)
+class Checks(FreshPoints):
+    """Options on errors that are known, and on what they are compared with."""
+
+    estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False
+    check: Annotated[
+        int | None, typer.Option(help="Compare the estimate with full solves at N random frequencies.")
+    ] = None
+
+
+@command
 def evaluate(
     results: Annotated[list[str], typer.Argument(metavar="RESULT.h5 ...")],
     full: FullFile = None,
     *,
     grid: Grid,
-    output: ResponseOutput = None,
-    figure: Annotated[str | None, typer.Option(metavar="FILE", help="Draw responses: .png, .svg, .pdf.")] = None,
-    pairs: Pairs = None,
-    measure: Annotated[
-        str | None, typer.Option(help="What eps is: directions, or paper, the Frobenius norm (55).")
-    ] = None,
-    preload: PreloadTable = None,
-    at: AtValues = None,
-    estimate: Annotated[bool, typer.Option("--estimate", help="eps(f) from the result alone.")] = False,
-    check: Annotated[
-        int | None, typer.Option(help="Compare the estimate with full solves at N random frequencies.")
-    ] = None,
-    seed: Seed = None,
+    files: ResponseFiles,
+    pairs: Pairs = (),
+    measure: Measured = None,
+    preload: Load = None,
+    at: At = None,
+    checks: Checks,
     solving: SharedSolving,
     json: JsonFile = None,
 ):
@@ -62,7 +60,7 @@ def evaluate(
     Of a model that was reduced to a tolerance: --estimate shows the error that is known, largest in each of --points
     parts of the band; --full MODEL.h5 --check 5 sets it against full solves.
     """
-    result = results[0]
+    result, check, estimate, figure = results[0], checks.check, checks.estimate, files.figure
     # what cannot go together, each by the name of its option
     if len(results) > 1 and (estimate or figure or check is not None or full is None):
         raise InputError("evaluate: several results are compared with the model that --full names, and without "
@@ -71,8 +69,16 @@ def evaluate(
         raise InputError("--preload: of one result at a time; call evaluate once for each")
     if at and estimate:
         raise InputError("--at: cannot be combined with --estimate, which is over all values; call evaluate twice")
-    given = {"--preload": preload, "--band": grid.band, "--frequencies": grid.frequencies, "-o": output, "--full": full,
-             "--check": check, "--figure": figure, "--pairs": pairs}
+    given = {
+        "--preload": preload,
+        "--band": grid.band,
+        "--frequencies": grid.frequencies or None,
+        "-o": files.output,
+        "--full": full,
+        "--check": check,
+        "--figure": figure,
+        "--pairs": pairs or None,
+    }
     allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
     wrong = [option for option, value in given.items() if value is not None and option not in allowed]
     if wrong or (estimate and check is not None):
@@ -82,24 +88,23 @@ def evaluate(
         raise InputError("--pairs: belongs to --figure")
     if check is not None and full is None:
         raise InputError("--check: the model file is missing; give it by --full MODEL.h5")
-    if seed is not None and check is None:
+    if checks.seed is not None and check is None:
         raise InputError("--seed: belongs to --check")
     if measure is not None and (full is None or check is not None):
         raise InputError("--measure: belongs to --full without --check")
     # one of four tables, by the options
-    chosen = grid.given
     if estimate:
-        report = _show_estimate(result, parts=grid.points, frequencies=chosen["frequencies"])
+        report = _show_estimate(result, parts=grid.points, frequencies=grid.frequencies)
         session.write_json(json, report)
         return 0
-    how = solving.given | {"at": values.parameters(at, "--at")}
+    how = solving.given | {"at": at}
     if check is not None:
-        report = _show_check(result, full, check, seed=seed, **how)
+        report = _show_check(result, full, check, seed=checks.seed, **how)
     elif len(results) > 1:
-        report = _show_comparison(results, full, output=output, measure=measure, **chosen, **how)
+        report = _show_comparison(results, full, output=files.output, measure=measure, **grid.given, **how)
     else:
-        report = _show_responses(result, full, output=output, figure=figure, pairs=pairs.split(",") if pairs else (),
-                                 measure=measure, preload=preload_of(preload), **chosen, **how)  # fmt: skip
+        report = _show_responses(result, full, pairs=pairs, measure=measure, preload=preload, **grid.given,
+                                 **files.given, **how)  # fmt: skip
     session.write_json(json, report)
     return int(not report.get("passed", True))
 
@@ -153,50 +158,33 @@ def _show_responses(result, full, **keywords):
     return report
 
 
-@flattened
+@command
 def response(
     model: Annotated[str, typer.Argument(metavar="MODEL.h5|JOB.toml")],
     *,
     grid: FineGrid,
     tolerance: Annotated[float, typer.Option(help="Relative error of the response.")] = 1e-6,
-    frame: Annotated[
-        str | None, typer.Option(help="none, buckens, tangent:NODE or chord:N1,N2,N3[:AXES]; none or that of the job.")
-    ] = None,
-    damping: Annotated[
-        str | None,
-        typer.Option(help="none, given, rayleigh:ALPHA,BETA or loss:FACTOR; given by default where the model has a D."),
-    ] = None,
-    inputs: Inputs = None,
-    outputs: Outputs = None,
-    output: ResponseOutput = None,
+    state: State,
+    files: ResponseFiles,
     polar: Annotated[bool, typer.Option("--polar", help="Magnitude and phase in the .csv.")] = False,
-    figure: Figure = None,
-    preload: PreloadTable = None,
-    at: AtValues = None,
-    check: Annotated[int, typer.Option(help="Compare with full solves at N random frequencies.")] = 0,
-    seed: Seed = None,
+    fresh: FreshPoints,
     groups: Annotated[int | None, typer.Option(help="Groups of ranks that share those of --check.")] = None,
     solving: Solving,
     json: JsonFile = None,
 ):
     """Frequency response of the full model at many frequencies, to a tolerance, from a handful of factorisations."""
     how = solving.given
-    report = hpcred.response(
-        model, **grid.given, **how, tolerance=tolerance, frame=values.frame(frame) if frame else None,
-        damping=None if damping is None else values.damping(damping),
-        inputs=values.targets(inputs, "--inputs"), outputs=values.targets(outputs, "--outputs"), check=check, seed=seed,
-        groups=groups, output=output, polar=polar, figure=figure, preload=preload_of(preload),
-        at=values.parameters(at, "--at"),
-    )  # fmt: skip
+    report = hpcred.response(model, tolerance=tolerance, polar=polar, groups=groups, **grid.given, **state.given,
+                             **files.given, **fresh.given, **how)  # fmt: skip
     told = [*([] if report["reached"] else ["NOT REACHED everywhere:"]), *report["sentences"]]
     session.verdict("\n".join(told), report["reached"])
     show_table("Each new point checks the model before it", report["proofs"])
-    if check:
+    if fresh.check:
         show_table("Fresh frequencies", report["check"]["rows"])
     made = counted(report["factorisations"], "factorisation")
     print(f"{len(report['frequencies_hz'])} frequencies from {made} and "
           f"{report['columns']} columns for {report['size']} dofs")  # fmt: skip
-    session.written(output, figure)
+    session.written(files.output, files.figure)
     session.warn(report["warnings"])
     show_timing(how["progress"].timing())
     session.write_json(json, report)

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import os
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 import hpcred
 
+from ..parallel.declared import Option
 from ..parallel.failures import InputError
 from ..parallel.messages import printable
-from ..settings.preload_text import preload_of
+from ..settings import texts
+from ..workflows.keywords import At, Load
 from ..writers.registry import PROGRAMS, WRITERS
-from . import session, values
-from .options import AtValues, JsonFile, PreloadTable
+from . import session
+from .options import JsonFile, command
 
 
 class ExportCommand(typer.core.TyperCommand):
@@ -32,6 +34,7 @@ class ExportCommand(typer.core.TyperCommand):
                 formatter.write_text(f"{title}: {', '.join(names)}")
 
 
+@command
 def export(
     context: typer.Context,
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
@@ -40,15 +43,15 @@ def export(
     ] = None,
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FILE")] = None,
     nodes: Annotated[
-        str | None, typer.Option(help="Interface nodes 1,20 or by name, or sets; default: of inputs and outputs.")
+        Any, Option("Interface nodes 1,20 or by name, or sets; default: of inputs and outputs.", None, texts.labels)
     ] = None,
     units: Annotated[str, typer.Option(help="Units of the file: SI; mm,t,s; ...")] = "SI",
-    modes: Annotated[str | None, typer.Option(help="Shapes of a picture, from 1, such as 7,8.")] = None,
+    modes: Annotated[Any, Option("Shapes of a picture, from 1, such as 7,8.", None, texts.whole_numbers)] = None,
     options: Annotated[
         list[str] | None, typer.Option("--set", metavar="FORMAT.KEY=VALUE", help="A setting of the format.")
     ] = None,
-    preload: PreloadTable = None,
-    at: AtValues = None,
+    preload: Load = None,
+    at: At = None,
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
@@ -56,11 +59,10 @@ def export(
         option = "-o" if os.path.splitext(more[0])[1] else "--format"
         raise InputError(f"export: found '{more[0]}' after {result}; a format is named by --format and the file to "
                          f"write by -o: hpcred export {result} {option} {more[0]}")  # fmt: skip
-    shapes = values.whole_numbers(modes, "--modes")
     report = hpcred.export(
-        result, kind, output, nodes=values.labels(nodes), units=units, modes=shapes, options=options,
-        preload=preload_of(preload), at=values.parameters(at, "--at"), progress=session.progress(),
-    )
+        result, kind, output, nodes=nodes, units=units, modes=modes, options=options, preload=preload, at=at,
+        progress=session.progress(),
+    )  # fmt: skip
     if "shapes" in report:
         print(f"{printable(report['output'])}: {', '.join(report['shapes'])}")
     else:

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 import hpcred
 
-from ..parallel.declared import flattened
+from ..parallel.declared import Option
 from ..parallel.failures import InputError
 from ..parallel.messages import printable
 from ..report.tables import show_table
-from ..settings.preload_text import preload_of
-from . import session, values
+from ..settings import texts
+from ..workflows.keywords import Load
+from . import session
 from .details import show_details, show_report
-from .options import Details, JsonFile, PreloadTable, Solving
+from .options import Details, JsonFile, Solving, command
 
 
+@command
 def info(
     file: Annotated[str | None, typer.Argument(metavar="FILE", help="Without it, this installation.")] = None,
-    below: Annotated[str | None, typer.Option(metavar="F1,F2", help="Count modes below (Hz).")] = None,
+    below: Annotated[Any, Option("Count modes below (Hz).", "F1,F2", texts.numbers)] = (),
     band_top: Annotated[float | None, typer.Option(help="Upper end of the band (Hz): size hint.")] = None,
     modes: Annotated[int | None, typer.Option(help="Find so many of the lowest frequencies.")] = None,
     verify: Annotated[bool, typer.Option("--verify", help="Read all of it, check all checksums, factor M.")] = False,
@@ -44,7 +46,7 @@ def info(
     if verify and (below or band_top or modes or figure):
         raise InputError("--verify: cannot be combined with other questions; call info twice")
     report = hpcred.workflows.verify_file(file, progress=session.progress()) if verify else hpcred.info(
-        file, frequencies=values.numbers(below, "--below"), band_top=band_top, modes=modes, figure=figure,
+        file, frequencies=below, band_top=band_top, modes=modes, figure=figure,
         sets=names.split(",") if names else None, progress=session.progress(),
     )  # fmt: skip
     show_report(file, report, details)
@@ -67,7 +69,7 @@ def bores(
     report = hpcred.bores(model, turn=turn, figure=figure, progress=session.progress())
     rows = [
         {"name": row["name"], **dict(zip(("centre x", "y", "z"), row["centre"], strict=True)),
-         "axis": values.direction(row["axis"]), "radius": row["radius"], "length": row["length"],
+         "axis": _direction(row["axis"]), "radius": row["radius"], "length": row["length"],
          "turn": f"{row['turn']:g}", "nodes": row["nodes"]} for row in report["bores"]
     ]  # fmt: skip
     if rows:
@@ -80,13 +82,19 @@ def bores(
     session.write_json(json, report)
 
 
-@flattened
+def _direction(vector) -> str:
+    """Return a unit vector as x, y or z where it is one of these, else as three numbers."""
+    axis = next((name for name, part in zip("xyz", vector, strict=True) if abs(part) > 1 - 1e-9), None)
+    return axis or " ".join(f"{part:.4g}" for part in vector)
+
+
+@command
 def modes(
     model: Annotated[str, typer.Argument(metavar="MODEL.h5")],
     count: Annotated[int, typer.Option(help="How many of the lowest modes, rigid-body modes included.")] = 20,
     frame: Annotated[str, typer.Option(help="auto, or as for response.")] = "auto",
     figure: Annotated[str | None, typer.Option(metavar="FILE", help="A .png of the first six elastic modes.")] = None,
-    preload: PreloadTable = None,
+    preload: Load = None,
     *,
     solving: Solving,
     json: JsonFile = None,
@@ -96,8 +104,8 @@ def modes(
     The rigid-body modes of a free body are counted, not listed.
     """
     report = hpcred.modes(
-        model, count, frame=None if frame == "auto" else values.frame(frame), figure=figure,
-        preload=preload_of(preload), **solving.given,
+        model, count, frame=None if frame == "auto" else texts.frame(frame, "--frame"), figure=figure,
+        preload=preload, **solving.given,
     )  # fmt: skip
     f, rigid = report["frequencies_hz"], report["rigid_body_modes"]
     if "masses" in report and rigid < 6:  # all of which take all of the mass

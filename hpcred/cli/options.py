@@ -1,49 +1,68 @@
-"""Define the options and the table titles that several commands share."""
+"""Make commands of functions, and define the options and the table titles that several of them share."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
+from functools import wraps
+from inspect import Signature, signature
+from typing import Annotated, Any, get_args
 
 import typer
 
-from ..parallel.declared import Keywords
-from . import session, values
+from ..parallel.declared import Keywords, Option, flattened, plain_type
+from ..settings import texts
+from . import session
 
 JsonFile = Annotated[
     str | None,
     typer.Option("--json", metavar="FILE", help="Write the numbers; - prints them.", callback=session.checked),
 ]
-Frequencies = Annotated[str | None, typer.Option(metavar="F1,F2,...", help="Frequencies in Hz.")]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Replace a key of the file: tolerance=1e-6, basis.0.order=2"),
 ]
-Pairs = Annotated[
-    str | None, typer.Option(metavar="OUT/IN,...", help="Responses to draw, such as 20:z/20:z,20:z/1:x.")
-]
-FullFile = Annotated[str | None, typer.Option(metavar="MODEL.h5", help="Compare with this full model.")]
-Band = Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz; default: that of the job.")]
-Points = Annotated[int, typer.Option(help="Number of equally spaced frequencies in the band.")]
-Groups = Annotated[int | None, typer.Option(help="Groups of ranks that share the frequencies.")]
-Seed = Annotated[int | None, typer.Option(help="The fresh frequencies of an earlier --check.")]
-Inputs = Annotated[str | None, typer.Option("--inputs", help="Unit loads: 20:z,1:x or dof numbers 115,1")]
-Outputs = Annotated[str | None, typer.Option("--outputs", help="Outputs: 20:z,velocity 20:z,acceleration dof 115")]
-Figure = Annotated[str | None, typer.Option(metavar="FILE", help="A .png, .svg or .pdf.")]
-Output = Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="A .csv or HDF5 file.")]
-ResponseOutput = Annotated[
-    str | None, typer.Option("-o", "--output", metavar="FILE", help="Write the responses: .csv, .h5, .unv, .npz.")
-]
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
-Package = Annotated[str | None, typer.Option(help="What factors: auto, mumps, cudss, superlu_dist or petsc.")]
-PreloadTable = Annotated[
-    str | None, typer.Option("--preload", metavar="TABLE", help="Constant load: '{omega = [0, 0, 300]}' (rad/s).")
-]
-AtValues = Annotated[
-    str | None, typer.Option("--at", metavar="P=V,...", help="Values of parameters; default: the reference values.")
-]
 Details = Annotated[bool, typer.Option("--details", help="Show basis, points, time and memory too.")]
+DIRECTIONS = "Directions by themselves, the least accurate first (|H| in SI units: m/N, rad/(N m))"
+
+
+def command(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Make a command of a function: an option of every parameter, or field of Keywords, that is annotated by an Option,
+    and the value of its text. Fields that are not annotated are no options."""
+    called, options, parameters = flattened(function), {}, []
+    for item in signature(called).parameters.values():
+        about = getattr(item.annotation, "__metadata__", ())
+        if about and isinstance(option := about[-1], Option):
+            options[item.name] = option
+            shown = typer.Option(*option.names, metavar=option.metavar, help=option.help)
+            default = item.default if option.parsed is None else option.text
+            item = item.replace(annotation=Annotated[_kind_of_text(item.annotation, option), shown], default=default)
+        if about or item.annotation is typer.Context:
+            parameters.append(item)
+
+    @wraps(called)
+    def parsed(**given):
+        for key, option in options.items():
+            if given[key] is None:
+                del given[key]
+            elif option.parsed is not None:
+                given[key] = option.parsed(given[key], option.name(key))
+        return called(**given)
+
+    parsed.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    parsed.__annotations__ = {item.name: item.annotation for item in parameters}
+    return parsed
+
+
+def _kind_of_text(annotation, option):
+    """Return the type that the parser of the command line makes: a number or a flag, or else a text."""
+    if option.many:
+        return list[str] | None
+    kind = plain_type(annotation)
+    known = option.parsed is None and ({kind, *get_args(kind)} & {int, float, bool})
+    return kind if known else str | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,12 +71,14 @@ class Solving(Keywords):
 
     out_of_core: OutOfCore = None
     low_rank: LowRank = None
-    package: Package = None
+    package: Annotated[
+        str | None, typer.Option(help="What factors: auto, mumps, cudss, superlu_dist or petsc.")
+    ] = None  # fmt: skip
 
     @property
     def given(self) -> dict:
         """The keywords of a workflow."""
-        factoring = values.factoring(self.out_of_core, self.low_rank, self.package)
+        factoring = texts.factoring(self.out_of_core, self.low_rank, self.package)
         return {"factoring": factoring, "progress": session.progress()}
 
 
@@ -65,35 +86,8 @@ class Solving(Keywords):
 class SharedSolving(Solving):
     """The same, with groups of ranks."""
 
-    groups: Groups = None
+    groups: Annotated[int | None, typer.Option(help="Groups of ranks that share the frequencies.")] = None
 
     @property
     def given(self) -> dict:
         return super().given | {"groups": self.groups}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Grid(Keywords):
-    """Options on which frequencies."""
-
-    frequencies: Frequencies = None
-    band: Band = None
-    points: Points = 61
-
-    @property
-    def given(self) -> dict:
-        """The keywords of a workflow."""
-        chosen = values.numbers(self.frequencies, "--frequencies")
-        return {"frequencies": chosen, "band": values.band(self.band), "points": self.points}
-
-
-@dataclass(frozen=True, kw_only=True)
-class FineGrid(Grid):
-    """The same, of many points."""
-
-    band: Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Hz.")] = None
-    points: Points = 2001
-
-
-DIRECTIONS = "Directions by themselves, the least accurate first (|H| in SI units: m/N, rad/(N m))"
-INTERFACES = "Interfaces, and where their reference nodes are (m)"

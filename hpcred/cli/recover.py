@@ -2,24 +2,44 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import typer
 
 import hpcred
 
+from ..parallel.declared import Keywords
 from ..parallel.failures import InputError
 from ..parallel.messages import printable
 from ..report.tables import show_table
+from ..workflows.keywords import Motion, Recovered
 from ..writers.decks.registry import DECKS
-from . import session, values
-from .options import JsonFile
+from . import session
+from .options import JsonFile, command
 
 LARGEST = {"largest_displacement_m": "displacement (m)", "largest_velocity_m_s": "velocity (m/s)",
            "largest_acceleration_m_s2": "acceleration (m/s^2)",
            "largest_von_mises_pa": "von Mises stress (Pa)"}  # fmt: skip
 
 
+@dataclass(frozen=True, kw_only=True)
+class Deck(Keywords):
+    """Options of stresses that another program computes."""
+
+    deck: Annotated[
+        str | None, typer.Option(metavar=" or ".join(DECKS), help="Write input files for stresses of the basis.")
+    ] = None
+    original: Annotated[
+        str | None, typer.Option("--input", metavar="FILE", help="Of --deck: the input file of the matrices.")
+    ] = None
+    answers: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Take the stresses of the basis from the results of --deck.")
+    ] = None
+    units: Annotated[str, typer.Option(help="Of --deck and --answers: SI; mm,t,s; ...")] = "SI"
+
+
+@command
 def recover(
     result: Annotated[str, typer.Argument(metavar="RESULT.h5")],
     output: Annotated[
@@ -28,66 +48,38 @@ def recover(
     motion: Annotated[
         str | None, typer.Argument(metavar="[MOTION]", help="simulation.h5, a solution of Exudyn, .csv or HDF5.")
     ] = None,
-    nodes: Annotated[
-        str | None, typer.Option(metavar="1,20,bearing,...", help="Numbers, interfaces, node sets; default: all nodes.")
-    ] = None,
-    quantities: Annotated[
-        str, typer.Option(metavar="NAME,...", help="displacement, velocity, acceleration.")
-    ] = "displacement",
-    inertial: Annotated[bool, typer.Option("--inertial", help="In inertial axes, with the frame's motion.")] = False,
-    stress: Annotated[bool, typer.Option("--stress", help="Stresses too, of a result with stress modes.")] = False,
-    start: Annotated[float | None, typer.Option("--from", metavar="T", help="First instant in s.")] = None,
-    end: Annotated[float | None, typer.Option("--to", metavar="T", help="Last instant in s.")] = None,
-    every: Annotated[int, typer.Option(metavar="N", help="Every N-th instant only.")] = 1,
-    single: Annotated[bool, typer.Option("--single", help="Single precision: half the bytes.")] = False,
-    first: Annotated[
-        int | None, typer.Option(metavar="N", help="Exudyn: number of the first reduced coordinate in the system.")
-    ] = None,
-    deck: Annotated[
-        str | None, typer.Option(metavar=" or ".join(DECKS), help="Write input files for stresses of the basis.")
-    ] = None,
-    original: Annotated[
-        str | None, typer.Option("--input", metavar="FILE", help="Of --deck: the input file of the matrices.")
-    ] = None,
-    answers: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Take the stresses of the basis from the results of --deck.")
-    ] = None,
-    units: Annotated[str, typer.Option(help="Of --deck and --answers: SI; mm,t,s; ...")] = "SI",
+    *,
+    recovered: Recovered,
+    taken: Motion,
+    stresses: Deck,
     json: JsonFile = None,
 ):
     """Displacements, velocities and accelerations of nodes from reduced coordinates over time, and stresses."""
     # three commands in one, of which each has options of its own
+    deck, original, answers = stresses.deck, stresses.original, stresses.answers
+    how = {"units": stresses.units, "progress": session.progress()}
     if sum(item is not None for item in (motion, deck, answers)) != 1:
         raise InputError("recover: expected one of MOTION, --deck with --input, and --answers")
     if (deck is None) != (original is None):
         raise InputError("--deck, --input: found one without the other; give the program and the input file that the "
                          "matrices came from")  # fmt: skip
-    of_motion = {
-        "--nodes": nodes is not None, "--quantities": quantities != "displacement", "--inertial": inertial,
-        "--stress": stress, "--from": start is not None, "--to": end is not None, "--every": every != 1,
-        "--single": single, "--first": first is not None,
-    }  # fmt: skip
-    if motion is None and any(of_motion.values()):
-        surplus = next(name for name, given in of_motion.items() if given)
-        raise InputError(f"{surplus}: belongs to MOTION; leave it out with --deck and --answers")
-    if motion is not None and units != "SI":
+    if motion is None and (surplus := [*recovered.changed(), *taken.changed()]):
+        raise InputError(f"{surplus[0]}: belongs to MOTION; leave it out with --deck and --answers")
+    if motion is not None and stresses.units != "SI":
         raise InputError("--units: belongs to --deck and --answers; what is recovered is in SI")
     # a deck for stresses of the basis, the answers to it, or the motion
     if deck is not None:
-        report = hpcred.workflows.write_deck(result, deck, original, output, units=units, progress=session.progress())
+        report = hpcred.workflows.write_deck(result, deck, original, output, **how)
         print(f"{printable(report['folder'])}: {report['columns']} steps; run there {report['run']}")
         session.write_json(json, report)
         return
     if answers is not None:
-        report = hpcred.workflows.add_stresses(result, answers, output, units=units, progress=session.progress())
+        report = hpcred.workflows.add_stresses(result, answers, output, **how)
         print(f"{printable(report['output'])}: stresses of {report['columns']} columns at {report['nodes']} nodes "
               f"({report['source']})")  # fmt: skip
         session.write_json(json, report)
         return
-    report = hpcred.recover(
-        result, motion, output, nodes=values.labels(nodes), quantities=quantities.split(","), inertial=inertial,
-        stress=stress, start=start, end=end, every=every, single=single, first=first, progress=session.progress(),
-    )  # fmt: skip
+    report = hpcred.recover(result, motion, output, progress=session.progress(), **recovered.given, **taken.given)
     found = [(name, report[key]) for key, name in LARGEST.items() if key in report]
     rows = [{"largest": name, "value": item["value"], "node": item["node"] or "", "t (s)": item["t_s"]}
             for name, item in found]  # fmt: skip

@@ -16,8 +16,9 @@ from ..parallel.progress import counted, in_time
 from ..reduction.result.accuracy import WORST
 from ..reduction.result.directions import rows_of_directions
 from ..report.tables import show_table
+from ..settings import texts
 from ..settings.toml_file import check_file_names
-from . import session, values
+from . import session
 from .details import show_details
 from .options import Details, JsonFile, LowRank, OutOfCore, Overrides
 
@@ -109,8 +110,8 @@ def store(
         raise InputError(f"{next(key for key in given if given[key] is not None)}: belongs to --prune")
     if prune:
         rows = hpcred.workflows.prune_store(
-            folder, older=values.amount(older, "--older", {"m": 60, "h": 3600, "d": 86400, "w": 604800}),
-            below=values.amount(below, "--below", {"k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12}), model=model,
+            folder, older=texts.amount(older, "--older", {"m": 60, "h": 3600, "d": 86400, "w": 604800}),
+            below=texts.amount(below, "--below", {"k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12}), model=model,
             broken=broken,
         )  # fmt: skip
     else:

@@ -312,8 +312,8 @@ class ComplexBasis(Basis):
 
 def _is_orthonormal(inside, gram):
     """Whether columns are orthonormal by themselves and to the basis."""
-    parts = np.abs(inside).max(initial=0.0), np.abs(gram - np.eye(len(gram))).max(initial=0.0)
-    return all(bool(part <= ORTHONORMAL) for part in parts)  # NaN is not
+    defects = np.abs(inside).max(initial=0.0), np.abs(gram - np.eye(len(gram))).max(initial=0.0)
+    return all(bool(defect <= ORTHONORMAL) for defect in defects)  # NaN is not
 
 
 def _weights_of(mass):

@@ -238,15 +238,15 @@ def inner(left: Block, right: Block) -> np.ndarray:
 def stacked_inner(lefts, right: Block, diagonal: np.ndarray) -> list[np.ndarray]:
     """left^T right for several blocks, and x^T diag x (1, k) of the columns x of the last of them, with one message
     between the ranks; real numbers, in both builds of PETSc. `diagonal`: the rows of this rank."""
-    parts = []
+    products = []
     with local_rows(right) as y:
         for left in lefts:
             with local_rows(left) as x:
-                parts.append((x.T @ y).real)
+                products.append((x.T @ y).real)
     with local_rows(lefts[-1]) as x:
-        parts.append(np.array([[diagonal @ column**2 for column in x.real.T]]))
-    total = summed(right.comm.tompi4py(), np.concatenate(parts))
-    return np.split(total, np.cumsum([len(part) for part in parts])[:-1])
+        products.append(np.array([[diagonal @ column**2 for column in x.real.T]]))
+    total = summed(right.comm.tompi4py(), np.concatenate(products))
+    return np.split(total, np.cumsum([len(product) for product in products])[:-1])
 
 
 def independent(gram: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:

@@ -30,8 +30,8 @@ def node_inverses(matrix: PETSc.Mat) -> PETSc.Mat:
     size, (first, last) = matrix.getBlockSize(), matrix.getOwnershipRange()
     local, blocks = matrix.getDiagonalBlock(), np.zeros(((last - first) // size, size, size))
     for low in range(0, len(blocks), AT_ONCE):
-        part = blocks[low : low + AT_ONCE]
-        part[...] = _node_blocks(local, size * low, size * (low + len(part)), size)
+        chunk = blocks[low : low + AT_ONCE]
+        chunk[...] = _node_blocks(local, size * low, size * (low + len(chunk)), size)
     diagonal = np.einsum("bii->bi", blocks)
     scale = np.divide(1.0, np.sqrt(np.abs(diagonal)), out=np.zeros_like(diagonal), where=diagonal > 0)
     scale = scale[:, :, None] * scale[:, None]
@@ -47,9 +47,9 @@ def node_inverses(matrix: PETSc.Mat) -> PETSc.Mat:
 def _node_blocks(local, first, last, size):
     """Return the diagonal blocks of nodes of the rows first .. last - 1 of a matrix of this rank."""
     rows = PETSc.IS().createStride(last - first, first, 1, comm=PETSc.COMM_SELF)
-    part = local.createSubMatrix(rows, rows)
-    indptr, column, values = part.getValuesCSR()
-    part.destroy()
+    principal = local.createSubMatrix(rows, rows)
+    indptr, column, values = principal.getValuesCSR()
+    principal.destroy()
     row = np.repeat(np.arange(last - first), np.diff(indptr))
     same = row // size == column // size
     row, column = row[same], column[same]
@@ -125,12 +125,12 @@ def coarse(matrix, interpolation) -> PETSc.Mat:
     result, ends = None, np.linspace(first, last, slabs + 1).astype(int)
     for low, high in zip(ends[:-1], ends[1:], strict=True):
         product = without_products(_rows(matrix, low, high).matMult(interpolation))
-        part = without_products(_rows(interpolation, low, high).transposeMatMult(product))
+        rows = without_products(_rows(interpolation, low, high).transposeMatMult(product))
         if result is None:
-            result = part
+            result = rows
         else:
-            result.axpy(1.0, part, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        del product, part
+            result.axpy(1.0, rows, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        del product, rows
     return without_products(result)
 
 

@@ -46,7 +46,7 @@ class RealForm:
     def __init__(self, model):
         self.model = model
         # twice the entries of a rank may be more than 32 bits count
-        indptr, columns = (part.astype(np.int64) for part in model.K.getValuesCSR()[:2])
+        indptr, columns = (array.astype(np.int64) for array in model.K.getValuesCSR()[:2])
         rows, size = model.local_rows, model.size
         starts = model.row_starts
         widths = np.append(starts[1:], size) - starts

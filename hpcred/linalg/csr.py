@@ -41,11 +41,11 @@ def compress(entries: dict, first: int, last: int, columns: int, repeats: dict |
     return indptr, indices, values
 
 
-def sparse_rows(like: PETSc.Mat, parts, width) -> PETSc.Mat:
+def sparse_rows(like: PETSc.Mat, triplets, width) -> PETSc.Mat:
     """A matrix with the rows of another one from (rows of this rank, columns, values), with columns that ascend from
     part to part; `width`: how many columns this rank owns, and all. Collective."""
     size, total = like.getSizes()[0]
-    rows, columns, values = (np.concatenate(items) for items in zip(*parts, strict=True))
+    rows, columns, values = (np.concatenate(arrays) for arrays in zip(*triplets, strict=True))
     order = np.argsort(rows, kind="stable")
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=size))])
     csr = (starts.astype(PETSc.IntType), columns[order].astype(PETSc.IntType), values[order])

@@ -33,7 +33,7 @@ def symmetry_defect(mat: PETSc.Mat, skew=False) -> float:
         pattern = (abs(one) + abs(two)).tocoo()
         pattern.data[:] = 1.0
         indptr, indices = pattern.tocsr().indptr, pattern.col
-        ours, theirs = (np.asarray(part[pattern.row, pattern.col]).ravel() for part in (one, two))
+        ours, theirs = (np.asarray(matrix[pattern.row, pattern.col]).ravel() for matrix in (one, two))
     # entries that differ, which are few of most matrices, and the diagonal entries of the row and of the column of each
     difference = np.abs(ours + theirs if skew else ours - theirs)
     unequal = np.flatnonzero(difference > 0)
@@ -55,14 +55,14 @@ def entries_of(vector: PETSc.Vec, places: np.ndarray) -> np.ndarray:
     # most are on this rank: only the others are sorted
     needed, back = np.unique(places[~own], return_inverse=True)
     chosen = PETSc.IS().createGeneral(needed.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
-    part = PETSc.Vec().createSeq(len(needed), comm=PETSc.COMM_SELF)
-    scatter = PETSc.Scatter().create(vector, chosen, part, None)
-    scatter.scatter(vector, part)
+    local = PETSc.Vec().createSeq(len(needed), comm=PETSc.COMM_SELF)
+    scatter = PETSc.Scatter().create(vector, chosen, local, None)
+    scatter.scatter(vector, local)
     found = np.empty(len(places))
     found[own] = vector.getArray(readonly=True).real[places[own] - first]
-    found[~own] = part.getArray().real[back]
-    for item in (scatter, chosen, part):
-        item.destroy()
+    found[~own] = local.getArray().real[back]
+    for owned in (scatter, chosen, local):
+        owned.destroy()
     return found
 
 

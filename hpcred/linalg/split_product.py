@@ -47,8 +47,8 @@ def split_product(mat, block):
         X2[...] = X - X1
     # products, the largest last
     result = create_block(mat, len(one))
-    for part, columns in ((values - leading, right), (leading, second), (leading, first)):
-        matrix = PETSc.Mat().createAIJ(mat.getSizes(), csr=(indptr, indices, part), comm=mat.comm)
+    for left, columns in ((values - leading, right), (leading, second), (leading, first)):
+        matrix = PETSc.Mat().createAIJ(mat.getSizes(), csr=(indptr, indices, left), comm=mat.comm)
         add_product(result, times(matrix, columns), one, beta=0.0 if columns is right else 1.0)
         matrix.destroy()
     scaled.destroy()

@@ -74,7 +74,7 @@ def from_csr(comm, size, indptr, indices, values, inputs=None, outputs=None, *, 
     if comm.size > size:
         found = f"{size} rows cannot be distributed over {comm.size} ranks"
         raise InputError(f"{name}: {found}; start at most {size} ranks")
-    indptr, indices = (np.asarray(part, dtype=PETSc.IntType) for part in (indptr, indices))
+    indptr, indices = (np.asarray(array, dtype=PETSc.IntType) for array in (indptr, indices))
     mats = {key: PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=(indptr, indices, data), comm=comm)
             for key, data in values.items()}  # fmt: skip
     return _with_columns(mats, inputs, outputs, name, **labels)
@@ -84,7 +84,7 @@ def from_arrays(K, M, D, comm, inputs=None, outputs=None, **labels) -> dict:
     """Return the fields from matrices, columns and labels that every rank holds."""
     given = {"K": K, "M": M, "D": D}
     given = {key: coordinates(f"from_scipy: {key}", mat) for key, mat in given.items() if mat is not None}
-    sizes = {key: item[3] for key, item in given.items()}
+    sizes = {key: triplets[3] for key, triplets in given.items()}
     size = max(sizes.values(), default=0)
     _require_one_size("from_scipy", sizes)
     check_labels(dofs := labels.get("dofs"), size, "from_scipy")
@@ -146,12 +146,12 @@ def columns_of(K: PETSc.Mat, local, names, what: str) -> tuple[PETSc.Mat | None,
     return None if local is None else dense_matrix(K, local), names
 
 
-def local_columns(model, key: str, item, is_local: bool) -> np.ndarray | None:
+def local_columns(model, key: str, given, is_local: bool) -> np.ndarray | None:
     """Return the rows of this rank of C^T, from C (r, n) of all ranks, or (r, local rows) where it `is_local`."""
-    if item is None:
+    if given is None:
         return None
     rows = model.local_rows if is_local else model.size
-    columns = real_columns(_columns(None, item, rows)[1], rows, f"{model.name}: {key}")
+    columns = real_columns(_columns(None, given, rows)[1], rows, f"{model.name}: {key}")
     return columns if is_local else columns[model.first_row : model.first_row + model.local_rows]
 
 
@@ -160,16 +160,16 @@ def measured_columns(K: PETSc.Mat, C, Cv, Ca, names, what: str) -> tuple[PETSc.M
     Ca^T, each or None."""
     comm, rows = K.comm.tompi4py(), K.getLocalSize()[0]
     with agreed(comm):
-        given = {key: real_columns(item, rows, f"{what}: {key}") for key, item in (("C", C), ("Cv", Cv), ("Ca", Ca))
-                 if item is not None}  # fmt: skip
-        shapes = {key: item.shape for key, item in given.items()}
+        given = {key: real_columns(columns, rows, f"{what}: {key}")
+                 for key, columns in (("C", C), ("Cv", Cv), ("Ca", Ca)) if columns is not None}  # fmt: skip
+        shapes = {key: columns.shape for key, columns in given.items()}
         if set(shapes.values()) != {(rows, len(names))}:
             found = ", ".join(f"{key} of {shape[1]} rows" for key, shape in shapes.items())
             raise InputError(f"{what}: found {found} and {len(names)} names, expected as many rows as names")
-    parts = np.stack([given.get(key, np.zeros((rows, len(names)))).T for key in ("C", "Cv", "Ca")])
-    there = np.any(comm.allgather(parts.any(axis=2)), axis=0)
+    rows_by_order = np.stack([given.get(key, np.zeros((rows, len(names)))).T for key in ("C", "Cv", "Ca")])
+    there = np.any(comm.allgather(rows_by_order.any(axis=2)), axis=0)
     check_names(names, there, what)
-    columns, rates = packed_parts(parts, there)
+    columns, rates = packed_parts(rows_by_order, there)
     return dense_matrix(K, columns), rates
 
 
@@ -182,11 +182,11 @@ def _require_one_size(where, sizes: dict[str, int]):
 
 def _columns(B, C, rows):
     """Return B and C^T with so many rows, as arrays or SciPy matrices, or None. Raises InputError for other shapes."""
-    B, C = (item if item is None or hasattr(item, "tocsr") else np.asarray(item) for item in (B, C))
-    for key, item, axis, expected in (("B", B, 0, f"({rows}, inputs)"), ("C", C, 1, f"(outputs, {rows})")):
-        if item is not None and (item.ndim != 2 or item.shape[axis] != rows):
-            turned = f"; give {key}.T" if item.ndim == 2 and item.shape[1 - axis] == rows else ""
-            raise InputError(f"SecondOrderModel: {key}: found an array {item.shape}, expected {expected}{turned}")
+    B, C = (array if array is None or hasattr(array, "tocsr") else np.asarray(array) for array in (B, C))
+    for key, array, axis, expected in (("B", B, 0, f"({rows}, inputs)"), ("C", C, 1, f"(outputs, {rows})")):
+        if array is not None and (array.ndim != 2 or array.shape[axis] != rows):
+            turned = f"; give {key}.T" if array.ndim == 2 and array.shape[1 - axis] == rows else ""
+            raise InputError(f"SecondOrderModel: {key}: found an array {array.shape}, expected {expected}{turned}")
     return B, None if C is None else C.T
 
 

@@ -22,24 +22,24 @@ def digest_of(model, key: str) -> str | None:
         return digest_of_plain(model.added.digest(model.digest_of)) if model.added else None
     if key == RATES:
         return digest_of_plain(model.rates.parts.tolist()) if model.rates else None
-    item = model.matrices[key] if key in model.matrices else getattr(model, field)
-    if item is None or item == ():
+    held = model.matrices[key] if key in model.matrices else getattr(model, field)
+    if held is None or held == ():
         return None
     first = model.first_row
     if field == "dofs":
-        labels = [item.node, item.direction, *([item.position] if key == "dofs" else [])]
+        labels = [held.node, held.direction, *([held.position] if key == "dofs" else [])]
         return digest_of_block(model.comm, first, np.column_stack(labels).astype("<f8"))
     if key == "interfaces":  # what set, bore, pin, weights, elements and places come to
-        asked = [asdict(replace(node, position=None, count=0, warnings=())) for node in item]
+        asked = [asdict(replace(node, position=None, count=0, warnings=())) for node in held]
         return digest_of_plain([asked, model.digest_of("Gt")])
     if key in ("B", "Ct"):
-        columns = np.ascontiguousarray(item.getDenseArray().real, "<f8")
+        columns = np.ascontiguousarray(held.getDenseArray().real, "<f8")
         scale, values = _rounded(model.comm, columns, np.arange(columns.shape[1]))
         return digest_of_plain([scale, digest_of_block(model.comm, first, values)])
-    indptr, indices, values = item.getValuesCSR()
+    indptr, indices, values = held.getValuesCSR()
     number = "<u4" if model.size < 2**32 else "<u8"
     if key == "Gt":
-        scale, values = _rounded(model.comm, values.real, indices, item.getSize()[1])
+        scale, values = _rounded(model.comm, values.real, indices, held.getSize()[1])
         return digest_of_plain([scale, digest(model.comm, first, [(indptr, indices.astype(number)), (indptr, values)])])
     kept = np.flatnonzero(values)  # the patterns of other matrices leave zeros
     starts = np.searchsorted(kept, indptr)

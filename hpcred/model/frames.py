@@ -197,11 +197,11 @@ def _free_body(model, frame):
             f"frame: the Buckens frame needs a free body, but {model.name} is supported "
             f"(||K R|| / ||K|| = {rigid.defect:.1e} for rigid-body motions R); take frame kind 'none'"
         )
-    for part in model.added:  # the static stiffness does not show one that carries nothing at rest
-        resists = column_norms(times(part.matrix, rigid.R)) / column_norms(rigid.R)
-        if resists.max() > RESISTS * part.matrix.norm():
+    for term in model.added:  # the static stiffness does not show one that carries nothing at rest
+        resists = column_norms(times(term.matrix, rigid.R)) / column_norms(rigid.R)
+        if resists.max() > RESISTS * term.matrix.norm():
             raise InputError(
-                f"frame: the Buckens frame needs a free body, but the {part.law.family} part {part.name} of "
+                f"frame: the Buckens frame needs a free body, but the {term.law.family} part {term.name} of "
                 f"{model.name} resists its rigid-body motions; put it into the multibody model, or take frame kind "
                 "'none'"
             )
@@ -232,8 +232,8 @@ def _holds(model, rigid, rows):
                 for row in rows if 0 <= row - model.first_row < model.local_rows}  # fmt: skip
         largest = float(np.abs(view).max(initial=0.0))
     found = {}
-    for part in model.comm.allgather(mine):
-        found |= part
+    for refused in model.comm.allgather(mine):
+        found |= refused
     largest = max(model.comm.allgather(largest))
     return np.linalg.svd(np.array([found[row] for row in rows]) / largest)[1].min() > 1e-6
 
@@ -298,7 +298,7 @@ def _rotation(model, rotated):
     """Return Q (n, n): the identity but for 3 x 3 blocks whose columns are the axes of the nodes to rotate."""
     first, last = model.first_row, model.first_row + model.local_rows
     blocks = [(np.repeat(rows, 3), np.tile(rows, 3), axes.T.ravel()) for rows, axes in rotated]
-    i, j, v = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    i, j, v = (np.concatenate(arrays) for arrays in zip(*blocks, strict=True))
     straight = np.setdiff1d(np.arange(first, last), i)
     mine = (i >= first) & (i < last)
     entries = (np.concatenate([straight, i[mine]]), np.concatenate([straight, j[mine]]),

@@ -6,10 +6,8 @@ Where pyMOR is imported under mpiexec, it keeps all ranks but the first for itse
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
 from typing import Any
 
-from ..fe.dofs import Dofs
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
 from .second_order_model import SecondOrderModel
@@ -19,12 +17,8 @@ def from_pymor(
     model: Any,
     mu: Any = None,
     *,
-    dofs: Dofs | None = None,
-    input_names: Iterable[str] = (),
-    output_names: Iterable[str] = (),
     name: str = "",
-    comm: MPI.Comm | None = None,
-    circulatory: bool = False,
+    **labels: Any,
 ) -> SecondOrderModel:
     """Return the model of pymor.models.iosys.SecondOrderModel, M q'' + E q' + K q = B u, y = Cp q + Cv q'.
 
@@ -36,10 +30,10 @@ def from_pymor(
         The same on all ranks, of operators that pyMOR can turn into matrices.
     mu : dict or pymor.parameters.base.Mu, optional
         Values of its parameters, such as {"omega": 300.0}.
-    dofs, input_names, output_names, comm, circulatory : optional
-        See SecondOrderModel.
     name : str, optional
         By default that of the model in pyMOR.
+    **labels
+        Further keywords of SecondOrderModel: dofs, names of inputs and outputs, comm, what is known of K.
 
     Returns
     -------
@@ -66,8 +60,7 @@ def from_pymor(
     if D is not None and abs(D).max() > 0:
         raise InputError(f"{name}: found outputs D u, which follow the inputs at once, expected D = 0")
     damping = E if abs(E).max() > 0 else None
-    return SecondOrderModel(M, damping, K, B, Cp, dofs=dofs, input_names=input_names, output_names=output_names,
-                            name=name, comm=comm, Cv=Cv, circulatory=circulatory)  # fmt: skip
+    return SecondOrderModel(M, damping, K, B, Cp, name=name, Cv=Cv, **labels)
 
 
 def refuse_event_loop(what: str):

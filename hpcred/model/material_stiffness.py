@@ -41,7 +41,7 @@ def material_stiffness(model: SecondOrderModel, material: str) -> PETSc.Mat:
         rows of nodes that only these elements have.
     """
     where = f"{ADDED}: material '{material}'"
-    known = () if model.properties is None else tuple(item.name for item in model.properties.materials)
+    known = () if model.properties is None else tuple(material.name for material in model.properties.materials)
     if material not in known:
         raise InputError(f"{where}: {model.name} has no such material; it has {', '.join(known) or 'none'}")
     # the stiffness of the elements of this material, on free rows
@@ -52,12 +52,12 @@ def material_stiffness(model: SecondOrderModel, material: str) -> PETSc.Mat:
         for nodes in group.pieces():
             matrices = stiffness_matrices(group.kind, group.rule, solids.position[nodes], group.elastic)
             places = solids.rows[nodes].reshape(len(nodes), -1)
-            i, j = (np.broadcast_to(item, matrices.shape) for item in (places[:, :, None], places[:, None]))
+            i, j = (np.broadcast_to(numbers, matrices.shape) for numbers in (places[:, :, None], places[:, None]))
             there = (i >= 0) & (j >= 0)
             rows.append(i[there])
             columns.append(j[there])
             values.append(matrices[there])
-    rows, columns, values = (np.concatenate(part) for part in (rows, columns, values))
+    rows, columns, values = (np.concatenate(arrays) for arrays in (rows, columns, values))
     if not model.comm.allreduce(len(values)):
         raise InputError(f"{where}: no solid element of {model.name} has it")
     # assembled on the rank that has the row
@@ -76,17 +76,17 @@ def _check_rows(model, material, mat, where):
     """Refuse matrices of elements that are not those of K, in the rows of nodes that no other element has. Collective.
     """
     own, others = [NO_NODES], [NO_NODES]
-    number = [item.name for item in model.properties.materials].index(material)
+    number = [material.name for material in model.properties.materials].index(material)
     for kind, nodes in model.elements.items():
         table = model.properties.table.get(kind, NO_TABLE)
         chosen = table[:, MATERIAL] == number if len(table) == len(nodes) else np.zeros(len(nodes), bool)
         own.append(np.asarray(nodes)[chosen].ravel())
         others.append(np.asarray(nodes)[~chosen].ravel())
-    own, others = (number_over_ranks(model.comm, np.concatenate(part).astype(np.int64))[0] for part in (own, others))
+    own, others = (number_over_ranks(model.comm, np.concatenate(ids).astype(np.int64))[0] for ids in (own, others))
     inner = look_up(model.comm, own, [], model.dofs.node)[0] & ~look_up(model.comm, others, [], model.dofs.node)[0]
     rest = model.K.copy()
     rest.axpy(-1.0, mat, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-    left, whole = (_row_norms(item) for item in (rest, model.K))
+    left, whole = (_row_norms(matrix) for matrix in (rest, model.K))
     same = inner & (left <= SAME_ROW * whole)
     same = model.comm.allreduce(np.array([np.count_nonzero(inner), np.count_nonzero(same)]))
     if same[1] < MOST * same[0]:

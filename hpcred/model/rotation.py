@@ -111,8 +111,8 @@ def at_nodes(model, block: np.ndarray) -> PETSc.Mat:
     moved, rows = _rows_of_nodes(model)
     values = block[model.dofs.direction[moved]]
     there = (rows >= 0) & (values != 0)
-    parts = [(np.repeat(moved, 3)[there.ravel()], rows[there], values[there])]
-    return sparse_rows(model.K, parts, model.M.getSizes()[1])
+    triplets = [(np.repeat(moved, 3)[there.ravel()], rows[there], values[there])]
+    return sparse_rows(model.K, triplets, model.M.getSizes()[1])
 
 
 def _rows_of_nodes(model):
@@ -130,7 +130,7 @@ def require_translations(model, e):
     moved, rows = _rows_of_nodes(model)
     mixed = np.abs(skew(e)) + np.abs(skew(e) @ skew(e)) > 0  # also with itself, which each row has
     lacking = (rows < 0) & mixed[dofs.direction[moved]]
-    found = [item for part in model.comm.allgather(_first_lacking(dofs, moved, lacking)) for item in part]
+    found = [row for of_rank in model.comm.allgather(_first_lacking(dofs, moved, lacking)) for row in of_rank]
     if found:
         node, held, other = found[0]
         raise InputError(

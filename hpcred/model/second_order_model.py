@@ -60,8 +60,8 @@ def declared_in(fields_of_model) -> dict[str, str]:
 
 def sizes_of_sets(sets: dict, comm) -> dict[str, int]:
     """Return the number of members of each set, by name in order, whose parts (k,) are on the ranks. Collective."""
-    parts = comm.allgather({name: len(part) for name, part in sets.items()})
-    return {name: sum(part.get(name, 0) for part in parts) for name in sorted(set().union(*parts))}
+    sizes = comm.allgather({name: len(numbers) for name, numbers in sets.items()})
+    return {name: sum(of_rank.get(name, 0) for of_rank in sizes) for name in sorted(set().union(*sizes))}
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -196,8 +196,8 @@ class SecondOrderModel:
         )  # fmt: skip
         self._take({"operator": Operator.of(*(given.pop(key, None) for key in "MDK"))} | given)
         if rates:
-            local = [construction.local_columns(self, key, item, isinstance(K, PETSc.Mat))
-                     for key, item in (("C", C), ("Cv", Cv), ("Ca", Ca))]  # fmt: skip
+            local = [construction.local_columns(self, key, rows, isinstance(K, PETSc.Mat))
+                     for key, rows in (("C", C), ("Cv", Cv), ("Ca", Ca))]  # fmt: skip
             self._take_outputs(*local, output_names)
 
     @classmethod
@@ -216,15 +216,15 @@ class SecondOrderModel:
         """Set the fields. Collective."""
         if not isinstance(declared := given.get("circulatory") or False, (bool, np.bool_)):
             raise InputError(f"circulatory: found {declared!r}, expected True or False: whether K is unsymmetric")
-        for item in fields(self):
-            if item.default_factory is not MISSING:
-                vars(self)[item.name] = item.default_factory()
+        for attribute in fields(self):
+            if attribute.default_factory is not MISSING:
+                vars(self)[attribute.name] = attribute.default_factory()
         vars(self).update((key, value) for key, value in given.items() if value is not None)
         watched(self.comm)
 
     def _take_outputs(self, C, Cv, Ca, names):
         """Set the outputs from rows of this rank of C^T, Cv^T and Ca^T, each or None. Collective."""
-        count = next(item.shape[1] for item in (C, Cv, Ca) if item is not None)
+        count = next(rows.shape[1] for rows in (C, Cv, Ca) if rows is not None)
         names = tuple(names) or tuple(f"output {k + 1}" for k in range(count))
         Ct, rates = construction.measured_columns(self.K, C, Cv, Ca, names, f"{self.name}: outputs")
         vars(self).update(Ct=Ct, rates=rates, own_output_names=names)
@@ -264,7 +264,7 @@ class SecondOrderModel:
             "nodes": "none" if self.dofs is None else "with positions",
             "inputs": listed(self.input_names),
             "outputs": listed(self.output_names),
-            "interfaces": listed([item.name for item in self.interfaces]),
+            "interfaces": listed([interface.name for interface in self.interfaces]),
         }
         return as_html(f"{self.name}: M q'' + D q' + K q = B u, y = C q", facts)
 
@@ -290,7 +290,8 @@ class SecondOrderModel:
             mats = {key: changed[key] if key in changed else copy(mat) for key, mat in self.operator.matrices.items()}
             kept["operator"] = self.operator.with_matrices(changed | mats)
         fresh = {key: value for key, value in changed.items() if key not in {*ORDERS, *self.operator.terms}}
-        other = self.of_operator(**{item.name: getattr(self, item.name) for item in fields(self)} | kept | fresh)
+        own = {attribute.name: getattr(self, attribute.name) for attribute in fields(self)}
+        other = self.of_operator(**own | kept | fresh)
         for name in ("_digests", "_defects", "_signs", "_alone"):
             known, shared = getattr(self, name), getattr(other, name)
             other_parts = {*changed, "labels" if "dofs" in changed else "", "interfaces" if "Gt" in changed else ""}
@@ -491,7 +492,7 @@ class SecondOrderModel:
             return marked
         if not marked.interfaces:
             return marked.with_fields(B=None, input_names=())
-        return marked.with_inputs([item.name for item in marked.interfaces])
+        return marked.with_inputs([interface.name for interface in marked.interfaces])
 
     def with_inputs(self, targets: Targets) -> SecondOrderModel:
         """Return the model with unit loads at dofs as inputs.
@@ -539,8 +540,8 @@ class SecondOrderModel:
         InputError
             For nodes, directions and names that do not exist.
         """
-        parts, names = output_columns(self, targets)
-        return self.with_output_columns(parts.pop("C"), names, **parts)
+        columns, names = output_columns(self, targets)
+        return self.with_output_columns(columns.pop("C"), names, **columns)
 
     def with_material(self, material: Material) -> SecondOrderModel:
         """Return the model with all its elements of one material, where the files did not tell it.
@@ -612,9 +613,7 @@ class SecondOrderModel:
         --------
         >>> loaded = model.with_loads([hpcred.loads.Pressure(name="oil", on="BORE", value=2e6)])
         """
-        import hpcred  # the public functions, which stand above
-
-        return with_loads(self, loads, given, hpcred.readers.read_load)
+        return with_loads(self, loads, given)
 
     def with_output_columns(
         self, local: ArrayLike | None, names: Iterable[str], *, Cv: ArrayLike | None = None,

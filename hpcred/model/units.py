@@ -185,18 +185,18 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
     operator = model.operator.map(lambda mat: mat.copy())
     for key, mat in operator.matrices.items():
         scale_to_si(model, units, key, mat)
-    dense = [None if mat is None else dense_matrix(model.K, _columns(model, mat, names, moved, scale, units, parts))
-             for mat, names, parts in ((model.B, model.input_names, Rates()),
+    dense = [None if mat is None else dense_matrix(model.K, _columns(model, mat, names, moved, scale, units, rates))
+             for mat, names, rates in ((model.B, model.input_names, Rates()),
                                        (model.Ct, model.own_output_names, model.rates))]  # fmt: skip
     # materials, places, and names of the units that were
     properties = model.properties
     if properties is not None:
         stress, density = units.energy / units.length**3, units.mass / units.length**3
         properties = replace(
-            properties, materials=tuple(item.in_units(stress, density) for item in properties.materials)
+            properties, materials=tuple(material.in_units(stress, density) for material in properties.materials)
         )
-    dofs, held = (part and Dofs(part.node, part.direction, part.position * units.length)
-                  for part in (model.dofs, model.held))  # fmt: skip
+    dofs, held = (rows and Dofs(rows.node, rows.direction, rows.position * units.length)
+                  for rows in (model.dofs, model.held))  # fmt: skip
     return model.with_fields(
         operator=operator, B=dense[0], Ct=dense[1], dofs=dofs, held=held,
         converted_from=units.name, properties=properties,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from difflib import get_close_matches
 from functools import cache, wraps
 from inspect import Parameter, Signature, signature
@@ -158,8 +158,39 @@ def spelled_with(table: type) -> Callable[[Function], Function]:
     return decorated
 
 
+@dataclass(frozen=True)
+class Option:
+    """What a command line takes for a parameter, in whose annotation it stands (see cli.options.command).
+
+    `metavar`: a word for the value. `parsed` makes the value of a text, or of all texts where it may be given `many`
+    times, and of the name of the option; `text`: the default, as a text. `names`: by default that of the parameter.
+    """
+
+    help: str
+    metavar: str | None = None
+    parsed: Callable[[Any, str], Any] | None = None
+    text: str | None = None
+    names: tuple[str, ...] = ()
+    many: bool = False
+
+    def name(self, key: str) -> str:
+        """Return its long name, for a parameter of this name."""
+        return next((name for name in self.names if name.startswith("--")), f"--{key.replace('_', '-')}")
+
+
 class Keywords:
     """Base of frozen dataclasses whose fields a function takes as keywords: see flattened."""
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The keywords, for another function."""
+        return dict(vars(self))
+
+    def changed(self) -> list[str]:
+        """Return the options of what is not as by default."""
+        defaults = {item.name: item.default for item in fields(self)}  # type: ignore[arg-type]
+        return [get_args(kind)[-1].name(key) for key, kind in types_of(type(self)).items()
+                if getattr(self, key) != defaults[key]]  # fmt: skip
 
 
 def flattened(function: Callable[..., Any]) -> Callable[..., Any]:

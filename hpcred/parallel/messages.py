@@ -6,6 +6,7 @@ INFO is progress, WARNING a doubt about numbers or input, CRITICAL the error by 
 
 import logging
 import sys
+from functools import partial
 
 LOGGER = logging.getLogger("hpcred")
 
@@ -28,8 +29,4 @@ def message(level: int, text: str, shown: str | None = None, show=None) -> None:
     if routed():
         LOGGER.log(level, printable(text))
     elif shown is not None and level >= LOGGER.level and level > LOGGER.manager.disable and not LOGGER.disabled:
-        (show or _print)(printable(shown))
-
-
-def _print(line):
-    print(line, file=sys.stderr, flush=True)
+        (show or partial(print, file=sys.stderr, flush=True))(printable(shown))

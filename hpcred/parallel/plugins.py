@@ -27,6 +27,11 @@ class Registered:
     package: str = OWN
 
 
+def found_at(address: str):
+    """Return what is at an address in hpcred."""
+    return EntryPoint("", f"{OWN}.{address}", "").load()
+
+
 class Registry:
     """The classes that derive from that at `base`: `own` addresses by name, and those of a `group` of entry points.
 
@@ -59,7 +64,7 @@ class Registry:
         """Return the instance of an entry. Raises InputError where another package has no such class."""
         if entry not in self._loaded:
             try:
-                found, base = (EntryPoint("", address, "").load() for address in (entry.address, f"{OWN}.{self._base}"))
+                found, base = EntryPoint("", entry.address, "").load(), found_at(self._base)
                 if not (isinstance(found, type) and issubclass(found, base)):
                     raise TypeError(f"found {found!r}, expected a class derived from hpcred.{base.__name__}")
                 item = found()

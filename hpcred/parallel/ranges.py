@@ -20,6 +20,17 @@ class Range(NamedTuple):
         within(key, value, self)
 
 
+class Least(NamedTuple):
+    """The whole numbers from `least`, in the annotation of a field, as Range is."""
+
+    least: int
+
+    def __call__(self, key, value):
+        if value is not None and value < self.least:
+            raise InputError(f"{key}: found {value}, expected at least {self.least}")
+        within(key, value, COUNT)
+
+
 FREQUENCY = Range(0.0, 1e12, "Hz")
 LABEL = Range(1, 2**31 - 1)
 COUNT = Range(1, 2**31 - 1)
@@ -28,6 +39,7 @@ COORDINATE = Range(-1e9, 1e9, "m")
 RATE = Range(-1e13, 1e13, "1/s")
 ANYTHING = Range(-1e30, 1e30)
 
+Count = Annotated[int, Least(1)]
 Frequency = Annotated[float, FREQUENCY]
 Coordinate = Annotated[float, COORDINATE]
 Number = Annotated[float, ANYTHING]  # finite, and not beyond all units
@@ -53,6 +65,9 @@ def require_band(key: str, band: tuple[float, float] | None):
     if band is not None and not 0 <= band[0] < band[1]:
         raise InputError(f"{key}: found {list(band)}, expected 0 <= lower < upper in Hz")
     within(key, band, FREQUENCY)
+
+
+Band = Annotated[tuple[float, float], require_band]  # Hz
 
 
 def within(key: str, value, range_: tuple):

@@ -162,7 +162,7 @@ class BasisReductor(Reductor):
         if not self.basis:
             raise InputError("basis: the list of components is empty, and no tolerance is asked for")
         columns = max(columns_of(self.basis, framed), 1)
-        points = [item for item in self.basis if isinstance(item, PointComponent)]
+        points = [component for component in self.basis if isinstance(component, PointComponent)]
         return Plan(self.settings.deflation_tolerance, self._tau(framed), columns, len(points))
 
     def _tau(self, framed) -> float:
@@ -170,7 +170,7 @@ class BasisReductor(Reductor):
         0 beside powers of M^-1 K."""
         if has_powers(self.damping):
             return 0.0
-        points = [abs(item.point) for item in self.basis if hasattr(item, "point")]
+        points = [abs(component.point) for component in self.basis if hasattr(component, "point")]
         highest = max([point for point in points if np.isfinite(point)], default=0.0)
         return 1 / (highest or np.sqrt(abs(framed.model.mean_eigenvalue)))
 
@@ -263,13 +263,13 @@ def has_powers(damping) -> bool:
 def columns_of(basis, framed) -> int:
     """Return how many vectors components are asked for, at most. Raises InputError where they cannot fit."""
     model, rigid = framed.model, framed.rigid_size
-    for item in basis:
-        item.check(model.size, rigid)
-    columns = sum(item.columns(model.B.getSize()[1], rigid) for item in basis)
-    for item in basis:
-        if item.per_direction is not None and not model.interfaces:
-            raise InputError(f"basis: {item.kind} needs at least one [[interface]]")
-        columns += 6 * len(model.interfaces) * (item.per_direction or 0)
+    for component in basis:
+        component.check(model.size, rigid)
+    columns = sum(component.columns(model.B.getSize()[1], rigid) for component in basis)
+    for component in basis:
+        if component.per_direction is not None and not model.interfaces:
+            raise InputError(f"basis: {component.kind} needs at least one [[interface]]")
+        columns += 6 * len(model.interfaces) * (component.per_direction or 0)
     if columns > model.size - rigid:
         raise InputError(
             f"basis: {columns} vectors asked for, but {model.name} has only {model.size - rigid} elastic "
@@ -294,6 +294,6 @@ def extend_by_all(basis, bases, runs, groups, last=True):
 
 def _highest(basis, run) -> float:
     """Return the highest point or mode (Hz) that a basis was made for."""
-    points = [abs(getattr(item, "point", 0.0)) for item in basis if isinstance(item, PointComponent)]
-    modes = [max(item.frequencies_hz) for item in run.notes.components if item.frequencies_hz]
+    points = [abs(getattr(component, "point", 0.0)) for component in basis if isinstance(component, PointComponent)]
+    modes = [max(notes.frequencies_hz) for notes in run.notes.components if notes.frequencies_hz]
     return max([*(point / 2 / np.pi for point in points if np.isfinite(point)), *modes], default=0.0) or np.inf

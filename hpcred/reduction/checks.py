@@ -137,8 +137,8 @@ def warnings_of(model, frame, constant=None) -> tuple[str, ...]:
             "row: soft springs to the ground, which the Buckens frame leaves out, have to be put into the multibody "
             "model",
         )
-    of_loads = (note for item in model.loads for note in item.notes)
-    nodes = sorted({item.node for name in model.output_names if (item := stress_output_of(name))})
+    of_loads = (note for load in model.loads for note in load.notes)
+    nodes = sorted({stress.node for name in model.output_names if (stress := stress_output_of(name))})
     of_stresses = Solids(model, nodes).warnings() if nodes and model.properties is not None else ()
     return (*of_rows, *of_nodes, *warnings_of_interfaces(model), *of_loads, *of_stresses)
 
@@ -168,14 +168,14 @@ def _in_radians(upper) -> str | None:
 def _beyond_bearings(model, upper) -> str | None:
     """Return a sentence where shear waves at the end of a band are far shorter than all interfaces are wide."""
     materials = model.properties.materials if model.properties is not None else ()
-    speeds = [(item.young / (2 * (1 + item.poisson) * item.density)) ** 0.5 for item in materials
-              if None not in (item.young, item.poisson, item.density) and item.density > 0]  # fmt: skip
-    made = [item for item in model.interfaces if item.definition]
+    speeds = [(material.young / (2 * (1 + material.poisson) * material.density)) ** 0.5 for material in materials
+              if None not in (material.young, material.poisson, material.density) and material.density > 0]  # fmt: skip
+    made = [interface for interface in model.interfaces if interface.definition]
     if not speeds or not made:
         return None
     wide = []
-    for item in made:
-        away = model.dofs.position[members(model, item.definition)] - item.position
+    for interface in made:
+        away = model.dofs.position[members(model, interface.definition)] - interface.position
         wide.append(2 * model.comm.allreduce(np.sqrt((away**2).sum(axis=1)).max(initial=0.0), op=MPI.MAX))
     transmitted = max(speeds) / min(wide) if min(wide) > 0 else np.inf
     if upper <= FAR * transmitted:

@@ -22,7 +22,7 @@ from ..parallel.decisions import decided
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from ..parallel.messages import message
-from ..parallel.ranges import require_band
+from ..parallel.ranges import Band
 from .components.component import Component
 from .reduce import reduce
 from .reductor import Reductor
@@ -61,8 +61,8 @@ class TangentialPoints(Component):
         with run.progress.stage("solve"):
             loads = from_dense(run.model.B)
             load, solution = (create_block(run.model.K, 2) for _ in range(2))
-            for s, parts in zip(self.points, self.outputs if run.is_dual else self.inputs, strict=True):
-                add_product(load, loads, np.array(parts), beta=0.0)
+            for s, weights in zip(self.points, self.outputs if run.is_dual else self.inputs, strict=True):
+                add_product(load, loads, np.array(weights), beta=0.0)
                 solver.factor(complex(*s) ** 2, complex(*s))
                 solver.solve(load, solution)
                 found += basis.extend(solution).kept
@@ -91,7 +91,7 @@ class IRKA(Reductor):
     """
 
     size: int
-    band: tuple[float, float]
+    band: Band
     frame: Frame | None = None
     damping: Damping | None = None
     change: float = 1e-6
@@ -99,7 +99,6 @@ class IRKA(Reductor):
 
     def __post_init__(self):
         as_declared(self, "irka.")
-        require_band("irka.band", self.band)
         if self.size < 2 or self.size % 2:
             raise InputError(f"irka.size: found {self.size}, expected an even number of at least 2")
         if not (self.change > 0 and self.turns >= 1):
@@ -163,7 +162,7 @@ def mirrored(reduced: ReducedModel, count: int) -> tuple[np.ndarray, np.ndarray,
     strength = np.linalg.norm(b[upper], axis=1) * np.linalg.norm(c[upper], axis=1) / np.abs(poles.real[upper])
     chosen = upper[np.argsort(-strength)[:count]]
     chosen = chosen[np.argsort(poles[chosen].imag)]
-    b, c = (item[chosen] / np.linalg.norm(item[chosen], axis=1, keepdims=True) for item in (b, c))
+    b, c = (weights[chosen] / np.linalg.norm(weights[chosen], axis=1, keepdims=True) for weights in (b, c))
     return np.abs(poles[chosen].real) + 1j * poles[chosen].imag, b.conj(), c.conj()
 
 

@@ -103,7 +103,7 @@ class ParametricReductor(AtReference, ToleranceReductor):
         asked = [terms, asdict(self.parameter_search)]
 
         def open_run(point, visited):
-            return run_at(self, run, point, [*asked, [list(item) for item in visited]])
+            return run_at(self, run, point, [*asked, [list(values) for values in visited]])
 
         greedy = Greedy(self.parametric, vectors, run, self.goal, self.parameter_search, open_run, kept, terms)
         greedy.run_to_end()
@@ -137,7 +137,7 @@ class ParametricReductor(AtReference, ToleranceReductor):
         )  # fmt: skip
         names = list(self.parametric.reference)
         of_parameters = ParameterAccuracy(
-            ranges={item.name: item.range for item in self.parametric.parameters},
+            ranges={parameter.name: parameter.range for parameter in self.parametric.parameters},
             reference=self.parametric.reference, points=tuple(greedy.known), checked=len(fewest.points),
             worst=dict(zip(names, fewest.points[worst], strict=True)),
         )  # fmt: skip
@@ -231,7 +231,7 @@ def run_at(reductor, first, point, asked=()):
     values = dict(zip(parametric.reference, point, strict=True))
     with Owned(parametric.comm) as owned:
         model = owned.owns(parametric.at(**values))
-        if any(item.of == "M" for item in parametric.terms):
+        if any(term.of == "M" for term in parametric.terms):
             check_definite(model)
         check_added(model, reductor.damping)
         framed = apply_frame(model, reductor.frame, reductor.damping)

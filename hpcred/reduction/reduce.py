@@ -186,16 +186,17 @@ def reduce(
     return progress.found(reductor.reduce(model))
 
 
-def _known_part(part):
+def _known_part(component):
     """Return a part of a basis, made anew where a record was read before its class was known. Raises InputError."""
-    if not isinstance(part, UnknownPart):
-        return part
+    if not isinstance(component, UnknownPart):
+        return component
     try:
-        found = from_table(BasisPart, UnknownPart, table_of(part))
+        found = from_table(BasisPart, UnknownPart, table_of(component))
     except ValueError as error:
-        raise InputError(f"basis: found the kind '{part.kind}' with settings that it does not take: {error}") from error
+        found = f"found the kind '{component.kind}' with settings that it does not take"
+        raise InputError(f"basis: {found}: {error}") from error
     if isinstance(found, UnknownPart):
-        raise InputError(f"basis: found the kind '{part.kind}', whose class is not known here; import it first")
+        raise InputError(f"basis: found the kind '{component.kind}', whose class is not known here; import it first")
     return found
 
 

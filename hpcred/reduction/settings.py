@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
-from ..parallel.declared import as_declared
+from ..parallel.declared import Settings
 from ..parallel.failures import InputError
-from ..parallel.ranges import COUNT, FREQUENCY, within
+from ..parallel.ranges import COUNT, FREQUENCY, Range, within
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reduction:
+class Reduction(Settings):
     """How a basis becomes a reduced model.
 
     Parameters
@@ -32,23 +33,18 @@ class Reduction:
         take as dofs.
     """
 
-    deflation_tolerance: float = 1e-9
+    deflation_tolerance: Annotated[float, Range(1e-16, 0.999)] = 1e-9
     drop_above: float | None = None
-    projection: str = "one_sided"
+    projection: Literal["one_sided", "two_sided"] = "one_sided"
     allow_unstable: bool = False
     groups: int | str = 1
-    coordinates: str = "modal"
+    coordinates: Literal["modal", "interface"] = "modal"
 
     def __post_init__(self):
-        as_declared(self)
-        within("deflation_tolerance", self.deflation_tolerance, (1e-16, 0.999, ""))
+        super().__post_init__()
         if self.drop_above is not None and not 0 < self.drop_above < float("inf"):
             raise InputError(f"drop_above: found {self.drop_above:g}, expected a positive frequency in Hz")
         within("drop_above", self.drop_above, FREQUENCY)
-        if self.projection not in ("one_sided", "two_sided"):
-            raise InputError(f"projection: found '{self.projection[:40]}', expected 'one_sided' or 'two_sided'")
-        if self.coordinates not in ("modal", "interface"):
-            raise InputError(f"coordinates: found '{self.coordinates[:40]}', expected 'modal' or 'interface'")
         if self.groups != "auto" and (isinstance(self.groups, str) or self.groups < 1):
             raise InputError(f"groups: found '{str(self.groups)[:20]}', expected a whole number from 1, or 'auto'")
         within("groups", self.groups, COUNT)

@@ -122,9 +122,9 @@ class ToleranceReductor(BasisReductor):
         mode = create_block(run.model.K, 1)
         add_product(mode, search.projections.basis.columns, model.vectors[:, -1:], beta=0.0)
         with local_rows(mode) as x:  # x^T M x = 1
-            parts = summed(run.model.comm, diagonal_of(run.model.M) @ np.abs(x) ** 2)
+            norms = summed(run.model.comm, diagonal_of(run.model.M) @ np.abs(x) ** 2)
         mode.destroy()
-        return bool(parts[0] > CANCELS)
+        return bool(norms[0] > CANCELS)
 
     def accuracy(self, setup, reduced, outcome):
         framed, accuracy, projections = setup.framed, outcome.accuracy, outcome.projections

@@ -35,10 +35,10 @@ from ..reduction.components.second_order_krylov import SecondOrderKrylov
 from ..reduction.parametric.settings import ParameterSearch
 from ..reduction.search.goal import Adaptive, Limits
 from ..reduction.settings import Reduction
+from .declared_terms import ViscoelasticPart
 from .source import Source
 from .term_table import TermTable
 from .toml_file import CONFIG, check_file_names, parse, read_table, require_kind
-from .viscoelastic import ViscoelasticPart
 
 FILES_OF_STATE = ("stresses", "file", "opposite")
 PLACES = ("output", "inputs", "outputs", "out_of_core", "store")  # keys that may be names of files, besides `model`

@@ -54,7 +54,7 @@ def parse(kind, table: dict):
     Tables with a key `kind` become the one of several dataclasses that it names. Raises InputError.
     """
     try:
-        text = json.dumps(table, default=_no_json)
+        text = json.dumps(table, default=lambda date: [None])  # which no key takes
     except RecursionError as error:
         raise InputError("tables inside tables, thousands deep; expected a table of keys") from error
     try:
@@ -88,10 +88,6 @@ def table_around(key, text: str, examples) -> dict:
         return tomllib.loads(f"{key} = {text}")
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"--{key}: found '{text[:80]}', expected a table such as {examples}") from error
-
-
-def _no_json(value):
-    return [None]  # for a date: what no key takes
 
 
 def check_file_names(**names):

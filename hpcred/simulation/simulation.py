@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -93,7 +93,7 @@ class Simulation:
     end: Annotated[float, _more_than_0, Range(1e-15, 1e9, "s")]
     steps: Annotated[int, _more_than_0, OUTPUTS] = 500
     gravity: Vector = ZERO
-    start: str = "given"
+    start: Literal["given", "static"] = "given"
     position: Vector = ZERO
     rotation: Vector = ZERO
     velocity: Annotated[Vector, SPEED] = ZERO
@@ -114,8 +114,6 @@ class Simulation:
     def __post_init__(self):
         as_declared(self)
         moving = ("velocity", "angular_velocity", "elastic", "elastic_velocity")
-        if self.start not in ("given", "static"):
-            raise InputError(f"start: found '{self.start[:40]}', expected 'given' or 'static'")
         if self.start == "static" and any(any(getattr(self, key)) for key in moving):
             raise InputError(f"start: 'static' is a state of rest; leave out {', '.join(moving)}")
 
@@ -240,8 +238,6 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         Its nodes must include those of the settings.
     setup : Simulation
         The settings.
-    progress : Progress, optional
-        Reports the progress.
 
     Returns
     -------

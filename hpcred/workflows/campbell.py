@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ..analysis.campbell import POINTS, campbell
+from ..analysis.campbell import campbell
 from ..analysis.campbell_diagram import FULL_POINTS, Campbell
 from ..analysis.whirl import in_words
 from ..body.preload import Preload, reduced_at, warning_of_basis
@@ -27,15 +27,14 @@ from ..reduction.result.record import Record, versions
 from ..report.campbell_figure import campbell_figure
 from ..report.figures import kind_of_figure
 from .full_model import factoring_of, full_of_record
-from .keywords import Files
+from .keywords import At, Files, Speeds, Whirl
 from .workflow import workflow
 
 
 @workflow
 @flattened
 def campbell_file(
-    result, over: str = "omega", *, values=(), range=None, points: int = POINTS, at=None, nodes=None, axis=None,
-    orders=(1.0,), highest: float | None = None, full=None, solves: int = FULL_POINTS,
+    result, over: str = "omega", *, speeds: Speeds, at: At = None, whirl: Whirl, full=None, solves: int = FULL_POINTS,
     factoring: Factoring | None = None, files: Files, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Return the Campbell diagram of result.h5 over a parameter. Collective.
@@ -48,12 +47,8 @@ def campbell_file(
     result : Result or path
     over : str
         The name of the parameter.
-    values : sequence of float
-        Of the parameter; or else `points` of them over a `range`.
-    range : sequence of 2 floats, optional
-        By default that of the parameter.
-    points : int
-        Number of values over the range.
+    values, range, points : optional
+        Of the parameter; or else so many equally spaced points over a range, by default that of the parameter.
     at : dict of float, optional
         Values of the other parameters.
     nodes : sequence of int or str, optional
@@ -64,16 +59,12 @@ def campbell_file(
         Multiples of the speed whose crossings are critical speeds (see campbell).
     highest : float, optional
         Hz, up to which modes are shown.
-    full : str or PathLike, optional
-        The model file of the reduction, which is then solved at `solves` of the values.
-    solves : int
-        Number of them.
+    full, solves : optional
+        The model file of the reduction, and at how many of the values it is solved.
     factoring : Factoring, optional
         How the full model is factored.
-    output : str or PathLike, optional
-        A .csv or HDF5 file (see write_campbell).
-    figure : str or PathLike, optional
-        A .png, .svg or .pdf.
+    output, figure : str or PathLike, optional
+        A .csv or HDF5 file (see write_campbell); a .png, .svg or .pdf.
 
     Returns
     -------
@@ -87,25 +78,28 @@ def campbell_file(
     """
     found, output, figure = read_result(result, comm), files.output, files.figure
     files.check(comm, [result, full], progress, over=over)
-    for key, number in (("points", points), ("solves", solves)):
+    for key, number in (("points", speeds.points), ("solves", solves)):
         within(key, declared(key, number, int), SAMPLES)
-    if points < 2:
-        raise InputError(f"points: found {points}, expected at least 2")
+    if speeds.points < 2:
+        raise InputError(f"points: found {speeds.points}, expected at least 2")
     if solves < 1:
         raise InputError(f"solves: found {solves}, expected at least 1")
     # the model over the parameter, at values of it, with the nodes that tell the whirl
-    axis = axis_of(found.reduced.record) or "z" if axis is None else axis
+    axis = axis_of(found.reduced.record) or "z" if whirl.axis is None else whirl.axis
     model = parametric_of(found, over, axis)
     if at and not model.parameters:
         raise InputError(f"at: found a value of {next(iter(at))}, but {result} has no parameters; leave it out")
+    values = speeds.values
     if not len(values):
-        range = range or _range_of(model, over)
-        values = np.linspace(*declared("range", range, tuple[float, float]), points)
+        range = speeds.range or _range_of(model, over)
+        values = np.linspace(*declared("range", range, tuple[float, float]), speeds.points)
     with agreed(comm):
-        shapes = found.nodes if nodes is None else found.body(nodes).nodes
+        shapes = found.nodes if whirl.nodes is None else found.body(whirl.nodes).nodes
     # the poles, and those of the full model at some of the values
     with progress.stage("poles"):
-        diagram = campbell(model, over, values, at=at, nodes=shapes, axis=axis, orders=orders, highest=highest)
+        diagram = campbell(
+            model, over, values, at=at, nodes=shapes, axis=axis, orders=whirl.orders, highest=whirl.highest
+        )
     if full is not None:
         diagram = _with_full(diagram, full, found, at, solves, factoring, comm, progress)
     if not model.parameters:

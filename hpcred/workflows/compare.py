@@ -22,7 +22,7 @@ from ..reduction.result.record import difference_between
 from ..report.figures import error_figure
 from .evaluate import band_of, short_names
 from .full_model import full_of_record
-from .keywords import Files, Grid, Solving
+from .keywords import At, Grid, Measured, ResponseFiles, Solving
 from .workflow import workflow
 
 SAME_MODE = 1e-6  # relative difference of the frequencies of repeated modes
@@ -31,8 +31,8 @@ SAME_MODE = 1e-6  # relative difference of the frequencies of repeated modes
 @workflow
 @flattened
 def compare_results(
-    results, full, *, grid: Grid, modes: int = 10, files: Files, measure: str | None = None,
-    solving: Solving, at: dict[str, float] | None = None, comm=None, progress: Progress | None = None,
+    results, full, *, grid: Grid, modes: int = 10, files: ResponseFiles, measure: Measured = None,
+    solving: Solving, at: At = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Compare results of one model against the full model, which is solved once. Collective.
 
@@ -44,12 +44,8 @@ def compare_results(
     results : sequence of str or PathLike
     full : str or PathLike
         The model file.
-    frequencies : sequence of float, optional
-        Hz; or else `points` of them over `band`.
-    band : sequence of 2 floats, optional
-        Hz; by default that of the job.
-    points : int
-        Number of uniform frequencies over the band.
+    frequencies, band, points : optional
+        Hz; or else so many equally spaced points over a band (Hz), by default that of the job.
     modes : int
         So many lowest modes of the model are compared.
     output : str or PathLike, optional
@@ -58,10 +54,9 @@ def compare_results(
         Its picture.
     measure : {"directions", "paper"}, optional
         What eps is; by default as the model was reduced.
-    groups : int, optional
-        Groups of ranks that share the frequencies (see frequency_response).
-    factoring : Factoring, optional
-        How full models are factored; by default as in the reduction.
+    groups, factoring : optional
+        Groups of ranks that share the frequencies (see frequency_response), and how full models are factored; by
+        default as in the reduction.
     at : dict of float, optional
         Values of the parameters by name; by default those of reference.
 

@@ -9,19 +9,23 @@ from ..files.model_file import FORMAT, write_model
 from ..files.outputs import check_outputs, hdf5_kind
 from ..files.together import rescued
 from ..model.units import SI, in_si, units_of
+from ..parallel.declared import flattened
 from ..parallel.plugins import OWN
 from ..parallel.progress import Progress
 from ..readers.model_source import load_export, load_source
 from ..readers.registry import READERS, readers_of
+from ..settings.declared_terms import DeclaredTerms
 from ..settings.source import Source
-from .model_of_job import declared_circulatory, with_viscoelastic
+from .keywords import FileUnits, InputsAndOutputs, Variables
+from .model_of_job import with_declared_terms
 from .workflow import workflow
 
 
 @workflow
+@flattened
 def convert(
-    source: Source | str | Path, output, *, inputs=None, outputs=None, variables=None, units: str = "SI",
-    viscoelastic=(), circulatory: bool = False, comm=None, progress: Progress | None = None,
+    source: Source | str | Path, output, *, ends: InputsAndOutputs, variables: Variables = None,
+    units: FileUnits = "SI", terms: DeclaredTerms, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Write a model file from matrix files, or from the main file of a finite-element export. Collective.
 
@@ -55,8 +59,7 @@ def convert(
     system = units_of(units)
     # nothing that is read may be the output
     reads = source.files if isinstance(source, Source) else [source]
-    reads = [*reads, *(part.file for part in viscoelastic if part.file is not None)]
-    check_outputs({output: hdf5_kind(FORMAT)}, comm, reads, progress=progress)
+    check_outputs({output: hdf5_kind(FORMAT)}, comm, [*reads, *terms.files], progress=progress)
     # the model in SI, with what the files do not say
     name = Path(output).name
     with progress.stage("read", source.K if isinstance(source, Source) else str(source)):
@@ -64,12 +67,12 @@ def convert(
             model = load_source(source, comm, name)
         else:
             model = load_export(source, comm, name, variables)
-    model = with_viscoelastic(declared_circulatory(model, circulatory), viscoelastic)
+    model = with_declared_terms(model, terms)
     if system != SI:
         with model:
             converted = in_si(model, system)
         model = converted
-    for key, targets in (("inputs", inputs), ("outputs", outputs)):
+    for key, targets in ends.given.items():
         # inputs and outputs name nodes, so they come after the units
         if targets:
             with model:

@@ -10,7 +10,7 @@ import numpy as np
 from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.error_check import accuracy_of, check_reduced, estimate_at, measuring_damping
 from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
-from ..body.preload import Preload, warning_of_basis
+from ..body.preload import warning_of_basis
 from ..files.names import in_text
 from ..files.response_file import FOREIGN, Responses, lost_channels, write_responses
 from ..files.result_file import result_at
@@ -25,7 +25,7 @@ from ..reduction.interface_coordinates import elastic_part
 from ..reduction.result.directions import rows_of_directions
 from ..reduction.result.record import versions
 from .full_model import full_of_record
-from .keywords import Files, Grid, Solving
+from .keywords import At, FullFile, Grid, Load, Measured, Pairs, ResponseFiles, Solving
 from .pair_figures import figures_of_pairs, pairs_by_name, pairs_to_show
 from .workflow import workflow
 
@@ -35,9 +35,8 @@ MOST_FIGURES = 16  # of the largest responses
 @workflow
 @flattened
 def evaluate_result(
-    result, full=None, *, grid: Grid, files: Files, pairs=(), measure: str | None = None,
-    solving: Solving, preload: Preload | None = None, at: dict[str, float] | None = None, comm=None,
-    progress: Progress | None = None,
+    result, full: FullFile = None, *, grid: Grid, files: ResponseFiles, pairs: Pairs = (), measure: Measured = None,
+    solving: Solving, preload: Load = None, at: At = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Return the responses of result.h5, and eps(f) and Q (57) against a full model if given. Collective.
 
@@ -49,12 +48,8 @@ def evaluate_result(
     result : str or PathLike
     full : str or PathLike, optional
         The model file.
-    frequencies : sequence of float, optional
-        Hz; or else `points` of them over `band`.
-    band : sequence of 2 floats, optional
-        Hz; by default that of the job.
-    points : int
-        Number of uniform frequencies over the band.
+    frequencies, band, points : optional
+        Hz; or else so many equally spaced points over a band (Hz), by default that of the job.
     output : str or PathLike, optional
         A .csv or HDF5 file for the responses (see write_responses).
     figure : str or PathLike, optional
@@ -63,10 +58,9 @@ def evaluate_result(
         "output/input"; by default the largest.
     measure : {"directions", "paper"}, optional
         What eps is; by default as the model was reduced.
-    groups : int, optional
-        Groups of ranks that share the frequencies (see frequency_response).
-    factoring : Factoring, optional
-        How full models are factored; by default as in the reduction.
+    groups, factoring : optional
+        Groups of ranks that share the frequencies (see frequency_response), and how full models are factored; by
+        default as in the reduction.
     preload : Preload, optional
         A constant load, by the geometric stiffness of the result.
     at : dict of float, optional
@@ -214,7 +208,7 @@ def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) ->
 @flattened
 def check_result(
     result, full, count: int = 5, *, seed: int | None = None, solving: Solving,
-    at: dict[str, float] | None = None, comm=None, progress: Progress | None = None,
+    at: At = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Return the estimated error of result.h5 against full solves at fresh frequencies, some right beside
     resonances. Collective.
@@ -229,10 +223,9 @@ def check_result(
         Number of random frequencies.
     seed : int, optional
         Draws the same frequencies again.
-    groups : int, optional
-        Groups of ranks that share the frequencies (see frequency_response).
-    factoring : Factoring, optional
-        How full models are factored; by default as in the reduction.
+    groups, factoring : optional
+        Groups of ranks that share the frequencies (see frequency_response), and how full models are factored; by
+        default as in the reduction.
     at : dict of float, optional
         Values of the parameters by name; by default those of reference.
 

@@ -16,9 +16,9 @@ from ..model.second_order_model import SYMMETRIC_TO, UNSYMMETRIC
 from ..model.viscoelastic import Viscoelastic
 from ..parallel.failures import InputError, agreed
 from ..readers.nodes.table import read_node_numbers
+from ..settings.declared_terms import DeclaredTerms, viscoelastic_from
 from ..settings.job_file import Job
 from ..settings.source import Source
-from ..settings.viscoelastic import viscoelastic_from
 
 
 def model_of_job(job: Job, comm):
@@ -71,8 +71,7 @@ def with_terms(model, parameters, tables) -> ParametricModel:
 def with_interfaces_of_job(job: Job, comm):
     """Return the model of a job with its interfaces, which are the inputs and outputs unless the job has others.
     Collective. Raises InputError."""
-    model = declared_circulatory(model_of_files(job.model, comm), job.circulatory)
-    model = with_interfaces(with_viscoelastic(model, job.viscoelastic), job.interface)
+    model = with_interfaces(with_declared_terms(model_of_files(job.model, comm), job), job.interface)
     return model if job.inputs is not None or not job.interface else _loaded_at_interfaces(model, job)
 
 
@@ -103,43 +102,37 @@ def _loaded_at_interfaces(model, job):
         return bare.with_inputs([item.name for item in bare.interfaces])
 
 
-def declared_circulatory(model, circulatory):
-    """Return the model, as one whose K may be unsymmetric if it is `circulatory`; `model` is closed. Collective."""
-    if not circulatory:
-        return model
-    with model:
-        return model.with_fields(**UNSYMMETRIC)
-
-
-def with_viscoelastic(model, parts):
-    """Return the model with viscoelastic parts, whose matrices are in files; `model` is closed. Collective. Raises
-    InputError."""
-    if not parts:
+def with_declared_terms(model, terms: Job | DeclaredTerms):
+    """Return the model with viscoelastic parts, whose matrices are in files, and as one whose K may be unsymmetric,
+    where these are declared; `model` is closed. Collective. Raises InputError."""
+    if terms.circulatory:
+        with model:
+            model = model.with_fields(**UNSYMMETRIC)
+    if not terms.viscoelastic:
         return model
     from ..readers.term_files import read_term_matrix  # which loads the readers of all formats
 
     with model:
-        found, remarks = [], list(model.remarks)
-        for item in parts:
-            if item.material is not None:
-                matrix = material_stiffness(model, item.material)
-                found.append(Viscoelastic(matrix, item.law, item.name or item.material, within=True))
+        parts, remarks = [], list(model.remarks)
+        for part in terms.viscoelastic:
+            if part.material is not None:
+                matrix = material_stiffness(model, part.material)
+                parts.append(Viscoelastic(matrix, part.law, part.name or part.material, within=True))
                 continue
-            matrix, more = read_term_matrix(model, "K", item.file, item.variable, item.units)
+            matrix, more = read_term_matrix(model, "K", part.file, part.variable, part.units)
             remarks += more
-            found.append(Viscoelastic(matrix, item.law, item.name or Path(item.file).name))
+            parts.append(Viscoelastic(matrix, part.law, part.name or Path(part.file).name))
         with model.with_fields(remarks=tuple(remarks)) as elastic:
-            return elastic.with_viscoelastic(found)
+            return elastic.with_viscoelastic(parts)
 
 
 def with_matrices_of_record(model, record):
     """Return the model with what the job of a record adds to its matrices; `model` is closed. Collective. Raises
     InputError."""
     job, unsymmetric = record.job or {}, record.symmetry_defects.get("K", 0.0) > SYMMETRIC_TO
-    model = declared_circulatory(model, unsymmetric or job.get("circulatory"))
-    if not record.viscoelastic or model.added:
-        return model
-    return with_viscoelastic(model, viscoelastic_from(job.get("viscoelastic", ())))
+    added = job.get("viscoelastic", ()) if record.viscoelastic and not model.added else ()
+    terms = DeclaredTerms(viscoelastic=viscoelastic_from(added), circulatory=unsymmetric or job.get("circulatory"))
+    return with_declared_terms(model, terms)
 
 
 def with_interfaces(model, interfaces):

@@ -13,21 +13,28 @@ from ..files.hdf5 import require_name
 from ..files.outputs import check_outputs
 from ..files.result_file import Result, read_result
 from ..files.result_points import read_points
-from ..parallel.declared import declared, nearest
+from ..parallel.declared import declared, flattened, nearest
 from ..parallel.failures import InputError, agreed
 from ..readers.motions.source import read_coordinates
 from ..reduction.result.record import versions
 from ..writers.fmu import output_rows
 from ..writers.recovered import kind_of_recovery, write_recovered
 from ..writers.vtk_series import check_series
+from .keywords import Motion, Recovered
 from .workflow import workflow
 
 
 @workflow
+@flattened
 def recover(
-    result, motion, output, *, nodes=None, quantities=("displacement",), inertial: bool = False, stress: bool = False,
-    start: float | None = None, end: float | None = None, every: int = 1, single: bool = False,
-    first: int | None = None, comm=None, progress=None,
+    result,
+    motion,
+    output,
+    *,
+    recovered: Recovered,
+    taken: Motion,
+    comm=None,
+    progress=None,
 ) -> dict:
     """Recover the motion of nodes, u = V q, from reduced coordinates over time, and write it.
 
@@ -75,8 +82,8 @@ def recover(
     source, output = result.path if isinstance(result, Result) else result, Path(output)
     require_name(source)
     require_name(motion)
-    quantities = _quantities(quantities)
-    every = declared("every", every, int)
+    quantities, inertial, stress = _quantities(recovered.quantities), recovered.inertial, recovered.stress
+    every = declared("every", taken.every, int)
     if every < 1:
         raise InputError(f"every: found {every}, expected at least 1")
     check_outputs({output: kind_of_recovery(output)}, comm, [source, motion], progress=progress)
@@ -84,28 +91,28 @@ def recover(
         check_series(output, comm, progress)
     with progress.stage("read", str(source)):
         # coordinates over time, of the instants that are wanted, and rates where these are needed
-        taken = read_result(source, comm)
-        whole = coordinates_of(taken, motion, comm, first)
+        result = read_result(source, comm)
+        whole = coordinates_of(result, motion, comm, taken.first)
         if inertial:
             require_frame(motion, whole)
         else:
             whole = replace(whole, frame=None)
         whole = whole.with_rates(motion, "velocity" in quantities or (inertial and "acceleration" in quantities),
                                  "acceleration" in quantities)  # fmt: skip
-        coordinates = whole.thinned(motion, start, end, every)
-        points = read_points(source, comm, nodes, stress)
+        coordinates = whole.thinned(motion, taken.start, taken.end, every)
+        points = read_points(source, comm, recovered.nodes, stress)
     # places of the nodes in the body's frame, and where they are in inertial axes at the start
-    origin = taken.floating_frame.origin if taken.floating_frame is not None else np.zeros(3)
+    origin = result.floating_frame.origin if result.floating_frame is not None else np.zeros(3)
     begin = start_places(points.position - origin, whole) if inertial else None
     remarks = list(coordinates.remarks)
-    if stress and taken.reduced.record is not None:
-        remarks += [f"load '{load.name}': {load.remark}" for load in taken.reduced.record.loads
+    if stress and result.reduced.record is not None:
+        remarks += [f"load '{load.name}': {load.remark}" for load in result.reduced.record.loads
                     if load.kind == "temperature"]  # fmt: skip
     record = {"result": str(source), "motion": str(motion), "axes": "inertial" if inertial else "body",
               "remarks": remarks, "versions": versions()}  # fmt: skip
     with progress.stage("recover", str(output)):
         report = write_recovered(output, points, coordinates, quantities, record, comm, origin=origin, start=begin,
-                                 dtype="<f4" if single else "<f8", progress=progress)  # fmt: skip
+                                 dtype="<f4" if recovered.single else "<f8", progress=progress)  # fmt: skip
     return {"output": str(output), "instants": len(coordinates.t), "nodes": points.total, "axes": record["axes"],
             **report, "remarks": record["remarks"]}  # fmt: skip
 

@@ -6,39 +6,24 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
-from ..body.geometric_stiffness import VELOCITIES, GeometricStiffness
-from ..body.loaded_states import (
-    LoadedState,
-    require_axial,
-    require_state,
-    stiffness_of_difference,
-    stiffness_of_stress,
-    stiffness_of_stresses,
-)
+from ..body.geometric_stiffness import VELOCITIES
 from ..body.spin_stress import REMEDY, lacks_spin
 from ..body.stress import stress_modes
-from ..body.unit_states import geometric_stiffness, require_stresses
 from ..fe.solids import Solids
 from ..files.checksums import content_of
 from ..files.folders import folder_for
-from ..files.hdf5 import kind_of_file
-from ..files.model_file import FORMAT as MODEL
-from ..files.model_file import read_model
 from ..files.outputs import HTML, check_outputs, check_room, hdf5_kind
 from ..files.point_store import PointStore
 from ..files.result_file import FORMAT, write_result
-from ..files.text import require_file
 from ..files.together import rescued
-from ..model.units import in_si, units_of
 from ..parallel import startup
-from ..parallel.failures import ComputationError, InputError, agreed
+from ..parallel.failures import ComputationError, agreed
 from ..parallel.progress import Progress
 from ..parallel.stopping import listening
 from ..reduction.reduce import reduce
 from ..reduction.result.record import Record
 from ..settings.job_file import Job, plain, read_job
+from .geometric_stiffness import check_geometric_stiffness, geometric_stiffness_of_job
 from .model_of_job import at_reference, model_of_job
 from .shared_basis import reduced_from_ranges
 from .workflow import workflow
@@ -124,7 +109,7 @@ def _reduced(job, basis, reads, comm, progress) -> Reduced:
             check_room(job.output, _bytes(job, reference) if job.write_basis else 0)
         with progress.stage("read"):
             contents = {str(Path(name).absolute()): content_of(name, comm) for name in job.files}
-        told = _check_geometric_stiffness(job, reference)  # before what takes long
+        told = check_geometric_stiffness(job, reference)  # before what takes long
         with listening(store is not None):
             reduced = reduced_from_ranges(basis, job, model, contents) if basis is not None else reduce(
                 model, job.basis, job.frame, job.damping, adaptive=job.search, settings=job.settings,
@@ -136,7 +121,7 @@ def _reduced(job, basis, reads, comm, progress) -> Reduced:
             record = replace(reduced.record, job=plain(job), contents=contents, timing=progress.timing())
             reduced = replace(reduced, record=record)
             with progress.stage("geometric stiffness"):
-                stiffness = _geometric_stiffness_of_job(job, reference, reduced)
+                stiffness = geometric_stiffness_of_job(job, reference, reduced)
             stress = None
             if job.stress:
                 with progress.stage("stress"):
@@ -191,103 +176,3 @@ def _bytes(job, model) -> int:
     if job.search is not None:
         columns += job.adaptive.size or SIZE
     return 8 * model.size * min(columns, model.size) * (3 if job.stress is True else 1)  # six stresses a node
-
-
-# Make the geometric stiffness that a job asks for: of hpcred's own stresses, or of files of the program.
-
-
-def _check_geometric_stiffness(job, model) -> list[str]:
-    """Refuse what a job asks for and the model does not have, before the reduction; returns warnings of elements that
-    are missing. Collective. Raises InputError."""
-    warnings = []
-    if job.geometric_stiffness and job.projection == "two_sided" and model.Ct is not None:
-        raise InputError(
-            "geometric_stiffness: a two-sided projection has no displacements of second order; leave it out, or "
-            "reduce with projection = 'one_sided'"
-        )
-    if job.geometric_stiffness is True:
-        warnings = require_stresses(model).warnings()
-    for item in job.loaded_states:
-        require_state(model, item.state)
-        with agreed(model.comm):
-            for name in (item.stresses, item.file, item.opposite):
-                if name is not None:
-                    require_file(name)
-            of_stress = _is_of_stress(item)
-        if item.file is not None and item.matrix is None and not of_stress:
-            require_axial(model, item.state)
-    return warnings
-
-
-def _geometric_stiffness_of_job(job, model, reduced) -> GeometricStiffness | None:
-    """Return the geometric stiffness of a reduced model, None where the job does not ask for it. Collective. Raises
-    InputError."""
-    if job.geometric_stiffness is True:
-        return geometric_stiffness(
-            model, reduced.columns, job.frame, origin=job.body_origin, factoring=job.factoring
-        )
-    if not job.geometric_stiffness:
-        return None
-    matrices = [_matrix(item, model, reduced.columns) for item in job.loaded_states]
-    states = tuple(item.state for item in job.loaded_states)
-    return GeometricStiffness(states, np.array(matrices), np.array(job.body_origin))
-
-
-def _matrix(item: LoadedState, model, columns) -> np.ndarray:
-    """Return the stiffness of a unit of a state by its files. Collective."""
-    units = units_of(item.units or model.converted_from or "SI")
-    if item.stresses is not None:
-        from ..readers.calculix.printed_stresses import read  # as other readers, loaded when it is used
-
-        element, point, stress = read(item.stresses, model.comm)
-        stress = stress * (units.mass / units.length / units.time**2)
-        return stiffness_of_stresses(model, columns, element, point, stress, item.stresses) / item.value
-    with agreed(model.comm):
-        of_stress = _is_of_stress(item)
-    if of_stress:
-        return _of_stress(item, units, model, columns) / item.value
-    others = [name and _loaded(name, units, item, model.comm) for name in (item.file, item.opposite)]
-    return stiffness_of_difference(model, columns, item, *others) / item.value
-
-
-def _is_of_stress(item) -> bool:
-    """Test whether the file of a state has the stiffness of its stress. Raises InputError."""
-    from ..readers.ansys.full import has_stress_stiffness
-
-    if item.file is None or not has_stress_stiffness(item.file):
-        return False
-    if item.opposite is not None:
-        raise InputError(f"geometric_stiffness.opposite: {item.file} has the stiffness of the stress, which needs "
-                         "none; leave it out")  # fmt: skip
-    return True
-
-
-def _of_stress(item, units, model, columns) -> np.ndarray:
-    """Return the stiffness of the stress of a state in a file of a buckling analysis. Collective."""
-    from ..readers.ansys.full import BUCKLING, read_parts
-    from ..readers.assembly import assemble
-
-    parts = read_parts(item.file, model.comm, BUCKLING)
-    matrices = parts.matrices  # of which M may be anything, and is refused as a mass
-    matrices["K"], matrices["M"] = matrices["M"], matrices["K"]
-    with assemble(parts, model.comm, item.file) as read, in_si(read, units) as other:
-        elastic = other.M.copy()
-        elastic.scale(units.time**-2)  # it was converted as a mass
-        return stiffness_of_stress(model, columns, item, other, elastic)
-
-
-def _loaded(name, units, item, comm):
-    """Return the model of a file of a LoadedState in SI, with K of its name, or its own. Collective."""
-    kind, matrix, given = None, item.matrix, item.units
-    with agreed(comm):
-        kind = kind_of_file(name)
-    if kind == MODEL:
-        if matrix:
-            raise InputError(f"geometric_stiffness.matrix: {name} is a model of hpcred, whose K has no other name")
-        if given and units_of(given) != units_of("SI"):
-            raise InputError(f"geometric_stiffness.units: {name} is a model of hpcred, which is in SI; leave units out")
-        return read_model(name, comm)
-    from ..readers.model_source import load_export  # which loads the readers of all formats
-
-    with load_export(name, comm, variables={"K": matrix} if matrix else None) as model:
-        return in_si(model, units)

@@ -13,7 +13,7 @@ from ..parallel.declared import flattened
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..report.page import MOST_POINTS, body_for_page, motion_for_page, render_page
-from .keywords import Solving
+from .keywords import At, Band, Folders, FullFile, Shown, Solving
 from .pair_figures import check_drawing, pairs_by_name, pairs_to_show
 from .report_files import draw_files, write_tables
 from .report_page import page_of
@@ -27,9 +27,8 @@ MOST_PAIRS = 36  # responses on a page, the largest
 @workflow
 @flattened
 def report_file(
-    results, full=None, *, output="report.html", band=None, solves: int = 21, pairs=(), modes: int = 10,
-    motion=None, png=None, svg=None, csv=None, solving: Solving, at: dict[str, float] | None = None,
-    comm=None, progress: Progress | None = None,
+    results, full: FullFile = None, *, output="report.html", band: Band = None, solves: int = 21, shown: Shown,
+    folders: Folders, solving: Solving, at: At = None, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Write a report on results as one HTML file that needs no network. Collective.
 
@@ -51,10 +50,9 @@ def report_file(
         Of a single result with stress modes, as for recover, drawn where its stress is largest.
     png, svg, csv : str or PathLike, optional
         Folders for figures and tables of the same.
-    groups : int, optional
-        Groups of ranks that share the frequencies (see frequency_response).
-    factoring : Factoring, optional
-        How full models are factored; by default as in the reduction.
+    groups, factoring : optional
+        Groups of ranks that share the frequencies (see frequency_response), and how full models are factored; by
+        default as in the reduction.
     at : dict of float, optional
         Values of the parameters by name; by default those of reference.
 
@@ -71,18 +69,17 @@ def report_file(
     if (ending := Path(output).suffix.lower()) not in (".html", ".htm") and Path(output).name:
         raise InputError(f"output {output}: found a name that ends in {ending or 'nothing'}, expected .html; figures "
                          "as files are written by --png and --svg")  # fmt: skip
+    motion, into = shown.motion, {kind: folder for kind, folder in folders.given.items() if folder is not None}
     check_outputs({output: HTML}, comm, [*results, full, motion], progress=progress)
-    if png is not None or svg is not None:
+    if {"png", "svg"} & {*into}:
         check_drawing(comm)
     with ExitStack() as stack:
-        for folder in (png, svg, csv):
-            if folder is not None:
-                stack.enter_context(folder_for(folder, comm))
+        for folder in into.values():
+            stack.enter_context(folder_for(folder, comm))
         sheets = sheets_of(
-            results, full, band=band, solves=solves, groups=solving.groups, factoring=solving.factoring, at=at,
-            comm=comm, progress=progress,
-        )  # fmt: skip
-        chosen = [choose_pairs(sheet, pairs) for sheet in sheets]
+            results, full, band=band, solves=solves, **solving.given, at=at, comm=comm, progress=progress
+        )
+        chosen = [choose_pairs(sheet, shown.pairs) for sheet in sheets]
         if motion is not None:
             if len(sheets) > 1:
                 raise InputError(
@@ -94,16 +91,15 @@ def report_file(
         with together(comm), atomic_output(output, comm) as temporary, agreed(comm):
             if comm.rank == 0:
                 for sheet in sheets:
-                    _take_body(sheet, modes, MOST_POINTS // len(sheets))
+                    _take_body(sheet, shown.modes, MOST_POINTS // len(sheets))
                 text = render_page(*page_of(sheets, chosen, full))
                 temporary.write_text(text, encoding="utf-8", errors="backslashreplace")  # of names in other bytes
                 notes = list(dict.fromkeys(note for sheet in sheets for note in sheet.notes))
                 size = temporary.stat().st_size / 1e6
                 report = {"output": str(output), "megabytes": size, "notes": notes, "files": []}
-                for kind, folder in (("png", png), ("svg", svg)):
-                    report["files"] += draw_files(folder, kind, sheets, chosen) if folder is not None else []
-                if csv is not None:
-                    report["files"] += write_tables(csv, sheets)
+                for kind, folder in into.items():
+                    made = write_tables(folder, sheets) if kind == "csv" else draw_files(folder, kind, sheets, chosen)
+                    report["files"] += made
         return comm.bcast(report)
 
 

@@ -56,6 +56,7 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
 
 
 def _drawn(sheet, pairs):
+    # what is drawn of the reduced model alone
     accuracy, H, full = sheet.record.accuracy, sheet.response, sheet.full
     F = None if full is None else full.response
     drawn = {
@@ -79,6 +80,7 @@ def _drawn(sheet, pairs):
             "t": packed(sheet.moved.t), "curves": [{"name": name, "y": packed(y)} for name, y in sheet.moved.curves]
         },
     }
+    # the estimated error, and what is known of the full model
     if accuracy is not None:
         drawn |= {"eps_frequencies": packed(accuracy.frequencies), "eps": packed(accuracy.eps)}
     if full is not None:
@@ -101,6 +103,7 @@ def _finite(value):
 def _shown(sheet):
     record, accuracy = sheet.record, sheet.record.accuracy
     timing = record.timing
+    # the rows of each table of the page, which leaves empty ones out
     effort = f"{timing.elapsed:.3g} s on {record.ranks} rank(s), at most {max(timing.memory_mb_per_rank):.0f} MB a rank"
     return {
         "name": sheet.name,

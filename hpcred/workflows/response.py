@@ -7,7 +7,6 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from ..analysis.full_response import FullResponse, full_response
-from ..body.preload import Preload
 from ..files.hdf5 import atomic_output
 from ..files.model_file import read_model
 from ..files.response_file import Responses, lost_channels, write_responses
@@ -20,7 +19,7 @@ from ..parallel.progress import Progress, counted
 from ..reduction.result.record import versions
 from ..report.figures import MOST, kind_of_figure, response_figure
 from ..settings.job_file import read_job
-from .keywords import Files, FineGrid, Solving
+from .keywords import FineGrid, FreshPoints, ResponseFiles, Solving, State
 from .model_of_job import at_preload, model_of_job, with_targets
 from .pair_figures import pairs_to_show
 from .workflow import workflow
@@ -29,10 +28,8 @@ from .workflow import workflow
 @workflow
 @flattened
 def response_file(
-    model, *, grid: FineGrid, tolerance: float = 1e-6, frame=None, damping=None, inputs=None,
-    outputs=None, check: int = 0, seed: int | None = None, solving: Solving, files: Files,
-    polar: bool = False, preload: Preload | None = None, at: dict[str, float] | None = None, comm=None,
-    progress: Progress | None = None,
+    model, *, grid: FineGrid, tolerance: float = 1e-6, state: State, fresh: FreshPoints, solving: Solving,
+    files: ResponseFiles, polar: bool = False, comm=None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Return the frequency response of a model file to a tolerance (see full_response). Collective.
 
@@ -40,30 +37,20 @@ def response_file(
     ----------
     model : str or PathLike
         A model.h5, or a job file, whose inputs and outputs, frame and damping are then the default.
-    frequencies : sequence of float, optional
-        Hz; or else `points` of them over `band`.
-    band : sequence of 2 floats, optional
-        Hz; by default that of the job.
-    points : int
-        Number of uniform frequencies over the band.
+    frequencies, band, points : optional
+        Hz; or else so many equally spaced points over a band (Hz), by default that of the job.
     tolerance : float
         Relative error over the band.
     frame, damping : optional
         See full_response.
     inputs, outputs : optional
         Dofs or a matrix file, as in a job; by default those of the model.
-    check : int
-        Number of further full solves.
-    seed : int, optional
-        Of their frequencies.
-    groups : int, optional
-        Groups of ranks that share the frequencies (see frequency_response).
-    factoring : Factoring, optional
-        How full models are factored.
-    output : str or PathLike, optional
-        A .csv or an HDF5 file (see write_responses).
-    figure : str or PathLike, optional
-        A .png, .svg or .pdf.
+    check, seed : int, optional
+        Number of further full solves, and what draws their frequencies again.
+    groups, factoring : optional
+        Groups of ranks that share the frequencies (see frequency_response), and how full models are factored.
+    output, figure : str or PathLike, optional
+        A .csv or an HDF5 file (see write_responses); a .png, .svg or .pdf.
     polar : bool
         Magnitude and phase in a .csv.
     preload : Preload, optional
@@ -88,31 +75,31 @@ def response_file(
     # a job file has defaults of what is not given
     with agreed(comm):
         job = read_job(model) if str(model).endswith(".toml") else None
-        if at and (job is None or not job.parameter):
+        if state.at and (job is None or not job.parameter):
             raise InputError(f"--at: {model} has no parameters; give the job file that has [[parameter]] and [[term]]")
         if job is not None:
-            job = replace(job, at=job.at | checked_values(job.parameter, job.at | (at or {})))
-            frame, damping = frame or job.frame, damping or job.damping
+            job = replace(job, at=job.at | checked_values(job.parameter, job.at | (state.at or {})))
+            state = replace(state, frame=state.frame or job.frame, damping=state.damping or job.damping)
     # what cannot be written is refused before anything is computed
-    reads = [model, *(job.files if job else ()), *(item for item in (inputs, outputs) if isinstance(item, str))]
-    files.check(comm, reads, progress, needed=len(chosen) * 16)
+    named = [targets for targets in (state.inputs, state.outputs) if isinstance(targets, str)]
+    files.check(comm, [model, *(job.files if job else ()), *named], progress, needed=len(chosen) * 16)
     if polar and output is not None and not str(output).endswith(".csv"):
         raise InputError(f"--polar: is of a .csv, and {output} has complex numbers; leave it out")
     # the model with the inputs, outputs and load that are asked for
     solving.start()
     with progress.stage("read", str(model)):
         loaded = read_model(model, comm) if job is None else model_of_job(job, comm)
-    for key, targets in (("input", inputs), ("output", outputs)):
+    for key, targets in (("input", state.inputs), ("output", state.outputs)):
         loaded = with_targets(loaded, key, targets)
-    loaded = at_preload(loaded, preload, frame, solving.factoring)
+    loaded = at_preload(loaded, state.preload, state.frame, solving.factoring)
     # the response, and files of it
     with loaded:
         found = full_response(
-            loaded, chosen, frame, damping, tolerance=tolerance, band=grid.band, check=check, seed=seed,
-            groups=solving.groups, factoring=solving.factoring, progress=progress,
+            loaded, chosen, state.frame, state.damping, tolerance=tolerance, band=grid.band, **fresh.given,
+            **solving.given, progress=progress,
         )  # fmt: skip
         warnings = list(found.warnings)
-        if loaded.D is not None and isinstance(damping, NoDamping):
+        if loaded.D is not None and isinstance(state.damping, NoDamping):
             warnings.append(f"the damping matrix of {loaded.name} is not used; --damping given takes it")
         size = loaded.size
     report = _report(found, size) | {"model": str(model), "warnings": warnings, "output": output and str(output)}

@@ -34,10 +34,6 @@ def _said(element, labels):
         yield "structural damping (K42GG) is that of frequency responses; in time it needs PARAM,W4"
 
 
-def _nodes(element):
-    return [item.node for item in element.interfaces]
-
-
 def _labels(element):
     labels = element.labels(directions=1)
     labels[6 * len(element.interfaces) :, 1] = 0
@@ -140,7 +136,8 @@ class ExternalOp4(SuperelementWriter):
         element = _ascending(element)
         labels = _labels(element)
         content = b"".join(_op4(name, matrix) for name, matrix in _matrices(element, "{}XX").items())
-        pairs = [(node, 123456) for node in _nodes(element)] + [(node, 0) for node in _modal_points(element, labels)]
+        pairs = [(interface.node, 123456) for interface in element.interfaces]
+        pairs += [(node, 0) for node in _modal_points(element, labels)]
         lines = [f"$ external superelement with the matrices of {stem}.op4; behind BEGIN SUPER"]
         lines += [*_card("EXTRN", [item for pair in pairs for item in pair]), *_points(element, labels)]
         lines += _card("ASET", [item for pair in pairs for item in pair], continued=False)

@@ -31,10 +31,6 @@ def array_name(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9.]+", "_", name)
 
 
-def _cells(shapes):
-    return shapes.cells or {"vertex": np.arange(len(shapes.nodes))[:, None]}
-
-
 def _write_mesh(path, points, cells, data):
     """Write a .vtu whose arrays are in base64, each behind its length in bytes."""
     counts, sizes = zip(*(nodes.shape for nodes in cells.values()), strict=True)
@@ -131,7 +127,8 @@ class VtkFile(Writer):
     def write(self, target, source):
         with source.shapes() as shapes:
             data = {array_name(name): shapes.displacement(k) for k, name in enumerate(shapes.names)}
-            _write_mesh(target, shapes.points, _cells(shapes), {**data, "node": shapes.nodes})
+            cells = shapes.cells or {"vertex": np.arange(len(shapes.nodes))[:, None]}
+            _write_mesh(target, shapes.points, cells, {**data, "node": shapes.nodes})
         return list(data)
 
     def describe(self, path):

@@ -13,7 +13,7 @@ from hpcred.body.units import in_units, sizes_of
 from hpcred.model import units_of
 from hpcred.model.rotation import spin_softening
 from hpcred.parallel.failures import InputError
-from hpcred.settings.preload_text import preload_of
+from hpcred.settings import texts
 from hpcred.writers.sid import build_sid
 
 CLAMP = Tangent("left")
@@ -159,7 +159,7 @@ WRONG = [
 @pytest.mark.parametrize("text, says", WRONG)
 def test_preloads_that_make_no_sense(text, says):
     with pytest.raises(InputError, match=says):
-        preload_of(text)
+        texts.preload(text, "--preload")
 
 
 @pytest.mark.parametrize("count, speed, far", [(6, 6.0, False), (6, 60.0, True), (20, 60.0, False)])

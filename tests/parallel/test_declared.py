@@ -1,8 +1,10 @@
 """Values from Python: plain ones of the declared types, or one sentence that names the key."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pytest
@@ -21,8 +23,10 @@ from hpcred import (
     Rayleigh,
     StaticCorrection,
 )
+from hpcred.cli.options import command
 from hpcred.loads import Pressure
-from hpcred.parallel.declared import Keywords, flattened, spelled
+from hpcred.parallel.declared import Keywords, Option, flattened, spelled
+from hpcred.settings import texts
 from hpcred.simulation import ConstantForce, LineSpring
 
 
@@ -173,6 +177,30 @@ def test_checks_in_annotations_are_those_of_the_kind_that_a_value_has(make, mess
 class Grid(Keywords):
     points: int = 3
     band: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ends(Keywords):
+    lowest: Annotated[float, Option("A number.", "HZ", names=("--from",))] = 0.0
+    targets: Annotated[Sequence[int], Option("Numbers.", None, texts.whole_numbers, "1,2")] = (1, 2)
+    within: float = 1.0
+
+
+def test_a_command_takes_annotated_keywords_as_options():
+    """Texts are parsed, and what is not given is as by default; what has no annotation is no option."""
+
+    @command
+    def take(*, ends: Ends):
+        return ends
+
+    assert list(signature(take).parameters) == ["lowest", "targets"]
+    assert signature(take).parameters["targets"].default == "1,2"
+    assert take(lowest=2.0, targets="7,8") == Ends(lowest=2.0, targets=[7, 8])
+    assert take(lowest=0.0, targets=None) == Ends() and Ends().changed() == []
+    assert Ends(lowest=2.0, targets=[7]).changed() == ["--from", "--targets"]
+    assert Ends(lowest=2.0).given == {"lowest": 2.0, "targets": (1, 2), "within": 1.0}
+    with pytest.raises(hpcred.InputError, match="^--targets: found 'a', expected numbers"):
+        take(lowest=0.0, targets="a")
 
 
 @spelled

@@ -12,7 +12,7 @@ from hpcred import InputError
 from hpcred.files.model_file import read_model, write_model
 from hpcred.files.result_file import read_result
 from hpcred.model.laws.hysteretic import Hysteretic
-from hpcred.settings.viscoelastic import viscoelastic_of
+from hpcred.settings.declared_terms import viscoelastic_of
 
 BAND = (0.0, 600.0)
 FRESH = np.sort(np.random.default_rng(5).uniform(1.0, 600.0, 40))

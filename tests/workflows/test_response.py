@@ -22,8 +22,8 @@ from hpcred import (
     Structural,
 )
 from hpcred.analysis.error_check import Check
-from hpcred.cli import values
 from hpcred.cli.main import run
+from hpcred.settings import texts
 
 BAND = (0.0, 9000.0)
 
@@ -142,10 +142,10 @@ def test_a_check_can_fail():
 
 
 def test_texts_of_frames_and_laws():
-    assert values.frame("chord:1,7,14:yxz") == Chord(nodes=(1, 7, 14), axes="yxz")
-    assert values.frame("buckens") == Buckens()
-    assert values.damping("loss:0.02") == Structural(0.02)
-    assert values.damping("rayleigh:20,1e-7") == Rayleigh(20.0, 1e-7)
+    assert texts.frame("chord:1,7,14:yxz", "") == Chord(nodes=(1, 7, 14), axes="yxz")
+    assert texts.frame("buckens", "") == Buckens()
+    assert texts.damping("loss:0.02", "") == Structural(0.02)
+    assert texts.damping("rayleigh:20,1e-7", "") == Rayleigh(20.0, 1e-7)
 
 
 @pytest.mark.parametrize(

@@ -187,16 +187,16 @@ class Cudss(Factorisation):
             lengths = np.bincount(row[self._kept], minlength=len(lengths))
         column = column[self._kept]
         self._values = Parts(self._comm, len(column), 1, self._scalar)
-        lengths, column = (self._gathered(part) for part in (lengths, column))
+        lengths, column = (self._gathered(array) for array in (lengths, column))
         if self._leads:
             indptr = np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
             kind = np.int32 if indptr[-1] < 2**31 else np.int64
             self._pattern = indptr.astype(kind), column.astype(kind, copy=False)
 
-    def _gathered(self, part):
+    def _gathered(self, array):
         """The parts of all ranks end to end on the first one."""
-        parts = Parts(self._comm, len(part), 1, part.dtype)
-        parts.gather(part[:, None])
+        parts = Parts(self._comm, len(array), 1, array.dtype)
+        parts.gather(array[:, None])
         whole = parts.whole.copy() if self._leads else None
         parts.close()
         return whole

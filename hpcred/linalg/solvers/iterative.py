@@ -69,8 +69,8 @@ class IterativeSolves:
             if deflation is not None:
                 deflation = views.enter_context(local_rows(deflation[0])), deflation[1]
             for low in range(0, b.shape[1], WIDTH):
-                part = slice(low, low + WIDTH)
-                found = self._solve_columns(b[:, part], x[:, part], scale[part], terms, deflation, rough)
+                columns = slice(low, low + WIDTH)
+                found = self._solve_columns(b[:, columns], x[:, columns], scale[columns], terms, deflation, rough)
                 iterations, residual = max(iterations, found[0]), max(residual, found[1])
         if self.rigid is not None:
             self.rigid.project(solution)

@@ -109,7 +109,7 @@ class Mumps(PetscFactorisation):
         there = orderings()
         if len(there) > 1 and not theirs and self.matrix.getSize()[0] >= CHOOSE_ABOVE:
             found = self.expected(there)
-            flops = {key: item["flops"] for key, item in found.items() if item["flops"] > 0}  # 0: it failed
+            flops = {key: report["flops"] for key, report in found.items() if report["flops"] > 0}  # 0: it failed
             self._settings["icntl_7"] = min(flops, key=flops.get, default=self._settings["icntl_7"])
 
     def estimate(self):

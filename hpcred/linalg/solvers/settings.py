@@ -14,7 +14,7 @@ from pydantic import BeforeValidator
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
 from ...parallel.memory import available_mb
-from ...parallel.ranges import within
+from ...parallel.ranges import Range
 from ..known import Source
 
 # Direct solvers by name: a class that derives from base.Factorisation, or where it is; a program may add its own
@@ -67,32 +67,23 @@ class LinearSolver:
     unfit: Literal["refuse", "multigrid"] = "refuse"
     package: str = "auto"
     precision: Literal["double", "single"] = "double"
-    residual: float = 1e-12
-    iterations: int = 500
-    threshold: float = 0.02
-    sweeps: int = 2
+    residual: Annotated[float, Range(1e-16, 1e-10)] = 1e-12
+    iterations: Annotated[int, Range(1, 1e6)] = 500
+    threshold: Annotated[float, Range(-1.0, 0.5)] = 0.02
+    sweeps: Annotated[int, Range(1, 20)] = 2
 
     def __post_init__(self):
         _of_today(self.kind)
         as_declared(self, "solver.")
-        for key, values in (("kind", ("direct", "multigrid")), ("unfit", ("refuse", "multigrid"))):
-            if (found := getattr(self, key)) not in values:
-                raise InputError(f"solver.{key}: found '{found[:40]}', expected '{values[0]}' or '{values[1]}'")
         if self.package not in PACKAGES:
             *names, last = map(repr, PACKAGES)
             raise InputError(f"solver.package: found '{self.package[:40]}', expected {', '.join(names)} or {last}")
-        if self.precision not in ("double", "single"):
-            raise InputError(f"solver.precision: found '{self.precision[:40]}', expected 'double' or 'single'")
         for key, value in (("package", self.package), ("precision", self.precision)):
             if self.kind == "multigrid" and value != getattr(LinearSolver, key):
                 raise InputError(
                     f"solver.{key}: found '{value}' beside solver.kind = 'multigrid', which makes no factors; leave "
                     f"{key} out, or take kind 'direct'"
                 )
-        within("solver.residual", self.residual, (1e-16, 1e-10, ""))
-        within("solver.iterations", self.iterations, (1, 1e6, ""))
-        within("solver.threshold", self.threshold, (-1.0, 0.5, ""))
-        within("solver.sweeps", self.sweeps, (1, 20, ""))
 
 
 @dataclass(frozen=True, kw_only=True)

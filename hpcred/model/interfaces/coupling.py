@@ -18,7 +18,7 @@ def couple(model):
 
     The dofs of the reference nodes come last. Without rigid sets the model itself, and None. Collective.
     """
-    rigid = [item for item in model.interfaces if item.definition.kind == "rigid"]
+    rigid = [interface for interface in model.interfaces if interface.definition.kind == "rigid"]
     if not rigid:
         return model, None
     T, dofs = _coupling(model, rigid)
@@ -30,22 +30,22 @@ def _coupling(model, rigid):
     comm, last = model.comm, model.comm.rank == model.comm.size - 1
     follow = np.zeros(model.local_rows, bool)
     entries = []
-    for item in rigid:
-        rows, direction, position = coupled_rows(model, item.definition, members(model, item.definition))
+    for interface in rigid:
+        rows, direction, position = coupled_rows(model, interface.definition, members(model, interface.definition))
         follow[rows] = True
-        places = [SIX.index(name) for name in item.directions]
-        entries.append((rows, places, rigid_rows(direction, position - np.array(item.position))[:, places]))
+        places = [SIX.index(name) for name in interface.directions]
+        entries.append((rows, places, rigid_rows(direction, position - np.array(interface.position))[:, places]))
     free = np.flatnonzero(~follow)
     kept = comm.allreduce(len(free))
-    parts = [(free, (comm.exscan(len(free)) or 0) + np.arange(len(free)), np.ones(len(free)))]
+    triplets = [(free, (comm.exscan(len(free)) or 0) + np.arange(len(free)), np.ones(len(free)))]
     counts = [len(places) for _, places, _ in entries]
     for (rows, places, E), count, more in zip(entries, counts, np.cumsum(counts), strict=True):
         columns = kept + more - count + np.arange(count)
-        parts.append((np.repeat(rows, len(places)), np.tile(columns, len(rows)), E.ravel()))
-    T = sparse_rows(model.K, parts, (len(free) + (sum(counts) if last else 0), kept + sum(counts)))
+        triplets.append((np.repeat(rows, len(places)), np.tile(columns, len(rows)), E.ravel()))
+    T = sparse_rows(model.K, triplets, (len(free) + (sum(counts) if last else 0), kept + sum(counts)))
     dofs = model.dofs.take(free)
     if last:
-        number, position = ([getattr(item, key) for item in rigid] for key in ("node", "position"))
+        number, position = ([getattr(interface, key) for interface in rigid] for key in ("node", "position"))
         places = np.concatenate([places for _, places, _ in entries])
         more = Dofs(np.repeat(number, counts), places, np.repeat(position, counts, axis=0))
         pairs = [(getattr(dofs, key), getattr(more, key)) for key in ("node", "direction", "position")]

@@ -40,41 +40,40 @@ def with_interfaces(model, interfaces):
     Inputs and outputs may then be (name, direction), and (name, "all") for all of its directions.
     """
     interfaces = declared("interfaces", interfaces, tuple[Interface, ...])
-    names = [item.name for item in interfaces]
+    names = [interface.name for interface in interfaces]
     if not names:
         return model.with_fields(Gt=None, interfaces=())
     if len(set(names)) < len(names):
         raise InputError(f"interface: found the names {', '.join(names)}, expected each once")
     dofs = require_dofs(model, "an interface")
     # also of nodes without rows, such as those that follow a rigid body
-    known = [part.node for part in (dofs, model.held) if part is not None] + [*model.sets.values()]
-    known += [part.ravel() for part in model.elements.values()]
-    highest = model.comm.allreduce(max((int(part.max(initial=0)) for part in known), default=0), op=MPI.MAX)
-    unnamed = numbers_from(1 + max(highest, *(item.node or 0 for item in interfaces)))
-    numbers = [next(unnamed) if item.node is None else item.node for item in interfaces]
-    for item, number in zip(interfaces, numbers, strict=True):
+    known = [rows.node for rows in (dofs, model.held) if rows is not None] + [*model.sets.values()]
+    known += [elements.ravel() for elements in model.elements.values()]
+    highest = model.comm.allreduce(max((int(numbers.max(initial=0)) for numbers in known), default=0), op=MPI.MAX)
+    unnamed = numbers_from(1 + max(highest, *(interface.node or 0 for interface in interfaces)))
+    numbers = [next(unnamed) if interface.node is None else interface.node for interface in interfaces]
+    for interface, number in zip(interfaces, numbers, strict=True):
         taken = model.comm.allreduce(bool((dofs.node == number).any()), op=MPI.LOR)
         if taken or numbers.count(number) > 1:
-            raise InputError(f"interface '{item.name}': node: the number {number} is taken; take another one")
+            raise InputError(f"interface '{interface.name}': node: the number {number} is taken; take another one")
     found, entries, coupled, sets = [], [], [], {}
-    for item, number in zip(interfaces, numbers, strict=True):
-        mask = members(model, item)
+    for interface, number in zip(interfaces, numbers, strict=True):
+        mask = members(model, interface)
         own = _set_of(model, mask)
-        position, directions, rows, weights = _reference(model, item, mask, own)
-        warnings = _warnings(model, item, own, position, sets)
-        found.append(
-            InterfaceNode(item.name, number, tuple(position.tolist()), directions, item, len(own.nodes), warnings)
-        )
-        sets[item.name] = own.nodes
+        position, directions, rows, weights = _reference(model, interface, mask, own)
+        warnings = _warnings(model, interface, own, position, sets)
+        place = tuple(position.tolist())
+        found.append(InterfaceNode(interface.name, number, place, directions, interface, len(own.nodes), warnings))
+        sets[interface.name] = own.nodes
         entries.append((rows, weights))
         coupled.append(rows)
     _check_overlaps(model, interfaces, coupled)
     return model.with_fields(Gt=_sparse_columns(model, entries), interfaces=tuple(found))
 
 
-def members(model, item) -> np.ndarray:
+def members(model, interface) -> np.ndarray:
     """Return which rows of this rank belong to the nodes of an interface (rows,). Collective. Raises InputError."""
-    comm, dofs, nodes, where = model.comm, model.dofs, item.nodes, f"interface '{item.name}'"
+    comm, dofs, nodes, where = model.comm, model.dofs, interface.nodes, f"interface '{interface.name}'"
     if isinstance(nodes, str):
         raise InputError(f"{where}: nodes: found the text '{nodes}', expected numbers or Nodes")
     # nodes by place or surface, by the name of a set, or by their numbers
@@ -82,20 +81,20 @@ def members(model, item) -> np.ndarray:
     placed = (dofs.direction != SCALAR, np.ones(len(held.node), bool))
     if isinstance(nodes, Nodes) and nodes.surface is not None:
         numbers = on_surface(model, nodes, f"{where}: nodes")
-        inside = [np.isin(part.node, numbers) for part in (dofs, held)]
+        inside = [np.isin(rows.node, numbers) for rows in (dofs, held)]
     elif isinstance(nodes, Nodes) and nodes.set is None:
-        inside = [mask & nodes.contain(part.position) for mask, part in zip(placed, (dofs, held), strict=True)]
+        inside = [mask & nodes.contain(rows.position) for mask, rows in zip(placed, (dofs, held), strict=True)]
     elif isinstance(nodes, Nodes):
         numbers = numbers_of_set(model, nodes.set, f"{where}: nodes")
-        inside = [look_up(comm, numbers, [], part.node)[0] for part in (dofs, held)]
+        inside = [look_up(comm, numbers, [], rows.node)[0] for rows in (dofs, held)]
     else:
-        inside = [np.isin(part.node, nodes) for part in (dofs, held)]
-        mine = {int(number) for part, mask in zip((dofs, held), inside, strict=True) for number in part.node[mask]}
+        inside = [np.isin(rows.node, nodes) for rows in (dofs, held)]
+        mine = {int(number) for rows, mask in zip((dofs, held), inside, strict=True) for number in rows.node[mask]}
         missing = sorted(set(nodes) - set().union(*comm.allgather(mine)))
         if missing:
             raise InputError(f"{where}: nodes: node {missing[0]} does not exist in {model.name}")
     # held nodes cannot move with the others
-    stuck = [node for part in comm.allgather(held.node[inside[1]][:1].tolist()) for node in part]
+    stuck = [node for numbers_of_rank in comm.allgather(held.node[inside[1]][:1].tolist()) for node in numbers_of_rank]
     if stuck:
         raise InputError(
             f"{where}: node {stuck[0]} of its set is held in some direction by the program that wrote the matrices; "
@@ -141,7 +140,7 @@ def on_surface(model, nodes, where) -> np.ndarray:
     numbers = nodes_on_cylinder(model, ends, radius, key == "bore")
     if len(numbers):
         return numbers
-    if not any(model.comm.allgather(any(len(part) for part in model.elements.values()))):
+    if not any(model.comm.allgather(any(len(elements) for elements in model.elements.values()))):
         raise InputError(
             f"{where}.{key}: {model.name} has no elements, by which its surface is known; take a cylinder of a "
             "little more than the radius, a node set, or numbers"
@@ -170,16 +169,16 @@ class _Set:
 def _set_of(model, mask) -> _Set:
     """Return the set whose rows of this rank are given (rows,). Collective."""
     found = model.comm.allgather((model.dofs.node[mask], model.dofs.position[mask]))  # as large as the set
-    nodes, positions = (np.concatenate(part) for part in zip(*found, strict=True))
+    nodes, positions = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
     nodes, first = np.unique(nodes, return_index=True)
     points = positions[first]
     return _Set(nodes, points, surface_areas(model.comm, model.elements, nodes, points))
 
 
-def _warnings(model, item, own, position, sets) -> tuple[str, ...]:
+def _warnings(model, interface, own, position, sets) -> tuple[str, ...]:
     """Return sentences on a set that takes most of the body, that shares nodes with others (`sets` by name), or whose
     reference node lies far from it. Collective."""
-    where, warnings, total = f"interface '{item.name}'", [], model.node_count
+    where, warnings, total = f"interface '{interface.name}'", [], model.node_count
     share = len(own.nodes) / max(total, 1)
     if share > SOME and len(own.nodes) > 1:
         surface = share_of_faces(model.comm, model.elements, own.nodes)
@@ -201,10 +200,10 @@ def _warnings(model, item, own, position, sets) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def coupled_rows(model, item, mask):
+def coupled_rows(model, interface, mask):
     """Return the rows of this rank, among those of `mask` (rows,), that carry an interface: their places, directions
     and positions."""
-    allowed = [SIX.index(name) for name in (item.directions if item.kind == "rigid" else SIX[:3])]
+    allowed = [SIX.index(name) for name in (interface.directions if interface.kind == "rigid" else SIX[:3])]
     rows = np.flatnonzero(mask & np.isin(model.dofs.direction, allowed))
     return rows, model.dofs.direction[rows], model.dofs.position[rows]
 
@@ -220,25 +219,26 @@ def rigid_rows(direction, arm) -> np.ndarray:
     return E
 
 
-def _reference(model, item, mask, own):
+def _reference(model, interface, mask, own):
     """Return position (3,) and directions of the reference node, rows of this rank, and their rows (rows, 6) of G^T.
 
     Collective.
     """
     comm = model.comm
-    rows, direction, position = coupled_rows(model, item, mask)
-    weight = _weights(model, item, rows, own)
+    rows, direction, position = coupled_rows(model, interface, mask)
+    weight = _weights(model, interface, rows, own)
     share = weight * (direction < 3)
     total = comm.allreduce(share.sum())
     centre = comm.allreduce(share @ position) / total if total else np.zeros(3)
-    at = centre if item.at is None else np.array(item.at)
-    if item.at is None and item.weights == "equal" and own.centre is not None:
+    at = centre if interface.at is None else np.array(interface.at)
+    if interface.at is None and interface.weights == "equal" and own.centre is not None:
         at = own.centre
     reach = np.max(comm.allgather(np.abs(model.dofs.position - centre).max(initial=0.0)))
     if np.abs(at - centre).max() > FAR * reach:
         raise InputError(
-            f"interface '{item.name}': at: found {list(item.at)} m, which is {np.abs(at - centre).max() / reach:.0f} "
-            "times as far from its set as any node of the body; coordinates are in m"
+            f"interface '{interface.name}': at: found {list(interface.at)} m, which is "
+            f"{np.abs(at - centre).max() / reach:.0f} times as far from its set as any node of the body; "
+            "coordinates are in m"
         )
     spread = comm.allreduce(share @ ((position - centre) ** 2).sum(axis=1))
     length = np.sqrt(spread / total) if total else 0.0
@@ -255,12 +255,12 @@ def _reference(model, item, mask, own):
     E = rigid_rows(direction, position - centre if engaged.all() else arm)
     weight = weight * np.where(direction < 3, 1.0, length**2)
     gram = comm.allreduce(E.T @ (weight[:, None] * E))
-    inverse = decided(comm, _inverse, gram, length, engaged, item)
+    inverse = decided(comm, _inverse, gram, length, engaged, interface)
     directions = tuple(name for name, there in zip(SIX, engaged, strict=True) if there)
     return at, directions, rows, weight[:, None] * (E @ inverse) @ shift.T
 
 
-def _inverse(gram, length, engaged, item):
+def _inverse(gram, length, engaged, interface):
     """Return (sum w E^T E)^-1 on the engaged directions, zero in the others, for a set with a radius of gyration
     `length`.
 
@@ -271,27 +271,27 @@ def _inverse(gram, length, engaged, item):
     values, vectors = np.linalg.eigh(gram * np.outer(scale, scale) + np.diag(1.0 - engaged))
     if values[0] < UNDEFINED_MOTION:
         free = (vectors[:, values < UNDEFINED_MOTION] ** 2).sum(axis=1)
-        named = ", ".join(name for name, part in zip(SIX, free, strict=True) if part > 0.1)
+        named = ", ".join(name for name, share in zip(SIX, free, strict=True) if share > 0.1)
         advice = "take several nodes around the place, not all on one line; at = [x, y, z] puts its node there" + (
             "; a single node of beams or shells, which has rotations, can be named in `inputs` as it is, or be of kind "
-            "'rigid'" if item.kind == "averaging" else ", and `directions` says in which they follow"
+            "'rigid'" if interface.kind == "averaging" else ", and `directions` says in which they follow"
         )  # fmt: skip
-        raise InputError(f"interface '{item.name}': its nodes do not define the motion in {named}; {advice}")
+        raise InputError(f"interface '{interface.name}': its nodes do not define the motion in {named}; {advice}")
     return scale[:, None] * (vectors / values) @ vectors.T * scale * np.outer(engaged, engaged)
 
 
-def _weights(model, item, rows, own) -> np.ndarray:
+def _weights(model, interface, rows, own) -> np.ndarray:
     """Return the weight of each row. Raises InputError."""
     node = model.dofs.node[rows]
-    if isinstance(item.weights, tuple):
-        order = np.argsort(item.nodes)
-        return np.array(item.weights)[order][np.searchsorted(np.array(item.nodes)[order], node)]
-    if item.weights == "equal":
+    if isinstance(interface.weights, tuple):
+        order = np.argsort(interface.nodes)
+        return np.array(interface.weights)[order][np.searchsorted(np.array(interface.nodes)[order], node)]
+    if interface.weights == "equal":
         return np.ones(len(rows))
     if not own.areas.any():
         raise InputError(
-            f"interface '{item.name}': weights: 'area' needs elements with a face on the set, and {model.name} has "
-            "none there; take 'equal', or give a list of weights"
+            f"interface '{interface.name}': weights: 'area' needs elements with a face on the set, and "
+            f"{model.name} has none there; take 'equal', or give a list of weights"
         )
     return own.areas[np.searchsorted(own.nodes, node)]
 
@@ -299,14 +299,14 @@ def _weights(model, item, rows, own) -> np.ndarray:
 def _check_overlaps(model, interfaces, coupled):
     """Refuse dofs that follow two reference nodes; `coupled`: the rows of this rank by interface. Collective."""
     owner = np.full(model.local_rows, -1)
-    for i, (item, rows) in enumerate(zip(interfaces, coupled, strict=True)):
-        if item.kind != "rigid":
+    for i, (interface, rows) in enumerate(zip(interfaces, coupled, strict=True)):
+        if interface.kind != "rigid":
             continue
         with agreed(model.comm):
             twice = rows[owner[rows] >= 0]
             if twice.size:
                 raise InputError(
-                    f"interface '{item.name}': node {model.dofs.node[twice[0]]} belongs to the rigid set of "
+                    f"interface '{interface.name}': node {model.dofs.node[twice[0]]} belongs to the rigid set of "
                     f"'{interfaces[owner[twice[0]]].name}' as well; a dof can follow one reference node only"
                 )
         owner[rows] = i
@@ -314,6 +314,6 @@ def _check_overlaps(model, interfaces, coupled):
 
 def _sparse_columns(model, entries):
     """Return G^T (n, 6k) as a sparse matrix, from rows of this rank and their six values by interface."""
-    parts = [(np.repeat(rows, 6), 6 * i + np.tile(np.arange(6), len(rows)), values.ravel())
+    triplets = [(np.repeat(rows, 6), 6 * i + np.tile(np.arange(6), len(rows)), values.ravel())
              for i, (rows, values) in enumerate(entries)]  # fmt: skip
-    return sparse_rows(model.K, parts, (None, 6 * len(entries)))
+    return sparse_rows(model.K, triplets, (None, 6 * len(entries)))

@@ -82,7 +82,7 @@ class Nodes(Settings):
         if self.sphere is not None:
             centre, radius = self.sphere
             return np.linalg.norm(points - np.array(centre), axis=1) <= radius * (1 + 1e-9)
-        start, end, radius = (np.array(item) for item in self.cylinder)
+        start, end, radius = (np.array(value) for value in self.cylinder)
         length = np.linalg.norm(end - start)
         axis, arm = (end - start) / length, points - start
         along = arm @ axis
@@ -189,17 +189,19 @@ class InterfaceNode:
 
 def find_interface(model, node) -> int | None:
     """Return the index of an interface node, given by name or number, in the list of the model; else None."""
-    return next((i for i, item in enumerate(model.interfaces) if node in (item.name, item.node)), None)
+    return next((i for i, interface in enumerate(model.interfaces) if node in (interface.name, interface.node)), None)
 
 
 def warnings_of_interfaces(model) -> list[str]:
     """Return warnings of sets that look unintended, or with nodes without rows, which do not contribute. Collective."""
-    made = [item for item in model.interfaces if item.definition and isinstance(item.definition.nodes, Nodes)]
+    made = [interface for interface in model.interfaces
+            if interface.definition and isinstance(interface.definition.nodes, Nodes)]  # fmt: skip
     sizes = model.set_sizes if made else {}
-    return [warning for item in model.interfaces for warning in item.warnings] + [
-        f"interface '{item.name}': {total - item.count} of the {total} nodes of the set '{name}' have no row in "
-        f"{model.name}, since they follow others; it moves with the {item.count} that have"
-        for item in made if (name := item.definition.nodes.set) and item.count < (total := sizes.get(name, 0))
+    return [warning for interface in model.interfaces for warning in interface.warnings] + [
+        f"interface '{interface.name}': {total - interface.count} of the {total} nodes of the set '{name}' have no row "
+        f"in {model.name}, since they follow others; it moves with the {interface.count} that have"
+        for interface in made
+        if (name := interface.definition.nodes.set) and interface.count < (total := sizes.get(name, 0))
     ]  # fmt: skip
 
 
@@ -209,7 +211,7 @@ def node_number(model, node) -> int:
         return int(node)
     place = find_interface(model, node)
     if place is None:
-        known = ", ".join(item.name for item in model.interfaces)
+        known = ", ".join(interface.name for interface in model.interfaces)
         known = f"its interfaces are {known}" if known else "it has none; the job declares them by tables [[interface]]"
         raise InputError(f"'{node}' is no interface of {model.name}; {known}")
     return model.interfaces[place].node

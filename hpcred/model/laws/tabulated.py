@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
-from ...parallel.declared import as_declared
+from ...parallel.declared import Settings
 from ...parallel.failures import InputError
-from ...parallel.ranges import ANYTHING, within
+from ...parallel.ranges import Number, Range
 from ..operator import Law
 
 
 @dataclass(frozen=True)
-class Tabulated(Law):
+class Tabulated(Settings, Law):
     """Complex law g(i 2 pi f), linear between the frequencies of a table, constant beyond them; g(0) is its first real
     part.
 
@@ -32,23 +32,21 @@ class Tabulated(Law):
     """
 
     kind: Literal["table"] = field(default="table", kw_only=True, repr=False)
-    frequencies: tuple[float, ...] = field(repr=False)
-    real: tuple[float, ...] = field(repr=False)
-    imaginary: tuple[float, ...] = field(repr=False)
+    frequencies: tuple[Annotated[float, Range(0.0, 1e30, "Hz")], ...] = field(repr=False)
+    real: tuple[Number, ...] = field(repr=False)
+    imaginary: tuple[Number, ...] = field(repr=False)
 
     family = "tabulated"
     nature = "a table over frequency"
+    where = "law."
 
     def __post_init__(self):
-        as_declared(self, "law.")
+        super().__post_init__()
         if not len(self.frequencies) == len(self.real) == len(self.imaginary) > 0:
             raise InputError(
                 f"law: found {len(self.frequencies)} frequencies, {len(self.real)} real and {len(self.imaginary)} "
                 "imaginary parts, expected as many of each"
             )
-        within("law.frequencies", self.frequencies, (0.0, 1e30, "Hz"))
-        within("law.real", self.real, ANYTHING)
-        within("law.imaginary", self.imaginary, ANYTHING)
         if (np.diff(self.frequencies) <= 0).any():
             raise InputError("law.frequencies: found frequencies that do not ascend, expected each once, in order")
 
@@ -60,7 +58,7 @@ class Tabulated(Law):
     def coefficient(self, s: np.ndarray) -> np.ndarray:
         """Return g(s) - g(0) at s (...) in 1/s by f = |Im s| / 2 pi, and its conjugate below the real axis."""
         f = np.asarray(s, dtype=complex).imag / (2 * np.pi)
-        real, imaginary = (np.interp(np.abs(f), self.frequencies, part) for part in (self.real, self.imaginary))
+        real, imaginary = (np.interp(np.abs(f), self.frequencies, values) for values in (self.real, self.imaginary))
         return real - self.static + 1j * np.sign(f) * imaginary
 
     def slope(self, s: np.ndarray) -> np.ndarray:

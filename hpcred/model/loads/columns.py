@@ -15,6 +15,7 @@ from ...parallel.declared import declared, nearest
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up
+from ...parallel.plugins import found_at
 from ..checked_arrays import named_columns
 from ..interfaces.motion import extent_in_words, numbers_of_set, on_surface
 from ..interfaces.nodes import Nodes, find_interface
@@ -27,19 +28,18 @@ ROUND_OFF = 1e-13  # of the largest force, or of a sum of sizes: what is left in
 BESIDE = 1e-6  # of the length of a path: nodes at one place along it
 TO_AND_FRO = 2.0  # length of a path by its length along a direction; a half circle has 1.6
 STRIDE = 8  # of keys of node and direction
+OF_FILES = "readers.load_files:read_load"  # makes the columns of loads in files
 OF_TEMPERATURE = (
     "recovered stresses are those of the displacements, E B u; the stress is less by E alpha T / (1 - 2 nu) in "
     "its normal components"
 )
 
 
-def with_loads(model, loads, given, read):
-    """Return the model with loads as further inputs, see SecondOrderModel.with_loads. Collective.
-
-    `read(model, load)` returns what _column does for a load vector of a file."""
+def with_loads(model, loads, given):
+    """Return the model with loads as further inputs, see SecondOrderModel.with_loads. Collective."""
     loads, given = declared("loads", loads, tuple[AnyLoad, ...]), dict(given or {})
     # names are those of inputs, each once
-    names = [*model.input_names, *(name for item in loads for name in input_names(item)), *given]
+    names = [*model.input_names, *(name for load in loads for name in input_names(load)), *given]
     twice = min((name for name, count in Counter(names).items() if count > 1), default=None)
     if twice is not None:
         raise InputError(f"load '{twice}': found two inputs of this name, expected each once; give it another name")
@@ -48,7 +48,7 @@ def with_loads(model, loads, given, read):
     # a column of each, with the sums of its forces and moments
     made = []
     for load in loads:
-        made += _moving(model, load) if load.kind == "moving" else [_column(model, load, read)]
+        made += _moving(model, load) if load.kind == "moving" else [_column(model, load)]
     for name, column in given.items():
         local, _ = named_columns(model.comm, model.local_rows, np.reshape(column, (-1, 1)), [name], f"load '{name}'")
         made.append((local[:, 0], sums_of_column(model, local[:, 0], name, "given")))
@@ -65,11 +65,11 @@ def with_loads(model, loads, given, read):
         return loaded.with_fields(loads=(*model.loads, *(sums for _, sums in made)))
 
 
-def _column(model, load, read):
+def _column(model, load):
     """Return the rows (rows,) of this rank of the column of a load, and its LoadColumn. Collective."""
     where = f"load '{load.name}'"
     if load.kind in ("given", "deck") or (load.kind == "temperature" and load.file):
-        return read(model, load)
+        return found_at(OF_FILES)(model, load)
     require_dofs(model, where)
     if load.kind == "gravity":
         return inertia_force(model, load.name, lambda points: np.broadcast_to(load.value, points.shape), load.kind)
@@ -211,14 +211,14 @@ def centrifugal_field(model, name, spins):
     return field
 
 
-def added(name, kind, parts):
+def added(name, kind, sums_of):
     """Return the sum of several columns and LoadColumns of one load."""
-    columns, sums = zip(*parts, strict=True)
-    total = {key: tuple(np.sum([getattr(item, key) for item in sums], axis=0).tolist())
+    columns, sums = zip(*sums_of, strict=True)
+    total = {key: tuple(np.sum([getattr(column, key) for column in sums], axis=0).tolist())
              for key in ("force", "moment", "held_force", "held_moment")}  # fmt: skip
-    remarks = dict.fromkeys(item.remark for item in sums if item.remark)
-    area = sum(item.area for item in sums)
-    spins = any(item.spins for item in sums)
+    remarks = dict.fromkeys(column.remark for column in sums if column.remark)
+    area = sum(column.area for column in sums)
+    spins = any(column.spins for column in sums)
     return sum(columns), LoadColumn(
         name=name, kind=kind, area=area, remark="; ".join(remarks), spins=spins, **total
     )
@@ -239,7 +239,7 @@ def loads_of(model) -> tuple[LoadColumn, ...]:
     """Return all inputs of a model with nodes that are not directions of nodes, with their sums. Collective."""
     if model.B is None or model.dofs is None:
         return model.loads
-    known = {item.name: item for item in model.loads}
+    known = {load.name: load for load in model.loads}
     columns = model.B.getDenseArray().real
     return tuple(
         known.get(name) or sums_of_column(model, columns[:, j], name, "given")
@@ -253,8 +253,8 @@ def resultants(model) -> np.ndarray | None:
     if model.B is None or model.dofs is None:
         return None
     found = inner(rigid_motions(model), from_dense(model.B)).T
-    for item in model.loads:
-        found[model.input_names.index(item.name)] += [*item.held_force, *item.held_moment]
+    for load in model.loads:
+        found[model.input_names.index(load.name)] += [*load.held_force, *load.held_moment]
     return model.comm.bcast(found)
 
 
@@ -302,11 +302,11 @@ def column_of(model, forces: NodalForces, name, kind):
     # sums of the load and of its held part about the origin
     still = np.zeros_like(forces.value)
     still[place, direction] = np.where((held & ~there)[back], value, 0.0)
-    total, lost = (_sums(comm, forces.position, part) for part in (forces.value, still))
-    parts = {"force": total[:3], "moment": total[3:], "held_force": lost[:3], "held_moment": lost[3:]}
+    total, lost = (_sums(comm, forces.position, forces_of) for forces_of in (forces.value, still))
+    sums_by_key = {"force": total[:3], "moment": total[3:], "held_force": lost[:3], "held_moment": lost[3:]}
     return column, LoadColumn(
         name=name, kind=kind, area=forces.area, remark=OF_TEMPERATURE if kind == "temperature" else "",
-        **{key: tuple(part.tolist()) for key, part in parts.items()},
+        **{key: tuple(total_of.tolist()) for key, total_of in sums_by_key.items()},
     )  # fmt: skip
 
 
@@ -319,7 +319,7 @@ def _inside(model, on, nodes, where):
     if isinstance(on, str):
         place = find_interface(model, on)
         if on in model.set_sizes or place is None or model.interfaces[place].definition is None:
-            known = {*model.set_sizes, *(item.name for item in model.interfaces)}
+            known = {*model.set_sizes, *(interface.name for interface in model.interfaces)}
             if on not in model.set_sizes:
                 raise InputError(
                     f"{where}: on: {model.name} has no node set or interface '{on}'{nearest(on, known)}; it has "
@@ -331,7 +331,7 @@ def _inside(model, on, nodes, where):
     if isinstance(on, tuple):
         there, _ = places_of(model, np.array(on, np.int64))
         lost = np.array(on)[~there]  # nodes of elements without a row have a message of their own
-        known = [np.isin(lost, part.ravel()) for part in model.elements.values()]
+        known = [np.isin(lost, elements.ravel()) for elements in model.elements.values()]
         known = np.any(model.comm.allgather(np.any([np.zeros(len(lost), bool), *known], axis=0)), axis=0)
         if not known.all():
             raise InputError(f"{where}: on: node {lost[~known][0]} does not exist in {model.name}")
@@ -368,7 +368,7 @@ def faces_on(model, on, where) -> Faces:
 
 
 def _surface(model, where):
-    if not any(model.comm.allgather(any(len(part) for part in model.elements.values()))):
+    if not any(model.comm.allgather(any(len(elements) for elements in model.elements.values()))):
         raise InputError(
             f"{where}: {model.name} has no elements, and so no faces and edges; convert it with the input file of the "
             "finite-element program, or give the load vector (kind = 'given')"

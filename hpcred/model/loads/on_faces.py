@@ -33,10 +33,10 @@ class NodalForces:
     area: float = 0.0
 
     @classmethod
-    def joined(cls, parts) -> NodalForces:
-        parts = [*parts, cls(np.zeros(0, np.int64), np.zeros((0, 6)), np.zeros((0, 3)))]
-        arrays = (np.concatenate([getattr(part, key) for part in parts]) for key in ("node", "value", "position"))
-        return cls(*arrays, sum(part.area for part in parts))
+    def joined(cls, several) -> NodalForces:
+        several = [*several, cls(np.zeros(0, np.int64), np.zeros((0, 6)), np.zeros((0, 3)))]
+        arrays = (np.concatenate([getattr(forces, key) for forces in several]) for key in ("node", "value", "position"))
+        return cls(*arrays, sum(forces.area for forces in several))
 
 
 def forces_on_faces(model, faces: Faces, where: str, *, pressure=None, traction=None) -> NodalForces:

@@ -21,12 +21,12 @@ def thermal_forces(model, where: str, temperature) -> NodalForces:
     collective. Collective. Raises InputError for other elements than solids with rules and materials."""
     _require_solids(model, where)
     found = []
-    for kind, item in element_rows(model).items():
-        nodes, place = np.unique(item.nodes, return_inverse=True)
-        rise = temperature(nodes)[place.reshape(item.nodes.shape)]
+    for kind, rows in element_rows(model).items():
+        nodes, place = np.unique(rows.nodes, return_inverse=True)
+        rise = temperature(nodes)[place.reshape(rows.nodes.shape)]
         with agreed(model.comm):
-            if not item.placed.all():
-                lost = item.nodes[~item.placed][np.isnan(item.position[~item.placed]).any(axis=2)][0]
+            if not rows.placed.all():
+                lost = rows.nodes[~rows.placed][np.isnan(rows.position[~rows.placed]).any(axis=2)][0]
                 raise InputError(f"{where}: node {lost} of the solids of {model.name} has no row, since it follows "
                                  "another one; a temperature needs all nodes")  # fmt: skip
             table = model.properties.table.get(kind, np.zeros((0, 3), np.int64))
@@ -35,7 +35,7 @@ def thermal_forces(model, where: str, temperature) -> NodalForces:
                 rule, item_of = _rule(model, where, kind, type_), _material(model, where, material)
                 for low in range(0, len(mine), AT_ONCE):
                     some = mine[low : low + AT_ONCE]
-                    found.append(_forces(kind, rule, item_of, item.nodes[some], item.position[some], rise[some]))
+                    found.append(_forces(kind, rule, item_of, rows.nodes[some], rows.position[some], rise[some]))
     return NodalForces.joined(found)
 
 
@@ -51,7 +51,7 @@ def _forces(kind, rule, material, nodes, position, rise):
 
 
 def _require_solids(model, where):
-    kinds = set().union(*model.comm.allgather({kind for kind, part in model.elements.items() if len(part)}))
+    kinds = set().union(*model.comm.allgather({kind for kind, elements in model.elements.items() if len(elements)}))
     other = sorted(kind for kind in kinds if kind not in SOLIDS)
     if other or not kinds & set(FACES):
         raise InputError(

@@ -90,13 +90,13 @@ def cuts_refused(model, added) -> InputError:
     )
 
 
-def cut_columns(model, item: CutOutput) -> np.ndarray:
+def cut_columns(model, cut: CutOutput) -> np.ndarray:
     """Return the rows of this rank of the columns of C^T (rows, components) of a cut.
 
     Collective. Raises InputError for sets that do not exist or have nodes without rows, and a side with supports.
     """
-    comm, dofs, where = model.comm, require_dofs(model, "the force of a cut"), f"outputs: cut '{item.cut}'"
-    side = _side(model, item, where)
+    comm, dofs, where = model.comm, require_dofs(model, "the force of a cut"), f"outputs: cut '{cut.cut}'"
+    side = _side(model, cut, where)
     K = model.K if model.symmetric else model.K.transpose(PETSc.Mat())
     size = _absolute(K)
     others, motions = create_block(K, 1), rigid_motions(model)
@@ -110,7 +110,7 @@ def cut_columns(model, item: CutOutput) -> np.ndarray:
     if crossed and comm.allreduce(bool((np.abs(forces) > FORCE_FREE * bound)[side].any()), op=MPI.LOR):
         raise InputError(f"{where}: this side has supports, or springs to the ground, whose forces are not those of "
                          "the cut; name the set of the nodes on the other side")  # fmt: skip
-    about = item.about
+    about = cut.about
     if about is None:
         chosen = at_cut if crossed else side
         total = comm.allreduce(np.append(dofs.position[chosen].sum(axis=0), np.count_nonzero(chosen)))
@@ -125,18 +125,18 @@ def cut_columns(model, item: CutOutput) -> np.ndarray:
     if not comm.allreduce(bool(columns.any()), op=MPI.LOR):
         raise InputError(f"{where}: no element connects its nodes to others or to the ground; expected the nodes on "
                          "one side of a cut through the body")  # fmt: skip
-    return columns[:, [COMPONENTS.index(name) for name in item.components]]
+    return columns[:, [COMPONENTS.index(name) for name in cut.components]]
 
 
-def _side(model, item, where) -> np.ndarray:
+def _side(model, cut, where) -> np.ndarray:
     """Return which rows of this rank belong to nodes of the set (rows,). Collective. Raises InputError."""
     comm, dofs = model.comm, model.dofs
-    numbers = numbers_of_set(model, item.cut, where)
+    numbers = numbers_of_set(model, cut.cut, where)
     found = look_up(comm, number_over_ranks(comm, dofs.node)[0], [], numbers)[0]
     lost = comm.allreduce(int(np.count_nonzero(~found)))
     if lost:
         raise InputError(
-            f"{where}: {lost} of the {model.set_sizes[item.cut]} nodes of the set have no row in {model.name}, since "
+            f"{where}: {lost} of the {model.set_sizes[cut.cut]} nodes of the set have no row in {model.name}, since "
             "they are held or follow others; name the set of the nodes on the other side, or one without them"
         )
     return look_up(comm, numbers, [], dofs.node)[0] & (dofs.direction != SCALAR)

@@ -56,18 +56,19 @@ def stress_columns(model, outputs) -> np.ndarray:
 
     Collective. Raises InputError as Solids.
     """
-    solids = Solids(model, {item.node for item in outputs})
+    solids = Solids(model, {output.node for output in outputs})
     local = np.zeros((model.local_rows, len(outputs)))
-    for column, item in enumerate(outputs):
-        rows, values, count = _parts(solids, np.flatnonzero(solids.number == item.node), COMPONENTS.index(item.stress))
-        parts = model.comm.allgather((rows, values, count))  # as large as the elements at a node
-        total = sum(count for *_, count in parts)
+    for column, output in enumerate(outputs):
+        places = np.flatnonzero(solids.number == output.node)
+        rows, values, count = _parts(solids, places, COMPONENTS.index(output.stress))
+        gathered = model.comm.allgather((rows, values, count))  # as large as the elements at a node
+        total = sum(count for *_, count in gathered)
         if not total:
             raise InputError(
-                f"outputs: node {item.node} of {model.name} has no stress, since its elements have nodes without rows, "
-                "such as those that follow a rigid body; choose another node"
+                f"outputs: node {output.node} of {model.name} has no stress, since its elements have nodes without "
+                "rows, such as those that follow a rigid body; choose another node"
             )
-        for rows, values, _ in parts:
+        for rows, values, _ in gathered:
             mine = (rows >= model.first_row) & (rows < model.first_row + model.local_rows)
             np.add.at(local[:, column], rows[mine] - model.first_row, values[mine] / total)
     return local
@@ -81,5 +82,5 @@ def _parts(solids, place, component):
         matrices = nodal_stress_matrices(group.kind, group.rule, solids.position[nodes], group.elastic)
         found.append((solids.rows[nodes].ravel(), matrices[nodes == place][:, component].ravel()))
         count += len(nodes)
-    rows, values = (np.concatenate(part) for part in zip(*found, strict=True))
+    rows, values = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
     return rows, values, count

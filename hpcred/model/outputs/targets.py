@@ -33,11 +33,11 @@ def output_columns(model, targets) -> tuple[dict[str, np.ndarray | None], list[s
             found, called = list(cut_columns(model, target).T), target.names
         else:
             singles = _single_targets(model, target.target if isinstance(target, MotionOutput) else target)
-            found = [_column(model, item) for item in singles]
-            called = [quantity_name(quantity, target_name(item)) for item in singles]
+            found = [_column(model, target) for target in singles]
+            called = [quantity_name(quantity, target_name(target)) for target in singles]
         columns, names, quantities = columns + found, names + called, quantities + [quantity] * len(found)
     local = np.column_stack(columns)
-    stresses = {j: item for j, name in enumerate(names) if (item := stress_output_of(name))}
+    stresses = {j: stress for j, name in enumerate(names) if (stress := stress_output_of(name))}
     if stresses:
         local[:, list(stresses)] = stress_columns(model, list(stresses.values()))
     parts = {}
@@ -67,7 +67,7 @@ def _column(model, target) -> np.ndarray:
 
 def interface_targets(interfaces) -> tuple[str, ...]:
     """Return the names of all directions of all interfaces, as inputs."""
-    return tuple(target_name((item.name, name)) for item in interfaces for name in item.directions)
+    return tuple(target_name((interface.name, name)) for interface in interfaces for name in interface.directions)
 
 
 def _single_targets(model, target) -> list:

@@ -92,64 +92,65 @@ def checked_values(parameters: tuple[Parameter, ...], values: Mapping[str, float
 
     Raises InputError for other names, and for values outside of the ranges.
     """
-    known = {item.name: item for item in parameters}
+    known = {parameter.name: parameter for parameter in parameters}
     for name, value in values.items():
         if name not in known:
             raise InputError(f"parameter '{name}': there is none of this name{nearest(name, known)}; there are "
                              f"{', '.join(known)}")  # fmt: skip
-        item, value = known[name], declared(f"parameter '{name}'", value, float)
-        low, high = item.range
+        parameter, value = known[name], declared(f"parameter '{name}'", value, float)
+        low, high = parameter.range
         if not low <= value <= high:
-            unit = f" {item.unit}" if item.unit else ""
+            unit = f" {parameter.unit}" if parameter.unit else ""
             raise InputError(f"parameter '{name}': found {value:g}, expected {low:g} to {high:g}{unit}, its range")
-    return {item.name: float(values.get(item.name, item.reference)) for item in parameters}
+    return {parameter.name: float(values.get(parameter.name, parameter.reference)) for parameter in parameters}
 
 
 def factors_of(terms, values: Mapping[str, float]) -> list[float]:
     """Return the factors of terms at values of all parameters. Raises InputError."""
     found = []
-    for item in terms:
+    for term in terms:
         try:
-            found.append(item.expression.at(values))
+            found.append(term.expression.at(values))
         except InputError as error:
-            raise InputError(f"term of {item.of}: {error}") from None
+            raise InputError(f"term of {term.of}: {error}") from None
     return found
 
 
 def check_terms(parameters: tuple[Parameter, ...], terms):
     """Refuse parameters twice, factors and parameters that do not fit each other, and factors that have no finite value
     somewhere in the ranges."""
-    names = [item.name for item in parameters]
+    names = [parameter.name for parameter in parameters]
     if not names or not terms:
         raise InputError("parameters: found no parameter, or no term; expected one of each at least")
     if len(set(names)) < len(names):
         raise InputError(f"parameters: found the names {', '.join(names)}, expected each once")
-    for item in terms:
-        for name in sorted(item.expression.names.difference(names)):
-            raise InputError(f"term of {item.of}: factor '{item.factor}': found '{name}'{nearest(name, names)}, "
+    for term in terms:
+        for name in sorted(term.expression.names.difference(names)):
+            raise InputError(f"term of {term.of}: factor '{term.factor}': found '{name}'{nearest(name, names)}, "
                              f"expected the parameters {', '.join(names)}")  # fmt: skip
-    ranges = {item.name: item.range for item in parameters}
-    for item in terms:
-        values, found = without_value(item.expression, ranges), f"no number of {ANYTHING[0]:g} to {ANYTHING[1]:g} at"
+    ranges = {parameter.name: parameter.range for parameter in parameters}
+    for term in terms:
+        values, found = without_value(term.expression, ranges), f"no number of {ANYTHING[0]:g} to {ANYTHING[1]:g} at"
         if values is None:
-            values, found = possible_pole(item.expression, ranges), "a pole, or what cannot be told from one, near"
+            values, found = possible_pole(term.expression, ranges), "a pole, or what cannot be told from one, near"
         if values is not None:
             where = ", ".join(f"{name} = {value:g}" for name, value in values.items()) or "any values"
             raise InputError(
-                f"term of {item.of}: factor '{item.factor}': found {found} {where}, expected a number in all of the "
+                f"term of {term.of}: factor '{term.factor}': found {found} {where}, expected a number in all of the "
                 f"ranges ({in_words(parameters)}); change the range or the factor"
             )
     for name in names:
-        if not any(name in item.expression.names for item in terms):
+        if not any(name in term.expression.names for term in terms):
             raise InputError(f"parameter '{name}': found it in the factor of no term; give its terms, or leave it out")
 
 
 def in_words(parameters) -> str:
     """ "omega 0 to 800 rad/s, e 1 to 2" """
-    return ", ".join(f"{item.name} {item.range[0]:g} to {item.range[1]:g} {item.unit}".strip() for item in parameters)
+    ranges = ((known.name, *known.range, known.unit) for known in parameters)
+    return ", ".join(f"{name} {low:g} to {high:g} {unit}".strip() for name, low, high, unit in ranges)
 
 
 def rows_of_parameters(parameters) -> list[dict]:
     """Return a row of a table for each parameter."""
-    return [{"parameter": item.name, "lowest": item.range[0], "highest": item.range[1], "reference": item.reference,
-             "unit": item.unit} for item in parameters]  # fmt: skip
+    return [{"parameter": parameter.name, "lowest": parameter.range[0], "highest": parameter.range[1],
+             "reference": parameter.reference, "unit": parameter.unit} for parameter in parameters]  # fmt: skip

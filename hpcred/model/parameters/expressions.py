@@ -112,9 +112,9 @@ class Expression:
             check_name(f"expression '{self.text}'", node.id)
             yield node.id
         elif isinstance(node, ast.UnaryOp | ast.BinOp) and type(node.op) in OPERATORS:
-            for part in ("left", "right", "operand"):
-                if hasattr(node, part):
-                    yield from self._names_in(getattr(node, part))
+            for side in ("left", "right", "operand"):
+                if hasattr(node, side):
+                    yield from self._names_in(getattr(node, side))
         elif isinstance(node, ast.Call):
             if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS:
                 raise self._refused("a function that is not known", self._place(node.col_offset))

@@ -111,7 +111,7 @@ class _Interval(NamedTuple):
 
 def _bounding(node: ast.expr, names) -> Callable[[dict], _Interval]:
     """Return a function that bounds a part of an expression over boxes, which are {name: (2, N)}."""
-    if not any(isinstance(part, ast.Name) and part.id in names for part in ast.walk(node)):
+    if not any(isinstance(inner, ast.Name) and inner.id in names for inner in ast.walk(node)):
         return _constant(node, names[0])
     match node:
         case ast.Name():
@@ -148,12 +148,12 @@ def _negative(a):
     return _Interval(-a.high, -a.low, a.sure)
 
 
-def _outward(low, high, *parts, ulps=1) -> _Interval:
-    """Return bounds for which the round-off of `ulps` units is allowed; those of `parts` have to be sure too."""
+def _outward(low, high, *bounds, ulps=1) -> _Interval:
+    """Return bounds for which the round-off of `ulps` units is allowed; the other `bounds` have to be sure too."""
     low, high = low - ulps * np.spacing(np.abs(low)), high + ulps * np.spacing(np.abs(high))
     sure = np.isfinite(low) & np.isfinite(high)
-    for part in parts:
-        sure &= part.sure
+    for bound in bounds:
+        sure &= bound.sure
     return _Interval(np.where(sure, low, 0.0), np.where(sure, high, 1.0), sure)
 
 

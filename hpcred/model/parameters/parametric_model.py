@@ -75,25 +75,25 @@ class ParametricModel:
         parameters = declared("parameters", parameters, tuple[Parameter, ...])
         terms = declared("terms", terms, tuple[Term, ...])
         check_terms(parameters, terms)
-        if model.rates and any(item.of == "C" for item in terms):
+        if model.rates and any(term.of == "C" for term in terms):
             raise InputError(f"{model.name}: found terms of C, and outputs that are velocities or accelerations, "
                              "expected displacements")  # fmt: skip
-        terms = tuple(replace(item, matrix=term_matrix(model, item)) for item in terms)
-        square = [item.matrix for item in terms if item.of in "MDK"]
+        terms = tuple(replace(term, matrix=term_matrix(model, term)) for term in terms)
+        square = [term.matrix for term in terms if term.of in "MDK"]
         mats = model.matrices
-        if model.D is None and any(item.of == "D" for item in terms):
+        if model.D is None and any(term.of == "D" for term in terms):
             mats["D"] = model.K.duplicate(copy=False)
             mats["D"].zeroEntries()
         mats, known = on_one_pattern(mats, square), model.matrices
         changed: dict[str, Any] = {key: mat for key, mat in mats.items() if mat is not known.get(key)}
-        if any(item.of == "K" and _is_skew(item.matrix) for item in terms):
+        if any(term.of == "K" and _is_skew(term.matrix) for term in terms):
             changed |= UNSYMMETRIC
-        if any(item.of == "M" for item in terms):
-            changed["loads"] = tuple(_of_constant_mass(item) for item in model.loads)
+        if any(term.of == "M" for term in terms):
+            changed["loads"] = tuple(_of_constant_mass(load) for load in model.loads)
         self._take(model.with_fields(**changed), parameters, terms)
 
     def _take(self, model, parameters, terms):
-        if any(item.of == "K" for item in terms) and any(map(cut_output_of, model.own_output_names)):
+        if any(term.of == "K" for term in terms) and any(map(cut_output_of, model.own_output_names)):
             raise InputError(
                 f"{model.name}: found terms of K, and outputs that are section forces, which would be those of the "
                 "constant part of K alone; leave the outputs of cuts out, or give rows and terms of C of their own"
@@ -111,22 +111,22 @@ class ParametricModel:
     def close(self) -> None:
         """Free the PETSc objects. Collective."""
         self.model.close()
-        for item in self.terms:
-            item.matrix.destroy()
+        for term in self.terms:
+            term.matrix.destroy()
 
     def __repr__(self):
         """Return one line. Not collective."""
-        ranges = ", ".join(f"{item.name} {item.range[0]:g} to {item.range[1]:g}" for item in self.parameters)
+        ranges = ", ".join("{} {:g} to {:g}".format(known.name, *known.range) for known in self.parameters)
         return f"<ParametricModel of {len(self.terms)} terms over {ranges}: {self.model!r}>"
 
     def _repr_html_(self):
         """Return a table for notebooks. Not collective."""
-        rows = [{"parameter": item.name, "from": item.range[0], "to": item.range[1]} for item in self.parameters]
+        rows = [{"parameter": known.name, "from": known.range[0], "to": known.range[1]} for known in self.parameters]
         return self.model._repr_html_() + as_html(f"{len(self.terms)} terms of parameters", {}, rows)
 
     def __str__(self):
         """Return lines that describe the model. Collective."""
-        terms = listed([f"{item.of} ({item.factor})" for item in self.terms])
+        terms = listed([f"{term.of} ({term.factor})" for term in self.terms])
         return f"{self.model}\n  parameters {in_words(self.parameters)}; terms of {terms}"
 
     @property
@@ -157,13 +157,13 @@ class ParametricModel:
     def symmetry_defects(self) -> tuple[float, ...]:
         """Symmetry defects of the terms of M, D and K in their order (see SecondOrderModel), 0 for others. Collective.
         """
-        return tuple(symmetry_defect(item.matrix) if item.of in "MDK" else 0.0 for item in self.terms)
+        return tuple(symmetry_defect(term.matrix) if term.of in "MDK" else 0.0 for term in self.terms)
 
     @property
     def symmetric_terms(self) -> tuple[bool, ...]:
         """Whether the terms, in their order, are symmetric but for round-off. Collective."""
-        return tuple(self.model.counts_as_symmetric(item.of, defect)
-                     for item, defect in zip(self.terms, self.symmetry_defects, strict=True))  # fmt: skip
+        return tuple(self.model.counts_as_symmetric(term.of, defect)
+                     for term, defect in zip(self.terms, self.symmetry_defects, strict=True))  # fmt: skip
 
     @property
     def reference(self) -> dict[str, float]:
@@ -208,12 +208,12 @@ class ParametricModel:
         values = self.checked(values)
         factors = self.factors(values)
         changed: dict[str, Any] = {"name": f"{self.name} at {', '.join(f'{k} = {v:g}' for k, v in values.items())}"}
-        for item, theta in zip(self.terms, factors, strict=True):
-            key = FIELD[item.of]
+        for term, theta in zip(self.terms, factors, strict=True):
+            key = FIELD[term.of]
             if key not in changed:
                 changed[key] = getattr(self.model, key).copy()
             if theta:
-                changed[key].axpy(theta, item.matrix, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+                changed[key].axpy(theta, term.matrix, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         if "M" in changed:
             with agreed(self.comm):
                 if (lowest := diagonal_of(changed["M"]).min(initial=0.0)) < 0:
@@ -225,8 +225,8 @@ class ParametricModel:
         known = self.model.symmetry_defects
         for key in changed.keys() & {"M", "D", "K"}:  # a sum is as symmetric as its parts, however small they are in it
             there.take_symmetry(key, max(known[key], *(
-                defect for item, theta, defect in zip(self.terms, factors, self.symmetry_defects, strict=True)
-                if item.of == key and theta
+                defect for term, theta, defect in zip(self.terms, factors, self.symmetry_defects, strict=True)
+                if term.of == key and theta
             ), 0.0))  # fmt: skip
         return there
 
@@ -241,14 +241,14 @@ class ParametricModel:
         return self._with(self.model.with_outputs(targets))
 
     def _require_no_terms(self, key, what):
-        if any(item.of == key for item in self.terms):
+        if any(term.of == key for term in self.terms):
             raise InputError(f"{self.name}: it has terms of {key}, which belong to the {what} that it has; give the "
                              "model others before its terms")  # fmt: skip
 
     def _with(self, model):
         """Return the same terms with another constant part, with references of its own."""
         other = object.__new__(type(self))
-        other._take(model, self.parameters, tuple(replace(item, matrix=copy(item.matrix)) for item in self.terms))
+        other._take(model, self.parameters, tuple(replace(term, matrix=copy(term.matrix)) for term in self.terms))
         return other
 
 

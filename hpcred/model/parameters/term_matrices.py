@@ -18,12 +18,12 @@ def term_matrix(model, term) -> PETSc.Mat:
     """Return the matrix of a term: AIJ, or dense for B and C^T. Collective. Raises InputError."""
     where = f"term of {term.of}, factor '{term.factor}'"
     columns = term.of in ("B", "C")
-    part = getattr(model, FIELD[term.of]) if columns else model.K
-    if part is None:
+    like = getattr(model, FIELD[term.of]) if columns else model.K
+    if like is None:
         found = "no inputs" if term.of == "B" else "the inputs as outputs, C = B^T"
         raise InputError(f"{where}: {model.name} has {found}; give it {'inputs' if term.of == 'B' else 'outputs'} "
                          "before its terms")  # fmt: skip
-    shape = part.getSize()
+    shape = like.getSize()
     if isinstance(term.matrix, PETSc.Mat):
         return _of_petsc(model.K, term.matrix, shape, where, columns)
     first, last = model.K.getOwnershipRange()

@@ -193,12 +193,12 @@ def pushed_motions(model, loads) -> np.ndarray:
     if not free.shape[1]:
         return np.zeros((0, loads.getActiveColumns()[1]))
     mass = free.T @ inner(motions, times(model.M, motions)) @ free
-    parts = free.T @ inner(motions, loads)
+    work = free.T @ inner(motions, loads)
     size = np.sqrt(np.diag(free.T @ inner(motions, motions) @ free))[:, None] * column_norms(loads)
-    parts[np.abs(parts) <= ROUND_OFF * size] = 0.0
+    work[np.abs(work) <= ROUND_OFF * size] = 0.0
     values, vectors = np.linalg.eigh(mass)
     moving = values > NO_MASS * values[-1]
-    return (vectors[:, moving] / np.sqrt(values[moving])).T @ parts
+    return (vectors[:, moving] / np.sqrt(values[moving])).T @ work
 
 
 def _translations_of_rows(model) -> SLEPc.BV:
@@ -218,7 +218,7 @@ def _exactly_free(model, motions):
     with local_rows(times(model.K, motions)) as rows, local_rows(motions) as moved:
         forced = (np.abs(rows) > EXACTLY_FREE * _sizes_of_rows(model.K)[:, None]).any(axis=0)
         moves = (moved != 0).any(axis=0)
-    forced, moves = (model.comm.allreduce(part, op=MPI.BOR) for part in (forced, moves))
+    forced, moves = (model.comm.allreduce(flags, op=MPI.BOR) for flags in (forced, moves))
     return np.eye(len(forced))[:, moves & ~forced]
 
 
@@ -364,8 +364,8 @@ def nodes_that_differ(model, support) -> str | None:
 def _named(given, count, turned):
     """Return the sentence from what the ranks have of the rows: their numbers, nodes, forces, and entries of K; of
     `count` nodes; `turned`: whether axes differ, or else places; local."""
-    row, node, forces = (np.concatenate([part[k] for part in given]) for k in range(3))
-    entries = [entry for part in given for entry in part[3]]
+    row, node, forces = (np.concatenate([of_rank[k] for of_rank in given]) for k in range(3))
+    entries = [entry for of_rank in given for entry in of_rank[3]]
     # K E by the symmetry of K, on all rows that it reaches
     reached = np.unique(np.concatenate([row, *[columns for columns, _ in entries]]))
     K = np.zeros((len(reached), len(row)))

@@ -91,7 +91,7 @@ def support_of(model) -> Support:
     # what round-off and digits leave
     digits, of_nodes = _error_of_rotations(model, reach)
     least = max(ROUND_OFF, _error_of_entries(model.K))
-    common = [MANY * _median(comm, met[:, part].max(axis=1)) for part in (slice(3), slice(3, 6))]
+    common = [MANY * _median(comm, met[:, directions].max(axis=1)) for directions in (slice(3), slice(3, 6))]
     seen = np.minimum(common, MOST_ROUND_OFF)
     # few digits of nodes leave forces in most rows, supports in some: those of a grid are few, without an error
     round_off = np.array([max(least, seen[0]), max(least, seen[1], min(of_nodes, common[1]))])
@@ -115,7 +115,7 @@ def _reach(model, centre) -> float:
     if far > np.finfo(float).eps * np.abs(centre).max():
         return far
     stiffness = np.abs(diagonal_of(model.K))
-    sums = [float(stiffness[part].sum()) for part in (dofs.direction < 3, _turns(dofs))]
+    sums = [float(stiffness[chosen].sum()) for chosen in (dofs.direction < 3, _turns(dofs))]
     moved, turned = model.comm.allreduce(np.array(sums))
     return float(np.sqrt(turned / moved)) if moved and turned else 1.0
 
@@ -195,11 +195,11 @@ def _unresisted(comm, met, limit, overlaps, unit):
     their size. By QR of the rows that resist, rank by rank, since squares would lose half of the digits.
     """
     rows = met[(np.abs(met) > limit).any(axis=1)] / limit
-    parts = comm.gather((np.linalg.qr(rows, mode="r"), len(rows)))
-    return decided(comm, _null_space, parts, limit, overlaps) * unit[:, None]
+    triangles = comm.gather((np.linalg.qr(rows, mode="r"), len(rows)))
+    return decided(comm, _null_space, triangles, limit, overlaps) * unit[:, None]
 
 
-def _null_space(parts, limit, overlaps):
+def _null_space(triangles, limit, overlaps):
     """Return the combinations of motions that meet no more than the limit in the rows of all ranks; local."""
     # independent motions: a turn about the line on which all nodes are is none
     moves = _moves(overlaps)
@@ -208,7 +208,7 @@ def _null_space(parts, limit, overlaps):
     moving = scale[:, None] * vectors[:, values > SAME_MOTION]
     # in units of the limit
     basis = np.linalg.qr(limit[:, None] * moving)[0]
-    resist, count = np.concatenate([part for part, _ in parts]), sum(rows for _, rows in parts)
+    resist, count = np.concatenate([triangle for triangle, _ in triangles]), sum(rows for _, rows in triangles)
     sizes, turn = np.zeros(basis.shape[1]), np.eye(basis.shape[1])
     if count:
         found, turn = np.linalg.svd(resist @ basis)[1:]

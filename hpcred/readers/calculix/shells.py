@@ -30,7 +30,8 @@ def offsets(comm, mesh, node, number) -> np.ndarray | None:
     if any(len(part) for part in comm.allgather([kind for kind in mesh.elements if kind in ("line", "line3")])):
         return None
     # rows of one node meet: normals are added, the others must agree
-    label, *columns = sort_over_ranks(comm, *_split(np.concatenate(table)))
+    whole = np.concatenate(table)
+    label, *columns = sort_over_ranks(comm, whole[:, 0].astype(np.int64), list(whole[:, 1:].T))
     label, start = np.unique(label, return_index=True)
     x, y, z, most, least, level, below, above = columns = [
         reduce.reduceat(column, start) if len(start) else column for reduce, column in zip(
@@ -55,10 +56,6 @@ def offsets(comm, mesh, node, number) -> np.ndarray | None:
     if not all(comm.allgather(bool(good.all()))):
         return None
     return (shift * values[3] / 2)[:, None] * normal / np.maximum(size, 1e-300)[:, None]
-
-
-def _split(table):
-    return table[:, 0].astype(np.int64), list(table[:, 1:].T)
 
 
 def _counted(comm, node, number):

@@ -12,7 +12,7 @@ Krylov block of order 0 at 0 Hz with the loads of the interfaces.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from ...linalg.solvers.base import SingularMatrix
 from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
-from ...parallel.ranges import COUNT, require_band, within
+from ...parallel.ranges import COUNT, Band
 from ..run.run import Run
 from ..run.store import Entry
 from .component import Component
@@ -67,8 +67,8 @@ class FixedInterfaceModes(Component):
     """
 
     kind: Literal["fixed_interface_modes"] = field(default="fixed_interface_modes", kw_only=True, repr=False)
-    count: int | None = None
-    band: tuple[float, float] | None = None
+    count: Annotated[int | None, COUNT] = None
+    band: Band | None = None
 
     per_direction = 0
 
@@ -76,8 +76,6 @@ class FixedInterfaceModes(Component):
         as_declared(self, f"{self.kind}.")
         if (self.count is None) == (self.band is None):
             raise InputError(f"{self.kind}: expected exactly one of count and band")
-        within(f"{self.kind}.count", self.count, COUNT)
-        require_band(f"{self.kind}.band", self.band)
 
     def columns(self, inputs: int, rigid: int) -> int:
         return self.count or 0
@@ -248,11 +246,12 @@ def _interface_system(flexibility, rigid, interfaces):
 
 def check_directions(model):
     """Refuse an interface whose set does not move it in all directions."""
-    for item in model.interfaces:
-        if len(item.directions) < 6:
+    for interface in model.interfaces:
+        if len(interface.directions) < 6:
             raise InputError(
-                f"interface '{item.name}': its set moves it in {', '.join(item.directions)} only, but component modes "
-                "and interface coordinates need all six directions; couple more directions, or take kind 'averaging'"
+                f"interface '{interface.name}': its set moves it in {', '.join(interface.directions)} only, but "
+                "component modes and interface coordinates need all six directions; couple more directions, or take "
+                "kind 'averaging'"
             )
 
 

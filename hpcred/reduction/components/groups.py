@@ -141,7 +141,7 @@ def _blocks_by(group, basis, runs, groups) -> dict:
     """The same, with this group."""
     model, progress = runs[0].model, runs[0].progress
     comm = model.comm
-    points = [i for i, item in enumerate(basis) if isinstance(item, PointComponent)]
+    points = [i for i, component in enumerate(basis) if isinstance(component, PointComponent)]
     arrived = {}
     with Owned(comm) as owned:
         own = [owned.owns(runs[0].on_group(group.framed))]
@@ -168,8 +168,8 @@ def bring(model, group, blocks):
     """Return blocks of a group with the rows of the world; the ranks of other groups give nothing. Collective."""
     comm = model.comm
     mine = (blocks.parts, blocks.vectors.width) if blocks is not None else None
-    parts, width = next(item for item in comm.allgather(mine) if item is not None)
-    count = width * parts[-1].stop if parts else 0
+    own_parts, width = next(description for description in comm.allgather(mine) if description is not None)
+    count = width * own_parts[-1].stop if own_parts else 0
     rows, columns = np.zeros(0, dtype=np.int64), [np.zeros(0)] * count
     if blocks is not None:
         first = group.framed.model.first_row
@@ -183,4 +183,4 @@ def bring(model, group, blocks):
     if count:
         with local_rows(block) as values:
             values[rows - model.first_row] = np.array(columns).T
-    return _Arrived(parts, block, width)
+    return _Arrived(own_parts, block, width)

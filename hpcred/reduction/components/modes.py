@@ -16,7 +16,7 @@ from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
 from ...parallel.failures import ComputationError, InputError
 from ...parallel.petsc import is_complex
-from ...parallel.ranges import COUNT, require_band, within
+from ...parallel.ranges import COUNT, Band, Count, within
 from ..run.projection import diagonalise, project, project_columns
 from ..run.run_solvers import refusal
 from ..run.store import Entry
@@ -50,24 +50,18 @@ class Modes(Component):
     """
 
     kind: Literal["modes"] = field(default="modes", kw_only=True, repr=False)
-    count: int | None = None
-    band: tuple[float, float] | None = None
+    count: Count | None = None
+    band: Band | None = None
     index: tuple[int, ...] | None = None
-    dominant: int | None = None
+    dominant: Count | None = None
 
     def __post_init__(self):
         as_declared(self, "modes.")
         if sum(value is not None for value in (self.count, self.band, self.index)) != 1:
             raise InputError("modes: expected exactly one of count, band and index")
-        require_band("modes.band", self.band)
-        if self.count is not None and self.count < 1:
-            raise InputError(f"modes.count: found {self.count}, expected at least 1")
         if self.index is not None and (not self.index or min(self.index) < 1):
             raise InputError(f"modes.index: found {list(self.index)}, expected numbers from 1")
-        if self.dominant is not None and self.dominant < 1:
-            raise InputError(f"modes.dominant: found {self.dominant}, expected at least 1")
-        for key in ("count", "index", "dominant"):
-            within(f"modes.{key}", getattr(self, key), COUNT)
+        within("modes.index", self.index, COUNT)
 
     def columns(self, inputs: int, rigid: int) -> int:
         """Return the number of vectors known beforehand (0 for a band)."""

@@ -28,15 +28,15 @@ class AffineForm:
     def __init__(self, parametric, run, damped: bool):
         model, framed, tau, self.restore = parametric.model, run.framed, run.tau, run.framed.restore
         self.parametric, self.run, self.framed, self.tau = parametric, run, framed, tau
-        terms = [(1 + k, item) for k, item in enumerate(parametric.terms)]
-        left_out = {} if tau or any(item.of == "M" for item in parametric.terms) else {"M": None}
+        terms = [(1 + k, term) for k, term in enumerate(parametric.terms)]
+        left_out = {} if tau or any(term.of == "M" for term in parametric.terms) else {"M": None}
         left_out |= {} if damped else {"D": None}
         constant = model.operator.with_matrices(model.operator.matrices | left_out)
         self.operators = [constant, *(
-            Operator.of(**{item.of: item.matrix}) if item.of in constant.terms else NOTHING for item in parametric.terms
+            Operator.of(**{term.of: term.matrix}) if term.of in constant.terms else NOTHING for term in parametric.terms
         )]  # fmt: skip
         self._symmetric = [dict.fromkeys(constant.added.terms, True) | {of: model.is_symmetric(of) for of in "MDK"}]
-        self._symmetric += [{item.of: is_so} for item, is_so in
+        self._symmetric += [{term.of: is_so} for term, is_so in
                             zip(parametric.terms, parametric.symmetric_terms, strict=True)]  # fmt: skip
         self.matrices = [(key, place, mat, self.is_symmetric(place, key)) for key in constant.terms
                          for place, operator in enumerate(self.operators)
@@ -44,7 +44,7 @@ class AffineForm:
         blocks, places = [], {"B": [], "C": []}
         for of, mat in (("B", model.B), ("C", model.Ct)):
             if mat is not None:
-                own = [(0, mat), *((k, item.matrix) for k, item in terms if item.of == of)]
+                own = [(0, mat), *((k, term.matrix) for k, term in terms if term.of == of)]
                 blocks += [self._restricted(from_dense(each)) for _, each in own]
                 places[of] = [k for k, _ in own]
         self.loads, factors = independent_columns(framed.model, framed.rigid, blocks)
@@ -62,7 +62,7 @@ class AffineForm:
 
     def values(self, point) -> dict[str, float]:
         """Return the values of the parameters at a point by name; local."""
-        return dict(zip((item.name for item in self.parametric.parameters), point, strict=True))
+        return dict(zip((parameter.name for parameter in self.parametric.parameters), point, strict=True))
 
     def io(self, theta) -> InputsOutputs:
         """Return inputs and outputs in terms of the loads; local."""
@@ -115,9 +115,9 @@ class PointModels(NamedTuple):
     def model(self, count: int | None = None) -> PseudoModal:
         """Return the model of the first `count` columns, by default of all."""
         k = slice(count)
-        part = self.operator.map(lambda matrix: matrix[k, k])
-        given = part.get("D"), self.damping, self.io, part.added, self.symmetric
-        return diagonalised(part["K"], self.L[k], *given, part.get("M") if self.tau else None, self.tau)
+        alone = self.operator.map(lambda matrix: matrix[k, k])
+        given = alone.get("D"), self.damping, self.io, alone.added, self.symmetric
+        return diagonalised(alone["K"], self.L[k], *given, alone.get("M") if self.tau else None, self.tau)
 
 
 class AffineProjections(Projected):

@@ -160,7 +160,7 @@ def _errors(inside, points, band):
     """Return the errors (N,) at the points at few frequencies, and where they are (N,)."""
     comm = inside.args[0].form.parametric.comm
     pairs = shared_out(comm, lambda point: coarsely(inside(point), band), points)
-    return tuple(np.array(part) for part in zip(*pairs, strict=True))
+    return tuple(np.array(arrays) for arrays in zip(*pairs, strict=True))
 
 
 def _look_closely(inside, points, band, errors, worst) -> float:
@@ -173,7 +173,7 @@ def _look_closely(inside, points, band, errors, worst) -> float:
 
     high = [k for k in np.argsort(-errors, kind="stable")[:LOOKED_AT] if errors[k] >= CLOSE * errors.max()]
     results = shared_out(inside.args[0].form.parametric.comm, finely, [points[k] for k in high])
-    errors[high], worst[high], noise = (np.array(part) for part in zip(*results, strict=True))
+    errors[high], worst[high], noise = (np.array(arrays) for arrays in zip(*results, strict=True))
     return float(noise.max())
 
 

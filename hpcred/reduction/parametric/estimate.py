@@ -45,7 +45,7 @@ def estimate(projections: AffineProjections, points, count: int, settings) -> Es
         return coarsely(Comparison(inner, outer, nested(inner, outer), measure), settings.band)
 
     largest = shared_out(projections.form.parametric.comm, at, points)
-    return Estimate(*(np.array(part) for part in zip(*largest, strict=True)))
+    return Estimate(*(np.array(arrays) for arrays in zip(*largest, strict=True)))
 
 
 def residual_block(projections: AffineProjections, framed, points, settings, width):
@@ -71,6 +71,6 @@ def _coefficients(projections, point, settings):
     theta, model = form.theta(point), models.model()
     loads, *by_term = residual_coefficients(model, settings, grid([model], settings.band, RESIDUALS, None))
     terms = dict.fromkeys(["M", *form.operators[0].terms])
-    by_term = dict(zip(terms, [models.turn @ part for part in by_term], strict=True))
+    by_term = dict(zip(terms, [models.turn @ projected for projected in by_term], strict=True))
     mass = [] if form.has_mass else [by_term["M"]]
     return [loads, *mass, *(theta[place] * by_term[key] for key, place, _, _ in form.matrices)]

@@ -150,7 +150,7 @@ class Greedy:
         self._extend_everywhere(search)
         values = self._values(point)
         self.known.append(ParameterPoint(
-            values=values, factorisations=sum(item.factors or 0 for item in search.expansion.points),
+            values=values, factorisations=sum(point.factors or 0 for point in search.expansion.points),
             columns=self.basis.size - before,
             estimated=checked and checked.estimated, measured=checked and checked.measured,
         ))  # fmt: skip

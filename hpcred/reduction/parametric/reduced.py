@@ -78,14 +78,14 @@ class ParametricReducedModel(ReducedModel):
     terms: tuple[ReducedTerm, ...] = ()
 
     @classmethod
-    def of(cls, reduced: ReducedModel, **parts: Any) -> ParametricReducedModel:
+    def of(cls, reduced: ReducedModel, **more: Any) -> ParametricReducedModel:
         """Return the model that is a `reduced` one at the reference values; `parts`: parameters, constant and terms."""
-        return cls(**{item.name: getattr(reduced, item.name) for item in fields(ReducedModel)}, **parts)
+        return cls(**{attribute.name: getattr(reduced, attribute.name) for attribute in fields(ReducedModel)}, **more)
 
     @property
     def base(self) -> ReducedModel:
         """The model at the reference values, V^T M V = I and V^T K V diagonal, which shares the basis."""
-        return ReducedModel(**{item.name: getattr(self, item.name) for item in fields(ReducedModel)})
+        return ReducedModel(**{attribute.name: getattr(self, attribute.name) for attribute in fields(ReducedModel)})
 
     @property
     def reference(self) -> dict[str, float]:
@@ -95,7 +95,7 @@ class ParametricReducedModel(ReducedModel):
     @property
     def damping_follows(self) -> bool:
         """Whether D is made from the eigenfrequencies at each value, so that it is no sum of terms."""
-        changes = any(item.of in "MK" for item in self.terms)
+        changes = any(term.of in "MK" for term in self.terms)
         return changes and _follows_frequencies(None if self.record is None else self.record.damping)
 
     def matrices(self, values: Mapping[str, float]) -> dict[str, np.ndarray]:
@@ -109,7 +109,7 @@ class ParametricReducedModel(ReducedModel):
         if _follows_frequencies(damping):
             modes = _modes(matrices, values, self.base)
             elastic = slice(self.rigid_size, None)  # the others damping models leave alone
-            stiffness, mass = (np.diag(part[elastic]) for part in (modes.stiffnesses, modes.masses))
+            stiffness, mass = (np.diag(projected[elastic]) for projected in (modes.stiffnesses, modes.masses))
             back = np.linalg.inv(modes.X).T[:, elastic]
             matrices["D"] = back @ reduced_damping(damping, stiffness, modes.frequencies[elastic], mass) @ back.T
         return matrices
@@ -149,7 +149,7 @@ class ParametricReducedModel(ReducedModel):
             operator = Operator.of(np.diag(modes.masses), X.T @ matrices["D"] @ X,
                                    np.diag(modes.stiffnesses) + X.T @ skew @ X, self.added.projected(X))  # fmt: skip
             matrices = {"operator": operator, "B": X.T @ matrices["B"], **outputs}
-        if any(item.of == "B" for item in self.terms) and checked_values(self.parameters, values) != self.reference:
+        if any(term.of == "B" for term in self.terms) and checked_values(self.parameters, values) != self.reference:
             matrices["resultants"] = None  # those of the columns at the reference
         record = base.record
         if record is not None and checked_values(self.parameters, values) != self.reference:
@@ -159,8 +159,8 @@ class ParametricReducedModel(ReducedModel):
 
     def in_coordinates(self, T: np.ndarray, **changed) -> ReducedModel:
         """Return the model in coordinates z (k,) with x = T z, at all values, and further fields."""
-        constant = {of: in_coordinates(of, part, T) for of, part in self.constant.items()}
-        terms = tuple(replace(item, matrix=in_coordinates(item.of, item.matrix, T)) for item in self.terms)
+        constant = {of: in_coordinates(of, matrix, T) for of, matrix in self.constant.items()}
+        terms = tuple(replace(term, matrix=in_coordinates(term.of, term.matrix, T)) for term in self.terms)
         return super().in_coordinates(T, **{"constant": constant, "terms": terms} | changed)
 
     def to_pymor(self) -> Any:
@@ -193,20 +193,20 @@ def projected_parts(parametric, reduced: ReducedModel, damping) -> dict:
     small["C"] = (small["B"] if model.Ct is None else project_columns(columns, model.Ct)).T.copy()
     small |= model.rates.of(small["C"])
     terms = []
-    for item, symmetric in zip(parametric.terms, parametric.symmetric_terms, strict=True):
-        if item.of in "MDK":
-            terms.append((item.of, item.factor, _projected(item.matrix, columns, symmetric)))
+    for term, symmetric in zip(parametric.terms, parametric.symmetric_terms, strict=True):
+        if term.of in "MDK":
+            terms.append((term.of, term.factor, _projected(term.matrix, columns, symmetric)))
         else:
-            part = project_columns(columns, item.matrix)
-            terms.append((item.of, item.factor, part if item.of == "B" else part.T.copy()))
-            if item.of == "B" and model.Ct is None:
-                terms.append(("C", item.factor, part.T.copy()))
+            small_term = project_columns(columns, term.matrix)
+            terms.append((term.of, term.factor, small_term if term.of == "B" else small_term.T.copy()))
+            if term.of == "B" and model.Ct is None:
+                terms.append(("C", term.factor, small_term.T.copy()))
     small.setdefault("D", _proportional(small["M"], small["K"], damping, reduced))
     if coefficients := _of_matrices(damping):
         of = dict(zip("MK", coefficients, strict=True))
-        terms += [("D", factor, of[key] * part) for key, factor, part in terms if of.get(key)]
+        terms += [("D", factor, of[key] * matrix) for key, factor, matrix in terms if of.get(key)]
     small, terms = comm.bcast((small, terms))
-    return {"constant": small, "terms": tuple(ReducedTerm(*item) for item in terms)}
+    return {"constant": small, "terms": tuple(ReducedTerm(*term) for term in terms)}
 
 
 def _projected(mat, columns, symmetric):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from ...parallel.declared import as_declared
-from ...parallel.failures import InputError
-from ...parallel.ranges import COUNT, within
+from ...parallel.declared import Settings
+from ...parallel.ranges import Least
 
 
 @dataclass(frozen=True, kw_only=True)
-class ParameterSearch:
+class ParameterSearch(Settings):
     """How the values of parameters are chosen at which a model is factored.
 
     Parameters
@@ -28,13 +28,7 @@ class ParameterSearch:
         For less than 2 training points, or less than 3 values.
     """
 
-    points: int | None = None
-    most: int = 20
+    points: Annotated[int, Least(2)] | None = None
+    most: Annotated[int, Least(3)] = 20
 
-    def __post_init__(self):
-        as_declared(self, "parameter_search.")
-        for key, least in (("points", 2), ("most", 3)):
-            value = getattr(self, key)
-            within(f"parameter_search.{key}", value, COUNT)
-            if value is not None and value < least:
-                raise InputError(f"parameter_search.{key}: found {value}, expected at least {least}")
+    where = "parameter_search."

@@ -76,6 +76,6 @@ def _is_infinite(models) -> bool:
     """Test whether inputs push, and outputs see, the motion that K resists least."""
     pushed, _, moved = np.linalg.svd(models.K)
     B, Ct = models.L @ models.io.inputs, models.L @ models.io.outputs
-    parts = [np.linalg.norm(vector @ block) / np.linalg.norm(block) if block.any() else 0.0
+    shares = [np.linalg.norm(vector @ block) / np.linalg.norm(block) if block.any() else 0.0
              for vector, block in ((pushed[:, -1], B), (moved[-1], Ct))]  # fmt: skip
-    return min(parts) > COUPLED
+    return min(shares) > COUPLED

@@ -70,11 +70,11 @@ def halfway(parameters, one, other) -> tuple[float, ...]:
 def point_at(parameters, place, digits: int = 6) -> tuple[float, ...]:
     """Return the point at a place, with values of so many digits at most that are exact at the ends."""
     point = []
-    for item, part in zip(parameters, place, strict=True):
-        low, high = item.range
-        value = low * (high / low) ** part if _is_logarithmic(item) else low + (high - low) * part
+    for parameter, share in zip(parameters, place, strict=True):
+        low, high = parameter.range
+        value = low * (high / low) ** share if _is_logarithmic(parameter) else low + (high - low) * share
         rounded = float(f"{value - low:.{digits}g}") + low
-        point.append(low if part == 0 else high if part == 1 else float(np.clip(rounded, low, high)))
+        point.append(low if share == 0 else high if share == 1 else float(np.clip(rounded, low, high)))
     return tuple(point)
 
 
@@ -86,10 +86,10 @@ def digits_for(step: float) -> int:
 def place_of(parameters, point) -> np.ndarray:
     """Return the place of a point."""
     place = []
-    for item, value in zip(parameters, point, strict=True):
-        low, high = item.range
-        part = np.log(value / low) / np.log(high / low) if _is_logarithmic(item) else (value - low) / (high - low)
-        place.append(part)
+    for parameter, value in zip(parameters, point, strict=True):
+        low, high = parameter.range
+        share = np.log(value / low) / np.log(high / low) if _is_logarithmic(parameter) else (value - low) / (high - low)
+        place.append(share)
     return np.array(place)
 
 

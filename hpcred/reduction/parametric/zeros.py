@@ -70,7 +70,7 @@ def _over_band(projections, band, point) -> list[np.ndarray]:
     energy = np.sqrt(np.abs(model.eigenvalues) + (2 * np.pi * band[1]) ** 2)[:, None]
     size = np.linalg.norm(model.L / energy, axis=0)[:, None]  # of loads of any unit
     over = np.divide(model.L.T, size, out=np.zeros_like(model.L.T), where=size > 0)
-    moved = np.concatenate([over @ model.solve(part, model.B) for part in model.parts_of(frequencies)])
+    moved = np.concatenate([over @ model.solve(chunk, model.B) for chunk in model.parts_of(frequencies)])
     outputs = _responses(model, frequencies)[: -moved.shape[2]]
     return [_few(each) for each in (*outputs, *np.nan_to_num(moved.transpose(2, 0, 1), posinf=0.0, neginf=0.0))]
 
@@ -109,8 +109,8 @@ class _Way:
         square = (np.abs(change) ** 2).sum(axis=1)
 
         def part(value):
-            parts = (change.conj() * value).sum(axis=1).real
-            return float(np.median(np.divide(parts, square, out=np.zeros_like(square), where=square > 0)))
+            shares = (change.conj() * value).sum(axis=1).real
+            return float(np.median(np.divide(shares, square, out=np.zeros_like(square), where=square > 0)))
 
         known = {0.0: part(ends[0]), 1.0: part(ends[1])}  # which brentq asks for again
 

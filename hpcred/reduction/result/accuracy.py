@@ -158,7 +158,7 @@ class Accuracy:
 
     def times(self, inputs: float, outputs: float) -> Accuracy:
         """Return the same of a model whose inputs and outputs are multiplied by factors."""
-        directions = tuple(replace(item, static=item.static * inputs * outputs) for item in self.directions)
+        directions = tuple(replace(known, static=known.static * inputs * outputs) for known in self.directions)
         return replace(self, measure=self.measure.times(inputs, outputs), directions=directions)
 
     @property
@@ -200,7 +200,7 @@ class Accuracy:
         """Return what full solves say of the estimate; "" without one."""
         proof = self.proofs[-1] if self.proofs else None
         if self.multigrid:  # whose first points in the band are no proofs yet
-            proof = max(self.proofs[1:] or self.proofs, key=lambda item: item.measured, default=None)
+            proof = max(self.proofs[1:] or self.proofs, key=lambda proof: proof.measured, default=None)
         if proof is None:
             return ""
         at = f"at {proof.frequency:g} Hz"
@@ -213,8 +213,8 @@ class Accuracy:
     @property
     def least_accurate(self) -> str:
         """The WORST least accurate directions as text; "" where nothing is known of them."""
-        named = [f"{item.output} {in_percent(item.largest, self.tolerance)} at {item.frequency:.4g} Hz"
-                 for item in self.directions[:WORST]]  # fmt: skip
+        named = [f"{direction.output} {in_percent(direction.largest, self.tolerance)} at {direction.frequency:.4g} Hz"
+                 for direction in self.directions[:WORST]]  # fmt: skip
         return f"least accurate directions: {', '.join(named)}" if named else ""
 
     def _repr_html_(self):
@@ -225,7 +225,7 @@ class Accuracy:
     @property
     def beyond(self) -> tuple[Direction, ...]:
         """The outputs whose responses by themselves are off by more than the tolerance, the worst first."""
-        return tuple(item for item in self.directions if not item.largest <= self.tolerance)
+        return tuple(direction for direction in self.directions if not direction.largest <= self.tolerance)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -236,7 +236,7 @@ class Accuracy:
                 f"outputs: {listed(self.silent)}: no input moves them but for round-off, so that eps leaves them out",
             )
         if isinstance(self.measure, Paper) and self.beyond:
-            named = [f"{item.output} {item.largest:.1g} at {item.frequency:.4g} Hz" for item in self.beyond]
+            named = [f"{worst.output} {worst.largest:.1g} at {worst.frequency:.4g} Hz" for worst in self.beyond]
             sentences += (
                 f"measure: eps is that of the paper (55), the error of all responses together; by themselves "
                 f"{len(named)} of {len(self.directions)} outputs are off by more than {self.tolerance:g}: "

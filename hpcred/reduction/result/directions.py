@@ -25,13 +25,13 @@ class Direction:
     worst_input: str
 
 
-def directions_table(by: Directions, parts, outputs, inputs) -> tuple[Direction, ...]:
+def directions_table(by: Directions, chunks, outputs, inputs) -> tuple[Direction, ...]:
     """Return the accuracy of each of the `outputs` under the `inputs` (names), the least accurate output first.
 
     `parts`: of the band, as frequencies (S,) in Hz, errors by the measure, and responses, both (S, r, p).
     """
     first, largest = None, [(-1.0, 0.0, 0)] * len(outputs)
-    for frequencies, each, H in parts:
+    for frequencies, each, H in chunks:
         first = first or (each[0], np.abs(H[0]))
         each = np.where(np.isnan(each), np.inf, each)
         for j in range(len(outputs)):
@@ -46,24 +46,24 @@ def directions_table(by: Directions, parts, outputs, inputs) -> tuple[Direction,
             output=outputs[j], input=inputs[i], static=float(sizes[j, i]), static_error=float(min(errors[j, i], IDLE)),
             largest=min(error, IDLE), frequency=f, worst_input=inputs[worst],
         ))  # fmt: skip
-    return tuple(sorted(table, key=lambda item: -item.largest))
+    return tuple(sorted(table, key=lambda direction: -direction.largest))
 
 
 def worst_of_directions(directions) -> str:
     """Return the least accurate output and its error as text; "" where nothing is known."""
-    return "".join(f"{item.output}: {item.largest:.2g} at {item.frequency:.6g} Hz" for item in directions[:1])
+    return "".join(f"{worst.output}: {worst.largest:.2g} at {worst.frequency:.6g} Hz" for worst in directions[:1])
 
 
 def rows_of_directions(directions, band) -> list[dict]:
     """Return rows of a table, the least accurate output first; `band` (Hz)."""
     at = "0 Hz" if band[0] == 0 else f"{band[0]:.6g} Hz"
     rows = []
-    for item in directions:
-        row = {"direction": item.output, f"|H| at {at}": item.static, "error there": item.static_error,
-               "largest error": item.largest, "at (Hz)": item.frequency}  # fmt: skip
+    for direction in directions:
+        row = {"direction": direction.output, f"|H| at {at}": direction.static, "error there": direction.static_error,
+               "largest error": direction.largest, "at (Hz)": direction.frequency}  # fmt: skip
         if any(other.input != other.output for other in directions):
-            row["input"] = item.input
+            row["input"] = direction.input
         if any(other.worst_input != other.input for other in directions):
-            row["worst under"] = item.worst_input
+            row["worst under"] = direction.worst_input
         rows.append(row)
     return rows

@@ -21,9 +21,9 @@ class UnknownKind:
     settings: dict[str, Any]
 
 
-def table_of(item) -> dict[str, Any]:
+def table_of(settings) -> dict[str, Any]:
     """Return the kind and the settings of a member of a family as plain data."""
-    return item.settings | {"kind": item.kind} if isinstance(item, UnknownKind) else asdict(item)
+    return settings.settings | {"kind": settings.kind} if isinstance(settings, UnknownKind) else asdict(settings)
 
 
 def from_table(family: type, unknown: type, table) -> Any:

@@ -59,25 +59,25 @@ class MaxwellStates:
         return _beside(M, np.eye(w)), D, K
 
 
-def maxwell_states(parts, where="a state space") -> MaxwellStates:
+def maxwell_states(terms, where="a state space") -> MaxwellStates:
     """Return the states of added terms with matrices (m, m). Raises InputError, which names `where` they were to
     go, for laws that have none."""
     columns, factors, times = [], [], []
-    for part in parts:
-        if part.law.elements is None:
+    for term in terms:
+        if term.law.elements is None:
             raise InputError(
-                f"{part.law.family}: the law of {part.name} is {part.law.nature}, which no finite number of states has "
+                f"{term.law.family}: the law of {term.name} is {term.law.nature}, which no finite number of states has "
                 f"in {where}; take kind 'maxwell' with elements that follow it over the band"
             )
-        values, vectors = np.linalg.eigh((part.matrix + part.matrix.T) / 2)
+        values, vectors = np.linalg.eigh((term.matrix + term.matrix.T) / 2)
         kept = values > RANK * values.max(initial=0.0)
         root = vectors[:, kept] * np.sqrt(values[kept])
-        for factor, time in part.law.elements:
+        for factor, time in term.law.elements:
             if factor:
                 columns.append(root)
                 factors += [factor] * root.shape[1]
                 times += [time] * root.shape[1]
-    size = max(len(part.matrix) for part in parts)
+    size = max(len(term.matrix) for term in terms)
     return MaxwellStates(np.hstack([np.zeros((size, 0)), *columns]), np.array(factors), np.array(times))
 
 

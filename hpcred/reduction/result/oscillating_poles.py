@@ -48,8 +48,8 @@ def places_of_poles(eigenvalues, D, added, eta=0.0, most=MOST) -> tuple[np.ndarr
     falls = (height[:-1] > 0) & (height[1:] <= 0) | (height[:-1] == 0)
     mode = np.flatnonzero(falls.any(axis=0))
     node = falls[:, mode].argmax(axis=0)
-    part = height[node, mode] / (height[node, mode] - height[node + 1, mode])
-    at = omega[node] * (omega[node + 1] / omega[node]) ** part
+    share = height[node, mode] / (height[node, mode] - height[node + 1, mode])
+    at = omega[node] * (omega[node + 1] / omega[node]) ** share
     x = vectors[node, :, mode]  # (k, m)
     loss = stiffness.imag[node] + at[:, None, None] * D + eta * np.diag(eigenvalues)
     first = 1j * at * np.sqrt(1 + 1j * np.einsum("ki,kij,kj->k", x, loss, x) / at**2)

@@ -168,7 +168,7 @@ class Record:
     @property
     def knows_its_model(self) -> bool:
         """Whether it has digests of the model in the form of today: earlier versions had others, or none."""
-        return bool(self.digests) and all(len(item) == DIGITS_OF_DIGEST for item in self.digests.values())
+        return bool(self.digests) and all(len(digest) == DIGITS_OF_DIGEST for digest in self.digests.values())
 
     @property
     def ordering(self) -> str:
@@ -233,8 +233,8 @@ def difference_of(digests: dict[str, str], record) -> str | None:
     unused = {"D"} if record.damping.kind != "given" else set()
     unused |= {"dofs"} if isinstance(record.frame, NoFrame) and not record.interfaces else set()
     unused |= set() if TERMS in digests and TERMS in record.digests else {TERMS}
-    parts = (key for key in (*PARTS, TERMS) if key not in unused)
-    return next((key for key in parts if digests.get(key) != record.digests.get(key)), None)
+    keys = (key for key in (*PARTS, TERMS) if key not in unused)
+    return next((key for key in keys if digests.get(key) != record.digests.get(key)), None)
 
 
 def difference_between(one, other) -> str | None:
@@ -262,14 +262,14 @@ def make_record(model, framed, runs, progress, **known) -> Record:
         digests=model.digests,
         inputs=model.input_names,
         outputs=model.output_names,
-        interfaces=tuple(item.definition for item in model.interfaces),
-        interface_nodes=tuple(replace(item, definition=None) for item in model.interfaces),
+        interfaces=tuple(interface.definition for interface in model.interfaces),
+        interface_nodes=tuple(replace(interface, definition=None) for interface in model.interfaces),
         loads=loads_of(model),
         viscoelastic=laws_of(model.added),
         components=tuple(notes[0].components),
-        factorisations=tuple(record for item in notes for record in item.factorisations),
-        factorisations_saved=sum(item.factorisations_saved for item in notes),
-        symbolic_analyses=sum(item.analyses for item in notes),
+        factorisations=tuple(record for run in notes for record in run.factorisations),
+        factorisations_saved=sum(run.factorisations_saved for run in notes),
+        symbolic_analyses=sum(run.analyses for run in notes),
         timing=progress.timing(),
         hints=processor.hints(model.comm),
         **known,

@@ -103,8 +103,8 @@ class ReducedModel:
         known["operator"] = Operator.of(
             **{key: operator.get(key) if known[key] is None else known[key] for key in "MDK"}, added=added
         )
-        for item in fields(ReducedModel):
-            object.__setattr__(self, item.name, known[item.name])
+        for attribute in fields(ReducedModel):
+            object.__setattr__(self, attribute.name, known[attribute.name])
         missing = [key for key in ("M", "D", "K") if key not in known["operator"].terms]
         missing += [key for key in ("B", "C", "frequencies") if known[key] is None]
         if missing:
@@ -122,8 +122,8 @@ class ReducedModel:
 
     def in_coordinates(self, T: np.ndarray, **changed) -> ReducedModel:
         """Return the model in coordinates z (k,) with x = T z, and further fields."""
-        columns = {key: in_coordinates(key, part, T) for key in ("B", "C", "Cv", "Ca")
-                   if (part := getattr(self, key)) is not None}  # fmt: skip
+        columns = {key: in_coordinates(key, matrix, T) for key in ("B", "C", "Cv", "Ca")
+                   if (matrix := getattr(self, key)) is not None}  # fmt: skip
         return replace(self, operator=self.operator.projected(T), **columns | changed)
 
     @property
@@ -140,8 +140,8 @@ class ReducedModel:
     def size_in_words(self) -> str:
         """The number of coordinates, such as 26 coordinates (6 rigid-body, 20 elastic)."""
         rigid = self.rigid_size
-        parts = f" ({rigid} rigid-body, {self.size - rigid} elastic)" if rigid else ""
-        return counted(self.size, "coordinate") + parts
+        kinds = f" ({rigid} rigid-body, {self.size - rigid} elastic)" if rigid else ""
+        return counted(self.size, "coordinate") + kinds
 
     def __str__(self):
         """Describe the model in a few lines; one that was reduced to a tolerance begins with its error."""
@@ -189,7 +189,7 @@ class ReducedModel:
     @property
     def output_parts(self) -> np.ndarray:
         """C, C_v and C_a (3, r, m), with zeros for None."""
-        return np.stack([np.zeros_like(self.C) if part is None else part for part in (self.C, self.Cv, self.Ca)])
+        return np.stack([np.zeros_like(self.C) if rows is None else rows for rows in (self.C, self.Cv, self.Ca)])
 
     @property
     def displaces(self) -> np.ndarray:
@@ -322,9 +322,9 @@ class ReducedModel:
     def unstable_poles(self) -> np.ndarray:
         """Return the poles in the right half-plane, beyond round-off; none where M, K and the symmetric part of D are
         semidefinite, since gyroscopic forces take no power."""
-        parts = self.operator.matrices | {"D": (self.D + self.D.T) / 2}
+        matrices = self.operator.matrices | {"D": (self.D + self.D.T) / 2}
         if np.array_equal(self.K, self.K.T) and all(
-            _semidefinite(part, np.abs(self.operator[key]).max(initial=0.0)) for key, part in parts.items()
+            _semidefinite(matrix, np.abs(self.operator[key]).max(initial=0.0)) for key, matrix in matrices.items()
         ):
             return np.zeros(0, dtype=complex)
         roots = self.poles()

@@ -45,7 +45,7 @@ def parametric_pymor_model(reduced):
     """Return pyMOR's SecondOrderModel of a ParametricReducedModel, a linear combination for each matrix that depends
     on parameters. Raises InputError."""
     model, lincomb, matrix, functional = _pymor()
-    names = [item.name for item in reduced.parameters]
+    names = [parameter.name for parameter in reduced.parameters]
     at = "; take rom.at(...).to_pymor(), of one set of values"
     if reduced.damping_follows:
         raise InputError(f"to_pymor: found damping that follows the eigenfrequencies, which is no sum of terms{at}")
@@ -59,13 +59,13 @@ def parametric_pymor_model(reduced):
         reduced, _ = with_maxwell_states(reduced)
     operators = {}
     for key, constant in reduced.constant.items():
-        terms = [item for item in reduced.terms if item.of == key]
+        terms = [term for term in reduced.terms if term.of == key]
         factors = []
-        for item in terms:
-            text = NAMES.sub(lambda word: word[0] + "[0]" * (word[0] in names), item.factor)
-            used = dict.fromkeys(item.expression.names, 1)
-            factors.append(functional(text.strip().replace("^", "**"), used, name=item.factor) if used
-                           else item.expression.at({}))  # fmt: skip
-        parts = [matrix(part) for part in (constant, *(item.matrix for item in terms))]
-        operators[key] = lincomb(parts, [1.0, *factors]) if terms else parts[0]
+        for term in terms:
+            text = NAMES.sub(lambda word: word[0] + "[0]" * (word[0] in names), term.factor)
+            used = dict.fromkeys(term.expression.names, 1)
+            factors.append(functional(text.strip().replace("^", "**"), used, name=term.factor) if used
+                           else term.expression.at({}))  # fmt: skip
+        summands = [matrix(array) for array in (constant, *(term.matrix for term in terms))]
+        operators[key] = lincomb(summands, [1.0, *factors]) if terms else summands[0]
     return model(*(operators[key] for key in "MDKBC"), operators.get("Cv"))

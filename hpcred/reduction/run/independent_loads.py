@@ -46,10 +46,10 @@ def independent_columns(model, rigid, both):
         rest_of = np.eye(sum(widths))[:, others] - turn @ factor[:, others]
         multiply(rest, rest_of)
         rest.setActiveColumns(0, len(others))
-        more, part = decided(model.comm, _independent_columns, inner(rest, rest), before[others])
+        more, coefficients = decided(model.comm, _independent_columns, inner(rest, rest), before[others])
         turn = np.hstack([turn, rest_of[:, more]])
         factor = np.vstack([factor, np.zeros((len(more), sum(widths)))])
-        factor[len(kept) :, others] = part
+        factor[len(kept) :, others] = coefficients
     if not turn.shape[1]:
         return L, np.split(factor, np.cumsum(widths)[:-1], axis=1)
     multiply(L, turn)

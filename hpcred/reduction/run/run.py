@@ -90,7 +90,7 @@ class Run:
         Multigrid does not come to an end where there are. Frees the factor.
         """
         made = self.factorisations
-        known = self._checked or lowest > NEAR_ZERO * among or any(item.inertia_relief for item in made)
+        known = self._checked or lowest > NEAR_ZERO * among or any(component.inertia_relief for component in made)
         if not known and not self.solvers.multigrid and (self.store is None or made):
             self.solvers.release()
             try:

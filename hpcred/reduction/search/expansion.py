@@ -74,7 +74,7 @@ class Expansion:
     def highest_count(self) -> ModeCount | None:
         """The count at the end of the band or the next above it, else that nearest to the end; None without one."""
         high = self.settings.band[1]
-        return min(self.counts, key=lambda item: (item.below < high, abs(item.below - high)), default=None)
+        return min(self.counts, key=lambda count: (count.below < high, abs(count.below - high)), default=None)
 
     @property
     def is_at_end(self) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
-from ...parallel.ranges import COUNT, FREQUENCY, require_band, within
+from ...parallel.ranges import COUNT, Band, Frequency, within
 from ..result.measure import Measure, measure_called
 
 
@@ -38,7 +38,7 @@ class Limits:
     size: int | None = None
     seconds: float | None = None
     zeta0: float = 1e-3
-    points: tuple[float, ...] = ()
+    points: tuple[Frequency, ...] = ()
 
     def __post_init__(self):
         as_declared(self, "adaptive.")
@@ -52,7 +52,6 @@ class Limits:
         for key in ("factorisations", "columns", "size"):
             within(f"adaptive.{key}", getattr(self, key), COUNT)
         within("adaptive.seconds", self.seconds, (1e-6, 1e9, "s"))
-        within("adaptive.points", self.points, FREQUENCY)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +74,7 @@ class Adaptive(Limits):
     """
 
     tolerance: float
-    band: tuple[float, float]
+    band: Band
     measure: Literal["directions", "paper"] | Measure = "directions"
     static: Literal["tolerance", "exact"] = "tolerance"
 
@@ -87,6 +86,5 @@ class Adaptive(Limits):
     def __post_init__(self):
         as_declared(self, keys=("tolerance", "band", "measure", "static"))
         super().__post_init__()
-        require_band("band", self.band)
         if not 1e-15 <= self.tolerance < 1:
             raise InputError(f"tolerance: found {self.tolerance:g}, expected a relative error such as 1e-4")

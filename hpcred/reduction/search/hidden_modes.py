@@ -75,8 +75,8 @@ def doubtful_modes(projections, band) -> np.ndarray | None:
     which = np.flatnonzero((model.frequencies >= band[0]) & (model.frequencies < band[1]))
     if not (len(which) and projections.symmetric):
         return None
-    parts = np.array_split(which, -(-len(which) // MOST))  # which bounds the memory
-    ratio = np.concatenate([_residuals(projections, model, part) for part in parts])
+    chunks = np.array_split(which, -(-len(which) // MOST))  # which bounds the memory
+    ratio = np.concatenate([_residuals(projections, model, chunk) for chunk in chunks])
     worst = decided(projections.run.model.comm, _largest, ratio)
     return model.vectors[:, which[worst]] if len(worst) else None
 
@@ -92,8 +92,8 @@ def _residuals(projections, model, which) -> np.ndarray:
     products, scale = (times(full.K, x), times(full.M, x)), row_scale(full)[:, None]
     with local_rows(x) as rows, local_rows(products[0]) as Kx, local_rows(products[1]) as Mx:
         residual = Kx - (2 * np.pi * model.frequencies[which]) ** 2 * Mx
-        parts = np.array([np.abs(scale * residual) ** 2, (rows * Kx).real, np.abs(rows / scale) ** 2])
-        rest, energy, terms = summed(full.comm, parts.sum(axis=1))
+        norms = np.array([np.abs(scale * residual) ** 2, (rows * Kx).real, np.abs(rows / scale) ** 2])
+        rest, energy, terms = summed(full.comm, norms.sum(axis=1))
     for block in (x, *products):
         block.destroy()
     return rest / np.maximum(energy, NEARLY_ZERO * terms)  # K of a free motion is round-off

@@ -231,7 +231,7 @@ def accuracy_of(search: Search, reason, pair, frequencies, curve, *, largest, no
 def directions_of(pair, frequencies, band, model) -> tuple[Direction, ...]:
     """Return the accuracy of each output, the least accurate first; local."""
     by = measure_over(MEASURES["directions"], band, pair.outer)
-    parts = np.array_split(frequencies, 1 + len(frequencies) * len(by.outputs) * len(by.inputs) // TOGETHER)
+    chunks = np.array_split(frequencies, 1 + len(frequencies) * len(by.outputs) * len(by.inputs) // TOGETHER)
     pair = pair.by(by)
-    return directions_table(by, ((part, pair.each(part), pair.outer.responses(part)[0]) for part in parts),
+    return directions_table(by, ((chunk, pair.each(chunk), pair.outer.responses(chunk)[0]) for chunk in chunks),
                             model.output_names, model.input_names)  # fmt: skip

@@ -53,9 +53,9 @@ class ResidualSpace(NamedTuple):
         block = create_block(self.model.K, factors[0].shape[1])
         add_product(block, self.loads, factors[0], beta=0.0)
         for (mat, _), factor in zip(self.matrices, factors[1:], strict=True):
-            part = create_block(self.model.K, factor.shape[1])
-            add_product(part, self.columns, factor, beta=0.0)
-            add_product(block, self._times(mat, part), np.eye(factor.shape[1]), alpha=-1.0)
+            copied = create_block(self.model.K, factor.shape[1])
+            add_product(copied, self.columns, factor, beta=0.0)
+            add_product(block, self._times(mat, copied), np.eye(factor.shape[1]), alpha=-1.0)
         if self.rigid is not None:
             self.rigid.equilibrate(block)
         with local_rows(block) as rows:
@@ -132,17 +132,17 @@ class _Samples:
 
     def directions(self, products, width):
         """Return the leading left singular vectors of Y^T R."""
-        parts = [transposed_times(own, products) for own in self._factors]
-        mine = np.vstack([np.zeros((0, products[0].shape[1])), *parts])
-        gathered = self._comm.gather(np.linalg.qr(mine, mode="r") if len(parts) > 1 else mine)  # fewer rows of many
+        blocks = [transposed_times(own, products) for own in self._factors]
+        mine = np.vstack([np.zeros((0, products[0].shape[1])), *blocks])
+        gathered = self._comm.gather(np.linalg.qr(mine, mode="r") if len(blocks) > 1 else mine)  # fewer rows of many
         return decided(self._comm, lambda: np.linalg.svd(np.vstack(gathered).T, full_matrices=False)[0][:, :width])
 
     def _summed(self, combinations, width):
         """Return the sum over models and ranks of their coefficients times a matrix of each."""
         total = [np.zeros((rows, width)) for rows in self._rows]
         for factors, combination in zip(self._factors, combinations, strict=True):
-            for target, part in zip(total, factors, strict=True):
-                target += part @ combination
+            for target, factor in zip(total, factors, strict=True):
+                target += factor @ combination
         gathered = self._comm.gather(total)
         return decided(self._comm, lambda: [sum(each) for each in zip(*gathered, strict=True)])
 
@@ -176,8 +176,8 @@ def largest_residual(projections, frequencies, damped=True) -> float:
 def transposed_times(factors, products):
     """Return R^T Y (N, k) for the coefficients of residuals R and the products L^T Y, V^T A_k^T Y."""
     total = factors[0].T @ products[0]
-    for part, product in zip(factors[1:], products[1:], strict=True):
-        total = total - part.T @ product
+    for factor, product in zip(factors[1:], products[1:], strict=True):
+        total = total - factor.T @ product
     return total
 
 

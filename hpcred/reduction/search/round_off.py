@@ -47,11 +47,11 @@ def with_round_off(accuracy: Accuracy, elastic: ReducedModel, projections: Proje
     comm, noise = projections.run.model.comm, accuracy.noise
     # responses of the model at the frequencies of this rank, in parts that fit
     mine = np.array(accuracy.frequencies)[comm.rank :: comm.size]
-    parts = np.array_split(mine, 1 + len(mine) * measured.size**2 // CHUNK) if len(mine) else []
-    responses = [measured.measured_response(2j * np.pi * part, projections.io.rates) for part in parts]
+    chunks = np.array_split(mine, 1 + len(mine) * measured.size**2 // CHUNK) if len(mine) else []
+    responses = [measured.measured_response(2j * np.pi * chunk, projections.io.rates) for chunk in chunks]
     # their differences from models with other round-off
     for again in projected_again(projections):
-        for part, H in zip(parts, responses, strict=True):
-            other, drive = again.responses(part)
+        for chunk, H in zip(chunks, responses, strict=True):
+            other, drive = again.responses(chunk)
             noise = max(noise, float(accuracy.measure.eps(other - H, other, drive).max()))
     return accuracy.with_noise(comm.allreduce(noise, op=MPI.MAX))

@@ -16,7 +16,6 @@ point are made from residuals, and the first point lies in the middle of the ban
 
 from __future__ import annotations
 
-from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -26,18 +25,18 @@ from ...linalg.conjugate_gradients import NotSolved
 from ...linalg.solvers.multigrid import not_definite
 from ...model.second_order_model import massless
 from ...parallel.decisions import decided
-from ...parallel.failures import InputError, Owned, agreed
+from ...parallel.failures import InputError
 from ...parallel.progress import counted
 from ...parallel.stopping import stop_if_asked
-from ..components.groups import Group, bring
 from ..result.accuracy import Proof
 from ..run.run import Run
 from ..small.error_estimate import apart, rounded
-from .expansion import Expansion, expanded
+from .expansion import Expansion
 from .goal import Adaptive
 from .hidden_modes import doubtful_modes, find_hidden
 from .judging import Candidate, Judgement
 from .point_solver import NoRegularPoint
+from .rounds import take_round
 from .search_checks import check_massless, check_motions
 
 ROUND_OFF_SEEN = 5e-12  # of the terms of x^T K x, times sharp resonances, over a hundredth of the tolerance
@@ -234,7 +233,7 @@ class Search:
     def _take(self, points) -> Judgement:
         """Add the blocks of points (Hz) to the basis; returns what was judged last."""
         if self._groups > 1:
-            judged, fine = _take_round(self.expansion, self._groups, points)
+            judged, fine = take_round(self.expansion, self._groups, points)
             if fine is not None:  # of a candidate that the last point of the round has measured
                 self.state = State.PROVING if fine else State.SEEKING
         else:
@@ -285,7 +284,7 @@ class Search:
         if self._groups > 1:  # whose factors are gone; the end of the band may be an eigenfrequency
             self._solver.go_to(self._points[-1].frequency if found is None else below)
             self.run.notes.needs(str(self._solver.factored), "0.0", again=True)
-        band = (low if any(item.below <= low for item in self.expansion.counts) else 0.0, below)
+        band = (low if any(count.below <= low for count in self.expansion.counts) else 0.0, below)
         self.missing_modes, change = find_hidden(self._solver, self.judge, band, lack_of, self._is_over, doubtful)
         self.expansion.account()
         return self.judge.is_fine(change)
@@ -307,79 +306,3 @@ class Search:
                 raise
             lost = check_massless(self.projections, points)
         self.judge.note_loss(lost)
-
-
-# Take several points of a search at once: each group of ranks makes the blocks of one, and all ranks add them.
-
-
-def _take_round(expansion: Expansion, groups: int, frequencies) -> tuple[Judgement, bool | None]:
-    """Have each group of ranks make the blocks of a point, and add all; returns what was judged of them. Collective.
-
-    A group judges its blocks over its part of the band. The estimate holds back the last block of every group. Without
-    a candidate the last point proves the model of the others, and so is added after them; also returns whether the
-    estimate of that model was small, None where no model was made so.
-    """
-    run, judge, comm, first = expansion.run, expansion.judge, expansion.run.model.comm, expansion.projections.basis.size
-    arrived, found = _made_in_groups(run, expansion.settings, groups, frequencies)
-    proves = judge.candidate is None and len(frequencies) > 1
-    columns, seen = _join(expansion.projections, arrived, proves)
-    expansion.look_at_damping()
-    expansion.look_at_outputs()
-    fine = None
-    if proves:
-        judge.check_next(columns[columns < seen], seen)
-        fine = judge.is_fine(decided(comm, judge.estimate_of_candidate))
-    at = [point.frequency for point in found]  # some may have been moved off an eigenfrequency
-    judged = decided(comm, judge.judge_round, at[-1:] if proves else at, columns)
-    expansion.take([*found[:-1], replace(found[-1], estimate=judged.estimate)])
-    where, size = ", ".join(f"{f:.6g}" for f in at), expansion.projections.basis.size
-    run.note(f"adaptive {where} Hz", sum(point.columns for point in found), size - first)
-    run.progress.say(f"{size} columns, estimated error {judged.estimate:.1e}")
-    judge.keep(judged)
-    return judged, fine
-
-
-def _made_in_groups(run, settings, groups, frequencies):
-    """Return the blocks of each point (Hz), with the rows of the world, and the Points; `run` gets all records.
-    Collective."""
-    with Owned(run.model.comm) as owned:
-        return _made_by(owned.owns(Group(run.framed, groups)), run, settings, frequencies)
-
-
-def _made_by(group, run, settings, frequencies):
-    """The same, with this group."""
-    low, high = settings.band
-    width = (high - low) / len(frequencies)
-    comm, arrived = run.model.comm, []
-    with Owned(comm) as owned:
-        own = owned.owns(run.on_group(group.framed))
-        made = None
-        with agreed(comm), Owned(group.comm):
-            if group.number < len(frequencies):
-                f = frequencies[group.number]
-                made = expanded(own, replace(settings, band=(max(low, f - width), min(high, f + width))), f)
-        facts = comm.allgather(made[1] if made and group.leads else None)
-        for number in range(len(frequencies)):
-            mine = made[0] if made and group.number == number else None
-            with run.progress.stage("merge"):
-                arrived.append(bring(run.model, group, mine))
-        run.take_over(own, group.leads)
-    return arrived, [item for item in facts if item is not None]
-
-
-def _join(projections, arrived, proves) -> tuple[np.ndarray, int]:
-    """Add the blocks of several points to the basis. Collective.
-
-    Returns the columns of the basis but for those of the last block of each point, which are held back; and, where the
-    last point `proves` the model of the others and so comes after them, how many columns came before it.
-    """
-    basis, held_back = projections.basis, []
-    for some in (arrived[:-1], arrived[-1:]) if proves else (arrived,):
-        seen = basis.size
-        for last, chosen in ((False, slice(-1)), (True, slice(-1, None))):
-            for blocks in some:
-                for part in blocks.parts[chosen]:
-                    start = basis.size
-                    projections.extend(blocks.between(part.start, part.stop))
-                    held_back += range(start, basis.size) if last else ()
-    return np.setdiff1d(np.arange(basis.size), held_back), seen

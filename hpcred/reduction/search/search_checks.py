@@ -35,7 +35,7 @@ def check_support(run, band):
         return
     loads, io = run.independent_loads
     pushed = pushed_motions(model, loads)
-    of_inputs, of_outputs = (pushed @ part for part in io[:2])
+    of_inputs, of_outputs = (pushed @ columns for columns in io[:2])
     if np.abs(of_outputs.T @ of_inputs).max(initial=0.0) > 0:
         raise _infinite(model)
 
@@ -99,7 +99,7 @@ def check_complete(projections, band) -> float:
     run, (low, high) = projections.run, band
     if projections.basis.size >= run.model.size - run.framed.rigid_size:
         return 0.0
-    residual = largest_residual(projections, [low + part * (high - low) for part in BETWEEN])
+    residual = largest_residual(projections, [low + share * (high - low) for share in BETWEEN])
     run.notes.incomplete |= residual > LACKING
     error = _error_lost(projections, residual)
     return 0.0 if run.tau else error  # where residuals have joined the basis

@@ -56,9 +56,9 @@ def quiet_columns(projections, band) -> dict[int, tuple[float, float]]:
     quiet, found = decided(projections.run.model.comm, _quiet, projections, band), {}
     for start in range(0, len(quiet), AT_A_TIME):
         some = quiet[start : start + AT_A_TIME]
-        for item, bound in zip(some, _round_off(projections, some), strict=True):
-            part = max(SURE * bound, item.mixed) / item.size if item.size else 0.0
-            found[item.column] = item.ratio, max(part * item.ratio, SURE * UNIT)
+        for output, bound in zip(some, _round_off(projections, some), strict=True):
+            share = max(SURE * bound, output.mixed) / output.size if output.size else 0.0
+            found[output.column] = output.ratio, max(share * output.ratio, SURE * UNIT)
     return found
 
 
@@ -83,11 +83,11 @@ def _quiet(projections, band):
 def _round_off(projections, quiet) -> np.ndarray:
     """Return u |y|^T |A| |x| of quiet columns. Collective."""
     model = projections.run.model
-    frequencies = np.array([item.frequency for item in quiet])
+    frequencies = np.array([output.frequency for output in quiet])
     a, b, s = projections.damping.coefficients(frequencies)
     factors = zip(projections.beside, projections.beside.coefficients(s), strict=True)
     terms = [(model.K, a), (model.M, b), *((term.matrix, factor) for term, factor in factors)]
-    x, y = (_magnitudes(projections, np.array([getattr(item, of) for item in quiet]).T) for of in ("x", "y"))
+    x, y = (_magnitudes(projections, np.array([getattr(output, of) for output in quiet]).T) for of in ("x", "y"))
     product, found = create_block(model.K, len(quiet)), np.zeros(len(quiet))
     for mat, factor in terms:
         magnitude = _magnitude(mat)
@@ -101,10 +101,10 @@ def _round_off(projections, quiet) -> np.ndarray:
 def _magnitudes(projections, coefficients):
     """Return |V coefficients| entry by entry, of complex ones (m, k), as a block. Collective."""
     count = coefficients.shape[1]
-    parts = create_block(projections.run.model.K, 2 * count)
-    add_product(parts, projections.basis.columns, np.hstack([coefficients.real, coefficients.imag]), beta=0.0)
+    block = create_block(projections.run.model.K, 2 * count)
+    add_product(block, projections.basis.columns, np.hstack([coefficients.real, coefficients.imag]), beta=0.0)
     found = create_block(projections.run.model.K, count)
-    with local_rows(parts) as both, local_rows(found) as rows:
+    with local_rows(block) as both, local_rows(found) as rows:
         rows[...] = np.hypot(both[:, :count].real, both[:, count:].real)
     return found
 

@@ -128,8 +128,8 @@ def quietness(model: PseudoModal, frequencies) -> np.ndarray:
     """
     energy = np.sqrt(np.abs(model.eigenvalues) + (2 * np.pi * frequencies[-1]) ** 2)[:, None]
     ratios = []
-    for part in model.parts_of(frequencies):
-        x, y = model.solve(part, model.B), model.solve(part, model.Ct, transposed=True)
+    for chunk in model.parts_of(frequencies):
+        x, y = model.solve(chunk, model.B), model.solve(chunk, model.Ct, transposed=True)
         size = np.linalg.norm(energy * y, axis=1)[:, :, None] * np.linalg.norm(energy * x, axis=1)[:, None, :]
         response = np.abs(model.Ct.T @ x)
         ratios.append(np.divide(response, size, out=np.zeros_like(size), where=(size > 0) & np.isfinite(size)))
@@ -234,11 +234,11 @@ def beside(frequencies: np.ndarray, places, parts=4) -> np.ndarray:
     return between(lower, upper, np.arange(1, parts) / parts).ravel()
 
 
-def between(lower, upper, part):
+def between(lower, upper, share):
     """Return frequencies that part intervals; where one is wide beside its lower end, on a logarithmic scale."""
     wide = (lower > 0) & (upper > WIDE * lower)
     ratio = np.divide(upper, lower, out=np.ones_like(upper), where=wide)
-    return np.where(wide, lower * ratio**part, lower + (upper - lower) * part)
+    return np.where(wide, lower * ratio**share, lower + (upper - lower) * share)
 
 
 def maxima(values: np.ndarray) -> np.ndarray:
@@ -335,15 +335,15 @@ def missing(model: PseudoModal, counts: list[ModeCount], band, before: Callable[
     missing, counted up to its lower end, those of the band are pseudo-frequencies that the model `before()` has too.
     """
     poles, (low, high) = model.frequencies, band
-    end = min((item.below for item in counts if item.below >= high), default=high)
-    counts = [item for item in counts if item.below <= end]
-    found = max((item.modes - int((poles < item.below).sum()) for item in counts), default=0)
-    bottom = max((item for item in counts if item.below <= low), key=lambda item: item.below, default=None)
+    end = min((count.below for count in counts if count.below >= high), default=high)
+    counts = [count for count in counts if count.below <= end]
+    found = max((count.modes - int((poles < count.below).sum()) for count in counts), default=0)
+    bottom = max((count for count in counts if count.below <= low), key=lambda count: count.below, default=None)
     if found <= 0 or bottom is None:
         return found
     moving = unsettled(model, before(), end, len(poles))
     poles = poles[(poles >= bottom.below) & ~np.isin(np.arange(len(poles)), moving)]
-    return max(item.modes - bottom.modes - int((poles < item.below).sum()) for item in counts)
+    return max(count.modes - bottom.modes - int((poles < count.below).sum()) for count in counts)
 
 
 def is_free(model: PseudoModal, frequencies, zero: float) -> bool:

@@ -237,10 +237,10 @@ class PseudoModal(Keeping):
                 if (_column_norms(rest) <= accuracy * scale).all() and not self.io.quiet:
                     break
             wrong = np.flatnonzero(~(_column_norms(rest) <= 1e3 * accuracy * scale).all(axis=1))
-        parts = 1 + len(wrong) * len(self) ** 2 // NUMBERS_AT_A_TIME
-        for part in np.array_split(wrong, parts) if len(wrong) else ():
-            matrices = self.matrices(frequencies[part], transposed)
-            states[part] = _scaled(matrices, right[part]) if self.added else _eliminated(matrices, right[part])
+        chunks = 1 + len(wrong) * len(self) ** 2 // NUMBERS_AT_A_TIME
+        for chunk in np.array_split(wrong, chunks) if len(wrong) else ():
+            matrices = self.matrices(frequencies[chunk], transposed)
+            states[chunk] = _scaled(matrices, right[chunk]) if self.added else _eliminated(matrices, right[chunk])
         return states
 
     def matrices(self, frequencies, transposed=False):
@@ -354,16 +354,16 @@ class PseudoModal(Keeping):
         if self.is_diagonal and left.size * right.shape[1] <= FEW_PRODUCTS:
             # each mode adds c b^T over its own number, for all frequencies in one product
             products = (left.T[:, :, None] * right[:, None, :]).reshape(len(self), -1)
-            for part in self.parts_of(frequencies):
-                inverse = 1 / self._diagonal(part)
-                rows = _times_real(inverse, products).reshape(len(part), len(left), right.shape[1])
-                H.append(self.io.measured(2j * np.pi * part, rows))
+            for chunk in self.parts_of(frequencies):
+                inverse = 1 / self._diagonal(chunk)
+                rows = _times_real(inverse, products).reshape(len(chunk), len(left), right.shape[1])
+                H.append(self.io.measured(2j * np.pi * chunk, rows))
                 drive.append(_times_real(inverse, right**2))
             return np.concatenate(H), np.concatenate(drive)
-        for part in self.parts_of(frequencies):
-            states = self.solve(part, right)
+        for chunk in self.parts_of(frequencies):
+            states = self.solve(chunk, right)
             rows = left @ states
-            H.append(self.io.measured(2j * np.pi * part, rows))
+            H.append(self.io.measured(2j * np.pi * chunk, rows))
             by_itself = self.io.are_same
             drive.append(np.einsum("spp->sp", rows) if by_itself else np.einsum("mp,smp->sp", right, states))
         return np.concatenate(H), np.concatenate(drive)
@@ -382,13 +382,13 @@ def kept(owner: Keeping, name: str, frequencies, compute, size: int) -> tuple[np
             made = [np.concatenate(pair) for pair in zip(arrays, made, strict=True)]
         known = np.concatenate([known, new])
         order = np.argsort(known)
-        known, *arrays = owner.memory[name] = [part[order] for part in (known, *made)]
-        for part in arrays:
-            part.flags.writeable = False  # what is kept goes to all that ask for it
+        known, *arrays = owner.memory[name] = [array[order] for array in (known, *made)]
+        for array in arrays:
+            array.flags.writeable = False  # what is kept goes to all that ask for it
     if np.array_equal(known, frequencies):
         return tuple(arrays)
     at = np.searchsorted(known, frequencies)
-    return tuple(part[at] for part in arrays)
+    return tuple(array[at] for array in arrays)
 
 
 def diagonalised(
@@ -472,11 +472,11 @@ def difference(inner: PseudoModal, outer: PseudoModal, embedding, frequencies) -
         return outer.response(frequencies) - inner.response(frequencies)
     loads, measures, found = (inner.B, outer.B), (inner.Ct, outer.Ct), []
     same = outer.is_reciprocal
-    for part in outer.parts_of(frequencies):
-        right = _residual(inner, outer, embedding, part, *loads)
-        left = right if same else _residual(inner, outer, embedding, part, *measures, transposed=True)
-        rows = left.transpose(0, 2, 1) @ outer.solve(part, right, accuracy=ROUGH)
-        found.append(outer.io.measured(2j * np.pi * part, rows))
+    for chunk in outer.parts_of(frequencies):
+        right = _residual(inner, outer, embedding, chunk, *loads)
+        left = right if same else _residual(inner, outer, embedding, chunk, *measures, transposed=True)
+        rows = left.transpose(0, 2, 1) @ outer.solve(chunk, right, accuracy=ROUGH)
+        found.append(outer.io.measured(2j * np.pi * chunk, rows))
     return np.concatenate(found)
 
 

@@ -80,10 +80,10 @@ class Errors:
         outer, s = pair.outer, 2j * np.pi * frequencies
         self.fixed, self._measure = fixed, pair.measure
         self._same = outer.is_reciprocal and not outer.io.rates
-        parts = [wide.T @ outer.matrices(part) @ wide for part in outer.parts_of(frequencies)]
-        self._A = np.concatenate(parts)
+        chunks = [wide.T @ outer.matrices(chunk) @ wide for chunk in outer.parts_of(frequencies)]
+        self._A = np.concatenate(chunks)
         # U is real: two real products in place of a complex one
-        self._parts = self._A.real.reshape(-1, wide.shape[1]), self._A.imag.reshape(-1, wide.shape[1])
+        self._halves = self._A.real.reshape(-1, wide.shape[1]), self._A.imag.reshape(-1, wide.shape[1])
         self._B = np.broadcast_to(wide.T @ outer.B, (len(s), wide.shape[1], outer.B.shape[1]))
         columns = np.broadcast_to(wide.T @ outer.Ct, (len(s), wide.shape[1], outer.Ct.shape[1]))
         self._Ct = outer.io.rates.transposed(s, columns)
@@ -109,7 +109,7 @@ class Errors:
     def at(self, U) -> Iterate:
         """Return the model on orthonormal columns U (w, k)."""
         AU = np.empty((*self._A.shape[:2], U.shape[1]), dtype=complex)
-        AU.real, AU.imag = ((part @ U).reshape(AU.shape) for part in self._parts)
+        AU.real, AU.imag = ((half @ U).reshape(AU.shape) for half in self._halves)
         A = times(U.T, AU)
         y = _solved(A, U.T @ self._B)
         r = self._B - AU @ y

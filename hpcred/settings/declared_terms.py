@@ -1,11 +1,14 @@
-"""Define where the matrix of a viscoelastic part comes from: a table of a job, or of the command line."""
+"""Define what is declared of the matrices of a model, in a job or on the command line: viscoelastic parts, and whether
+K may be unsymmetric."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Annotated
 
 from ..model.laws.registry import AnyLaw
-from ..parallel.declared import as_declared
+from ..parallel.declared import Keywords, Option, as_declared
 from ..parallel.failures import InputError
 from .toml_file import CONFIG, check_file_names, parse, table_around
 
@@ -50,7 +53,24 @@ def viscoelastic_from(tables) -> list[ViscoelasticPart]:
     return [parse(_Holder, {"viscoelastic": table}).viscoelastic for table in tables]
 
 
-def viscoelastic_of(texts) -> tuple[ViscoelasticPart, ...]:
+def viscoelastic_of(texts, option: str = "--viscoelastic") -> tuple[ViscoelasticPart, ...]:
     """Return the parts of texts such as '{file = "Kv.mtx", law = {kind = "maxwell", ...}}'. Raises InputError."""
     example = "'{file = \"Kv.mtx\", law = {kind = \"maxwell\", factors = [0.5], times = [1e-3]}}'"
-    return tuple(parse(_Holder, table_around("viscoelastic", text, example)).viscoelastic for text in texts or ())
+    return tuple(parse(_Holder, table_around(option.strip("-"), text, example)).viscoelastic for text in texts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeclaredTerms(Keywords):
+    """Parts that are added to K, and whether it may be unsymmetric."""
+
+    viscoelastic: Annotated[
+        Iterable[ViscoelasticPart],
+        Option('Part g(s) K_v: \'{file = "Kv.mtx", law = {kind = "maxwell", ...}}\'', "TABLE", viscoelastic_of,
+               many=True),
+    ] = ()  # fmt: skip
+    circulatory: Annotated[bool, Option("K may be unsymmetric.", names=("--circulatory",))] = False
+
+    @property
+    def files(self) -> list[str]:
+        """The matrix files."""
+        return [part.file for part in self.viscoelastic if part.file is not None]
