@@ -42,6 +42,9 @@ def convert(
     units: Annotated[str, typer.Option(help="Units of the files: SI; mm,t,s; mm-kg-ms; inch-lbf-s; ...")] = "SI",
     viscoelastic: Viscoelastic = None,
     circulatory: Annotated[bool, typer.Option("--circulatory", help="K may be unsymmetric.")] = False,
+    superelement: Annotated[
+        bool, typer.Option("--superelement", help="The body is reduced already: write a result.")
+    ] = False,
     list_formats: Annotated[bool, typer.Option("--list-formats", help="Say what can be read, and stop.")] = False,
     json: JsonFile = None,
 ):
@@ -80,7 +83,7 @@ def convert(
     report = hpcred.convert(
         source, output, inputs=values.targets(inputs, "--inputs"), outputs=values.targets(outputs, "--outputs"),
         variables=names, units=units, viscoelastic=viscoelastic_of(viscoelastic), circulatory=circulatory,
-        progress=session.progress(),
+        superelement=superelement, progress=session.progress(),
     )  # fmt: skip
     show_report(output, {key: value for key, value in report.items() if key != "output"})
     session.warn(report["warnings"])

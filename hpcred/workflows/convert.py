@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from ..analysis.summary import inspect
 from ..files.model_file import FORMAT, write_model
 from ..files.outputs import check_outputs, hdf5_kind
+from ..files.result_file import FORMAT as OF_RESULTS
+from ..files.result_file import write_result
 from ..files.together import rescued
 from ..model.units import SI, in_si, units_of
+from ..parallel.failures import InputError
 from ..parallel.plugins import OWN
 from ..parallel.progress import Progress
 from ..readers.model_source import load_export, load_source
 from ..readers.registry import READERS, readers_of
+from ..readers.superelements import read_superelement
 from ..settings.source import Source
 from .model_of_job import declared_circulatory, with_viscoelastic
 from .workflow import workflow
@@ -21,7 +27,8 @@ from .workflow import workflow
 @workflow
 def convert(
     source: Source | str | Path, output, *, inputs=None, outputs=None, variables=None, units: str = "SI",
-    viscoelastic=(), circulatory: bool = False, comm=None, progress: Progress | None = None,
+    viscoelastic=(), circulatory: bool = False, superelement: bool = False, comm=None,
+    progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Write a model file from matrix files, or from the main file of a finite-element export. Collective.
 
@@ -40,12 +47,15 @@ def convert(
         Parts with their matrix files, as in a job.
     circulatory : bool
         Whether K may be unsymmetric.
+    superelement : bool
+        Whether the files are a body that is reduced already: the output is a result with all its coordinates, whose
+        nodes are interfaces.
 
     Returns
     -------
     dict
         The report of inspect on the model: plain numbers for a table or JSON, with `sentences` on them and `warnings`
-        of what looks wrong.
+        of what looks wrong; of a superelement its nodes, coordinates and frequencies.
 
     Raises
     ------
@@ -56,7 +66,10 @@ def convert(
     # nothing that is read may be the output
     reads = source.files if isinstance(source, Source) else [source]
     reads = [*reads, *(part.file for part in viscoelastic if part.file is not None)]
-    check_outputs({output: hdf5_kind(FORMAT)}, comm, reads, progress=progress)
+    check_outputs({output: hdf5_kind(OF_RESULTS if superelement else FORMAT)}, comm, reads, progress=progress)
+    if superelement:
+        return _superelement(source, output, inputs, outputs, variables, units, viscoelastic, circulatory, comm,
+                             progress)  # fmt: skip
     # the model in SI, with what the files do not say
     name = Path(output).name
     with progress.stage("read", source.K if isinstance(source, Source) else str(source)):
@@ -83,6 +96,30 @@ def convert(
         with progress.stage("write", str(output)):
             rescued(lambda place: write_model(place, model), output, comm)
         return {"output": str(output), **report}
+
+
+def _superelement(
+    source, output, inputs, outputs, variables, units, viscoelastic, circulatory, comm, progress
+) -> dict:
+    """Write a superelement as a result. Collective."""
+    columns = isinstance(source, Source) and any((source.B, source.C, source.Cv, source.Ca))
+    if inputs or outputs or columns or viscoelastic or circulatory:
+        raise InputError("superelement: has all directions of its nodes as inputs and outputs, and symmetric matrices K, "
+                         "M and D; leave out inputs, outputs, B, C, viscoelastic and circulatory")  # fmt: skip
+    with progress.stage("read", source.K if isinstance(source, Source) else str(source)):
+        result = read_superelement(source, comm, variables=variables, units=units)
+    reduced, record = result.reduced, result.reduced.record
+    warnings = [*record.warnings, *comm.bcast(READERS.broken)]
+    with progress.stage("write", str(output)):
+        rescued(lambda place: write_result(place, reduced, nodes=result.nodes), output, comm)
+    others = [node.label for node in result.nodes if node.label not in {item.name for item in reduced.interfaces}]
+    placed = len(reduced.input_names)
+    return {
+        "output": str(output), "size": reduced.size, "nodes_with_six_directions": [i.name for i in reduced.interfaces],
+        "other_nodes": others, "coordinates_without_place": reduced.size - placed,
+        "rigid_body_modes": record.rigid_body_modes, "lowest_frequencies_hz": np.sort(reduced.frequencies)[:10].tolist(),
+        "warnings": warnings,
+    }  # fmt: skip
 
 
 def list_formats() -> list[dict]:
