@@ -81,8 +81,8 @@ def read_superelement(source: Source | str | Path, comm, *, variables=None, unit
     with agreed(comm):
         if comm.rank == 0:
             made = _read(source, variables, units_of(units))
-    reduced, nodes, path = comm.bcast(made)
-    return Result(path, replace(reduced, record=replace(reduced.record, ranks=comm.size)), nodes=nodes)
+    reduced, nodes = comm.bcast(made)
+    return Result(None, replace(reduced, record=replace(reduced.record, ranks=comm.size)), nodes=nodes)
 
 
 def _read(source, variables, units: Units):
@@ -140,7 +140,7 @@ def _rows(path, parts, size, units) -> _Rows:
 
 
 def _result(path, K, M, D, rows, parts, units):
-    """Return the reduced model, with its record, the shapes of its nodes, and the path."""
+    """Return the reduced model with its record, and the shapes of its nodes."""
     count, warnings = int(rows.placed.sum()), [*dict.fromkeys(parts.warnings)]
     alone = {int(nodes[0]): name for name, nodes in parts.sets.items() if len(nodes) == 1 and NAME.fullmatch(name)}
     names = {node: alone.get(node, str(node)) for node in dict.fromkeys(rows.node[:count].tolist())}
@@ -180,4 +180,4 @@ def _result(path, K, M, D, rows, parts, units):
         frame=Buckens() if in_frame else NoFrame(), damping=GivenDamping(), warnings=tuple(warnings),
         coordinates="interface" if interfaces else "modal", units="" if units == SI else units.words,
     )  # fmt: skip
-    return replace(reduced, record=record), nodes, path
+    return replace(reduced, record=record), nodes
