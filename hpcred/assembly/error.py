@@ -138,8 +138,8 @@ def why_not_known(machine: Machine, band) -> str:
         if part.exact:
             continue
         if part.accuracy is None:
-            return (f"the error of body '{name}' is not known; reduce it to a tolerance, or say exact = true of it, where "
-                    "it counts as exact")  # fmt: skip
+            return (f"the error of body '{name}' is not known; reduce it to a tolerance, or say exact = true of it "
+                    "where it counts as exact")  # fmt: skip
         low, high = part.accuracy.band
         if band[0] < low or band[1] > high:
             return (f"the error of body '{name}' is known over {low:g} to {high:g} Hz, not over {band[0]:g} to "
@@ -149,7 +149,8 @@ def why_not_known(machine: Machine, band) -> str:
 
 def damping_of_errors(machine: Machine) -> float | None:
     """Return the loss factor with which the errors of all bodies were measured, None where they have no common one."""
-    accuracies = [(part.accuracy, part.model.D.any()) for part in machine.parts.values() if not part.exact]
+    accuracies = [(part.accuracy, part.model.D.any()) for part in machine.parts.values()
+                  if part.accuracy is not None]
     factors = {accuracy.loss_factor for accuracy, _ in accuracies}
     undamped = any(accuracy.loss_factor and not accuracy.beside_damping and damped for accuracy, damped in accuracies)
     return None if len(factors) > 1 or undamped else max(factors, default=UNDAMPED)

@@ -50,8 +50,8 @@ class Part:
 
     `model`: in axes of the body, with rigid-body motions, at all values of its parameters. `inputs`, `outputs`: see
     Channels. `places` of its nodes by label, in the machine. `elastic`: the model that its `accuracy` speaks of; None
-    where there is none, or the result counts as `exact`. `rigid_motions` (6, k) about `origin` in its axes: the first k coordinates, which were put
-    before those of the result.
+    where there is none, or the result counts as `exact`. `rigid_motions` (6, k) about `origin` in its axes: the
+    first k coordinates, which were put before those of the result.
     """
 
     name: str

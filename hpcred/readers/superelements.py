@@ -92,14 +92,14 @@ def _read(source, variables, units: Units):
     number_rows(comm, parts)
     size = common_size(parts)
     if size > MOST:
-        raise InputError(f"{path}: found {size} rows, expected a superelement of at most {MOST}; convert it as a model, "
-                         "and reduce it")  # fmt: skip
+        raise InputError(f"{path}: found {size} rows, expected a superelement of at most {MOST}; convert it as a "
+                         "model, and reduce it")  # fmt: skip
     matrices = {}
     for key, item in parts.matrices.items():
         require_sane(item.values, f"{parts.files[key]}: found", "real")
         if not asymmetry(comm, item) <= SYMMETRIC:
-            raise InputError(f"{parts.files[key]}: found a matrix {key} that is not symmetric, expected both triangles of "
-                             "a symmetric one, as a superelement has")  # fmt: skip
+            raise InputError(f"{parts.files[key]}: found a matrix {key} that is not symmetric, expected both triangles "
+                             "of a symmetric one, as a superelement has")  # fmt: skip
         matrix = coo_array((item.values, (item.rows, item.columns)), shape=(size, size)).toarray()
         matrices[key] = (matrix + matrix.T) / 2
     rows = _rows(path, parts, size, units)
@@ -120,19 +120,19 @@ def _read(source, variables, units: Units):
 def _rows(path, parts, size, units) -> _Rows:
     """Return what the rows are, positions in m. Raises InputError."""
     if parts.row_labels is None and parts.nodes is None:
-        raise InputError(f"{path}: its rows are not named, and a superelement without names has no interfaces; give its "
-                         "nodes by the file of the run beside it, or by --nodes and --dofs")  # fmt: skip
+        raise InputError(f"{path}: its rows are not named, and a superelement without names has no interfaces; give "
+                         "its nodes by the file of the run beside it, or by --nodes and --dofs")  # fmt: skip
     label, row = parts.row_labels or labels_in_order(MPI.COMM_SELF, parts.nodes, size, str(path))
     node, direction = node_and_direction(label[np.argsort(row)])
     at_node = direction < SCALAR
     if not at_node.any():
-        raise InputError(f"{path}: found {size} rows, none of them a direction of a node, expected nodes to join it by; "
-                         "retain some")  # fmt: skip
+        raise InputError(f"{path}: found {size} rows, none of them a direction of a node, expected nodes to join it "
+                         "by; retain some")  # fmt: skip
     known = parts.nodes.label if parts.nodes is not None else np.zeros(0, np.int64)
     position, unknown = np.zeros((size, 3)), at_node & ~np.isin(node, known)
     if unknown.any():
-        raise InputError(f"{path}: the node {node[unknown][0]}, which has rows, has no coordinates; put the input file of "
-                         "the run beside it, or give them by --nodes")  # fmt: skip
+        raise InputError(f"{path}: the node {node[unknown][0]}, which has rows, has no coordinates; put the input "
+                         "file of the run beside it, or give them by --nodes")  # fmt: skip
     order = np.argsort(known)
     place = order[np.searchsorted(known[order], node[at_node])]
     position[at_node] = parts.nodes.position[place] * units.length
@@ -176,7 +176,8 @@ def _result(path, K, M, D, rows, parts, units):
     # a free one in interface coordinates is one of the Buckens frame, as a reduction has it
     in_frame = bool(free and interfaces and np.linalg.eigvalsh(R.T @ M @ R)[0] > 0)
     record = Record.without_reduction(
-        reduced, model=str(path), size=len(K), nonzeros=int(np.count_nonzero(K)), rigid_body_modes=free if in_frame else 0,
+        reduced, model=str(path), size=len(K), nonzeros=int(np.count_nonzero(K)),
+        rigid_body_modes=free if in_frame else 0,
         frame=Buckens() if in_frame else NoFrame(), damping=GivenDamping(), warnings=tuple(warnings),
         coordinates="interface" if interfaces else "modal", units="" if units == SI else units.words,
     )  # fmt: skip

@@ -138,7 +138,8 @@ class Assembly:
         asked = f" (tolerance {accuracy.tolerance:g})" if "needs" in self.budget[0] else ""
         again = f"; {accuracy.stopped}" if accuracy.stopped else ""
         return (f"{'' if accuracy.reached else 'NOT REACHED: '}largest error of the machine {size}{asked} over "
-                f"{accuracy.band[0]:g} to {accuracy.band[1]:g} Hz, estimated from its bodies{self._exact}{again}")  # fmt: skip
+                f"{accuracy.band[0]:g} to {accuracy.band[1]:g} Hz, estimated from its bodies"
+                f"{self._exact}{again}")  # fmt: skip
 
     @property
     def _exact(self) -> str:

@@ -104,8 +104,8 @@ def _superelement(
     """Write a superelement as a result. Collective."""
     columns = isinstance(source, Source) and any((source.B, source.C, source.Cv, source.Ca))
     if inputs or outputs or columns or viscoelastic or circulatory:
-        raise InputError("superelement: has all directions of its nodes as inputs and outputs, and symmetric matrices K, "
-                         "M and D; leave out inputs, outputs, B, C, viscoelastic and circulatory")  # fmt: skip
+        raise InputError("superelement: has all directions of its nodes as inputs and outputs, and symmetric matrices "
+                         "K, M and D; leave out inputs, outputs, B, C, viscoelastic and circulatory")  # fmt: skip
     with progress.stage("read", source.K if isinstance(source, Source) else str(source)):
         result = read_superelement(source, comm, variables=variables, units=units)
     reduced, record = result.reduced, result.reduced.record
@@ -117,7 +117,8 @@ def _superelement(
     return {
         "output": str(output), "size": reduced.size, "nodes_with_six_directions": [i.name for i in reduced.interfaces],
         "other_nodes": others, "coordinates_without_place": reduced.size - placed,
-        "rigid_body_modes": record.rigid_body_modes, "lowest_frequencies_hz": np.sort(reduced.frequencies)[:10].tolist(),
+        "rigid_body_modes": record.rigid_body_modes,
+        "lowest_frequencies_hz": np.sort(reduced.frequencies)[:10].tolist(),
         "warnings": warnings,
     }  # fmt: skip
 

@@ -1,9 +1,9 @@
 """Compare the machine with its full bodies: all nodes, joined by the same bushings, without any reduction."""
 
-import tomllib
 from pathlib import Path
 
 import numpy as np
+import tomllib
 from scipy.sparse import block_diag, csr_array, diags
 from scipy.sparse.linalg import splu
 

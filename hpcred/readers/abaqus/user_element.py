@@ -47,7 +47,9 @@ def read(path, comm) -> Parts:
     with agreed(comm):
         file = path if _has_nodes(path) else _input_beside(path)
     mesh = None if file is None else input_file.read(file, comm, calculix=of_calculix)
-    parts = Parts(dict.fromkeys(matrices), dict.fromkeys(matrices, str(path)), warnings=remarks if comm.rank == 0 else [])
+    parts = Parts(
+        dict.fromkeys(matrices), dict.fromkeys(matrices, str(path)), warnings=remarks if comm.rank == 0 else []
+    )
     placed = np.unique(node)
     if mesh is not None:
         inside = decided(comm, _modal_nodes, path)
@@ -57,7 +59,9 @@ def read(path, comm) -> Parts:
         parts.warnings += [f"nodes are those of {file}"] * (comm.rank == 0)
         placed = np.concatenate(comm.allgather(parts.nodes.label))
     modal = ~np.isin(node, placed)
-    label = np.where(modal, label_of(node.max() + np.cumsum(modal), np.full(len(node), SCALAR)), label_of(node, dof - 1))
+    label = np.where(
+        modal, label_of(node.max() + np.cumsum(modal), np.full(len(node), SCALAR)), label_of(node, dof - 1)
+    )
     for key, matrix in matrices.items():
         i, j = np.nonzero(matrix) if comm.rank == 0 else (np.zeros(0, np.int64),) * 2
         parts.matrices[key] = LabelledEntries(label[i], label[j], matrix[i, j])
@@ -93,8 +97,8 @@ def _content(path):
             raise InputError(f"{path}: found two matrices of type {given['TYPE']}, expected one")
         matrices[KEYS[kind]] = _matrix(path, given["TYPE"], body, len(node), "UNSYMM" in elements[0][1])
     if "K" not in matrices:
-        raise InputError(f"{path}: found no *MATRIX, TYPE=STIFFNESS, expected one; ask for STIFFNESS=YES in *SUBSTRUCTURE "
-                         "MATRIX OUTPUT")  # fmt: skip
+        raise InputError(f"{path}: found no *MATRIX, TYPE=STIFFNESS, expected one; ask for STIFFNESS=YES in "
+                         "*SUBSTRUCTURE MATRIX OUTPUT")  # fmt: skip
     if "M" not in matrices:
         remarks.append(f"{path}: found no mass matrix: the substructure is a spring between its nodes, without mass")
         matrices["M"] = np.zeros_like(matrices["K"])
@@ -121,8 +125,8 @@ def _nodes(path, text, blocks, given) -> np.ndarray:
         lines = [body for keyword, _, body in blocks if keyword == "ELEMENT"]
         nodes = [int(word) for word in re.findall(r"\d+", lines[0])][1:] if lines else []
     if str(len(nodes)) != given.get("NODES"):
-        raise InputError(f"{path}: found {len(nodes)} nodes of the user element, expected NODES={given.get('NODES')} in "
-                         "a comment ** ELEMENT NODES or below *ELEMENT")  # fmt: skip
+        raise InputError(f"{path}: found {len(nodes)} nodes of the user element, expected NODES={given.get('NODES')} "
+                         "in a comment ** ELEMENT NODES or below *ELEMENT")  # fmt: skip
     return np.array(nodes, np.int64)
 
 
@@ -133,7 +137,11 @@ def _rows(path, nodes, body):
         numbers = [[int(word) for word in line.split(",") if word.strip()] for line in lines]
         first, *changes = numbers
         starts, dofs = [1, *(line[0] for line in changes)], [first, *(line[1:] for line in changes)]
-        if sorted(set(starts)) != starts or starts[-1] > len(nodes) or not all(1 <= d <= 6 for item in dofs for d in item):
+        if (
+            sorted(set(starts)) != starts
+            or starts[-1] > len(nodes)
+            or not all(1 <= d <= 6 for item in dofs for d in item)
+        ):
             raise ValueError
     except ValueError as error:
         raise InputError(f"{path}: found the lines '{shown(' / '.join(lines).encode('latin-1'))}' below *USER ELEMENT, "
@@ -153,8 +161,8 @@ def _matrix(path, kind, body, size, unsymmetric) -> np.ndarray:
         raise InputError(f"{path}: {kind}: {error}; the file is damaged") from error
     expected = size**2 if unsymmetric else size * (size + 1) // 2
     if len(values) != expected:
-        raise InputError(f"{path}: found {len(values)} numbers of {kind}, expected {expected} for {size} rows; the file "
-                         "is cut off or damaged")  # fmt: skip
+        raise InputError(f"{path}: found {len(values)} numbers of {kind}, expected {expected} for {size} rows; the "
+                         "file is cut off or damaged")  # fmt: skip
     if unsymmetric:
         return values.reshape(size, size).T
     matrix = np.zeros((size, size))
