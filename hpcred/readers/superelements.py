@@ -35,7 +35,7 @@ from .source_parts import read_source
 MOST = 3000  # rows: more is a model, whose dense matrices would fill the memory
 SYMMETRIC = 1e-8  # ||A - A^T|| / ||A||, for the digits that files have
 FREE = 1e-7  # of |K| |R|: no force of rigid-body motion, but for the digits of files
-STILL = 1e-12  # of the largest squared frequency
+STILL = 1e-8  # of the largest: negative eigenvalues up to it are those of few digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ def _read(source, variables, units: Units):
         matrices[key] = (matrix + matrix.T) / 2
     rows = _rows(path, parts, size, units)
     # nodes with six directions, other nodes, and what has no place
-    numbers, inverse, counts = np.unique(rows.node, return_inverse=True, return_counts=True)
+    numbers, inverse = np.unique(rows.node, return_inverse=True)
     whole = rows.placed & np.isin(rows.node, numbers[np.bincount(inverse, rows.placed) == 6])
     order = np.lexsort((rows.direction, rows.node, ~rows.placed, ~whole))
     rows = rows[order]

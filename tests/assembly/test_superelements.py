@@ -209,3 +209,13 @@ def test_what_is_no_superelement_is_refused(tmp_path, monkeypatch, capsys):
     assert "superelement: has all directions of its nodes as inputs and outputs" in told
     with pytest.raises(hpcred.InputError, match="body 'a' is measured, and has no coordinates"):
         MachineBody(name="a", result="a.unv", kind="measured", exact=True)
+
+
+@pytest.mark.mpi
+def test_ranks_read_the_same_superelement(comm):
+    folder = DATA / "calculix"
+    found = read_superelement(folder / "substructure.mtx", comm).reduced
+    alone = read(folder / "substructure.mtx").reduced
+    assert np.array_equal(found.K, alone.K) and found.input_names == alone.input_names
+    with pytest.raises(hpcred.InputError, match="no such file"):
+        read_superelement(folder / "nothing.mtx", comm)
