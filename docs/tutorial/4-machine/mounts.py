@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 import hpcred
+from hpcred.settings.machine_file import read_machine
 
-job = hpcred.settings.read_machine("machine.toml")
+job = read_machine("machine.toml")
 f = np.linspace(1.0, 400.0, 2000)
 for factor in (0.5, 1.0, 2.0, 4.0):
     start, joints = time.perf_counter(), []
