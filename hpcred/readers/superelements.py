@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -23,6 +24,7 @@ from ..model.interfaces.nodes import NAME, InterfaceNode
 from ..model.units import SI, Units, rotational, units_of
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
+from ..parallel.progress import Timing, memory_mb
 from ..reduction.result.record import Record
 from ..reduction.result.reduced_model import ReducedModel
 from ..settings.source import Source
@@ -77,12 +79,15 @@ def read_superelement(source: Source | str | Path, comm, *, variables=None, unit
     InputError
         For files that cannot be read, rows of which none is at a node, and matrices that are not symmetric.
     """
-    made = None
+    made, begun = None, perf_counter()
     with agreed(comm):
         if comm.rank == 0:
             made = _read(source, variables, units_of(units))
-    reduced, nodes = comm.bcast(made)
-    return Result(None, replace(reduced, record=replace(reduced.record, ranks=comm.size)), nodes=nodes)
+    reduced, record, nodes = comm.bcast(made)
+    seconds = comm.bcast(perf_counter() - begun)
+    timing = Timing(seconds={"read": seconds}, elapsed=seconds, memory_mb_per_rank=tuple(comm.allgather(memory_mb())))
+    record = Record.without_reduction(reduced, ranks=comm.size, timing=timing, **record)
+    return Result(None, replace(reduced, record=record), nodes=nodes)
 
 
 def _read(source, variables, units: Units):
@@ -140,7 +145,7 @@ def _rows(path, parts, size, units) -> _Rows:
 
 
 def _result(path, K, M, D, rows, parts, units):
-    """Return the reduced model with its record, and the shapes of its nodes."""
+    """Return the reduced model, what its record knows, and the shapes of its nodes."""
     count, warnings = int(rows.placed.sum()), [*dict.fromkeys(parts.warnings)]
     alone = {int(nodes[0]): name for name, nodes in parts.sets.items() if len(nodes) == 1 and NAME.fullmatch(name)}
     names = {node: alone.get(node, str(node)) for node in dict.fromkeys(rows.node[:count].tolist())}
@@ -175,10 +180,10 @@ def _result(path, K, M, D, rows, parts, units):
     )  # fmt: skip
     # a free one in interface coordinates is one of the Buckens frame, as a reduction has it
     in_frame = bool(free and interfaces and np.linalg.eigvalsh(R.T @ M @ R)[0] > 0)
-    record = Record.without_reduction(
-        reduced, model=str(path), size=len(K), nonzeros=int(np.count_nonzero(K)),
-        rigid_body_modes=free if in_frame else 0,
-        frame=Buckens() if in_frame else NoFrame(), damping=GivenDamping(), warnings=tuple(warnings),
-        coordinates="interface" if interfaces else "modal", units="" if units == SI else units.words,
-    )  # fmt: skip
-    return replace(reduced, record=record), nodes
+    record = {
+        "model": str(path), "size": len(K), "nonzeros": int(np.count_nonzero(K)), "damping": GivenDamping(),
+        "rigid_body_modes": free if in_frame else 0, "frame": Buckens() if in_frame else NoFrame(),
+        "coordinates": "interface" if interfaces else "modal", "units": "" if units == SI else units.words,
+        "warnings": tuple(warnings),
+    }  # fmt: skip
+    return reduced, record, nodes

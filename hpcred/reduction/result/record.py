@@ -163,7 +163,6 @@ class Record:
             reduced.input_names, "outputs": reduced.output_names, "basis": (), "projection": "one_sided",
             "deflation_tolerance": 0.0, "drop_above": None, "groups": 1, "components": (), "factorisations": (),
             "symbolic_analyses": 0, "orthonormality_defect": 0.0, "unstable_poles": (), "warnings": (),
-            "timing": Timing(seconds={}, elapsed=0.0, memory_mb_per_rank=()),
         }  # fmt: skip
         return cls(**neutral | known)
 
