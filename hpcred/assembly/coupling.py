@@ -71,6 +71,12 @@ class Machine:
     def reference(self) -> dict[str, float]:
         return checked_values(self.parameters, {})
 
+    @property
+    def exact(self) -> str:
+        """Which bodies count as exact, in words that follow those on the error; "" where none does."""
+        names = [f"'{name}'" for name, part in self.parts.items() if part.exact]
+        return f", where {' and '.join(names)} count{'s' * (len(names) == 1)} as exact" if names else ""
+
     def as_measured(self) -> Machine:
         """Return the machine whose bodies have the damping that their errors were measured with."""
         known = [part.accuracy.loss_factor for part in self.parts.values() if part.accuracy is not None]

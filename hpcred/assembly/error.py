@@ -182,10 +182,11 @@ def accuracy_of_machine(machine: Machine, tau: float, band, tolerance: float | N
         reached=bool(tolerance is None or largest <= tolerance),
         stopped="" if not again else f"reduce {', '.join(again)}",
         largest=largest, worst=float(sensed.frequencies[curve.argmax()]), mean=float(curve.mean()),
-        noise=0.0, measured="estimated from the errors of the bodies, with the damping that these were measured with",
+        noise=0.0, measured="estimated from the errors of the bodies, with the damping that these were measured with"
+        + machine.exact,
         uncompressed_size=sum(part.size for part in machine.parts.values()), highest=band[1], missing_modes=None,
         points=(), proofs=(), frequencies=tuple(sensed.frequencies.tolist()), eps=tuple(curve.tolist()),
-        unproven="an estimate from the errors of the bodies", measure=sensed.measure,
+        unproven=f"an estimate from the errors of the bodies{machine.exact}", measure=sensed.measure,
         loss_factor=damping_of_errors(machine) or 0.0, beside_damping=True,
     )  # fmt: skip
     return accuracy, rows

@@ -139,13 +139,7 @@ class Assembly:
         again = f"; {accuracy.stopped}" if accuracy.stopped else ""
         return (f"{'' if accuracy.reached else 'NOT REACHED: '}largest error of the machine {size}{asked} over "
                 f"{accuracy.band[0]:g} to {accuracy.band[1]:g} Hz, estimated from its bodies"
-                f"{self._exact}{again}")  # fmt: skip
-
-    @property
-    def _exact(self) -> str:
-        """Which bodies count as exact, in words."""
-        exact = [f"'{name}'" for name, part in self.machine.parts.items() if part.exact]
-        return f", where {' and '.join(exact)} count{'s' * (len(exact) == 1)} as exact" if exact else ""
+                f"{self.machine.exact}{again}")  # fmt: skip
 
     def __str__(self):
         size = "responses of measured bodies" if self.reduced is None else f"{self.reduced.size} coordinates"

@@ -3,6 +3,7 @@
 import gzip
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,7 @@ def test_superelements_of_one_run_put_together_are_its_residual_structure(folder
     exact = [MachineBody(name=item.name, result=item.result, exact=True) for item in bodies]
     found = hpcred.assemble(exact, joints, band=(0.0, 10.0), tolerance=1e-2)
     assert found.accuracy.largest == 0.0 and "where 'out' and 'in' count as exact" in found.sentence
+    assert "'out' and 'in' count as exact" in found.reduced.record.accuracy.measured
 
 
 @pytest.mark.parametrize("kind", ["nastran-op4", "nastran", "abaqus"])
@@ -82,6 +84,19 @@ def test_an_external_superelement_is_written_as_one_of_ours(folder, kind):
     if kind == "abaqus":
         assert run(["report", "again/body.h5", "-o", "body.html", "--pairs", "3:x/3:x"]) == 0
     assert np.allclose([node.position for node in again.nodes], [node.position for node in first.nodes], atol=1e-9)
+
+
+def test_several_superelements_of_one_punch_file_are_chosen_by_their_matrices(folder):
+    first, text = read("inboard.op4"), ""
+    for more, name in ((0, "AAX"), (1000, "BBX")):
+        moved = tuple(replace(item, node=item.node + more) for item in first.reduced.interfaces)
+        hpcred.write_result("one.h5", replace(first.reduced, interfaces=moved), nodes=first.nodes)
+        text += Path(hpcred.export("one.h5", "nastran", f"{name}.pch")["output"]).read_text().replace("AAX", name)
+    Path("both.pch").write_text(text)
+    for more, name in ((0, "AA"), (1000, "BB")):
+        found = read("both.pch", variables={"K": f"K{name}X", "M": f"M{name}X"}).reduced
+        assert [item.node for item in found.interfaces] == [3 + more, 11 + more, 19 + more, 27 + more]
+        assert np.abs(found.K - first.reduced.K).max() < 1e-9 * np.abs(found.K).max()
 
 
 def substructure(K, M=None, lines=("1, 2, 3", "3, 1, 2, 3, 4, 5, 6"), nodes=(1, 2, 3, 9001), kind=", LINEAR", **more):
