@@ -3,11 +3,12 @@
 A block ```toml title="job.toml" (or of any other language with a title) is a file. A block ```console has commands
 behind "$ " and below each what it prints. A folder with the name of the page has scripts that its commands run, and its
 pictures, which are taken over from the folder of the run. From the root of the repository, with gmsh and CalculiX for
-the first and the third tutorial, Exudyn for the third, and chromium for the gallery:
+the first, the third and the fourth tutorial, Exudyn for the third, and chromium for the gallery:
 
     python docs/tutorial/run.py docs/tutorial/1-lever.md
     python docs/tutorial/run.py docs/tutorial/2-crank.md
     python docs/tutorial/run.py docs/tutorial/3-stress.md
+    python docs/tutorial/run.py docs/tutorial/4-machine.md
     python docs/tutorial/run.py docs/gallery.md
 """
 

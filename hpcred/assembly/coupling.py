@@ -29,7 +29,7 @@ from ..parallel.failures import InputError
 from ..reduction.parametric.reduced import ParametricReducedModel, with_terms
 from ..reduction.result.reduced_model import ReducedModel
 from .joints import GROUND, SIX, BushingJoint, PointMass, RigidJoint, matrix_of
-from .parts import ROUND_OFF, Channels, Part, part_and_node
+from .parts import ROUND_OFF, UNDAMPED, Channels, Part, part_and_node
 
 REDUNDANT = 1e-9  # of a condition, what is left of it beside those before
 STILL = 1e-13  # of the largest squared frequency of coordinates with mass: rigid-body motion, but for round-off
@@ -71,9 +71,17 @@ class Machine:
     def reference(self) -> dict[str, float]:
         return checked_values(self.parameters, {})
 
+    @property
+    def exact(self) -> str:
+        """Which bodies count as exact, in words that follow those on the error; "" where none does."""
+        names = [f"'{name}'" for name, part in self.parts.items() if part.exact]
+        return f", where {' and '.join(names)} count{'s' * (len(names) == 1)} as exact" if names else ""
+
     def as_measured(self) -> Machine:
         """Return the machine whose bodies have the damping that their errors were measured with."""
-        return replace(self, parts={name: part.as_measured() for name, part in self.parts.items()})
+        known = [part.accuracy.loss_factor for part in self.parts.values() if part.accuracy is not None]
+        loss_factor = max(known, default=0.0) or UNDAMPED
+        return replace(self, parts={name: part.as_measured(loss_factor) for name, part in self.parts.items()})
 
     def conditions_of(self, side: int) -> np.ndarray:
         """Return G (c, k) on the outputs (side 0) or inputs (1) of all parts."""

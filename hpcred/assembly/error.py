@@ -24,6 +24,7 @@ from ..reduction.result.accuracy import Accuracy
 from ..reduction.result.measure import Directions, Measure, drive_points, silent_outputs
 from ..reduction.result.reduced_model import ReducedModel
 from .coupling import Machine, blocks
+from .parts import UNDAMPED
 
 CIRCLE, ANGLES = 0.5, 6  # radius over the distance to the nearest pole of the machine, and points on it
 LEAST = 1e-4  # of the band's upper end: free bodies have no response at 0 Hz
@@ -134,8 +135,11 @@ def _inside(resonances, band):
 def why_not_known(machine: Machine, band) -> str:
     """Return why the error of a machine over a band cannot be estimated, "" where it can."""
     for name, part in machine.parts.items():
+        if part.exact:
+            continue
         if part.accuracy is None:
-            return f"the error of body '{name}' is not known; reduce it to a tolerance"
+            return (f"the error of body '{name}' is not known; reduce it to a tolerance, or say exact = true of it "
+                    "where it counts as exact")  # fmt: skip
         low, high = part.accuracy.band
         if band[0] < low or band[1] > high:
             return (f"the error of body '{name}' is known over {low:g} to {high:g} Hz, not over {band[0]:g} to "
@@ -145,10 +149,11 @@ def why_not_known(machine: Machine, band) -> str:
 
 def damping_of_errors(machine: Machine) -> float | None:
     """Return the loss factor with which the errors of all bodies were measured, None where they have no common one."""
-    accuracies = [(part.accuracy, part.model.D.any()) for part in machine.parts.values()]
+    accuracies = [(part.accuracy, part.model.D.any()) for part in machine.parts.values()
+                  if part.accuracy is not None]
     factors = {accuracy.loss_factor for accuracy, _ in accuracies}
     undamped = any(accuracy.loss_factor and not accuracy.beside_damping and damped for accuracy, damped in accuracies)
-    return None if len(factors) > 1 or undamped else factors.pop()
+    return None if len(factors) > 1 or undamped else max(factors, default=UNDAMPED)
 
 
 def accuracy_of_machine(machine: Machine, tau: float, band, tolerance: float | None) -> tuple[Accuracy, list[dict]]:
@@ -177,10 +182,11 @@ def accuracy_of_machine(machine: Machine, tau: float, band, tolerance: float | N
         reached=bool(tolerance is None or largest <= tolerance),
         stopped="" if not again else f"reduce {', '.join(again)}",
         largest=largest, worst=float(sensed.frequencies[curve.argmax()]), mean=float(curve.mean()),
-        noise=0.0, measured="estimated from the errors of the bodies, with the damping that these were measured with",
+        noise=0.0, measured="estimated from the errors of the bodies, with the damping that these were measured with"
+        + machine.exact,
         uncompressed_size=sum(part.size for part in machine.parts.values()), highest=band[1], missing_modes=None,
         points=(), proofs=(), frequencies=tuple(sensed.frequencies.tolist()), eps=tuple(curve.tolist()),
-        unproven="an estimate from the errors of the bodies", measure=sensed.measure,
+        unproven=f"an estimate from the errors of the bodies{machine.exact}", measure=sensed.measure,
         loss_factor=damping_of_errors(machine) or 0.0, beside_damping=True,
     )  # fmt: skip
     return accuracy, rows

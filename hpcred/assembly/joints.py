@@ -75,6 +75,9 @@ class MachineBody:
         Names for nodes by number, such as {foot = 20}.
     kind : {"reduced", "measured"}, default "reduced"
         What the file is.
+    exact : bool, default False
+        Whether the result counts as exact in the error of the machine, as of a superelement of another program, in
+        whose file nothing is known of its error.
 
     Raises
     ------
@@ -88,9 +91,12 @@ class MachineBody:
     turn: Turn | None = None
     nodes: dict[str, int] = field(default_factory=dict)
     kind: Literal["reduced", "measured"] = "reduced"
+    exact: bool = False
 
     def __post_init__(self):
-        as_declared(self, "body.", keys=("name", "position", "turn", "kind", "nodes"))
+        as_declared(self, "body.", keys=("name", "position", "turn", "kind", "nodes", "exact"))
+        if self.exact and self.kind == "measured":
+            raise InputError(f"body.exact: body '{self.name}' is measured, and has no coordinates; leave it out")
         for key, name in (("name", self.name), *(("nodes", name) for name in self.nodes)):
             if not name or set(name) & set(".: /") or not name.isprintable() or name == GROUND:
                 raise InputError(f"body.{key}: found {ascii(name[:40])}, expected a word without '.', ':', '/' and "

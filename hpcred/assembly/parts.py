@@ -29,6 +29,7 @@ from .joints import GROUND, SIX, MachineBody, matrix_of
 
 ROUND_OFF = 1e-9  # of direction cosines, and of C - B^T
 FASTEST = 1e5  # m/s: lengths times frequencies are below the speed of waves, 1.8e4 at most
+UNDAMPED = 2e-3  # loss factor of bodies without damping where errors are measured
 UNFELT = 1e100  # scales that measures give to inputs and outputs without response
 
 
@@ -49,8 +50,8 @@ class Part:
 
     `model`: in axes of the body, with rigid-body motions, at all values of its parameters. `inputs`, `outputs`: see
     Channels. `places` of its nodes by label, in the machine. `elastic`: the model that its `accuracy` speaks of; None
-    where there is none. `rigid_motions` (6, k) about `origin` in its axes: the first k coordinates, which were put
-    before those of the result.
+    where there is none, or the result counts as `exact`. `rigid_motions` (6, k) about `origin` in its axes: the
+    first k coordinates, which were put before those of the result.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Part:
     rigid_motions: np.ndarray = field(default_factory=lambda: np.zeros((6, 0)))
     origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
     warnings: tuple[str, ...] = ()
+    exact: bool = False
 
     @property
     def size(self) -> int:
@@ -106,7 +108,7 @@ class Part:
     @property
     def eps(self) -> float:
         """The error that the body is known to have."""
-        return self.accuracy.largest + self.accuracy.noise
+        return 0.0 if self.exact else self.accuracy.largest + self.accuracy.noise
 
     def scales(self, s: np.ndarray, f: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return h (S, r) and g (S, p) at s (S,), |E_ji| <= h_j g_i, over frequencies f (S,) within `reach` (Hz).
@@ -114,6 +116,8 @@ class Part:
         The errors of directions are those of the record, and at no frequency more than its curve: with symmetric
         matrices |E_ji| is at most the error of either direction, and so at most their geometric mean.
         """
+        if self.exact:
+            return np.zeros((len(s), len(self.outputs.names))), np.zeros((len(s), len(self.inputs.names)))
         parts, states = self.elastic.output_parts, self.elastic.states(s)
         orders = orders_of(parts)
         measure: Measure = self.accuracy.measure
@@ -138,9 +142,13 @@ class Part:
         high = np.minimum(np.searchsorted(lines, f + reach), len(lines) - 1)
         return np.array([eps[i : j + 1].max() for i, j in zip(low, high, strict=True)]) + self.accuracy.noise
 
-    def as_measured(self) -> Part:
-        """Return the body at the reference, with the damping that its error was measured with."""
-        return self if self.accuracy is None else replace(self, model=as_measured(_base(self.model), self.accuracy))
+    def as_measured(self, loss_factor: float = UNDAMPED) -> Part:
+        """Return the body at the reference, with the damping that its error was measured with; an exact one without
+        damping with `loss_factor`, that of the others."""
+        if self.accuracy is not None:
+            return replace(self, model=as_measured(_base(self.model), self.accuracy))
+        damped = self.model.D.any() or self.model.loss_factor or self.model.added
+        return replace(self, model=replace(_base(self.model), loss_factor=loss_factor)) if not damped else self
 
 
 def _base(reduced: ReducedModel) -> ReducedModel:
@@ -179,7 +187,7 @@ def part_of(body: MachineBody, result: Any) -> Part:
                      for kind in kinds]  # fmt: skip
     # axes of the machine, and what is known of its error
     turn = matrix_of(body.turn)
-    accuracy = None if reduced.record is None else reduced.record.accuracy
+    accuracy = None if reduced.record is None or body.exact else reduced.record.accuracy
     elastic = None
     if accuracy is not None:
         elastic = elastic_part(as_measured(_base(reduced), accuracy))
@@ -188,7 +196,7 @@ def part_of(body: MachineBody, result: Any) -> Part:
         inputs=_channels(body.name, inputs, turn), outputs=_channels(body.name, outputs, turn),
         places={node: turn @ place + body.position for node, place in places.items()}, turn=turn,
         shift=np.array(body.position), labels=labels, elastic=elastic,
-        accuracy=accuracy, rigid_motions=motions, origin=origin, warnings=tuple(warnings),
+        accuracy=accuracy, rigid_motions=motions, origin=origin, warnings=tuple(warnings), exact=body.exact,
     )  # fmt: skip
 
 

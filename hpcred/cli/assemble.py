@@ -26,7 +26,8 @@ def assemble(
     """Put reduced bodies together with rigid joints, bushings and masses, and estimate the error of the whole."""
     report = hpcred.assemble_file(file, overrides=set_ or [], progress=session.progress())
     session.verdict(report["sentence"], report["reached"])
-    show_table("Errors of the bodies", report["budget"])
+    show_table("Errors of the bodies", [{key: "not known" if value is None else value for key, value in row.items()}
+                                        for row in report["budget"]])  # fmt: skip
     if "size" in report:
         frequencies = report["pseudo_frequencies_hz"]
         lowest = ", ".join(f"{f:.6g}" for f in frequencies[:LOWEST])

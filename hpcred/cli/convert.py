@@ -48,6 +48,9 @@ def convert(
     variables: Variables = None,
     units: FileUnits = "SI",
     terms: DeclaredTerms,
+    superelement: Annotated[
+        bool, typer.Option("--superelement", help="The body is reduced already: write a result.")
+    ] = False,
     list_formats: Annotated[bool, typer.Option("--list-formats", help="Say what can be read, and stop.")] = False,
     json: JsonFile = None,
 ):
@@ -79,8 +82,8 @@ def convert(
         raise InputError(f"convert: {', '.join(besides)} belong to -K and -M only, found with {files[0]}")
     source = files[0] if files else hpcred.settings.Source(**matrices.given, variables=variables)
     # the tables of what was made
-    report = hpcred.convert(source, output, variables=variables, units=units, progress=session.progress(),
-                            **ends.given, **terms.given)  # fmt: skip
+    report = hpcred.convert(source, output, variables=variables, units=units, superelement=superelement,
+                            progress=session.progress(), **ends.given, **terms.given)  # fmt: skip
     show_report(output, {key: value for key, value in report.items() if key != "output"})
     session.warn(report["warnings"])
     session.write_json(json, report)

@@ -6,7 +6,7 @@ the name of the body before their own.
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 
@@ -23,12 +23,22 @@ from .result_file import FORMAT, SCHEMA, VERSION, Result
 LABELS = ("node", "direction", "position")
 
 
+@contextmanager
+def _file(result: Result):
+    """Open the file of a result; there is none of a superelement in memory."""
+    if result.path is None:
+        yield {}
+        return
+    with reading(result.path, FORMAT, VERSION, SCHEMA) as file:
+        yield file
+
+
 def first_numbers(results: list[Result], comm) -> list[int]:
     """Return what is added to the node numbers of each result. Collective."""
     largest = np.array([max([shape.node for shape in result.nodes], default=0) for result in results])
     with agreed(comm):
         for k, result in enumerate(results):
-            with reading(result.path, FORMAT, VERSION, SCHEMA) as file:
+            with _file(result) as file:
                 for node in (file[key] for key in ("dofs/node", "held/node") if key in file):
                     largest[k] = max(largest[k], node[slice(*row_range(comm, len(node)))].max(initial=0))
     return [0, *np.cumsum(np.max(comm.allgather(largest), axis=0))[:-1].tolist()]
@@ -56,7 +66,7 @@ def write_basis_of_machine(file, comm, results, parts: list[Part], T, numbers):
     with ExitStack() as stack, agreed(comm):
         for result, part, number, X, by_node in zip(results, parts, numbers, _parts_of(T, parts), ordered, strict=True):
             # the files stay open, since what is read of them is written at the end
-            of = stack.enter_context(reading(result.path, FORMAT, VERSION, SCHEMA))
+            of = stack.enter_context(_file(result))
             if "basis/V" not in of or "dofs" not in of:
                 continue
             rows = _rows_of_rank(of["dofs/node"], by_node["dofs"], comm)
@@ -100,7 +110,7 @@ def _ordered(results, comm) -> list[dict[str, bool]]:
     ordered = np.ones((len(results), 2), dtype=bool)
     with agreed(comm):
         for k, result in enumerate(results):
-            with reading(result.path, FORMAT, VERSION, SCHEMA) as file:
+            with _file(result) as file:
                 for j, node in enumerate(file.get(f"{group}/node", np.zeros(0)) for group in ("dofs", "held")):
                     first, last = row_range(comm, len(node))
                     ordered[k, j] = (np.diff(node[max(first - 1, 0) : last].astype(float)) >= 0).all()

@@ -100,8 +100,8 @@ class Result:
 
     Attributes
     ----------
-    path : Path
-        Of the file.
+    path : Path or None
+        Of the file; None for a superelement in memory, which has no basis.
     reduced : ReducedModel
         With its record.
     floating_frame : FloatingFrame or None
@@ -122,7 +122,7 @@ class Result:
         How these were made.
     """
 
-    path: Path
+    path: Path | None
     reduced: ReducedModel
     floating_frame: FloatingFrame | None = None
     nodes: list[NodeShape] = field(default_factory=list)

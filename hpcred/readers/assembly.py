@@ -37,7 +37,7 @@ def assemble(
 
     Labelled rows are ordered by node and direction. `variables`: see Source. Raises InputError.
     """
-    _number_rows(comm, parts)
+    number_rows(comm, parts)
     size = common_size(parts)
     if comm.size > size:
         raise InputError(f"{name}: {size} rows cannot be distributed over {comm.size} ranks; use fewer ranks")
@@ -133,7 +133,7 @@ def _refuse_half(comm, key, parts):
         )
 
 
-def _number_rows(comm, parts):
+def number_rows(comm, parts):
     """Replace labels by row numbers, the same for all matrices."""
     labelled = {key: isinstance(item, LabelledEntries) for key, item in parts.matrices.items()}
     if not any(labelled.values()):

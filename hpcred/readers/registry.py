@@ -13,6 +13,7 @@ from ..parallel.plugins import OWN, Registry, blamed
 from .base import Reader
 
 OURS = (
+    "abaqus.user_element:UserElement",
     "input_file:AbaqusInput",
     "calculix.matrix_storage:MatrixStorage",
     "matrices.matrix_market:MatrixMarket",

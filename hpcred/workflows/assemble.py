@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
-from datetime import datetime, timezone
 
 import numpy as np
 
@@ -57,7 +56,8 @@ class Assembly:
     accuracy : Accuracy or None
         The estimated error.
     budget : list of dict
-        For each body its error, by how much the machine multiplies it, and with a tolerance the error it would need.
+        For each body its error, None where it is not known, what the machine makes of it, and with a tolerance the
+        error it would need; 0 for a body that counts as exact.
     warnings : list of str
     nodes : list of NodeShape
         The interfaces in the coordinates of `reduced`.
@@ -138,11 +138,13 @@ class Assembly:
         asked = f" (tolerance {accuracy.tolerance:g})" if "needs" in self.budget[0] else ""
         again = f"; {accuracy.stopped}" if accuracy.stopped else ""
         return (f"{'' if accuracy.reached else 'NOT REACHED: '}largest error of the machine {size}{asked} over "
-                f"{accuracy.band[0]:g} to {accuracy.band[1]:g} Hz, estimated from its bodies{again}")  # fmt: skip
+                f"{accuracy.band[0]:g} to {accuracy.band[1]:g} Hz, estimated from its bodies"
+                f"{self.machine.exact}{again}")  # fmt: skip
 
     def __str__(self):
         size = "responses of measured bodies" if self.reduced is None else f"{self.reduced.size} coordinates"
-        of = ", ".join(f"{row['body']} {row['error']:.1e}" for row in self.budget)
+        of = ", ".join(f"{row['body']} {'not known' if row['error'] is None else format(row['error'], '.1e')}"
+                       for row in self.budget)  # fmt: skip
         return "\n".join([f"machine of {', '.join(self.machine.parts)}: {size}", self.sentence,
                           *([f"errors of the bodies: {of}"] * bool(of))])  # fmt: skip
 
@@ -252,6 +254,7 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
             warnings.append("the error of the machine is estimated at the reference values of its parameters")
     else:
         warnings.append(f"the error of the machine is not estimated: {why}")
+        budget = [{"body": part.name, "error": part.eps if part.exact or part.accuracy else None} for part in parts]
     return Assembly(machine=machine, band=band, reduced=reduced, accuracy=accuracy, budget=budget, warnings=warnings,
                     T=T)  # fmt: skip
 
@@ -298,18 +301,14 @@ def _record(results, parts, numbers, made: Assembly, progress, comm) -> Record:
     unstable = reduced.unstable_poles()
     if len(unstable):
         warnings = [*warnings, f"the machine is unstable: {len(unstable)} poles in the right half-plane"]
-    return Record(
-        date=datetime.now(timezone.utc).isoformat(timespec="seconds"), versions=versions(), scalar="real",
-        ranks=comm.size, petsc_options={}, model=f"a machine of {', '.join(part.name for part in parts)}",
-        size=sum(record.size if record else 0 for record in records), free_size=reduced.size,
+    return Record.without_reduction(
+        reduced, ranks=comm.size, model=f"a machine of {', '.join(part.name for part in parts)}",
+        size=sum(record.size if record else 0 for record in records),
         nonzeros=sum(record.nonzeros if record else 0 for record in records),
-        rigid_body_modes=int((reduced.frequencies == 0).sum()), symmetry_defects={}, inputs=reduced.input_names,
-        outputs=reduced.output_names, frame=NoFrame(), damping=GivenDamping(), basis=(), projection="one_sided",
-        deflation_tolerance=0.0, drop_above=None, groups=1, components=(), factorisations=(), symbolic_analyses=0,
+        rigid_body_modes=int((reduced.frequencies == 0).sum()), frame=NoFrame(), damping=GivenDamping(),
         orthonormality_defect=float(np.abs(np.diag(np.diag(reduced.M)) - reduced.M).max()),
         unstable_poles=tuple((root.real, root.imag) for root in unstable), warnings=tuple(warnings),
-        timing=progress.timing(), interface_nodes=nodes,
-        accuracy=accuracy,
+        timing=progress.timing(), interface_nodes=nodes, accuracy=accuracy,
     )  # fmt: skip
 
 

@@ -4,28 +4,40 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from ..analysis.summary import inspect
 from ..files.model_file import FORMAT, write_model
 from ..files.outputs import check_outputs, hdf5_kind
+from ..files.result_file import FORMAT as OF_RESULTS
+from ..files.result_file import write_result
 from ..files.together import rescued
 from ..model.units import SI, in_si, units_of
 from ..parallel.declared import flattened
+from ..parallel.failures import InputError
 from ..parallel.plugins import OWN
 from ..parallel.progress import Progress
 from ..readers.model_source import load_export, load_source
 from ..readers.registry import READERS, readers_of
+from ..readers.superelements import read_superelement
 from ..settings.declared_terms import DeclaredTerms
 from ..settings.source import Source
 from .keywords import FileUnits, InputsAndOutputs, Variables
 from .model_of_job import with_declared_terms
 from .workflow import workflow
 
+NOT_FOR_SUPERELEMENTS = (
+    "superelement: has all directions of its nodes as inputs and outputs, and symmetric matrices K, M and D; leave out "
+    "inputs, outputs, B, C, viscoelastic and circulatory"
+)
+
 
 @workflow
 @flattened
 def convert(
     source: Source | str | Path, output, *, ends: InputsAndOutputs, variables: Variables = None,
-    units: FileUnits = "SI", terms: DeclaredTerms, comm=None, progress: Progress | None = None,
+    units: FileUnits = "SI", terms: DeclaredTerms, superelement: bool = False, comm=None,
+    progress: Progress | None = None,
 ) -> dict:  # fmt: skip
     """Write a model file from matrix files, or from the main file of a finite-element export. Collective.
 
@@ -44,12 +56,15 @@ def convert(
         Parts with their matrix files, as in a job.
     circulatory : bool
         Whether K may be unsymmetric.
+    superelement : bool
+        Whether the files are a body that is reduced already: the output is a result with all its coordinates, whose
+        nodes are interfaces.
 
     Returns
     -------
     dict
         The report of inspect on the model: plain numbers for a table or JSON, with `sentences` on them and `warnings`
-        of what looks wrong.
+        of what looks wrong; of a superelement its nodes, coordinates and frequencies.
 
     Raises
     ------
@@ -59,7 +74,12 @@ def convert(
     system = units_of(units)
     # nothing that is read may be the output
     reads = source.files if isinstance(source, Source) else [source]
-    check_outputs({output: hdf5_kind(FORMAT)}, comm, [*reads, *terms.files], progress=progress)
+    reads = [*reads, *terms.files]
+    check_outputs({output: hdf5_kind(OF_RESULTS if superelement else FORMAT)}, comm, reads, progress=progress)
+    if superelement:
+        if any(ends.given.values()) or any(terms.given.values()):
+            raise InputError(NOT_FOR_SUPERELEMENTS)
+        return _superelement(source, output, variables, units, comm, progress)
     # the model in SI, with what the files do not say
     name = Path(output).name
     with progress.stage("read", source.K if isinstance(source, Source) else str(source)):
@@ -86,6 +106,27 @@ def convert(
         with progress.stage("write", str(output)):
             rescued(lambda place: write_model(place, model), output, comm)
         return {"output": str(output), **report}
+
+
+def _superelement(source, output, variables, units, comm, progress) -> dict:
+    """Write a superelement as a result. Collective."""
+    if isinstance(source, Source) and any((source.B, source.C, source.Cv, source.Ca)):
+        raise InputError(NOT_FOR_SUPERELEMENTS)
+    with progress.stage("read", source.K if isinstance(source, Source) else str(source)):
+        result = read_superelement(source, comm, variables=variables, units=units)
+    reduced, record = result.reduced, result.reduced.record
+    warnings = [*record.warnings, *comm.bcast(READERS.broken)]
+    with progress.stage("write", str(output)):
+        rescued(lambda place: write_result(place, reduced, nodes=result.nodes), output, comm)
+    others = [node.label for node in result.nodes if node.label not in {item.name for item in reduced.interfaces}]
+    placed = len(reduced.input_names)
+    return {
+        "output": str(output), "size": reduced.size, "nodes_with_six_directions": [i.name for i in reduced.interfaces],
+        "other_nodes": others, "coordinates_without_place": reduced.size - placed,
+        "rigid_body_modes": record.rigid_body_modes,
+        "lowest_frequencies_hz": np.sort(reduced.frequencies)[:10].tolist(),
+        "warnings": warnings,
+    }  # fmt: skip
 
 
 def list_formats() -> list[dict]:

@@ -442,7 +442,8 @@ TYPED = {  # pages whose commands run here, on small models of these names
 }
 TYPED_ELSEWHERE = {  # why the commands of a page do not run here
     **dict.fromkeys(
-        ("README.md", "gallery.md", "tutorial/1-lever.md", "tutorial/2-crank.md", "tutorial/3-stress.md"),
+        ("README.md", "gallery.md", "tutorial/1-lever.md", "tutorial/2-crank.md", "tutorial/3-stress.md",
+         "tutorial/4-machine.md"),
         "test_tutorials runs them, and compares what they print",
     ),
     **dict.fromkeys(
@@ -450,10 +451,13 @@ TYPED_ELSEWHERE = {  # why the commands of a page do not run here
          "formats-nastran.md", "units.md"),
         "take files of other programs; tests/readers has small ones",
     ),
+    "assembly.md": "takes files of other programs; tests/assembly has them",
     "bearings.md": "is a command of the gallery",
     "campbell.md": "takes results over a speed; tests/workflows/test_campbell.py has them",
     "cluster.md": "plans a cube of 10^7 dofs; tests/workflows/test_plan.py runs them",
     "evidence.md": "takes files of publishers",
+    "export-chrono.md": "takes a model; tests/examples/test_chrono.py has its script",
+    "export-modelica.md": "takes a model; benchmarks/embslib.py has the same command",
     "export-fmu.md": "needs a compiler; tests/writers has the same command",
     "export-openfast.md": "takes loads over time; tests/writers has them",
     "geometric-stiffness.md": "takes bodies of solids under load; tests/body has them",

@@ -30,6 +30,7 @@ def said(text):
         pytest.param(DOCS / "tutorial" / "1-lever.md", marks=[pytest.mark.ccx, needs_programs]),
         pytest.param(DOCS / "tutorial" / "2-crank.md", marks=pytest.mark.slow),
         pytest.param(DOCS / "tutorial" / "3-stress.md", marks=[pytest.mark.ccx, needs_programs, needs_exudyn]),
+        pytest.param(DOCS / "tutorial" / "4-machine.md", marks=[pytest.mark.ccx, needs_programs]),
         pytest.param(DOCS / "gallery.md", marks=[pytest.mark.slow, pytest.mark.chromium, needs_browser]),
         ROOT / "README.md",
     ],

@@ -31,7 +31,7 @@ def said(capsys, *arguments):
 def test_every_format_is_in_the_table_with_what_tells_it(capsys):
     table = said(capsys, "convert", "--list-formats")
     rows = package.list_formats()
-    assert len(rows) == len(readers_of("model")) + len(readers_of("matrix")) == 18
+    assert len(rows) == len(readers_of("model")) + len(readers_of("matrix")) == 19
     assert all(row["format"] and row["told by"] for row in rows)
     assert "MATLAB .mat" in table and "CalculiX" in table and "%%MatrixMarket" in table
 

@@ -154,6 +154,18 @@ class Record:
     digests: dict[str, str] = field(default_factory=dict)
     units: str = ""
 
+    @classmethod
+    def without_reduction(cls, reduced, **known) -> Record:
+        """Return the record of a model that no reduction made, but that was put together of others, or read."""
+        neutral = {
+            "date": datetime.now(timezone.utc).isoformat(timespec="seconds"), "versions": versions(), "scalar": "real",
+            "ranks": 1, "petsc_options": {}, "free_size": reduced.size, "symmetry_defects": {}, "inputs":
+            reduced.input_names, "outputs": reduced.output_names, "basis": (), "projection": "one_sided",
+            "deflation_tolerance": 0.0, "drop_above": None, "groups": 1, "components": (), "factorisations": (),
+            "symbolic_analyses": 0, "orthonormality_defect": 0.0, "unstable_poles": (), "warnings": (),
+        }  # fmt: skip
+        return cls(**neutral | known)
+
     def away_from_reference(self) -> Record:
         """Return the record of the model at other values of its parameters, where of the error over the frequencies no
         more is known than the largest one over all values."""

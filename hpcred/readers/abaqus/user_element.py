@@ -1,0 +1,201 @@
+"""Read a substructure that is written as a linear user element: its matrices, and the node and dof of each row.
+
+Abaqus writes it by *SUBSTRUCTURE MATRIX OUTPUT, CalculiX by *SUBSTRUCTURE GENERATE (stiffness only), hpcred by its
+export. Below *USER ELEMENT stand the dofs of the first node, and then each place in the list of nodes from which on
+there are others. The list is a comment (** ELEMENT NODES) or the line of *ELEMENT; CalculiX lists a node once for each
+dof. A matrix has its upper triangle column by column, all of it with UNSYMM (Abaqus Keywords Reference, *MATRIX). The
+files are small, and are read by rank 0.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ...fe.dofs import SCALAR
+from ...files.text import first_bytes, open_unpacked, shown
+from ...parallel.decisions import decided
+from ...parallel.failures import InputError, agreed
+from ..base import Reader
+from ..entries import LabelledEntries, label_of
+from ..parts import Parts
+from . import input_file
+
+START = re.compile(rb"(?mi)^[ \t]*\*[ \t]*USER ELEMENT[^\n]*\bLINEAR\b")
+KEYWORD = re.compile(r"(?m)^[ \t]*\*(?!\*)[^\n]*\n?")
+LISTED = re.compile(r"(?mi)^\*\*[ \t]*ELEMENT NODES[ \t]*\n((?:\*\*[ \t]*\d[\d, \t]*(?:\n|$))+)")
+MODAL = re.compile(r"(?mi)^\*\*[ \t]*modal coordinates[ \t]*\n(?:[ \t]*\d[^\n]*\n?)*")  # of our own export
+KEYS = {"STIFFNESS": "K", "MASS": "M", "VISCOUSDAMPING": "D", "DAMPING": "D"}
+OF_CALCULIX = "GENERATION OF SUBSTRUCTURE"
+
+
+def begins(start: bytes) -> bool:
+    """Test whether a text that starts so has a linear user element."""
+    return START.search(start) is not None
+
+
+def read(path, comm) -> Parts:
+    """Return the matrices of a user element, with the nodes of the file or of the input file beside it. Collective.
+
+    Raises InputError.
+    """
+    path = Path(path)
+    node, dof, matrices, remarks, of_calculix = decided(comm, _content, path)
+    # nodes with a place are those of the substructure; others are internal to it, as of its modes
+    with agreed(comm):
+        file = path if _has_nodes(path) else _input_beside(path)
+    mesh = None if file is None else input_file.read(file, comm, calculix=of_calculix)
+    parts = Parts(
+        dict.fromkeys(matrices), dict.fromkeys(matrices, str(path)), warnings=remarks if comm.rank == 0 else []
+    )
+    placed = np.unique(node)
+    if mesh is not None:
+        inside = decided(comm, _modal_nodes, path)
+        there = ~np.isin(mesh.nodes.label, inside)
+        parts.nodes = type(mesh.nodes).as_given(comm, mesh.nodes.label[there], mesh.nodes.position[there])
+        parts.sets = mesh.sets
+        parts.warnings += [f"nodes are those of {file}"] * (comm.rank == 0)
+        placed = np.concatenate(comm.allgather(parts.nodes.label))
+    modal = ~np.isin(node, placed)
+    label = np.where(
+        modal, label_of(node.max() + np.cumsum(modal), np.full(len(node), SCALAR)), label_of(node, dof - 1)
+    )
+    for key, matrix in matrices.items():
+        i, j = np.nonzero(matrix) if comm.rank == 0 else (np.zeros(0, np.int64),) * 2
+        parts.matrices[key] = LabelledEntries(label[i], label[j], matrix[i, j])
+    return parts
+
+
+def _content(path):
+    """Return node and dof of each row, matrices by key, remarks, and whether CalculiX wrote the file."""
+    with open_unpacked(path) as file:
+        text = file.read().decode("latin-1").replace("\r\n", "\n")
+    blocks = _blocks(text)
+    elements = [block for block in blocks if block[0] == "USERELEMENT"]
+    if len(elements) != 1:
+        raise InputError(f"{path}: found {len(elements)} user elements, expected one, of one substructure; matrices "
+                         "element by element are no superelement")  # fmt: skip
+    _, given, body = elements[0]
+    nodes = _nodes(path, text, blocks, given)
+    node, dof = _rows(path, nodes, body)
+    labels = np.stack([node, dof], axis=1)
+    if len(np.unique(labels, axis=0)) < len(labels):
+        twice, counts = np.unique(labels, axis=0, return_counts=True)
+        raise InputError(f"{path}: found node {twice[counts > 1][0, 0]}, dof {twice[counts > 1][0, 1]} in two rows, "
+                         "expected one row each")  # fmt: skip
+    matrices, remarks = {}, []
+    for keyword, given, body in blocks:
+        if keyword != "MATRIX":
+            continue
+        kind = given.get("TYPE", "").replace(" ", "")
+        if kind not in KEYS:
+            remarks.append(f"{path}: a matrix of type {given.get('TYPE', 'none')} was not read")
+            continue
+        if KEYS[kind] in matrices:
+            raise InputError(f"{path}: found two matrices of type {given['TYPE']}, expected one")
+        matrices[KEYS[kind]] = _matrix(path, given["TYPE"], body, len(node), "UNSYMM" in elements[0][1])
+    if "K" not in matrices:
+        raise InputError(f"{path}: found no *MATRIX, TYPE=STIFFNESS, expected one; ask for STIFFNESS=YES in "
+                         "*SUBSTRUCTURE MATRIX OUTPUT")  # fmt: skip
+    if "M" not in matrices:
+        remarks.append(f"{path}: found no mass matrix: the substructure is a spring between its nodes, without mass")
+        matrices["M"] = np.zeros_like(matrices["K"])
+    return node, dof, matrices, remarks, OF_CALCULIX in text
+
+
+def _blocks(text):
+    """Return keyword, parameters and data of each keyword."""
+    found, starts = [], list(KEYWORD.finditer(text))
+    for match, after in zip(starts, [*starts[1:], None], strict=True):
+        keyword, *parameters = match[0].strip().lstrip("* \t").upper().rstrip(",").split(",")
+        given = {key.strip(): value.strip() for key, _, value in (item.partition("=") for item in parameters)}
+        body = text[match.end() : after.start() if after else len(text)]
+        found.append((keyword.replace(" ", ""), given, re.sub(r"(?m)^[ \t]*\*\*[^\n]*\n?", "", body)))
+    return found
+
+
+def _nodes(path, text, blocks, given) -> np.ndarray:
+    """Return the list of nodes (k,) of the element."""
+    listed = LISTED.search(text)
+    if listed:
+        nodes = [int(word) for word in re.findall(r"\d+", listed[1])]
+    else:
+        lines = [body for keyword, _, body in blocks if keyword == "ELEMENT"]
+        nodes = [int(word) for word in re.findall(r"\d+", lines[0])][1:] if lines else []
+    if str(len(nodes)) != given.get("NODES"):
+        raise InputError(f"{path}: found {len(nodes)} nodes of the user element, expected NODES={given.get('NODES')} "
+                         "in a comment ** ELEMENT NODES or below *ELEMENT")  # fmt: skip
+    return np.array(nodes, np.int64)
+
+
+def _rows(path, nodes, body):
+    """Return node and dof of each row, from the lines below *USER ELEMENT."""
+    lines = [line for line in body.splitlines() if line.strip()]
+    try:
+        numbers = [[int(word) for word in line.split(",") if word.strip()] for line in lines]
+        first, *changes = numbers
+        starts, dofs = [1, *(line[0] for line in changes)], [first, *(line[1:] for line in changes)]
+        if (
+            sorted(set(starts)) != starts
+            or starts[-1] > len(nodes)
+            or not all(1 <= d <= 6 for item in dofs for d in item)
+        ):
+            raise ValueError
+    except ValueError as error:
+        raise InputError(f"{path}: found the lines '{shown(' / '.join(lines).encode('latin-1'))}' below *USER ELEMENT, "
+                         "expected the dofs (1 to 6) of the first node, and then places in the list of nodes with the "
+                         "dofs from there on") from error  # fmt: skip
+    # a place holds until the next one, and an empty line of dofs for nodes without any
+    which = np.searchsorted(starts, np.arange(1, len(nodes) + 1), side="right") - 1
+    pairs = [(node, d) for node, k in zip(nodes.tolist(), which, strict=True) for d in dofs[k]]
+    return np.array(pairs, np.int64).reshape(-1, 2).T
+
+
+def _matrix(path, kind, body, size, unsymmetric) -> np.ndarray:
+    """Return a matrix (size, size)."""
+    try:
+        values = np.array(re.sub(r"[dD]([-+]\d)", r"e\1", body).replace(",", " ").split(), dtype=float)
+    except ValueError as error:
+        raise InputError(f"{path}: {kind}: {error}; the file is damaged") from error
+    expected = size**2 if unsymmetric else size * (size + 1) // 2
+    if len(values) != expected:
+        raise InputError(f"{path}: found {len(values)} numbers of {kind}, expected {expected} for {size} rows; the "
+                         "file is cut off or damaged")  # fmt: skip
+    if unsymmetric:
+        return values.reshape(size, size).T
+    matrix = np.zeros((size, size))
+    matrix.T[np.tril_indices(size)] = values  # the upper triangle, column by column
+    return matrix + np.triu(matrix, 1).T
+
+
+def _has_nodes(path) -> bool:
+    with open_unpacked(path) as file:
+        return re.search(rb"(?mi)^[ \t]*\*[ \t]*NODE[ \t]*(?:,|$)", file.read().replace(b"\r", b"")) is not None
+
+
+def _modal_nodes(path) -> list[int]:
+    """Return nodes that hpcred's export gives to modal coordinates, which are no places."""
+    with open_unpacked(path) as file:
+        found = MODAL.search(file.read().decode("latin-1"))
+    return [] if found is None else [int(line.split(",")[0]) for line in found[0].splitlines()[1:]]
+
+
+def _input_beside(path):
+    """Return the input file of the run, of the same name or the only one in the folder; None where there is none."""
+    others = [item for item in sorted(path.parent.glob("*.inp")) if item != path and not begins(first_bytes(item))]
+    same = [item for item in others if item.stem == path.stem]
+    found = same or others
+    if len(found) > 1:
+        raise InputError(f"{path}: found several input files beside it ({', '.join(item.name for item in found)}), "
+                         f"expected one, or {path.stem}.inp with its nodes")  # fmt: skip
+    return found[0] if found else None
+
+
+class UserElement(Reader):
+    """A substructure as a linear user element."""
+
+    name, told_by = "substructure of Abaqus or CalculiX as a user element", "*USER ELEMENT with LINEAR"
+    companions = "x.inp with the nodes, or the only .inp beside it"
+    begins, read_model = staticmethod(begins), staticmethod(read)

@@ -1,0 +1,238 @@
+"""Bodies that come reduced already: superelements of other programs as results and as bodies of machines."""
+
+import gzip
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import refused
+from scipy.linalg import eigh
+
+import hpcred
+from hpcred.assembly import BushingJoint, MachineBody, RigidJoint
+from hpcred.cli.main import run
+from hpcred.parallel.petsc import MPI
+from hpcred.readers import read_superelement
+from hpcred.readers.nastran import op4
+
+DATA = Path(__file__).parents[1] / "data"
+NODES = ((1, 0.0, 0.0, 0.0), (2, 0.5, 0.0, 0.0), (3, 0.5, 0.2, 0.1))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Files of two runs of Nastran, and an empty working folder for others."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("extseout", "external"):
+        for file in (DATA / "nastran" / name).iterdir():
+            content = file.read_bytes()
+            packed = file.suffix == ".gz"
+            (tmp_path / (file.stem if packed else file.name)).write_bytes(
+                gzip.decompress(content) if packed else content
+            )
+    return tmp_path
+
+
+def read(path, **more):
+    return read_superelement(path, MPI.COMM_SELF, **more)
+
+
+def test_superelements_of_one_run_put_together_are_its_residual_structure(folder, capsys):
+    """Nastran's own frequencies, of superelements with displacement systems of their own, by rigid joints."""
+    for k in (1, 2):
+        command = ["convert", "nas2cam.op4", f"se{k}.h5", "--superelement", "--variables", f"K=KAA:{k},M=MAA:{k}"]
+        assert run(command) == 0
+    said = capsys.readouterr().out
+    assert "3, 11, 19, 27" in said and re.search(r"coordinates without place +22", said)
+    bodies = [MachineBody(name=name, result=f"se{k}.h5") for k, name in ((1, "out"), (2, "in"))]
+    joints = [RigidJoint(bodies=(f"out.{node}", f"in.{node}")) for node in (3, 11, 19, 27)]
+    made = hpcred.assemble(bodies, joints)
+    comm = MPI.COMM_SELF
+    listed = {matrix.name: matrix for matrix in op4.contents("nas2cam.op4", comm)}
+    known = np.sqrt(np.maximum(op4.read_matrix("nas2cam.op4", comm, listed["LAMBDA"]).values[-48:], 0)) / (2 * np.pi)
+    assert made.reduced.size == 54 == read("nas2cam.op4").reduced.size
+    assert made.reduced.frequencies[6:30] == pytest.approx(known[:24], rel=1e-6)
+    # nothing is known of their errors, unless they count as exact
+    assert made.accuracy is None and [row["error"] for row in made.budget] == [None, None]
+    with pytest.raises(
+        hpcred.InputError, match="body 'out' is not known; reduce it to a tolerance, or say exact = true"
+    ):
+        hpcred.assemble(bodies, joints, band=(0.0, 10.0), tolerance=1e-2)
+    exact = [MachineBody(name=item.name, result=item.result, exact=True) for item in bodies]
+    found = hpcred.assemble(exact, joints, band=(0.0, 10.0), tolerance=1e-2)
+    assert found.accuracy.largest == 0.0 and "where 'out' and 'in' count as exact" in found.sentence
+    assert "'out' and 'in' count as exact" in found.reduced.record.accuracy.measured
+
+
+@pytest.mark.parametrize("kind", ["nastran-op4", "nastran", "abaqus"])
+def test_an_external_superelement_is_written_as_one_of_ours(folder, kind):
+    """And read again: the same matrices, nodes and places, of EXTSEOUT with all digits."""
+    first = read("inboard.op4")
+    assert [item.node for item in first.reduced.interfaces] == [3, 11, 19, 27]
+    assert first.reduced.record.frame.kind == "buckens" and first.reduced.rigid_size == 6
+    Path("again").mkdir()
+    hpcred.write_result("again/body.h5", first.reduced, nodes=first.nodes)
+    again = read(hpcred.export("again/body.h5", kind)["output"])
+    digits = {"nastran-op4": 1e-14, "nastran": 1e-9, "abaqus": 1e-12}[kind]
+    for key in "MK":
+        one, other = (getattr(item.reduced, key) for item in (first, again))
+        assert np.abs(one - other).max() < digits * np.abs(one).max()
+    assert again.reduced.input_names == first.reduced.input_names
+    if kind == "abaqus":
+        assert run(["report", "again/body.h5", "-o", "body.html", "--pairs", "3:x/3:x"]) == 0
+    assert np.allclose([node.position for node in again.nodes], [node.position for node in first.nodes], atol=1e-9)
+
+
+def test_several_superelements_of_one_punch_file_are_chosen_by_their_matrices(folder):
+    first, text = read("inboard.op4"), ""
+    for more, name in ((0, "AAX"), (1000, "BBX")):
+        moved = tuple(replace(item, node=item.node + more) for item in first.reduced.interfaces)
+        hpcred.write_result("one.h5", replace(first.reduced, interfaces=moved), nodes=first.nodes)
+        text += Path(hpcred.export("one.h5", "nastran", f"{name}.pch")["output"]).read_text().replace("AAX", name)
+    Path("both.pch").write_text(text)
+    for more, name in ((0, "AA"), (1000, "BB")):
+        found = read("both.pch", variables={"K": f"K{name}X", "M": f"M{name}X"}).reduced
+        assert [item.node for item in found.interfaces] == [3 + more, 11 + more, 19 + more, 27 + more]
+        assert np.abs(found.K - first.reduced.K).max() < 1e-9 * np.abs(found.K).max()
+
+
+def substructure(K, M=None, lines=("1, 2, 3", "3, 1, 2, 3, 4, 5, 6"), nodes=(1, 2, 3, 9001), kind=", LINEAR", **more):
+    """The text of a substructure of Abaqus, whose last node has a mode."""
+
+    def half(matrix):
+        columns = (", ".join(f"{value:.16e}" for value in matrix[: j + 1, j]) for j in range(len(matrix)))
+        return "\n".join(f"{column}," for column in columns)
+
+    text = f"**\n** SUBSTRUCTURE Z1\n*USER ELEMENT, NODES= {len(nodes)}{kind}\n** ELEMENT NODES\n** "
+    text += ", ".join(map(str, nodes)) + "\n" + "\n".join(lines) + f"\n*MATRIX,TYPE=STIFFNESS\n{half(K)}\n"
+    for key, matrix in {"MASS": M, **more}.items():
+        text += "" if matrix is None else f"*MATRIX,TYPE={key}\n{half(matrix)}\n"
+    return text
+
+
+def write_run(text, nodes=NODES):
+    Path("sub.mtx").write_text(text)
+    lines = "\n".join(", ".join(map(str, node)) for node in nodes)
+    Path("job.inp").write_text(f"*NODE\n{lines}\n*NSET, NSET=TIP\n3\n*STEP\n*SUBSTRUCTURE GENERATE\n*END STEP\n")
+
+
+def test_a_substructure_of_abaqus_has_its_nodes_as_interfaces(tmp_path, monkeypatch):
+    """Two nodes of three directions, one of six with the name of its set, and a mode; in mm, t and s as in SI."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(1)
+    X = rng.normal(size=(2, 13, 13))
+    K, M = X @ X.transpose(0, 2, 1) + 5 * np.eye(13)
+    lines = ("1, 2, 3", "3, 1, 2, 3, 4, 5, 6", "4, 1")
+    write_run(substructure(K, M, lines, **{"VISCOUS DAMPING": 0.1 * K}))
+    found = read("sub.mtx")
+    order = [*range(6, 12), *range(6), 12]  # nodes with six directions first
+    assert np.allclose(found.reduced.K, K[np.ix_(order, order)], rtol=1e-14)
+    assert np.allclose(found.reduced.D, 0.1 * found.reduced.K) and np.allclose(found.reduced.M, M[np.ix_(order, order)])
+    assert found.reduced.input_names == tuple([f"TIP:{d}" for d in ("x", "y", "z", "rx", "ry", "rz")]
+                                              + [f"{node}:{d}" for node in (1, 2) for d in "xyz"])  # fmt: skip
+    assert [item.name for item in found.reduced.interfaces] == ["TIP"] and found.nodes[0].position.tolist() == [
+        0.5,
+        0.2,
+        0.1,
+    ]
+    squares = eigh(K, M, eigvals_only=True)
+    assert found.reduced.frequencies == pytest.approx(np.sqrt(squares) / (2 * np.pi))
+    # the same in other units: lengths 1e3, forces 1 (t mm/s^2 = N), so that a displacement in mm is 1e3 times that in m
+    g = np.array([*[1e-3] * 9, 1.0, 1.0, 1.0, 1e-3 * np.sqrt(1e3)])  # of a coordinate, in SI
+    in_mm = [np.outer(g, g) * matrix / size for matrix, size in ((K, 1e-3), (M, 1e-3))]
+    write_run(substructure(*in_mm, lines), [(node, *(1e3 * x for x in place)) for node, *place in NODES])
+    other = read("sub.mtx", units="mm,t,s")
+    assert np.allclose(other.reduced.K, found.reduced.K) and np.allclose(other.reduced.M, found.reduced.M)
+    assert np.allclose(other.nodes[0].position, found.nodes[0].position) and other.reduced.record.units == "mm,t,s"
+
+
+def test_a_substructure_of_calculix_is_a_spring_between_its_nodes(tmp_path, monkeypatch):
+    """CalculiX 2.20 writes the stiffness of the retained dofs, of which the list names a node once for each."""
+    monkeypatch.chdir(tmp_path)
+    for file in (DATA / "calculix").glob("substructure.*"):
+        shutil.copy(file, tmp_path)
+    found = read("substructure.mtx")
+    entries = np.loadtxt("substructure.sti")
+    K = np.zeros((24, 24))
+    i, j = entries[:, 0].astype(int) - 1, entries[:, 1].astype(int) - 1
+    K[i, j] = K[j, i] = entries[:, 2]
+    labels = [f"{dof.partition('.')[0]}:{'xyz'[int(dof.partition('.')[2]) - 1]}"
+              for dof in Path("substructure.dof").read_text().split()]  # fmt: skip
+    kept = np.array([labels.index(name) for name in found.reduced.input_names])
+    assert np.abs(found.reduced.K - K[np.ix_(kept, kept)]).max() < 1e-12 * np.abs(K).max()
+    assert not found.reduced.M.any() and any("without mass" in text for text in found.reduced.record.warnings)
+
+
+def test_a_spring_of_a_superelement_is_a_bushing(tmp_path, monkeypatch):
+    """Between two masses, one of which stands on springs."""
+    monkeypatch.chdir(tmp_path)
+    stiffness = np.diag([2e5, 1e5, 3e5])
+    write_run(substructure(np.kron([[1.0, -1.0], [-1.0, 1.0]], stiffness), nodes=(1, 2), lines=("1, 2, 3",)), NODES[:2])
+    spring = read("sub.mtx")
+    write_run(substructure(np.diag([1e4, 2e4, 3e4]), 2.0 * np.eye(3), nodes=(1,), lines=("1, 2, 3",)))
+    mass = read("sub.mtx")
+    bodies = [MachineBody(name="low", result=mass), MachineBody(name="high", result=mass, position=(0.5, 0.0, 0.0))]
+    shown = {"inputs": ["high.1"], "outputs": ["high.1"]}
+    one = hpcred.assemble([*bodies, MachineBody(name="s", result=spring)],
+                          [RigidJoint(bodies=(f"{name}.1", f"s.{k}"), directions="xyz")
+                           for k, name in ((1, "low"), (2, "high"))], **shown)  # fmt: skip
+    bodies[1] = MachineBody(name="high", result=mass)  # a bushing has no length
+    other = hpcred.assemble(bodies, [BushingJoint(bodies=("low.1", "high.1"), stiffness=np.diag(stiffness))], **shown)
+    lines = [0.0, 5.0, 14.0, 60.0]
+    assert np.allclose(one.frequency_response(lines), other.frequency_response(lines), rtol=1e-9, atol=1e-14)
+
+
+ONE = substructure(np.eye(3), np.eye(3), nodes=(1,), lines=("1, 2, 3",))
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    (ONE.replace("NODES= 1", "NODES= 2"), "found 1 nodes of the user element, expected NODES=2"),
+    (ONE[:-30], "numbers of MASS, expected 6 for 3 rows; the file is cut off or damaged"),
+    (ONE.replace("1, 2, 3\n", "1, 2, 9\n"), "expected the dofs (1 to 6) of the first node"),
+    (ONE.replace("1, 2, 3\n", "1, 1, 3\n"), "found node 1, dof 1 in two rows"),
+    (ONE + ONE, "found 2 user elements, expected one"),
+    (ONE.replace("STIFFNESS", "MASS", 1), "found two matrices of type MASS"),
+    (ONE.replace("STIFFNESS", "LOAD", 1), "found no *MATRIX, TYPE=STIFFNESS"),
+    (ONE.replace("1.0000000000000000e+00", "nan", 1), "nan"),
+    (ONE.replace("1.0000000000000000e+00", "1.0x", 1), "the file is damaged"),
+    (ONE.replace("** 1\n", "** 77\n"), "none of them a direction of a node"),
+])  # fmt: skip
+def test_bad_superelements_are_refused_in_one_sentence(tmp_path, monkeypatch, capsys, text, words):
+    monkeypatch.chdir(tmp_path)
+    write_run(text)
+    message = refused(capsys, "convert", "sub.mtx", "body.h5", "--superelement")
+    assert words in message and "Traceback" not in message and not Path("body.h5").exists()
+
+
+def test_what_is_no_superelement_is_refused(tmp_path, monkeypatch, capsys):
+    """Rows without names, too many rows, nodes without coordinates, loads beside it."""
+    monkeypatch.chdir(tmp_path)
+    for size, words in (
+        (4, "its rows are not named"),
+        (3001, "found 3001 rows, expected a superelement of at most 3000"),
+    ):
+        lines = "\n".join(f"{k} {k} 1.0" for k in range(1, size + 1))
+        Path("K.mtx").write_text(f"%%MatrixMarket matrix coordinate real general\n{size} {size} {size}\n{lines}\n")
+        assert words in refused(capsys, "convert", "-K", "K.mtx", "-M", "K.mtx", "body.h5", "--superelement")
+    Path("sub.mtx").write_text(ONE)
+    assert "the node 1, which has rows, has no coordinates" in refused(
+        capsys, "convert", "sub.mtx", "b.h5", "--superelement"
+    )
+    write_run(ONE)
+    told = refused(capsys, "convert", "sub.mtx", "b.h5", "--superelement", "--inputs", "1:x")
+    assert "superelement: has all directions of its nodes as inputs and outputs" in told
+    with pytest.raises(hpcred.InputError, match="body 'a' is measured, and has no coordinates"):
+        MachineBody(name="a", result="a.unv", kind="measured", exact=True)
+
+
+@pytest.mark.mpi
+def test_ranks_read_the_same_superelement(comm):
+    folder = DATA / "calculix"
+    found = read_superelement(folder / "substructure.mtx", comm).reduced
+    alone = read(folder / "substructure.mtx").reduced
+    assert np.array_equal(found.K, alone.K) and found.input_names == alone.input_names
+    with pytest.raises(hpcred.InputError, match="no such file"):
+        read_superelement(folder / "nothing.mtx", comm)
