@@ -180,16 +180,6 @@ def test_standard_streams_that_are_closed_or_full(folder, redirection, status, s
     assert package.read_result("result.h5").reduced.size == 2
 
 
-def test_a_table_whose_reader_is_gone_is_said(folder):
-    read, write = os.pipe()
-    os.close(read)
-    found = subprocess.run([sys.executable, "-m", "hpcred", "info", "model.h5"], stdout=write, stderr=subprocess.PIPE,
-                           text=True, timeout=60)  # fmt: skip
-    os.close(write)
-    assert found.returncode == 1
-    assert found.stderr.splitlines()[-1].startswith("hpcred: error: what was printed found no reader")
-
-
 def test_job_files_are_utf_8_in_any_locale(folder):
     text = 'job = "job.toml"  # \u00fc\nvary = [{key = "basis.0.count", values = [2]}]\n'
     Path("sweep.toml").write_text(text, encoding="utf-8-sig")

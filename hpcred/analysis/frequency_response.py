@@ -197,6 +197,19 @@ def _reduced(reduced, frequencies, response_at=None, comm=MPI.COMM_WORLD):
     return response
 
 
+def above_rest(frequencies: np.ndarray, response_at) -> tuple[np.ndarray, list[str]]:
+    """Return frequencies (F,) in Hz without 0 Hz where `response_at(s)` has no response there, as of a machine that
+    moves freely, and a sentence on it; all where there are no others."""
+    others = frequencies[frequencies > 0]
+    if len(others) in (0, len(frequencies)):
+        return frequencies, []
+    try:
+        response_at(np.zeros(1, dtype=complex))
+    except np.linalg.LinAlgError:
+        return others, ["0 Hz is left out: rigid-body motions have no response there"]
+    return frequencies, []
+
+
 def _parts(count, size):
     """Return slices of so many frequencies, a part of which is solved in one call."""
     step = max(TOGETHER // (16 * size * size), 1)

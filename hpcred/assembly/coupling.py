@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 
 from ..fe.dofs import SAME_PLACE
 from ..linalg.eigensolver import congruent
-from ..linalg.pencil import massless_last, modes_of
+from ..linalg.pencil import massless_last, modes_of, time_of
 from ..model.interfaces.motion import rigid_rows
 from ..model.laws.hysteretic import Hysteretic
 from ..model.laws.tabulated import Tabulated
@@ -33,7 +33,7 @@ from .parts import ROUND_OFF, UNDAMPED, Channels, Part, part_and_node
 
 REDUNDANT = 1e-9  # of a condition, what is left of it beside those before
 STILL = 1e-13  # of the largest squared frequency of coordinates with mass: rigid-body motion, but for round-off
-HEAVIEST = 1e8  # of soft conditions, of mass and stiffness at the highest frequency: STILL hides sqrt(1e-5) of that
+FAINT = 1e-11  # of the same: modes below it have lost five digits of sixteen
 MASSLESS = 1e-12  # of the largest mass, in coordinates that are scaled
 
 
@@ -119,8 +119,8 @@ class Machine:
         InputError."""
         # the modes at the reference of what rigid conditions leave free
         T = self._free(tau)
-        at = with_terms(*self._without_rigid(T)[:2], self.reference)
-        squares, X, without = _modes(at["K"], at["M"], tau)
+        squares, X, without = found = self._modes(T, tau)
+        self._require_seen(T, tau, found)
         if (squares < 0).any():
             raise InputError(f"the machine is unstable at rest: {(squares < 0).sum()} of its modes have a negative "
                              "stiffness, as of a body beyond buckling; give it more support")  # fmt: skip
@@ -138,6 +138,30 @@ class Machine:
         if terms:
             machine = ParametricReducedModel.of(machine, parameters=self.parameters, constant=constant, terms=terms)
         return machine, T
+
+    def _modes(self, T, tau):
+        """Return what `_modes` does of the machine at the reference, in coordinates T."""
+        at = with_terms(*self._without_rigid(T)[:2], self.reference)
+        return _modes(at["K"], at["M"], tau)
+
+    def _require_seen(self, T, tau, found):
+        """Raise InputError for springs and masses beside which round-off leaves few digits of modes, `found` as _modes
+        has them: of more modes than if these conditions were of the size of the bodies, whatever the band is."""
+        own = min(time_of(part.model.K, part.model.M) for part in self.parts.values())
+        rows = self._rows() * self._scale(own)
+        shares = np.array([0.0 if item.rigid else own**2 * abs(item.impedance(np.array([1j / own]))[0]) * (row @ row)
+                           for item, row in zip(self.conditions, rows, strict=True)])  # fmt: skip
+        if not (shares > 1).any():
+            return
+        lighter = tuple(replace(item, laws=tuple((value / max(share, 1.0), law) for value, law in item.laws))
+                        for item, share in zip(self.conditions, shares, strict=True))  # fmt: skip
+        others = replace(self, conditions=lighter)._modes(T, tau)
+        hidden = max(_below(found, bound) - _below(others, bound) for bound in (STILL, FAINT))
+        if hidden > 0:
+            worst = int(shares.argmax())
+            raise InputError(f"{self.conditions[worst].label}: is {shares[worst]:.0e} times as stiff or heavy as the "
+                             f"bodies, whose lowest motions round-off would hide ({hidden} of them); take a rigid "
+                             "joint, or check units (N/m, kg)")  # fmt: skip
 
     def _without_rigid(self, T):
         """Return matrices of all parts with the springs, dampers and masses between them, terms and added terms, in
@@ -188,20 +212,18 @@ class Machine:
                              "displacements are measured; reduce one-sided, with interfaces among inputs and outputs")
         return rows
 
-    def _free(self, tau) -> np.ndarray:
-        """Return an orthonormal basis T (n, k), of scaled coordinates, of what rigid conditions leave free. Raises
-        InputError for conditions that others hold already, and soft ones beside which the bodies count for nothing."""
-        rigid = [k for k, item in enumerate(self.conditions) if item.rigid]
+    def _scale(self, tau) -> np.ndarray:
+        """Return the coordinates (n,) of all parts at which mass and stiffness at 1 / tau are one."""
         size = np.concatenate([np.diag(part.model.M) + tau**2 * np.abs(np.diag(part.model.K))
                                for part in self.parts.values()])  # fmt: skip
-        scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
-        rows = self._rows() * scale
-        for item, row in zip(self.conditions, rows, strict=True):
-            share = 0.0 if item.rigid else tau**2 * abs(item.impedance(np.array([1j / tau]))[0]) * (row @ row)
-            if share > HEAVIEST:
-                raise InputError(f"{item.label}: is {share:.0e} times as stiff or heavy as the bodies in the band, "
-                                 "whose motion round-off would hide; take a rigid joint, or check units (N/m, kg)")
-        G = rows[rigid]
+        return 1 / np.sqrt(np.where(size > 0, size, 1.0))
+
+    def _free(self, tau) -> np.ndarray:
+        """Return an orthonormal basis T (n, k), of scaled coordinates, of what rigid conditions leave free. Raises
+        InputError for conditions that others hold already."""
+        rigid = [k for k, item in enumerate(self.conditions) if item.rigid]
+        scale = self._scale(tau)
+        G = (self._rows() * scale)[rigid]
         return scale[:, None] * _unheld(G, [self.conditions[k].label for k in rigid])
 
 
@@ -235,6 +257,13 @@ def _modes(K, M, tau):
         squares, X, without = massless_last(K, M, tau)
         largest = max(squares[: len(squares) - without].max(initial=0.0), tau**-2)
     return np.where(np.abs(squares) < STILL * largest, 0.0, squares), X, without
+
+
+def _below(found, bound) -> int:
+    """Return how many modes that `_modes` found have squared frequencies below a share of the largest one."""
+    squares, _, without = found
+    squares = np.abs(squares[: len(squares) - without])
+    return int((squares < bound * squares.max(initial=0.0)).sum())
 
 
 def _together(added):

@@ -87,7 +87,8 @@ def evaluate(
     if pairs and not figure:
         raise InputError("--pairs: belongs to --figure")
     if check is not None and full is None:
-        raise InputError("--check: the model file is missing; give it by --full MODEL.h5")
+        raise InputError("--check: the model file is missing; give it by --full MODEL.h5, or see --estimate for a "
+                         "machine, which has none")  # fmt: skip
     if checks.seed is not None and check is None:
         raise InputError("--seed: belongs to --check")
     if measure is not None and (full is None or check is not None):

@@ -15,6 +15,7 @@ import os
 import pickle
 import re
 import shutil
+import signal
 import sys
 import time
 import zlib
@@ -237,14 +238,17 @@ def fail(error: BaseException) -> int:
 
 def leave(status: int):
     """End the process of a command."""
-    try:
-        sys.stdout.flush()
-    except OSError:  # told already; Python would try once more at its end, and change the exit status
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    for number, stream in ((1, sys.stdout), (2, sys.stderr)):
+        try:
+            stream.flush()
+        except OSError:  # told already; Python would try once more at its end, and change the exit status
+            os.dup2(os.open(os.devnull, os.O_WRONLY), number)
     sys.exit(status)
 
 
 def exit_status(error: BaseException) -> int:
+    if isinstance(error, BrokenPipeError):  # of a standard stream, as shells say it of programs that SIGPIPE ends
+        return 128 + signal.SIGPIPE
     return getattr(error, "exit_status", 130 if isinstance(error, KeyboardInterrupt) else 1)
 
 
@@ -296,8 +300,8 @@ def _say(error, where=""):
         text = f"error{where}: {error}"
     elif isinstance(error, KeyboardInterrupt):
         text = f"{'terminated' if isinstance(error, Terminated) else 'interrupted'}{where}"
-    elif isinstance(error, BrokenPipeError):
-        text = f"error{where}: what was printed found no reader; the pipe was closed before its end"
+    elif isinstance(error, BrokenPipeError):  # whoever read what is printed has seen enough, such as `head`
+        return
     elif isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT) and error.filename is None:
         text = f"error{where}: what is printed cannot be written ({error.strerror}); make room, or print elsewhere"
     elif is_out_of_memory(error):
@@ -316,7 +320,8 @@ def _say(error, where=""):
 
 
 def _end_with(text):
-    message(logging.CRITICAL, text, f"hpcred: {text}")
+    with suppress(BrokenPipeError):  # nobody reads it any more; the exit status is that of the error
+        message(logging.CRITICAL, text, f"hpcred: {text}")
 
 
 def excepthook(kind, error, trace):

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
-from ..analysis.frequency_response import checked_frequencies
+from ..analysis.frequency_response import above_rest, checked_frequencies
 from ..assembly.coupling import Machine, laws_of_table, machine_of
 from ..assembly.error import accuracy_of_machine, damping_of_errors, why_not_known
 from ..assembly.measured import MeasuredPart, measured_part
@@ -34,7 +34,7 @@ from ..readers.frf import read_frf
 from ..readers.motions.columns import read_columns
 from ..readers.motions.table import head_of
 from ..reduction.result.accuracy import Accuracy
-from ..reduction.result.record import Record, versions
+from ..reduction.result.record import MACHINE, Record, versions
 from ..reduction.result.reduced_model import ReducedModel
 from ..settings.machine_file import check_machine, read_machine
 from .workflow import workflow
@@ -80,9 +80,9 @@ class Assembly:
 
     @property
     def lines(self) -> np.ndarray:
-        """The frequencies (F,) in Hz of the first measured body, in the band."""
+        """The frequencies (F,) in Hz of the first measured body, in the band; without 0 Hz where a body moves freely."""
         lines = next(part.lines for part in self.machine.parts.values() if isinstance(part, MeasuredPart))
-        return _inside(lines, self.band)
+        return above_rest(_inside(lines, self.band), self.machine.response)[0]
 
     def frequency_response(self, frequencies=None) -> np.ndarray:
         """Return H(i omega) (F, r, p) at frequencies in Hz, by default at the lines of the first measured body.
@@ -226,10 +226,11 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
     if measured:
         if tolerance is not None:
             raise InputError(f"tolerance: the error of the measured body '{measured[0].name}' is not known")
+        told = above_rest(_inside(measured[0].lines, band), machine.response)[1]
         return Assembly(machine=machine, band=band, warnings=[*machine.warnings, (
             f"body '{measured[0].name}' is measured: the machine has responses at its lines, and no modes, no state "
             "space and no estimated error"
-        )])  # fmt: skip
+        ), *told])  # fmt: skip
     # the assembled model: rigid joints are taken out of its coordinates
     tau = _tau(parts, band)
     reduced, T = machine.model(tau)
@@ -302,7 +303,7 @@ def _record(results, parts, numbers, made: Assembly, progress, comm) -> Record:
     if len(unstable):
         warnings = [*warnings, f"the machine is unstable: {len(unstable)} poles in the right half-plane"]
     return Record.without_reduction(
-        reduced, ranks=comm.size, model=f"a machine of {', '.join(part.name for part in parts)}",
+        reduced, ranks=comm.size, model=f"{MACHINE}{', '.join(part.name for part in parts)}",
         size=sum(record.size if record else 0 for record in records),
         nonzeros=sum(record.nonzeros if record else 0 for record in records),
         rigid_body_modes=int((reduced.frequencies == 0).sum()), frame=NoFrame(), damping=GivenDamping(),

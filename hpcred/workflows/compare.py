@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from ..analysis.error import as_compared, error_integral, errors_of
-from ..analysis.frequency_response import frequency_response
+from ..analysis.frequency_response import above_rest, frequency_response
 from ..files.hdf5 import atomic_output
 from ..files.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
 from ..files.result_file import read_basis, result_at
@@ -93,12 +93,13 @@ def compare_results(
     reduced, dampings, _ = zip(*(as_compared(item, (grid[0], grid[-1])) for item in reduced), strict=True)
     if dampings.count(dampings[0]) < len(dampings):
         raise InputError("compare: found results with different modal damping; compare those of one damping")
+    grid, notes = above_rest(grid, reduced[0].transfer_function)
     # the full model once, for all
     with full_of_record(
         full, first, results[0], damping=dampings[0], factoring=solving.factoring, at=found[0].values, comm=comm
     ) as full_model:
         known, drive = full_model.response(grid, solving.groups, progress)
-        shapes, notes = [], []
+        shapes = []
         if full_model.model.is_symmetric("K"):
             shapes = _modes(full_model, modes, results, labels, found, reduced, progress)
         else:
@@ -138,9 +139,10 @@ def _check_alike(results, reduced):
     if len(set(results)) < len(results) or len(results) < 2:
         raise InputError(f"results: found {', '.join(results)}, expected two or more, each once")
     for path, item in zip(results, reduced, strict=True):
-        if item.record is None or not item.record.knows_its_model:
+        if item.record is None:
             raise InputError(f"{path}: has no record of its reduction that tells its model from others, which a "
-                             "comparison needs (earlier versions wrote none, or another); reduce it again")  # fmt: skip
+                             "comparison needs; reduce it again")  # fmt: skip
+        item.record.require_model(path)
     first = reduced[0].record
     for path, item in zip(results[1:], reduced[1:], strict=True):
         record = item.record

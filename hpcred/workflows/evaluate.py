@@ -9,7 +9,7 @@ import numpy as np
 
 from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.error_check import accuracy_of, check_reduced, estimate_at, measuring_damping
-from ..analysis.frequency_response import frequencies_to_draw, frequency_response, resonances_of
+from ..analysis.frequency_response import above_rest, frequencies_to_draw, frequency_response, resonances_of
 from ..body.preload import warning_of_basis
 from ..files.names import in_text
 from ..files.response_file import FOREIGN, Responses, lost_channels, write_responses
@@ -75,7 +75,7 @@ def evaluate_result(
     Raises
     ------
     InputError
-        For another model, and where a response is infinite.
+        For another model, and where a response is infinite, but for 0 Hz beside other frequencies, which is left out.
     """
     if preload is not None and full is not None:
         raise InputError("--preload: cannot be combined with --full, which is without load; leave one of them out")
@@ -88,13 +88,14 @@ def evaluate_result(
     given = [(record.job or {}).get(key) for key in ("inputs", "outputs")]
     reads = [result, full, *(name for name in given if isinstance(name, str))]
     files.check(comm, reads, progress)
+    grid, told = above_rest(grid, reduced.transfer_function)
     shown = pairs_by_name(pairs, reduced.output_names, reduced.input_names, result)
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
     if at:
         report |= {"at": found.values, "pseudo_frequencies_hz": reduced.frequencies.tolist()}
     if preload is not None:
         report |= {"preload": asdict(preload), "pseudo_frequencies_hz": reduced.frequencies.tolist()}
-        report["warnings"] = [text for text in [warning_of_basis(found.body(), preload)] if text]
+        told += [text for text in [warning_of_basis(found.body(), preload)] if text]
     # both responses, with a damping that both have
     damping, words = record.damping, ""
     if full is not None:
@@ -129,15 +130,13 @@ def evaluate_result(
             places = {node.label: (node.node, node.position) for node in found.nodes}
             responses = Responses(**arrays, **names, record=made, places=places)
             rescued(lambda place: write_responses(place, responses, comm), output, comm)
-            told = lost_channels(output, responses)
+            told += lost_channels(output, responses)
             left_out = 0 if isinstance(record.frame, NoFrame) else record.rigid_body_modes
             if left_out and str(output).endswith(tuple(FOREIGN)):
                 told.append(
                     f"{output} is without the {left_out} rigid-body motions of the free body, so that nothing can be "
                     "coupled by it; a machine takes the result itself, and that of this body alone has them"
                 )
-            if told:
-                report["warnings"] = [*report.get("warnings", ()), *told]
         if figure is not None:
             names = reduced.output_names, reduced.input_names
             every = shown or pairs_to_show(arrays["reduced"], *names)
@@ -147,7 +146,7 @@ def evaluate_result(
             curves += [("full model", grid, arrays["full"])] if full is not None else []
             report["figures"] = figures_of_pairs(figure, *names, curves, comm, shown)
             report["responses"] = len(every)
-    return report
+    return report | {"warnings": told}
 
 
 @workflow

@@ -95,9 +95,7 @@ def factoring_of(record) -> Factoring:
 def _model_of_record(path, record, result, at, comm):
     """Return the model of a model file with the inputs and outputs of a reduction, checked to be the one that was
     reduced."""
-    if not record.knows_its_model:
-        raise InputError(f"{result}: an earlier version wrote it, which did not keep what tells its model from others "
-                         "today; reduce again")  # fmt: skip
+    record.require_model(result)
     model = read_model(path, comm)
     if model.size != record.size:  # before interfaces are looked for, which another model does not have
         with model:

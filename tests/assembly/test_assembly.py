@@ -302,6 +302,29 @@ def test_responses_without_rigid_body_motions_are_warned_of(machine, capsys):
     assert str(hpcred.assemble([MachineBody(name="t", result="free.h5")])).startswith("machine of t: ")
 
 
+def test_a_free_machine_has_no_response_at_rest_and_no_full_model(machine, capsys):
+    """0 Hz is left out beside other frequencies; of measured bodies too, whose lines often begin there."""
+    Path("alone.toml").write_text('output = "alone.h5"\n[[body]]\nname = "t"\nresult = "free.h5"\n')
+    assert run(["assemble", "alone.toml", "--quiet"]) == 0
+    assert run(["evaluate", "alone.h5", "--frequencies", "0,1000", "--json", "a.json"]) == 0
+    assert "0 Hz is left out: rigid-body motions have no response there" in capsys.readouterr().out
+    report = json.loads(Path("a.json").read_text())
+    H = hpcred.read_result("alone.h5").reduced.frequency_response([1000.0])
+    assert report["frequencies_hz"] == [1000.0] and report["reduced_norm"] == pytest.approx([np.linalg.norm(H)])
+    assert "found 0 Hz, where rigid-body motions have no response" in refused(
+        capsys, "evaluate", "alone.h5", "--frequencies", "0")  # fmt: skip
+    for command in (["evaluate", "alone.h5", "--check", "3", "--full", "held.h5"],
+                    ["evaluate", "alone.h5", "--full", "held.h5"],
+                    ["evaluate", "held.h5", "alone.h5", "--full", "held.h5"]):  # fmt: skip
+        says = refused(capsys, *command)
+        assert "alone.h5: is a machine of t, which has no full model; --estimate shows its error" in says
+    names = ("p:x",)
+    np.savez("m.npz", frequencies=[0.0, 1000.0], H=np.ones((2, 1, 1)), input_names=names, output_names=names)
+    bodies = [MachineBody(name="m", result="m.npz", kind="measured"), MachineBody(name="t", result="free.h5")]
+    found = hpcred.assemble(bodies, [BushingJoint(bodies=("m.p", "t.left"), stiffness=(1e6, 0, 0))])
+    assert found.responses().frequencies.tolist() == [1000.0] and "0 Hz is left out" in found.warnings[-1]
+
+
 def test_coupling_by_receptances_is_the_dual_formula(machine):
     """Two measured beams, against the formula of Lagrange-multiplier substructuring in NumPy, to 1e-10."""
     f = np.linspace(500.0, 9000.0, 7)

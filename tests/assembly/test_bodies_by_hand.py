@@ -114,23 +114,31 @@ def test_what_is_held_is_turned_with_its_body():
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e6])
-def test_springs_and_masses_that_hide_the_bodies_are_refused(unit):
-    """As of stiffness in another unit: a thousand times the body is right, and 10^9 times is none of its motions."""
+@pytest.mark.parametrize("tau", [1e-4, 1.0, 1e4])
+def test_springs_and_masses_that_hide_the_bodies_are_refused(unit, tau):
+    """As of stiffness in another unit: 10^9 times the body is right, and beside 10^14 times nothing is left of its
+    lowest motion, whatever the band is."""
     K = 3.0 * np.eye(4)
     K[0, 3] = K[3, 0] = -1.0
     body = result(unit * np.diag([1.0, 1.0, 1.0, 2.0]), unit * K, ("a:x", "a:y", "a:z", "b:x"))
 
-    def squares(joints=(), masses=()):
-        return machine_of([part_of(MachineBody(name="b", result="-"), body)], joints, masses).model(1.0)[0].frequencies
+    def lowest(joints=(), masses=(), body=body):
+        model = machine_of([part_of(MachineBody(name="b", result="-"), body)], joints, masses).model(tau)[0]
+        return (2 * np.pi * model.frequencies[0]) ** 2
 
-    spring = [hpcred.assembly.BushingJoint(bodies=("b.a", "ground"), stiffness=(1e5 * unit, 0, 0))]
-    assert (2 * np.pi * squares(spring)[0]) ** 2 == pytest.approx(1.5, rel=1e-4)
+    spring = [hpcred.assembly.BushingJoint(bodies=("b.a", "ground"), stiffness=(1e9 * unit, 0, 0))]
+    assert lowest(spring) == pytest.approx(1.5, rel=1e-5)
     mass = [hpcred.assembly.PointMass(at="b.a", mass=1e5 * unit)]
-    assert (2 * np.pi * squares(masses=mass)[0]) ** 2 == pytest.approx((3.0 - 1 / 3) / 1e5, rel=1e-3)
-    with pytest.raises(hpcred.InputError, match="joint.0. between b.a and ground:x: is .*e.09 times as stiff or heavy"):
-        squares([replace(spring[0], stiffness=(1e10 * unit, 0, 0))])
-    with pytest.raises(hpcred.InputError, match="mass.0. at b.a:x: is .*e.09 times as stiff or heavy"):
-        squares(masses=[replace(mass[0], mass=1e10 * unit)])
+    assert lowest(masses=mass) == pytest.approx((3.0 - 1 / 3) / 1e5, rel=1e-3)
+    for factor in (1e12, 1e14):  # modes with few digits, and those that would be taken for rigid-body motion
+        with pytest.raises(hpcred.InputError, match="joint.0. between b.a and ground:x: is .* times as stiff or heavy"):
+            lowest([replace(spring[0], stiffness=(factor * unit, 0, 0))])
+    with pytest.raises(hpcred.InputError, match="mass.0. at b.a:x: is .*e.14 times as stiff or heavy as the bodies"):
+        lowest(masses=[replace(mass[0], mass=1e15 * unit)])
+    # a free body beside a stiff spring keeps its rigid-body motions, which nothing hides
+    free = result(unit * np.eye(2), unit * np.diag([0.0, 1.0]), ("a:x", "a:y"))
+    stiff = hpcred.assembly.BushingJoint(bodies=("b.a", "ground"), stiffness=(0, 1e9 * unit, 0))
+    assert lowest([stiff], body=free) == 0
 
 
 def test_a_body_beyond_buckling_is_refused():

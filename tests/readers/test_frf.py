@@ -78,6 +78,24 @@ def test_names_leave_the_numbers_of_other_nodes(tmp_path, comm):
     assert not lost_channels(tmp_path / "r.npz", given) and not lost_channels(path, responses(("a:x",), ("a:x",)))
 
 
+@pytest.mark.peers("pyuff")
+def test_places_of_nodes_in_two_datasets(tmp_path, comm):
+    """As of programs that write one for each part of a body."""
+    import pyuff
+
+    path = tmp_path / "r.unv"
+    places = {"1": (1, np.array([0.5, 0.0, 0.0])), "2": (2, np.array([0.0, 0.25, 1.0]))}
+    given = responses(("1:x", "2:x"), ("1:x",), places=places)
+    hpcred.files.write_responses(path, given, comm)
+    units, nodes, *others = pyuff.UFF(str(path)).read_sets()
+    halves = [nodes | {key: nodes[key][k : k + 1] for key in ("node_nums", "def_cs", "disp_cs", "color", "x", "y", "z")}
+              for k in (0, 1)]  # fmt: skip
+    pyuff.UFF(str(path)).write_sets([units, *halves, *others], mode="overwrite")
+    found = read_frf(path).places
+    assert {name: (number, tuple(place)) for name, (number, place) in found.items()} == {
+        name: (number, tuple(place)) for name, (number, place) in places.items()}  # fmt: skip
+
+
 def test_shapes_of_arrays(tmp_path):
     """(F, r) of one input; (r, F) has another order, and lists of nodes have one length."""
     path, names = tmp_path / "m.npz", {"input_names": ["a:x"], "output_names": ["a:x", "a:y"]}

@@ -130,6 +130,31 @@ def test_nodes_of_dataset_15(comm, folder):
     assert label.tolist() == [1, 5] and position.tolist() == [[1, 2, -3], [1.5, 2, 3]] and not elements
 
 
+@pytest.mark.parametrize(
+    "label, number, x, expected",
+    [
+        (3, 15, 7.0, ([1, 5, 3], [1.0, 1.5, 7.0])),
+        (5, 15, 1.500001, ([1, 5], [1.0, 1.5])),
+        (5, 2411, 1.500001, ([1, 5], [1.0, 1.5])),
+        (5, 2411, 1.51, "the node 5 at different places in two datasets"),
+    ],
+)
+def test_nodes_of_two_datasets(comm, folder, label, number, x, expected):
+    """They follow each other; those that both have are the same to the digits of dataset 15."""
+    head = f"{label:10d}{0:10d}{0:10d}{8:10d}"
+    more = {15: f"{head}{x:13.5E}  2.00000E+00  3.00000E+00\n", 2411: f"{head}\n{x:25.16E} 2.0 3.0\n"}[number]
+    path = write(folder / "a.unv", f"{NODES_15}    -1\n{number:6d}\n{more}    -1\n", comm)
+    if isinstance(expected, str):
+        with pytest.raises(InputError, match=expected):
+            uff.read(path, comm)
+        return
+    nodes = uff.read(path, comm).nodes
+    label, place, position = gathered(comm, nodes.label, nodes.place, nodes.position)
+    order = np.argsort(place)
+    assert place[order].tolist() == list(range(len(place)))
+    assert (label[order].tolist(), position[order, 0].tolist()) == expected
+
+
 def system_18(number, origin, along, plane):
     values = [f"{value:13.5E}" for value in (*origin, *along, *plane)]
     return f"{number:10d}{0:10d}{0:10d}{8:10d}{1:10d}\nCS{number}\n{''.join(values[:6])}\n{''.join(values[6:])}\n"

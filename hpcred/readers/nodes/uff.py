@@ -18,7 +18,7 @@ from ...files.system_errors import open_input
 from ...files.text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, end_to_end, records, refuse_packed, shown
 from ...files.text_numbers import labels, ragged, whole
 from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import require_once, sort_over_ranks
+from ...parallel.lookup import number_over_ranks, require_once, sort_over_ranks
 from .table import NodeTable, elements_of, finite
 
 MARK = re.compile(rb"(?m)^ {0,4}-1[ \t]*\r?$")
@@ -49,6 +49,7 @@ ORDER = {
 }  # fmt: skip
 TO_VTK = {kind: np.argsort(places) for kind, places in ORDER.items()}
 WITHOUT = "{}: sets are without the nodes of elements whose kinds are not read: {}{}"
+DIGITS = 1e-5  # of coordinates, of which dataset 15 has six
 ABOVE = 1000  # lines above the bytes of functions, of which there are 11
 
 
@@ -72,14 +73,29 @@ def read(path, comm) -> Mesh:
     sets = datasets(path, comm)
     with agreed(comm):
         nodes = [item for item in sets if item[0] in NODE_LINES]
-        if len(nodes) != 1:
+        if not nodes:
             numbers = ", ".join(str(number) for number, *_ in sets)
             raise InputError(
-                f"{path}: found {len(nodes)} datasets of nodes (of the datasets {numbers or 'none'}), expected one of "
+                f"{path}: found 0 datasets of nodes (of the datasets {numbers or 'none'}), expected one of "
                 "15, 781 or 2411"
             )
         systems = _global_systems(path, [item for item in sets if item[0] in (18, 2420)])
-    number, start, stop = nodes[0]
+    table = _together(path, comm, [_node_table(path, comm, systems, *item) for item in nodes])
+    elements, groups, remarks = {}, {}, []
+    with agreed(comm):
+        if comm.rank == 0:
+            elements, numbers = _elements(path, [item for item in sets if item[0] in ELEMENTS])
+            members = [group for item in sets if item[0] in GROUPS for group in _members(path, *item)]
+            groups, remarks = _groups(path, members, elements, numbers)
+    mine = {name: groups.get(name, np.zeros(0, np.int64)) for name in comm.bcast(list(groups))}
+    return Mesh(
+        table, elements_of(comm, elements, TO_VTK),
+        {name: sort_over_ranks(comm, found)[0] for name, found in mine.items()}, remarks,
+    )  # fmt: skip
+
+
+def _node_table(path, comm, systems, number, start, stop) -> NodeTable:
+    """Return the nodes of a dataset. Collective. Raises InputError."""
     widths = NODE_LINES[number]
     # a node begins where a line holds no point
     first = re.compile(rb"(?m)^") if len(widths) == 1 else re.compile(rb"(?m)^[ \t0-9+-]*\r?$")
@@ -89,17 +105,28 @@ def read(path, comm) -> Mesh:
     if not comm.allreduce(len(label)):
         raise InputError(f"{path}: found no nodes in the dataset {number}")
     require_once(comm, label, lambda twice: f"{path}: found the node {twice} more than once, expected each node once")
-    elements, groups, remarks = {}, {}, []
-    with agreed(comm):
-        if comm.rank == 0:
-            elements, numbers = _elements(path, [item for item in sets if item[0] in ELEMENTS])
-            members = [group for item in sets if item[0] in GROUPS for group in _members(path, *item)]
-            groups, remarks = _groups(path, members, elements, numbers)
-    mine = {name: groups.get(name, np.zeros(0, np.int64)) for name in comm.bcast(list(groups))}
-    return Mesh(
-        NodeTable.as_given(comm, label, position), elements_of(comm, elements, TO_VTK),
-        {name: sort_over_ranks(comm, found)[0] for name, found in mine.items()}, remarks,
-    )  # fmt: skip
+    return NodeTable.as_given(comm, label, position)
+
+
+def _together(path, comm, tables) -> NodeTable:
+    """Return the nodes of all tables in their order, those that several have once. Collective. Raises InputError for a
+    node at two places."""
+    if len(tables) == 1:
+        return tables[0]
+    first = np.cumsum([0, *(comm.allreduce(len(table.label)) for table in tables)])
+    places = [table.place + start for table, start in zip(tables, first, strict=False)]
+    label, position = (np.concatenate([getattr(table, key) for table in tables]) for key in ("label", "position"))
+    label, place, *columns = sort_over_ranks(comm, label, [np.concatenate(places), *position.T])
+    order = np.lexsort((place, label))  # equal labels are on one rank, here in the order of the file
+    label, place, position = label[order], place[order], np.stack(columns, axis=1)[order]
+    # the first of equal labels, of which the others say the same
+    again = np.append(False, label[1:] == label[:-1])[: len(label)]
+    bound = DIGITS * max(comm.allgather(np.abs(position).max(initial=0.0)))
+    apart = again[1:] & (np.abs(np.diff(position, axis=0)).max(axis=1, initial=0.0) > bound)
+    if moved := sum(comm.allgather(label[1:][apart].tolist()[:1]), []):
+        raise InputError(f"{path}: found the node {moved[0]} at different places in two datasets of nodes, expected "
+                         "one; keep one of the datasets")  # fmt: skip
+    return NodeTable(label[~again], position[~again], number_over_ranks(comm, place[~again])[1])
 
 
 def datasets(path, comm) -> list[tuple[int, int, int]]:

@@ -22,11 +22,13 @@ from ...model.loads.columns import loads_of
 from ...model.loads.kinds import LoadColumn
 from ...parallel import processor
 from ...parallel.declared import renamed
+from ...parallel.failures import InputError
 from ...parallel.petsc import MPI, PETSc, SLEPc, is_complex
 from ...parallel.progress import Timing, counted
 from .accuracy import Accuracy
 from .kinds import UnknownKind, from_table, table_of
 
+MACHINE = "a machine of "  # before the names of its bodies, in place of the name of a model
 TERMS = "terms"  # key of the digest of the terms of parameters
 DIGITS_OF_DIGEST = 32  # hexadecimal
 
@@ -181,6 +183,15 @@ class Record:
     def knows_its_model(self) -> bool:
         """Whether it has digests of the model in the form of today: earlier versions had others, or none."""
         return bool(self.digests) and all(len(digest) == DIGITS_OF_DIGEST for digest in self.digests.values())
+
+    def require_model(self, path):
+        """Raise InputError where no full model can be compared with the result at `path`."""
+        if self.model.startswith(MACHINE) and not self.digests:
+            raise InputError(f"{path}: is {self.model}, which has no full model; --estimate shows its error, and each "
+                             "of its bodies can be compared with its own model")  # fmt: skip
+        if not self.knows_its_model:
+            raise InputError(f"{path}: an earlier version wrote it, which did not keep what tells its model from "
+                             "others today; reduce again")  # fmt: skip
 
     @property
     def ordering(self) -> str:
