@@ -21,7 +21,8 @@ def digest_of(model, key: str) -> str | None:
     if key == ADDED:
         return digest_of_plain(model.added.digest(model.digest_of)) if model.added else None
     if key == RATES:
-        return digest_of_plain(model.rates.parts.tolist()) if model.rates else None
+        parts = [item.tolist() for item in (model.rates.parts, model.rates.direct) if item is not None]
+        return digest_of_plain(parts if parts[1:] else parts[0]) if model.rates else None
     item = model.matrices[key] if key in model.matrices else getattr(model, field)
     if item is None or item == ():
         return None

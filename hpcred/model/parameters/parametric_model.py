@@ -78,6 +78,9 @@ class ParametricModel:
         if model.rates and any(item.of == "C" for item in terms):
             raise InputError(f"{model.name}: found terms of C, and outputs that are velocities or accelerations, "
                              "expected displacements")  # fmt: skip
+        if model.rates.direct is not None:
+            raise InputError(f"{model.name}: found absolute accelerations of a base beside parameters, expected "
+                             "motions relative to the base")  # fmt: skip
         terms = tuple(replace(item, matrix=term_matrix(model, item)) for item in terms)
         square = [item.matrix for item in terms if item.of in "MDK"]
         mats = model.matrices

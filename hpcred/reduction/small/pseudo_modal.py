@@ -341,13 +341,13 @@ class PseudoModal(Keeping):
             for part in self.parts_of(frequencies):
                 inverse = 1 / self._diagonal(part)
                 rows = _times_real(inverse, products).reshape(len(part), len(left), right.shape[1])
-                H.append(self.io.measured(2j * np.pi * part, rows))
+                H.append(self.io.rates.responses(2j * np.pi * part, rows))
                 drive.append(_times_real(inverse, right**2))
             return np.concatenate(H), np.concatenate(drive)
         for part in self.parts_of(frequencies):
             states = self.solve(part, right)
             rows = left @ states
-            H.append(self.io.measured(2j * np.pi * part, rows))
+            H.append(self.io.rates.responses(2j * np.pi * part, rows))
             by_itself = self.io.are_same
             drive.append(np.einsum("spp->sp", rows) if by_itself else np.einsum("mp,smp->sp", right, states))
         return np.concatenate(H), np.concatenate(drive)
