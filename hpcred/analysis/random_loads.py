@@ -2,8 +2,8 @@
 
 With the one-sided densities G (p, p) of the inputs, G_jk = E[conj(U_j) U_k], that of an output y = h u is
 conj(h) G h^T. Its integral over the band follows the resonances: the panels of the adaptive Gauss-Kronrod rule begin
-around the poles of the small model, and are bisected until the rule of order 7 agrees with that of order 15. Everything is small and
-local.
+around the poles of the small model, and are bisected until the rule of order 7 agrees with that of order 15. Everything
+is small and local.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..body.stress import StressModes
 from ..model.outputs.rates import combined
 from ..parallel.failures import ComputationError, InputError
 from ..reduction.result.reduced_model import ReducedModel, require_finite
-from .frequency_response import NEAR, frequencies_to_draw, resonances_of
+from .frequency_response import frequencies_to_draw, resonances_of
 
 SEMIDEFINITE = 1e-6  # of the coherence matrix: eigenvalues down to minus this are digits of a file
 UNDAMPED = 1e-10  # damping ratio below which a resonance has no finite response
@@ -103,8 +103,11 @@ def random_response(
     if (still := inside & (ratios < UNDAMPED)).any():
         raise InputError(f"damping: the resonance at {at[still][0]:g} Hz has none, and no finite response to random "
                          "loads; reduce with damping")  # fmt: skip
-    near = (at[inside][:, None] * (1 + ratios[inside][:, None] * NEAR)).ravel()
-    ends = np.union1d(np.concatenate([[low, high], over]), near)
+    width = at[inside] * ratios[inside]
+    away = 0.5 * 3.0 ** np.arange(np.ceil(np.log(2 * (high - low) / width.min(initial=high - low)) / np.log(3)) + 1)
+    near = (at[inside][:, None] + np.concatenate([-away, [0.0], away]) * width[:, None]).ravel()
+    octaves = high * 0.5 ** np.arange(20)  # no peak is small beside its panel
+    ends = np.union1d(np.concatenate([[low, high], over, octaves]), near)
     drawn = frequencies_to_draw((low, high), (at, ratios), over[(over > 0) & (over >= low) & (over <= high)])
     total = integral(psd, ends[(ends >= low) & (ends <= high)])
     return RandomResponse(drawn, names, psd(drawn), np.sqrt(np.maximum(total, 0.0)))
@@ -163,7 +166,7 @@ def integral(function, ends: np.ndarray) -> np.ndarray:
 
 
 def _checked(reduced, frequencies, density):
-    over, density = np.asarray(frequencies, dtype=float), np.asarray(density)
+    over, density = np.asarray(frequencies, dtype=float), np.asarray(density, dtype=complex)
     p = reduced.B.shape[1]
     if density.ndim == 2:
         density = density[:, :, None] * np.eye(p) if density.shape[1:] == (p,) else density

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+import scipy.integrate
 import scipy.linalg
 
 import hpcred
-from hpcred.analysis import half_sine, harmonic_response, random_response, shock_spectrum, time_response
 from hpcred import ReducedModel
+from hpcred.analysis import half_sine, harmonic_response, random_response, shock_spectrum, time_response
 
 
 def oscillator(f=20.0, ratio=0.05, mass=2.0):
@@ -66,7 +67,7 @@ def test_cross_spectra_and_sums():
     fine = np.linspace(5.0, 60.0, 200_001)
     level = np.exp(np.interp(np.log(fine), np.log(f), np.log(levels)))
     H = model.transfer_function(2j * np.pi * fine) @ u
-    exact = np.trapezoid(np.abs(H) ** 2 * level[:, None], fine, axis=0)
+    exact = scipy.integrate.trapezoid(np.abs(H) ** 2 * level[:, None], fine, axis=0)
     np.testing.assert_allclose(found.rms**2, exact, rtol=1e-6)
     at = np.searchsorted(found.frequencies, 20.0)
     np.testing.assert_allclose(found.psd[at], 4 * np.abs(model.transfer_function(40j * np.pi) @ u) ** 2, rtol=1e-9)
