@@ -9,11 +9,11 @@ is small and local.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..body.stress import StressModes
 from ..model.outputs.rates import combined
 from ..parallel.failures import ComputationError, InputError
 from ..reduction.result.reduced_model import ReducedModel, require_finite
@@ -53,7 +53,7 @@ class RandomResponse:
 
 def random_response(
     reduced: ReducedModel, frequencies: ArrayLike, density: ArrayLike, *, band: tuple[float, float] | None = None,
-    orders: ArrayLike | None = None, stress: StressModes | None = None,
+    orders: ArrayLike | None = None, stress: Any = None,
 ) -> RandomResponse:  # fmt: skip
     """Return densities and root mean squares of the outputs under stationary random loads.
 
