@@ -1,3 +1,4 @@
+from .model.loads.base import Base as Base
 from .model.loads.kinds import Centrifugal as Centrifugal
 from .model.loads.kinds import DeckLoad as DeckLoad
 from .model.loads.kinds import GivenLoad as GivenLoad

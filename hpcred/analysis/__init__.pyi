@@ -7,3 +7,10 @@ from .error import error_integral as error_integral
 from .error_check import Check as Check
 from .full_response import FullResponse as FullResponse
 from .natural_modes import NaturalModes as NaturalModes
+from .random_loads import RandomResponse as RandomResponse
+from .random_loads import harmonic_response as harmonic_response
+from .random_loads import random_response as random_response
+from .shock import ShockSpectrum as ShockSpectrum
+from .shock import half_sine as half_sine
+from .shock import shock_spectrum as shock_spectrum
+from .shock import time_response as time_response

@@ -125,7 +125,7 @@ def response_and_drive(
     other = model.with_output_columns(both, tuple(map(str, range(both.shape[1]))))
     found = frequency_response(other, frequencies, frame, damping, **keywords)
     outputs = model.Ct.getSize()[1]
-    applied = model.rates.measured if measured else model.rates.at
+    applied = model.rates.responses if measured else model.rates.at
     return applied(2j * np.pi * np.asarray(frequencies), found[:, :outputs]), np.einsum("fpp->fp", found[:, outputs:])
 
 

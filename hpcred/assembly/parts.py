@@ -161,6 +161,8 @@ def part_of(body: MachineBody, result: Any) -> Part:
     `floating_frame` and `nodes`. Raises InputError."""
     where, reduced = f"body '{body.name}'", result.reduced
     require_finite(reduced)
+    if reduced.feedthrough is not None:
+        raise InputError(f"{where}: has absolute accelerations over a base of its own; reduce it without [[base]]")
     # where its nodes are, and what they are called
     names, labels, numbers = _names(body, result, where)
     inputs, outputs = ([renamed(item, names) for item in part]

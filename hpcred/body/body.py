@@ -273,9 +273,10 @@ def without_node(names) -> list[str]:
 
 def inputs_without_node(body: Body) -> list[str]:
     """Return remarks on inputs and outputs that belong to no node, which formats of nodes leave out."""
-    without = []
+    without, record = [], body.reduced.record
+    moves = [item.name for item in record.loads if item.is_motion] if record is not None else []
     for kind, names in (("inputs", body.reduced.input_names), ("outputs", body.reduced.output_names)):
-        if lost := without_node(names):
+        if lost := [name for name in names if name in moves or node_of(name) is None]:
             without.append(f"{kind} that belong to no node are left out: {', '.join(lost)}")
     return without
 

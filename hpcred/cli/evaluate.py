@@ -170,10 +170,28 @@ def response(
     polar: Annotated[bool, typer.Option("--polar", help="Magnitude and phase in the .csv.")] = False,
     fresh: FreshPoints,
     groups: Annotated[int | None, typer.Option(help="Groups of ranks that share those of --check.")] = None,
+    psd: Annotated[str | None, typer.Option(metavar="CSV", help="Of a result: random loads, densities.")] = None,
+    harmonic: Annotated[str | None, typer.Option(metavar="CSV", help="Of a result: harmonic loads.")] = None,
+    srs: Annotated[str | None, typer.Option(metavar="CSV", help="Of a result: shock spectra of a history.")] = None,
+    q: Annotated[float | None, typer.Option(help="Amplification of the oscillators of --srs; default 10.")] = None,
+    stress: Annotated[str | None, typer.Option(metavar="NODES", help="With --psd: stresses at nodes.")] = None,
     solving: Solving,
     json: JsonFile = None,
 ):
-    """Frequency response of the full model at many frequencies, to a tolerance, from a handful of factorisations."""
+    """Frequency response of the full model at many frequencies, to a tolerance, from a handful of factorisations.
+
+    Of a RESULT.h5 with --psd, --harmonic or --srs: its response to loads of a table with units in its head.
+    """
+    if psd or harmonic or srs:
+        report = hpcred.workflows.driven_response(
+            model, psd=psd, harmonic=harmonic, srs=srs, q=q, stress=values.whole_numbers(stress, "--stress"),
+            band=values.band(grid.band), output=output, at=values.parameters(at, "--at"), progress=session.progress(),
+        )  # fmt: skip
+        show_table(model, report["rows"])
+        session.written(output)
+        session.warn(report["warnings"])
+        session.write_json(json, report)
+        return 0
     how = solving.given
     report = hpcred.response(model, tolerance=tolerance, polar=polar, groups=groups, **grid.given, **state.given,
                              **files.given, **fresh.given, **how)  # fmt: skip

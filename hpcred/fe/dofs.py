@@ -176,7 +176,7 @@ def target_of(name: str):
     if named_quantity(name)[0] != QUANTITIES[0]:
         return None
     head, colon, tail = name.rpartition(":")
-    if colon and tail in DIRECTIONS:
+    if colon and tail in DIRECTIONS and " " not in head:
         return int(head) if head.isdecimal() else head, tail
     return int(name[4:]) if name.startswith("dof ") and name[4:].isdecimal() else None
 

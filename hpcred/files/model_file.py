@@ -4,7 +4,7 @@ matrices/indptr (n + 1), matrices/indices (nonzeros): one sorted pattern for all
 matrices/K, M and, where there is one, D (nonzeros)
 matrices/Kv1, Kv2, ... (nonzeros), of added terms; viscoelastic: JSON, their names and laws; K is static then
 inputs/B (p, n), inputs/names; outputs/C (r, n), outputs/names where C differs from B^T, and then Cv, Ca (r, n) where
-    velocities and accelerations are measured
+    velocities and accelerations are measured, and direct (r, p), what outputs have of the inputs themselves
 loads/name, kind, remark, spins, area (l) in m^2, sums (l, 4, 3): of the inputs that are loads, as of
     model.loads.LoadColumn; the sums are force, moment, and the parts of both on held dofs
 dofs/node (n), dofs/direction (n), dofs/position (n, 3) in m, where the nodes are known; directions are 0 to 5 for x, y,
@@ -20,6 +20,7 @@ where K may be unsymmetric.
 """
 
 from copy import copy
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import quote, unquote
 
@@ -62,8 +63,8 @@ SCHEMA = NODES | {
     "loads/spins": Array("flag", ("l",)),
     "loads/sums": Array("real", ("l", 4, 3)),
     "outputs/C": Array("real", ("r", "n")), "outputs/Cv": Array("real", ("r", "n")),
-    "outputs/Ca": Array("real", ("r", "n")), "outputs/names": Array("text", ("r",)),
-    "remarks": Array("text", ("?",)),
+    "outputs/Ca": Array("real", ("r", "n")), "outputs/direct": Array("real", ("r", "p")),
+    "outputs/names": Array("text", ("r",)), "remarks": Array("text", ("?",)),
 }  # fmt: skip
 
 
@@ -93,7 +94,8 @@ def write_model(path, model: SecondOrderModel):
     dense = {"inputs": (model.B, model.input_names), "outputs": (model.Ct, model.output_names)}
     with writing(path, model.comm) as file:
         file.attribute("format", FORMAT)
-        file.attribute("version", ALSO[FORMAT] if model.added else VERSION)
+        direct = model.rates.direct
+        file.attribute("version", ALSO[FORMAT] if model.added or direct is not None else VERSION)
         file.attribute("size", model.size)
         file.attribute("rows_per_block", _block(model))
         if model.converted_from:
@@ -111,6 +113,8 @@ def write_model(path, model: SecondOrderModel):
                 for key, part in parts.items():
                     file.rows(f"{group}/{key}", np.ascontiguousarray(part), axis=1)
                 file.small(f"{group}/names", list(names))
+        if direct is not None:
+            file.small("outputs/direct", direct)
         if model.loads:
             for key in ("name", "kind", "remark", "area", "spins"):
                 file.small(f"loads/{key}", [getattr(item, key) for item in model.loads])
@@ -225,6 +229,7 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         held = _dofs(file["held"], *row_range(comm, len(file["held/node"]))) if "held" in file else None
         elements = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in file.get("elements", {}).items()}
         sets = {name: part[slice(*row_range(comm, len(part)))] for name, part in sets_of(file).items()}
+        direct = file["outputs/direct"][...] if "outputs/direct" in file else None
         remarks = texts(file["remarks"]) if "remarks" in file else ()
         converted_from = file.attribute("converted_from", str, "")
         circulatory = bool(file.attribute("circulatory", default=0))
@@ -240,6 +245,8 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
     if rates:
         with model:
             model = model.with_output_columns(dense["outputs"], names["outputs"], **rates)
+            if direct is not None:
+                model = model.with_fields(rates=replace(model.rates, direct=direct))
     if not loads and not laws:
         return model
     with model:

@@ -1,7 +1,8 @@
 """Read and write result.h5: a reduced model, its body and its basis.
 
 attributes: format, version; loss_factor of structural damping
-reduced/M, D, K (m, m), B (m, p), C (r, m), Cv, Ca where not zero, frequencies (m) in Hz, input_names, output_names
+reduced/M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, input_names, output_names; where not zero also Cv,
+    Ca, and feedthrough (r, p), what outputs have of the inputs themselves
 reduced/viscoelastic/K (v, m, m): of terms c(s) K_v that are added; reduced/viscoelastic/laws: JSON, names and laws
 reduced/resultants (p, 6): force in N and moment about the origin in N m of each input, of a model with nodes
 reduced/interfaces/name, node (k), position (k, 3): in interface coordinates, the nodes whose displacements come first
@@ -68,6 +69,7 @@ QUANTITIES = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
 SCHEMA = NODES | OF_PARAMETERS | {
     **{f"reduced/{key}": Array("real", ("m", "m"), needed=True) for key in "MDK"},
     "reduced/Cv": Array("real", ("r", "m")), "reduced/Ca": Array("real", ("r", "m")),
+    "reduced/feedthrough": Array("real", ("r", "p")),
     "reduced/B": Array("real", ("m", "p"), needed=True), "reduced/C": Array("real", ("r", "m"), needed=True),
     "reduced/frequencies": Array("real", ("m",), needed=True), "reduced/resultants": Array("real", ("p", 6)),
     "reduced/input_names": Array("text", ("p",), needed=True),
@@ -474,11 +476,11 @@ def write_result(
         body = body_of(model, reduced, origin=origin, lumped=lumped, geometric_stiffness=geometric_stiffness)
     with writing(path, comm) as file:
         file.attribute("format", FORMAT)
-        file.attribute("version", ALSO[FORMAT] if reduced.added else VERSION)
+        file.attribute("version", ALSO[FORMAT] if reduced.added or reduced.feedthrough is not None else VERSION)
         file.attribute("loss_factor", reduced.loss_factor)
         for key in ARRAYS:
             file.small(f"reduced/{key}", getattr(reduced, key))
-        for key in ("Cv", "Ca"):
+        for key in ("Cv", "Ca", "feedthrough"):
             if getattr(reduced, key) is not None:
                 file.small(f"reduced/{key}", getattr(reduced, key))
         if isinstance(reduced, ParametricReducedModel):
@@ -560,7 +562,7 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
         # the reduced model, with parameters where the file has their terms
         reduced = ReducedModel(
             **{key: group[key][...] for key in ARRAYS},
-            **{key: group[key][...] for key in ("Cv", "Ca") if key in group},
+            **{key: group[key][...] for key in ("Cv", "Ca", "feedthrough") if key in group},
             **{key: tuple(texts(group[key])) for key in NAMES},
             interfaces=_interfaces(group["interfaces"]) if "interfaces" in group else (),
             resultants=group["resultants"][...] if "resultants" in group else None,

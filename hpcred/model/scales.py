@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from math import frexp, inf
 
 import numpy as np
@@ -24,6 +25,8 @@ def in_usual_units(model) -> Iterator[tuple]:
         yield model, 1.0, 1.0
         return
     usual = model.with_input_columns(model.B.getDenseArray().real / inputs, model.input_names)
+    if model.rates.direct is not None:
+        usual = usual.with_fields(rates=replace(model.rates, direct=model.rates.direct / (inputs * outputs)))
     if model.Ct is not None:
         usual = usual.with_fields(Ct=dense_matrix(model.K, model.Ct.getDenseArray().real / outputs))
     yield usual, inputs, outputs

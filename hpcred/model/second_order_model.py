@@ -25,6 +25,7 @@ from .construction import Labels
 from .digests import PARTS, digest_of
 from .interfaces.motion import with_interfaces
 from .interfaces.nodes import Interface, InterfaceNode
+from .loads.base import Base, with_bases
 from .loads.columns import with_loads
 from .loads.kinds import AnyLoad, LoadColumn
 from .operator import ADDED, KEY, ORDERS, Operator, Term
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from scipy.sparse import sparray, spmatrix
     from typing_extensions import Unpack
+
+    from ..linalg.solvers.settings import Factoring
 
     Matrix: TypeAlias = spmatrix | sparray | np.ndarray
     Targets: TypeAlias = Iterable[int | str | Sequence[int | str]]  # dofs, names of interfaces, (node, direction)
@@ -584,7 +587,7 @@ class SecondOrderModel:
             For NaN, Inf, and shapes and numbers of names that do not fit.
         """
         B, names = construction.columns_of(self.K, local, names, f"{self.name}: inputs")
-        return self.with_fields(B=B, input_names=names, loads=())
+        return self.with_fields(B=B, input_names=names, loads=(), rates=self.rates.of_inputs(self.input_names, names))
 
     def with_loads(self, loads: Iterable[AnyLoad] = (), given: dict[str, ArrayLike] | None = None) -> SecondOrderModel:
         """Return the model with loads as further inputs, after those that it has.
@@ -614,6 +617,41 @@ class SecondOrderModel:
         >>> loaded = model.with_loads([hpcred.loads.Pressure(name="oil", on="BORE", value=2e6)])
         """
         return with_loads(self, loads, given)
+
+    def with_bases(self, bases: Iterable[Base], factoring: Factoring | None = None) -> SecondOrderModel:
+        """Return the model on bases that move: with their accelerations as further inputs, after those that it has.
+
+        Collective.
+
+        Parameters
+        ----------
+        bases : iterable of hpcred.loads.Base
+            Nodes that move as a rigid body, or all that the finite-element program holds.
+        factoring : Factoring, optional
+            How K is factored, for the static deflection between a base and other supports.
+
+        Returns
+        -------
+        SecondOrderModel
+            Without rows of the bases, which are held. Displacements, velocities, accelerations and stresses are those
+            relative to the motion of the base; each `absolute` place adds an output, "absolute acceleration 20:z".
+
+        Raises
+        ------
+        InputError
+            For a base without held nodes, places that do not exist or do not hold the body, names that occur twice, and
+            a model without nodes or outputs.
+
+        Notes
+        -----
+        The column of an input is -M R, with the displacements R of the body under a unit motion of the base: that of a
+        rigid body where all that holds it moves. Damping acts on relative motion.
+
+        Examples
+        --------
+        >>> shaken = model.with_bases([hpcred.loads.Base(directions=("z",), absolute=[(20, "z")])])
+        """
+        return with_bases(self, bases, factoring)
 
     def with_output_columns(
         self, local: ArrayLike | None, names: Iterable[str], *, Cv: ArrayLike | None = None,

@@ -99,6 +99,7 @@ class BasisReductor(Reductor):
             )  # fmt: skip
             known["B"], known["C"] = reduced.B * inputs, reduced.C * outputs
             known |= {key: rows * outputs for key in ("Cv", "Ca") if (rows := getattr(reduced, key)) is not None}
+            known["feedthrough"] = model.rates.direct
         free_dropped(model.comm)
         return replace(reduced, **known)
 
@@ -219,7 +220,7 @@ class BasisReductor(Reductor):
             (projection.operator, projection.B, projection.C, projection.frequencies)
         )
         reduced = ReducedModel(
-            operator=operator, B=B, **model.rates.of(rows), frequencies=frequencies,
+            operator=operator, B=B, **model.rates.of(rows), frequencies=frequencies, feedthrough=model.rates.direct,
             loss_factor=loss_factor_of(framed.damping), input_names=model.input_names,
             output_names=model.output_names, interfaces=projection.interfaces,
             columns=everywhere(model, framed, V), left_columns=None if W is None else everywhere(model, framed, W),

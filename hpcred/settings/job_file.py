@@ -15,6 +15,7 @@ from ..linalg.solvers.settings import Factoring, LinearSolver
 from ..model.damping import Damping, NoDamping
 from ..model.frames import Frame, NoFrame
 from ..model.interfaces.nodes import Interface
+from ..model.loads.base import Base
 from ..model.loads.kinds import AnyLoad
 from ..model.outputs.cuts import CutOutput
 from ..model.outputs.motions import MotionOutput
@@ -105,6 +106,8 @@ class Job:
         Many nodes that move as one, whose name stands for a node in inputs, outputs and frames.
     load : tables
         Further inputs, behind `inputs`.
+    base : tables
+        Nodes whose motion is given, as on a shaker: their accelerations are further inputs, behind those of loads.
     parameter : tables
         What the matrices depend on (docs/parameters.md).
     term : tables
@@ -153,6 +156,7 @@ class Job:
     outputs: OutputTargets | None = None
     interface: tuple[Interface, ...] = ()
     load: tuple[AnyLoad, ...] = ()
+    base: tuple[Base, ...] = ()
     parameter: tuple[Parameter, ...] = ()
     term: tuple[TermTable, ...] = ()
     parameter_search: ParameterSearch = ParameterSearch()
@@ -289,7 +293,8 @@ def _check_targets(key, targets):
             direction_index(target[1], key)
 
 
-TERMS_OF_MODEL = ("load", "viscoelastic", "parameter", "term", "at", "circulatory")  # keys that change the model
+# keys that change the model
+TERMS_OF_MODEL = ("load", "base", "viscoelastic", "parameter", "term", "at", "circulatory")
 
 
 def read_job(path, overrides=()) -> Job:

@@ -320,7 +320,7 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         motion = Motion(
             t=t, notes=notes, warnings=warnings, factorisations=factorisations, **_motion(system, t, states),
             **_nodes(body, undeformed, t, states, system), **_rates_of_nodes(body, system, states, rates),
-            **_outputs(body.reduced, system, states, rates), **_reactions(body, system, t, states, rates),
+            **_outputs(body.reduced, system, t, states, rates), **_reactions(body, system, t, states, rates),
             **_springs(body, setup, system, t, states),
         )  # fmt: skip
     numbers = [*motion.energies.values(), *(value for value in vars(motion).values() if isinstance(value, np.ndarray))]
@@ -555,10 +555,13 @@ def _rates_of_nodes(body, system, states, rates):
     return {"node_velocity": found[0], "node_acceleration": found[1]}
 
 
-def _outputs(reduced, system, states, rates):
+def _outputs(reduced, system, t, states, rates):
     """Return the fields of a Motion on outputs of the reduced model."""
     q, u, du = (part.T for part in (system.split(states)[2], system.split(states)[3][6:], system.split(rates)[3][6:]))
     y = sum(part @ matrix.T for part, matrix in zip((q, u, du), reduced.output_parts, strict=True))
+    for push in system.pushes if reduced.feedthrough is not None else ():
+        direct = reduced.feedthrough[:, reduced.input_names.index(push.value.name)]
+        y = y + np.outer([push.value(now) for now in t], direct)
     return {"output_names": list(reduced.output_names), "outputs": y}
 
 

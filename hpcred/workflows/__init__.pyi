@@ -5,6 +5,7 @@ from .collect import collect_sweep as collect_sweep
 from .compare import compare_results as compare_results
 from .convert import list_formats as list_formats
 from .demo import run_demo as run_demo
+from .driven import driven_response as driven_response
 from .evaluate import check_result as check_result
 from .evaluate import estimate_of_result as estimate_of_result
 from .evaluate import evaluate_result as evaluate_result

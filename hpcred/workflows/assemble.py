@@ -80,7 +80,7 @@ class Assembly:
 
     @property
     def lines(self) -> np.ndarray:
-        """The frequencies (F,) in Hz of the first measured body, in the band; without 0 Hz where a body moves freely."""
+        """The frequencies (F,) in Hz of the first measured body, in the band; not 0 Hz where a body moves freely."""
         lines = next(part.lines for part in self.machine.parts.values() if isinstance(part, MeasuredPart))
         return above_rest(_inside(lines, self.band), self.machine.response)[0]
 

@@ -14,6 +14,7 @@ from ..files.checksums import content_of
 from ..files.model_file import read_model
 from ..linalg.solvers.settings import PACKAGES, Factoring, LinearSolver
 from ..model.damping import Damping, NoDamping
+from ..model.loads.base import ABSOLUTE, Base
 from ..model.operator import ADDED
 from ..model.outputs.cuts import cut_output_of
 from ..model.outputs.motions import motion_output_of
@@ -30,7 +31,7 @@ from ..reduction.reduce import reduce
 from ..reduction.result.parameter_accuracy import in_words
 from ..reduction.result.record import Record, difference_of
 from ..settings.term_table import TermTable
-from .model_of_job import with_interfaces, with_matrices_of_record, with_targets, with_terms
+from .model_of_job import with_bases, with_interfaces, with_matrices_of_record, with_targets, with_terms
 
 WORDS = {
     "B": "inputs differ", "Ct": "outputs differ", RATES: "outputs differ", "dofs": "nodes differ",
@@ -97,14 +98,22 @@ def _model_of_record(path, record, result, at, comm):
     reduced."""
     record.require_model(result)
     model = read_model(path, comm)
-    if model.size != record.size:  # before interfaces are looked for, which another model does not have
+    bases = adapter_of(tuple[Base, ...]).validate_python((record.job or {}).get("base", ()))
+    moved = [name for item in bases for name in item.input_names]
+    if moved[-1:] == list(model.input_names[-1:]):
+        bases = ()  # they are in the file
+    if not bases and model.size != record.size:  # before interfaces are looked for, which another model does not have
         with model:
             raise InputError(f"{path}: has {model.size} dofs, and the model that {result} was reduced from has "
                              f"{record.size}; take that model, or reduce this one again")  # fmt: skip
     model = with_matrices_of_record(model, record)
     model = with_interfaces(model, record.interfaces)
     for key, names in (("input", record.inputs), ("output", record.outputs)):
-        model = _as_recorded(model, key, names, record, path)
+        if bases:
+            names = tuple(name for name in names if name not in moved and not name.startswith(ABSOLUTE))
+        if names or not bases:
+            model = _as_recorded(model, key, names, record, path)
+    model = with_bases(model, bases, factoring_of(record))
     parametric = with_terms_of_record(model, record)
     if parametric is not None:
         model = parametric.at(**(record.job.get("at") or parametric.reference))

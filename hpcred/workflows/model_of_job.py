@@ -31,11 +31,12 @@ def model_of_job(job: Job, comm):
         with model:
             loaded = model.with_loads(job.load)
         model = loaded
+    model = with_bases(model, job.base, job.factoring)
     if model.B is None:
         with model:
             raise InputError(
                 f"inputs: neither the job nor {model.name} has any; give dof numbers or [node, direction] pairs, "
-                "bearings by [[interface]], or loads by [[load]]"
+                "bearings by [[interface]], loads by [[load]], or a motion by [[base]]"
             )
     if not job.term:
         return model
@@ -145,6 +146,14 @@ def with_interfaces(model, interfaces):
             interfaces = [replace(item, nodes=read_node_numbers(item.nodes)) if isinstance(item.nodes, str) else item
                           for item in interfaces]  # fmt: skip
         return interface_motion.with_interfaces(model, interfaces)
+
+
+def with_bases(model, bases, factoring=None):
+    """Return the model with the motions of bases as inputs; `model` is closed. Collective. Raises InputError."""
+    if not bases:
+        return model
+    with model:
+        return model.with_bases(bases, factoring)
 
 
 def at_preload(model, preload, frame, factoring):

@@ -1,6 +1,7 @@
 """Write the arrays of a Body by name, as a .npz, or as a .mat for MATLAB, Octave and Neweul-M2.
 
-M, D, K (m, m), B (m, p), C (r, m), frequencies (m) in Hz, loss_factor (eta of structural damping: K stands for
+M, D, K (m, m), B (m, p), C (r, m), where not zero Cv, Ca and feedthrough (r, p), frequencies (m) in Hz,
+loss_factor (eta of structural damping: K stands for
 (1 + i eta) K in frequency responses), input_names, output_names; resultants (p, 6), force and moment of each input
 about the origin of the body frame, which move it; the matrices viscoelastic (v, m, m) of terms c(s) K_v that are
 added to K, such as (g(s) - g(0)) K_v, viscoelastic_names (v) and viscoelastic_laws (v) in JSON; the quantities of
@@ -39,7 +40,8 @@ def arrays_of(body: Body) -> dict:
     """Everything by its name in the file. Raises InputError for NaN and Inf in the matrices."""
     require_finite(body.reduced)
     reduced, count = body.reduced, body.reduced.size
-    names = ("M", "D", "K", "B", "C", "Cv", "Ca", "frequencies", "loss_factor", "input_names", "output_names")
+    names = ("M", "D", "K", "B", "C", "Cv", "Ca", "feedthrough", "frequencies", "loss_factor", "input_names",
+             "output_names")  # fmt: skip
     arrays = {name: np.array(value) for name in names if (value := getattr(reduced, name)) is not None}
     if reduced.added:
         arrays[ADDED] = np.array([term.matrix for term in reduced.added])

@@ -342,8 +342,10 @@ def _outputs(reduced, family, part=None) -> list[_Output]:
 
 def _kind(name, reduced):
     """What a name such as 20:z or bearing:rx is a direction of; a load is none."""
-    if reduced.record is not None and name in [item.name for item in reduced.record.loads if item.kind != "given"]:
-        return LOAD
+    loads = {} if reduced.record is None else {item.name: item for item in reduced.record.loads if item.kind != "given"}
+    if name in loads:
+        units = (ROTATION if name.rpartition(":")[2].startswith("r") else TRANSLATION)[3:]
+        return (*units, *LOAD[1:]) if loads[name].is_motion else LOAD
     if cut := cut_output_of(name):
         return SECTION[cut.component[0]]
     target = target_of(name)
@@ -383,6 +385,8 @@ def with_stresses(reduced: ReducedModel, result, wanted) -> ReducedModel:
     names = tuple(f"{node}:{item}" for node, item in places)
     still = np.zeros((len(rows), reduced.size))
     rates = {key: np.vstack([part, still]) for key in ("Cv", "Ca") if (part := getattr(reduced, key)) is not None}
+    if reduced.feedthrough is not None:
+        rates["feedthrough"] = np.vstack([reduced.feedthrough, np.zeros((len(rows), reduced.B.shape[1]))])
     return replace(reduced, C=np.vstack([reduced.C, *rows]), **rates, output_names=(*reduced.output_names, *names))
 
 

@@ -6,7 +6,8 @@ With x = [q; q'], u the forces of the inputs and y the outputs:
     y_d' = C_velocity x                           C_velocity (d, 2m): the velocities of the d outputs without q', q''
     E x' = EA x + EB u                            the descriptor form, without the inverse of M: E = diag(I, M)
     mass q'' + damping q' + stiffness q = input_matrix u
-    y = output_matrix q + velocity_matrix q' + acceleration_matrix q'', the last two where they are not zero
+    y = output_matrix q + velocity_matrix q' + acceleration_matrix q'' + feedthrough_matrix u, the last three where
+        they are not zero
 
 input_names, output_names; velocity_names of the rows of C_velocity; comment. Viscoelastic parts of Maxwell's law have
 states w, x = [q; q'; w], and in the second-order form, whose mass is singular, coordinates (q, w): see
@@ -62,13 +63,14 @@ def state_space(reduced: ReducedModel) -> dict:
     by_mass = np.linalg.solve(M.T, Ca.T).T
     zero, one = np.zeros((size, size)), np.eye(size)
     still, displaces = np.zeros((size, B.shape[1])), reduced.displaces
+    direct = {} if reduced.feedthrough is None else {"feedthrough_matrix": reduced.feedthrough}
     names = [f"velocity of {name}" for name, displacement in zip(reduced.output_names, displaces, strict=True)
              if displacement]  # fmt: skip
     return {
         "A": np.block([[zero, one], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]]),
         "B": np.concatenate([still, np.linalg.solve(M, B)]),
         "C": np.concatenate([C - by_mass @ K, Cv - by_mass @ D], axis=1),
-        "D": by_mass @ B,
+        "D": by_mass @ B + direct.get("feedthrough_matrix", 0.0),
         "C_velocity": np.concatenate([np.zeros_like(C), C], axis=1)[displaces],
         "E": np.block([[one, zero], [zero, M]]),
         "EA": np.block([[zero, one], [-K, -D]]),
@@ -80,6 +82,7 @@ def state_space(reduced: ReducedModel) -> dict:
         "output_matrix": C,
         **{key: part for key, part in (("velocity_matrix", reduced.Cv), ("acceleration_matrix", reduced.Ca))
            if part is not None},
+        **direct,
         "input_names": np.array(reduced.input_names, dtype=str),
         "output_names": np.array(reduced.output_names, dtype=str),
         "velocity_names": np.array(names, dtype=str),
@@ -96,7 +99,9 @@ def _with_massless(reduced) -> dict:
     # rates of what follows forces at once are none of the states
     moved = reduced.displaces & ~(np.abs(reduced.C[:, ~elastic]) > 0).any(axis=1)
     names = [f"velocity of {name}" for name, shown in zip(reduced.output_names, moved, strict=True) if shown]
-    outputs = {"velocity_matrix": whole.Cv, "acceleration_matrix": whole.Ca}
+    outputs = {"velocity_matrix": whole.Cv, "acceleration_matrix": whole.Ca, "feedthrough_matrix": whole.feedthrough}
+    if whole.feedthrough is not None:
+        matrices["D"] = matrices["D"] + whole.feedthrough
     return matrices | {
         "C_velocity": matrices["C"][moved] @ matrices["A"],
         "mass": whole.M, "damping": whole.D, "stiffness": whole.K, "input_matrix": whole.B, "output_matrix": whole.C,

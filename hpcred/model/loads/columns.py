@@ -120,7 +120,7 @@ def _path(model, load, where):
     else:
         # a force at a held node deforms nothing
         mine = np.unique(model.dofs.node[model.dofs.direction != SCALAR].astype(np.int64))
-        nodes = np.unique(np.concatenate(model.comm.allgather(mine[_inside(model, load.on, mine, where)])))
+        nodes = np.unique(np.concatenate(model.comm.allgather(mine[inside(model, load.on, mine, where)])))
     there, points = places_of(model, nodes)
     if not there.all():
         raise InputError(f"{where}: on: node {nodes[~there][0]} has no row in {model.name}, or does not exist")
@@ -243,7 +243,7 @@ def loads_of(model) -> tuple[LoadColumn, ...]:
     columns = model.B.getDenseArray().real
     return tuple(
         known.get(name) or sums_of_column(model, columns[:, j], name, "given")
-        for j, name in enumerate(model.input_names) if target_of(name) is None
+        for j, name in enumerate(model.input_names) if name in known or target_of(name) is None
     )  # fmt: skip
 
 
@@ -314,7 +314,7 @@ def _keys(dofs):
     return dofs.node.astype(np.int64) * STRIDE + dofs.direction
 
 
-def _inside(model, on, nodes, where):
+def inside(model, on, nodes, where):
     """Test which nodes (k,) are those that a load is `on`. Collective. Raises InputError."""
     if isinstance(on, str):
         place = find_interface(model, on)
@@ -351,8 +351,8 @@ def _inside(model, on, nodes, where):
 def _chosen(model, on, table, where):
     """Test of which rows of a table (f, k) of nodes, -1 for none, all nodes are those that a load is `on`."""
     nodes = np.unique(table[table >= 0])
-    inside = nodes[_inside(model, on, nodes, where)]
-    return ((table < 0) | np.isin(table, inside)).all(axis=1) & (table >= 0).any(axis=1)
+    there = nodes[inside(model, on, nodes, where)]
+    return ((table < 0) | np.isin(table, there)).all(axis=1) & (table >= 0).any(axis=1)
 
 
 def faces_on(model, on, where) -> Faces:

@@ -19,6 +19,8 @@ from ...parallel.failures import InputError
 from ...parallel.ranges import Label, Number, Range, Vector
 from ..interfaces.nodes import NAME, Nodes
 
+BASE, SUPPORT = "base", "support"  # kinds of columns of bases: all that holds a body moves, or a part of it
+
 
 def _something(key, value):
     if not np.any(value):
@@ -60,8 +62,8 @@ class NamedLoad(Settings):
         super().__post_init__()
         if not NAME.fullmatch(self.name):
             raise InputError(
-                f"load.name: found '{self.name[:80]}', expected a word that begins with a letter, of letters, digits, "
-                "'_', '-' and '.', of at most 63 signs"
+                f"{self.where.partition(' ')[0]}.name: found '{self.name[:80]}', expected a word that begins with a "
+                "letter, of letters, digits, '_', '-' and '.', of at most 63 signs"
             )
 
 
@@ -374,6 +376,16 @@ class LoadColumn:
     area: float = 0.0
     remark: str = ""
     spins: bool = False
+
+    @property
+    def is_motion(self) -> bool:
+        """Whether the input is the acceleration of a base, in place of a force."""
+        return self.kind in (BASE, SUPPORT)
+
+    @property
+    def deflects(self) -> bool:
+        """Whether this acceleration is of one of several supports, beside which the body has a static deflection."""
+        return self.kind == SUPPORT
 
     @property
     def row(self) -> dict:

@@ -1,4 +1,4 @@
-"""Compute outputs from measured columns and their rates: y = sum_k P_k (d/dt)^k (c^T q), k = 0, 1, 2.
+"""Compute outputs from measured columns and their rates: y = sum_k P_k (d/dt)^k (c^T q) + F u, k = 0, 1, 2.
 
 The columns c (n, k) are what moments are matched of. A pure output is a multiple of one column, differentiated 0, 1 or
 2 times; a mixed one, such as c^T q + d^T q', has a column for each of its parts. Everything is small, NumPy and local.
@@ -6,7 +6,7 @@ The columns c (n, k) are what moments are matched of. A pure output is a multipl
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,30 +20,41 @@ MIXED = -1  # order of an output that has parts of several orders
 @dataclass(frozen=True, eq=False)
 class Rates:
     """Outputs (r) of measured columns (k): `parts` (3, r, k), the factors P_0, P_1, P_2 of the columns, their first
-    and their second derivatives; None where the outputs are the columns, which is false."""
+    and their second derivatives; None where the outputs are the columns, which is false. `direct`: F (r, p), what
+    outputs have of the inputs themselves, None without."""
 
     parts: np.ndarray | None = None
+    direct: np.ndarray | None = None
 
     def __bool__(self) -> bool:
         return self.parts is not None
 
     @property
     def orders(self) -> np.ndarray | None:
-        """The order (r,) of each output, or MIXED; 0 of an output that is zero. None where the outputs are the columns.
-        """
-        return orders_of(self.parts) if self else None
+        """The order (r,) of each output, or MIXED, as of those with a direct part; 0 of an output that is zero. None
+        where the outputs are the columns."""
+        if not self or self.direct is None:
+            return orders_of(self.parts) if self else None
+        return np.where(self.direct.any(axis=1), MIXED, orders_of(self.parts))
 
     def count(self, columns: int) -> int:
         """Return the number of outputs of so many columns."""
         return self.parts.shape[1] if self else columns
 
     def at(self, s: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Return (P_0 + s P_1 + s^2 P_2) rows (S, r, p) at s (S,): H of the responses (S, k, p) of the columns."""
-        return combined(self.parts, s) @ rows if self else rows
+        """Return (P_0 + s P_1 + s^2 P_2) rows + F (S, r, p) at s (S,): H of the responses (S, k, p) of the columns."""
+        return self._with_direct(combined(self.parts, s) @ rows) if self else rows
+
+    def _with_direct(self, H: np.ndarray) -> np.ndarray:
+        return H if self.direct is None else H + self.direct
+
+    def responses(self, s: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Return the same without the factor s^k of pure outputs."""
+        return self._with_direct(self.measured(s, rows))
 
     def measured(self, s: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Return the same without the factor s^k of pure outputs, whose relative error it does not change: it is that
-        of the displacement, also at 0 Hz."""
+        """Return what errors are measured of: no direct part, and no factor s^k of pure outputs, whose relative error
+        it does not change: it is that of the displacement, also at 0 Hz."""
         return self.measured_at(s) @ rows if self else rows
 
     def measured_at(self, s: np.ndarray) -> np.ndarray:
@@ -75,7 +86,16 @@ class Rates:
             return self
         lowest = self.parts.any(axis=2).argmax(axis=0)
         powers = np.maximum(np.arange(len(self.parts))[:, None] - lowest, 0)
-        return Rates(self.parts * (float(unit) ** powers)[:, :, None])
+        return replace(self, parts=self.parts * (float(unit) ** powers)[:, :, None])
+
+    def of_inputs(self, before, after) -> Rates:
+        """Return the outputs of other inputs, by the names of those before and after; new ones have no direct part."""
+        if self.direct is None:
+            return self
+        places = {name: j for j, name in enumerate(before)}
+        none = np.zeros(len(self.direct))
+        direct = [self.direct[:, places[name]] if name in places else none for name in after]
+        return replace(self, direct=np.column_stack(direct) if np.any(direct) else None)
 
     def outputs_of_only(self, columns) -> list[int]:
         """Return the outputs that have no part of other columns than these."""

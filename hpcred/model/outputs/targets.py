@@ -39,6 +39,9 @@ def output_columns(model, targets) -> tuple[dict[str, np.ndarray | None], list[s
     local = np.column_stack(columns)
     stresses = {j: stress for j, name in enumerate(names) if (stress := stress_output_of(name))}
     if stresses:
+        if any(item.deflects for item in model.loads):
+            raise InputError(f"outputs: stresses of {model.name} would lack those of its static deflection, since one "
+                             "of several supports moves; leave them out")  # fmt: skip
         local[:, list(stresses)] = stress_columns(model, list(stresses.values()))
     parts = {}
     for key, quantity in zip(("C", "Cv", "Ca"), QUANTITIES, strict=True):

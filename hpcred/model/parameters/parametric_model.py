@@ -78,6 +78,9 @@ class ParametricModel:
         if model.rates and any(term.of == "C" for term in terms):
             raise InputError(f"{model.name}: found terms of C, and outputs that are velocities or accelerations, "
                              "expected displacements")  # fmt: skip
+        if model.rates.direct is not None:
+            raise InputError(f"{model.name}: found absolute accelerations of a base beside parameters, expected "
+                             "motions relative to the base")  # fmt: skip
         terms = tuple(replace(term, matrix=term_matrix(model, term)) for term in terms)
         square = [term.matrix for term in terms if term.of in "MDK"]
         mats = model.matrices

@@ -35,7 +35,7 @@ DOUBLE_ZERO = 1e-7  # of the largest pole: rigid-body motions have double zeros,
 
 @dataclass(frozen=True, eq=False, init=False)
 class ReducedModel:
-    """M x'' + D x' + K x = B u, y = C x + C_v x' + C_a x'' with m coordinates, p inputs, r outputs; SI units.
+    """M x'' + D x' + K x = B u, y = C x + C_v x' + C_a x'' + F u, m coordinates, p inputs, r outputs; SI units.
 
     It does not change: dataclasses.replace() returns others; another `operator` has other M, D, K or terms.
 
@@ -48,6 +48,8 @@ class ReducedModel:
         Inputs.
     C, Cv, Ca : ndarray, shape (r, m)
         Outputs; Cv and Ca are None where they are zero.
+    feedthrough : ndarray, shape (r, p), or None
+        What outputs have of the inputs themselves, as absolute accelerations on a base that moves; None for nothing.
     operator : Operator
         All terms of A(s).
     frequencies : ndarray, shape (m,)
@@ -88,6 +90,7 @@ class ReducedModel:
     model: SecondOrderModel | None
     Cv: np.ndarray | None
     Ca: np.ndarray | None
+    feedthrough: np.ndarray | None
 
     def __init__(
         self, M: np.ndarray | None = None, D: np.ndarray | None = None, K: np.ndarray | None = None,
@@ -96,7 +99,7 @@ class ReducedModel:
         interfaces: tuple[InterfaceNode, ...] = (), resultants: np.ndarray | None = None, record: Record | None = None,
         columns: object = None, left_columns: object = None, model: SecondOrderModel | None = None,
         Cv: np.ndarray | None = None, Ca: np.ndarray | None = None, viscoelastic: Iterable[Term] | None = None, *,
-        operator: Operator = NOTHING,
+        operator: Operator = NOTHING, feedthrough: np.ndarray | None = None,
     ) -> None:  # fmt: skip
         known = dict(locals())
         added = operator.added if viscoelastic is None else viscoelastic
@@ -177,14 +180,15 @@ class ReducedModel:
         return as_html(f"reduced model: {self.size_in_words}", facts, notes=notes) + known
 
     def transfer_function(self, s: complex | np.ndarray) -> np.ndarray:
-        """Return H(s) = (C + s C_v + s^2 C_a) A(s)^-1 B (r, p), (25, 41); (..., r, p) for an array (...) of
+        """Return H(s) = (C + s C_v + s^2 C_a) A(s)^-1 B + F (r, p), (25, 41); (..., r, p) for an array (...) of
         s."""
-        return combined(self.output_parts, s) @ self.states(s)
+        return combined(self.output_parts, s) @ self.states(s) + (0.0 if self.feedthrough is None else self.feedthrough)
 
     def measured_response(self, s: complex | np.ndarray, rates: Rates) -> np.ndarray:
         """Return H(s) without the factors s and s^2 of velocities and accelerations, whose relative error is that of
         the displacement; `rates`: those of the full model, by which they are known."""
-        return combined(self.output_parts, s, rates.orders) @ self.states(s)
+        H = combined(self.output_parts, s, rates.orders) @ self.states(s)
+        return H if self.feedthrough is None else H + self.feedthrough
 
     @property
     def output_parts(self) -> np.ndarray:
@@ -374,7 +378,7 @@ def _semidefinite(matrix, size):
 
 def require_finite(reduced: ReducedModel):
     """Raise InputError for NaN and Inf in a reduced model, as one that was made by hand may have."""
-    arrays = {key: getattr(reduced, key) for key in ("B", "C", "Cv", "Ca", "frequencies")}
+    arrays = {key: getattr(reduced, key) for key in ("B", "C", "Cv", "Ca", "frequencies", "feedthrough")}
     for key, value in (reduced.operator.matrices | arrays).items():
         if value is None:
             continue

@@ -340,7 +340,7 @@ class PseudoModal(Keeping):
                 s = self.damping.coefficients(part)[2]
                 share = _reciprocal(s[:, None] - self.poles.values)[:, :, None] * (self.poles.left @ right)
                 rows = times(left @ self.poles.right, share)
-            H.append(self.io.measured(2j * np.pi * part, rows))
+            H.append(self.io.rates.responses(2j * np.pi * part, rows))
         return np.concatenate(H)
 
     def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -357,13 +357,13 @@ class PseudoModal(Keeping):
             for chunk in self.parts_of(frequencies):
                 inverse = 1 / self._diagonal(chunk)
                 rows = _times_real(inverse, products).reshape(len(chunk), len(left), right.shape[1])
-                H.append(self.io.measured(2j * np.pi * chunk, rows))
+                H.append(self.io.rates.responses(2j * np.pi * chunk, rows))
                 drive.append(_times_real(inverse, right**2))
             return np.concatenate(H), np.concatenate(drive)
         for chunk in self.parts_of(frequencies):
             states = self.solve(chunk, right)
             rows = left @ states
-            H.append(self.io.measured(2j * np.pi * chunk, rows))
+            H.append(self.io.rates.responses(2j * np.pi * chunk, rows))
             by_itself = self.io.are_same
             drive.append(np.einsum("spp->sp", rows) if by_itself else np.einsum("mp,smp->sp", right, states))
         return np.concatenate(H), np.concatenate(drive)

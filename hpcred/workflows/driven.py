@@ -1,0 +1,122 @@
+"""Compute the response of a result to random, harmonic and shock loads of a table, into a .csv."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+
+from ..analysis.random_loads import harmonic_response, random_response
+from ..analysis.shock import shock_spectrum, time_response
+from ..files.drive_table import read_drive_table
+from ..files.hdf5 import atomic_output
+from ..files.outputs import CSV_OF_RESPONSES, check_outputs
+from ..files.result_file import result_at
+from ..model.outputs.cuts import cut_output_of
+from ..model.outputs.stresses import stress_output_of
+from ..parallel.failures import InputError, agreed
+from .workflow import workflow
+
+SPECTRUM = np.geomspace(10.0, 2000.0, 93)  # Hz, twelve an octave
+
+
+@workflow
+def driven_response(
+    result, *, psd=None, harmonic=None, srs=None, q: float | None = None, stress=None, band=None, output=None,
+    at: dict[str, float] | None = None, comm=None, progress=None,
+) -> dict:  # fmt: skip
+    """Return the response of a result to what drives it: see docs/driven.md. Collective.
+
+    Parameters
+    ----------
+    result : str or PathLike
+        A result.h5.
+    psd, harmonic, srs : str or PathLike, optional
+        One table (see files.drive_table): densities, amplitudes, or accelerations over time.
+    q : float, optional
+        Of the oscillators of shock spectra, by default 10.
+    stress : sequence of int, optional
+        Nodes whose stresses are outputs under random loads.
+    band : sequence of 2 floats, optional
+        Hz, of random loads; by default that of the table.
+    output : str or PathLike, optional
+        A .csv.
+    at : dict of float, optional
+        Values of the parameters by name.
+
+    Returns
+    -------
+    dict
+        Rows of a table; `rows` with the RMS, amplitude or largest value of each output.
+
+    Raises
+    ------
+    InputError
+        For tables that do not fit the result.
+    """
+    given = [pair for pair in (("psd", psd), ("harmonic", harmonic), ("time", srs)) if pair[1] is not None]
+    if len(given) != 1:
+        raise InputError("response: found several of --psd, --harmonic and --srs, expected one of them")
+    (kind, table), = given
+    if output is not None:
+        if not str(output).endswith(".csv"):
+            raise InputError(f"output {output}: expected a name that ends in .csv")
+        check_outputs({output: CSV_OF_RESPONSES}, comm, [result, table], progress=progress)
+    taken = result_at(result, at, comm)
+    reduced = taken.reduced
+    with agreed(comm):
+        drive = read_drive_table(table, reduced, kind)
+        columns, rows = {}, []
+        if kind == "psd":
+            modes = None if stress is None else taken.stress_modes(stress)
+            found = random_response(reduced, drive.over, drive.values, band=band, orders=drive.orders, stress=modes)
+            columns["f_hz"] = found.frequencies
+            for name, density, rms in zip(found.names, found.psd.T, found.rms, strict=True):
+                unit = unit_of_output(name)
+                columns[f"{name} [({unit})^2/Hz]"] = density
+                rows.append({"output": name, "RMS": rms, "unit": unit})
+        elif kind == "harmonic":
+            found = harmonic_response(reduced, drive.over, drive.values, orders=drive.orders)
+            columns["f_hz"] = drive.over
+            for name, values in zip(reduced.output_names, found.T, strict=True):
+                unit, most = unit_of_output(name), int(np.abs(values).argmax())
+                columns[f"{name} [{unit}]"], columns[f"{name} phase [deg]"] = np.abs(values), np.angle(values, deg=True)
+                rows.append({"output": name, "amplitude": abs(values[most]), "unit": unit, "f (Hz)": drive.over[most]})
+        else:
+            step = min(np.diff(drive.over).min(), 1 / (32 * SPECTRUM[-1]))
+            t = drive.over[0] + step * np.arange(int(np.ceil((drive.over[-1] - drive.over[0]) / step)) + 2)
+            loads = np.column_stack([np.interp(t, drive.over, column, right=0.0) for column in drive.values.T])
+            histories = {reduced.input_names[j]: loads[:, j] for j in np.flatnonzero(loads.any(axis=0))}
+            responses = zip(reduced.output_names, time_response(reduced, t, loads).T, strict=True)
+            histories |= {name: y for name, y in responses if unit_of_output(name) == "m/s^2"}
+            columns["f_hz"] = SPECTRUM
+            for name, history in histories.items():
+                columns[f"{name} SRS [m/s^2]"] = shock_spectrum(t, history, SPECTRUM, q=q).maximax
+                rows.append({"of": name, "largest (m/s^2)": np.abs(history).max(),
+                             "largest of SRS (m/s^2)": columns[f"{name} SRS [m/s^2]"].max()})  # fmt: skip
+    warnings = []
+    accuracy = None if reduced.record is None else reduced.record.accuracy
+    if kind != "time" and accuracy is not None and drive.over[-1] > accuracy.band[1] * (1 + 1e-9) and band is None:
+        warnings.append(f"{table} reaches to {drive.over[-1]:g} Hz, and the accuracy of {result} is known to "
+                        f"{accuracy.band[1]:g} Hz")  # fmt: skip
+    if output is not None:
+        with atomic_output(output, comm) as temporary, agreed(comm):
+            if comm.rank == 0:
+                with open(temporary, "w", newline="", encoding="utf-8") as file:
+                    writer = csv.writer(file, lineterminator="\n")
+                    writer.writerow(columns)
+                    writer.writerows(np.column_stack(list(columns.values())).tolist())
+    return {"result": str(result), "kind": kind, "rows": rows, "warnings": warnings, "output": output and str(output)}
+
+
+def unit_of_output(name: str) -> str:
+    """Return the SI unit of an output by its name, 1 where it is not known."""
+    if (cut := cut_output_of(name)) is not None:
+        return "N" if cut.component[0] == "f" else "N m"
+    node, _, last = name.rpartition(":")
+    if stress_output_of(name) is not None or last in ("xx", "yy", "zz", "xy", "yz", "zx", "mises"):
+        return "Pa"
+    if last not in ("x", "y", "z", "rx", "ry", "rz") or not node:
+        return "1"
+    rate = "/s^2" if "acceleration " in node else "/s" if "velocity " in node else ""
+    return ("rad" if last.startswith("r") else "m") + rate

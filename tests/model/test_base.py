@@ -1,0 +1,219 @@
+"""Bodies on a base that moves: columns and outputs against closed forms and dense partitions; and each refusal."""
+
+import numpy as np
+import pytest
+from helpers import bar, columns_of, dense_model, few_on_ranks, refused
+
+import hpcred
+from hpcred.loads import Base
+
+pytestmark = pytest.mark.mpi(build="real")
+
+NONE = hpcred.Dofs(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)))
+F = np.array([3.0, 50.0, 400.0])
+
+
+def straight(comm, elements=8, length=1.0, damping=0.0):
+    """A free beam with stiffness-proportional damping, and its dense M, D, K."""
+    with bar(comm, length, elements) as free:
+        K, M, _ = dense_model(free)
+    count = elements + 1
+    points = np.linspace([0, 0, 0], [length, 0, 0], count)
+    numbers = np.arange(1, count + 1)
+    dofs = hpcred.Dofs(np.repeat(numbers, 6), np.tile(np.arange(6), count), np.repeat(points, 6, axis=0))
+    D = damping * K
+    return hpcred.SecondOrderModel.from_scipy(K, M, D if damping else None, comm, dofs=dofs, held=NONE), M, D, K
+
+
+def absolute(M, D, K, rows, base, motion, f):
+    """Displacements (F, n, k) by a dense partition: the rows `base` move by `motion` (b, k), others follow."""
+    free = np.setdiff1d(np.arange(len(K)), base)
+    found = np.zeros((len(f), len(K), motion.shape[1]), complex)
+    for H, s in zip(found, 2j * np.pi * f, strict=True):
+        A = s * s * M + s * D + K
+        H[base] = motion
+        H[free] = -np.linalg.solve(A[np.ix_(free, free)], A[np.ix_(free, base)] @ motion)
+    return found[:, rows]
+
+
+@pytest.mark.parametrize("grounded", few_on_ranks([False, True]))
+def test_partition(comm, grounded):
+    """Absolute accelerations over that of the base are the dense partition of the whole, free or with a spring to the
+    ground beside the base; relative displacements are less the static deflection."""
+    plain, M, D, K = straight(comm, damping=1e-6)
+    if grounded:
+        K = K.copy()
+        K[50, 50] += 1e6
+        D = 1e-6 * K
+    with plain, hpcred.SecondOrderModel.from_scipy(K, M, D, comm, dofs=_all(plain), held=NONE) as model:
+        base = Base(on=(1,), directions=("z", "ry"), absolute=((9, "z"), (1, "z")))
+        with model.with_outputs([(9, "z")]) as sensed, sensed.with_bases([base]) as shaken:
+            assert shaken.size == 48 and shaken.input_names == ("base:z", "base:ry")
+            assert shaken.output_names == ("9:z", "absolute acceleration 9:z", "absolute acceleration 1:z")
+            H = shaken.frequency_response(F, damping=hpcred.GivenDamping())
+            kinds = {item.kind for item in shaken.loads}
+    motion = np.eye(6)[:, [2, 4]]
+    whole = absolute(M, D, K, [50, 2], np.arange(6), motion, F)
+    still = absolute(M, 0 * D, K, [50], np.arange(6), motion, np.zeros(1))
+    np.testing.assert_allclose(H[:, 1:], whole, rtol=1e-9, atol=1e-12)
+    s = 2j * np.pi * F[:, None, None]
+    np.testing.assert_allclose(H[:, :1], (whole[:, :1] - still) / s**2, rtol=1e-7, atol=1e-9 * np.abs(H[:, :1]).max())
+    assert kinds == ({"support"} if grounded else {"base"})
+
+
+def _all(model):
+    """The labels of all rows, on every rank."""
+    keys = ("node", "direction", "position")
+    return hpcred.Dofs(*(np.concatenate(model.comm.allgather(getattr(model.dofs, key))) for key in keys))
+
+
+def _on_base(model, place):
+    """The body on its first node, which moves in the direction of the place whose absolute acceleration is known."""
+    with model.with_input_columns(None, ()) as bare:
+        return bare.with_bases([Base(on=(1,), directions=(place[1],), absolute=(place,))])
+
+
+def test_rod_on_a_shaker(comm):
+    """Transmissibility of a rod, 1 / cos(omega L / c), below and above its first resonance, where the phase turns."""
+    model, M, _, K = straight(comm, elements=40)
+    E, rho = K[0, 0] / M[0, 0], 1.0  # of the first element: k = EA / l, m = rho A l / 3
+    c = np.sqrt(E * (1 / 40) ** 2 / 3 / rho)
+    f = np.array([0.1, 0.2, 0.3]) * c
+    with model, _on_base(model, (41, "x")) as shaken:
+        H = shaken.frequency_response(f)[:, 0, 0]
+    np.testing.assert_allclose(H.real, 1 / np.cos(2 * np.pi * f / c), rtol=2e-3)
+    assert H[1].real > 0 > H[2].real
+
+
+def test_beam_on_a_shaker(comm):
+    """The tip of a clamped Euler-Bernoulli beam on a base that moves across it, by its closed form."""
+    model, M, _, K = straight(comm, elements=20)
+    # EI and rho A of slender elements of length l: K_zz = 12 EI / l^3, M_xx = rho A l / 3
+    l = 1 / 20
+    EI, mass = K[2, 2] * l**3 / 12, 3 * M[0, 0] / l
+    f = 1.8751041**2 * np.sqrt(EI / mass) / 2 / np.pi * np.array([0.5, 2.0])
+    with model, _on_base(model, (21, "z")) as shaken:
+        H = shaken.frequency_response(f)[:, 0, 0]
+    b = np.sqrt(2 * np.pi * f * np.sqrt(mass / EI))
+    exact = (np.cos(b) + np.cosh(b)) / (1 + np.cos(b) * np.cosh(b))
+    np.testing.assert_allclose(H.real, exact, rtol=2e-2)
+
+
+@pytest.mark.parametrize("lumped", few_on_ranks([True, False]))
+def test_held_nodes(comm, lumped):
+    """What the program holds moves as the same nodes do by `on`, where no mass couples it; else a remark says so."""
+    model, M, _, K = straight(comm)
+    M = np.diag(M.sum(axis=1).clip(M.max() * 1e-3)) if lumped else M
+    with model:
+        dofs = _all(model)
+    there = comm.rank == comm.size - 1
+    base = Base(directions=("z",), absolute=((9, "z"),))
+    responses, notes = [], []
+    whole = hpcred.SecondOrderModel.from_scipy(K, M, None, comm, dofs=dofs, held=NONE)
+    part = hpcred.SecondOrderModel.from_scipy(
+        K[6:, 6:], M[6:, 6:], None, comm, dofs=dofs.take(np.arange(6, 54)), held=dofs.take(np.arange(6 if there else 0))
+    )
+    for item, moved in ((whole, Base(on=(1,), directions=("z",), absolute=((9, "z"),))), (part, base)):
+        with item, item.with_bases([moved]) as shaken:
+            responses.append(shaken.frequency_response(F))
+            notes.append(shaken.loads[0].remark)
+    if lumped:
+        np.testing.assert_allclose(responses[1], responses[0], rtol=1e-9)
+    assert not notes[0] and ("the mass of held dofs" in notes[1]) == (not lumped)
+
+
+def test_reduced_with_its_exports(comm, tmp_path):
+    """Reduction to a tolerance, files and the state space have absolute accelerations as the full model has them."""
+    model, *_ = straight(comm, damping=1e-5)
+    folder = comm.bcast(str(tmp_path))
+    base = Base(on=(1,), directions=("z",), absolute=((9, "z"),))
+    with model, model.with_outputs([(5, "z")]) as sensed, sensed.with_bases([base]) as shaken:
+        hpcred.write_model(f"{folder}/shaken.h5", shaken)
+        H = shaken.frequency_response(F, damping=hpcred.GivenDamping())
+        reduced = hpcred.reduce(shaken, [hpcred.Modes(count=16), hpcred.Krylov(frequency=0.0, order=1)],
+                                damping=hpcred.GivenDamping())  # fmt: skip
+        np.testing.assert_allclose(reduced.frequency_response(F), H, rtol=1e-5)
+        reduced.save(f"{folder}/result.h5")
+        reduced.close()
+    with hpcred.read_model(f"{folder}/shaken.h5") as again:
+        np.testing.assert_allclose(again.frequency_response(F, damping=hpcred.GivenDamping()), H, rtol=1e-10)
+    read = hpcred.read_result(f"{folder}/result.h5").reduced
+    np.testing.assert_allclose(read.frequency_response(F), H, rtol=1e-5)
+    space, s = hpcred.state_space(read), 2j * np.pi * F[1]
+    found = space["C"] @ np.linalg.solve(s * np.eye(len(space["A"])) - space["A"], space["B"]) + space["D"]
+    np.testing.assert_allclose(found, H[1], rtol=1e-5)
+    assert read.record.loads[0].is_motion
+
+
+def test_inputs_of_before(comm):
+    """Forces on the base go, other forces stay with their outputs; the body keeps its interfaces."""
+    model, *_ = straight(comm)
+    ends = [hpcred.Interface(name=name, nodes=(node,), kind="rigid") for name, node in (("foot", 1), ("tip", 9))]
+    base = Base(name="foot", on="foot", directions=("y", "rz"))
+    with (model, model.with_input_columns(None, ()) as bare, bare.with_interfaces(ends) as marked,
+          marked.with_bases([base]) as shaken):  # fmt: skip
+        assert shaken.input_names[-2:] == ("foot:y", "foot:rz") and len(shaken.input_names) == 8
+        assert [item.name for item in shaken.interfaces] == ["tip"]
+        assert shaken.output_names == shaken.input_names[:6]
+        assert "left out the inputs foot:x" in shaken.remarks[-1]
+        mass = shaken.loads[-2].force[1]
+        whole = columns_of(shaken.B)
+    assert np.isfinite(whole).all() and mass < 0
+
+
+@pytest.mark.parametrize(
+    ("base", "message"),
+    few_on_ranks([
+        ({}, "has no held nodes that could move"),
+        ({"on": (1,), "directions": ("up",)}, "found the direction 'up', expected one of x, y, z"),
+        ({"on": (1,), "directions": ("x", "x")}, "each once"),
+        ({"on": (99,)}, "node 99 does not exist"),
+        ({"on": "FOOT"}, "has no node set or interface 'FOOT'"),
+        ({"on": tuple(range(1, 10))}, "nothing is left to vibrate"),
+        ({"on": (1,), "name": "9"}, "base.name: found '9'"),
+        ({"on": (1,), "absolute": ((77, "z"),)}, "node 77 does not exist"),
+    ]),
+)  # fmt: skip
+def test_refused(comm, base, message):
+    model, *_ = straight(comm)
+    with model, pytest.raises(hpcred.InputError, match="(?s)" + message.replace("(", r"\(")):
+        model.with_outputs([(9, "z")]).with_bases([Base(**base)])
+
+
+def test_base_that_does_not_hold(comm):
+    """A base of one node of a solid leaves it free to turn."""
+    base = Base(on=(1,), directions=("z",))
+    with (hpcred.solid((2, 1, 1), clamped=False, comm=comm) as model,
+          pytest.raises(hpcred.InputError, match="the body moves freely")):  # fmt: skip
+        model.with_bases([base])
+
+
+@pytest.mark.mpi(ranks=(1,))
+def test_job(comm, tmp_path, monkeypatch, capsys):
+    """A job with [[base]], evaluated against its full model, which is made again from its record."""
+    from hpcred.cli.main import run
+
+    monkeypatch.chdir(tmp_path)
+    model, *_ = straight(comm, damping=1e-5)
+    with model, model.with_input_columns(None, ()) as bare:
+        hpcred.write_model("model.h5", bare)
+    job = """
+    model = "model.h5"
+    output = "result.h5"
+    outputs = [[9, "z"]]
+    [damping]
+    kind = "given"
+    [[basis]]
+    kind = "modes"
+    count = 5
+    [[base]]
+    on = [1]
+    directions = ["z"]
+    absolute = [[9, "z"]]
+    """
+    (tmp_path / "job.toml").write_text(job)
+    assert run(["reduce", "job.toml"]) == 0
+    report = hpcred.evaluate("result.h5", "model.h5", frequencies=[3.0, 50.0])
+    assert max(report["eps"]) < 1e-2
+    (tmp_path / "job.toml").write_text(job.replace("on = [1]", ""))
+    assert "base 'base': model.h5 has no held nodes" in refused(capsys, "reduce", "job.toml")

@@ -1,0 +1,73 @@
+"""Random, harmonic and shock loads of a result by the command line, and each refusal of a table."""
+
+import numpy as np
+import pytest
+from helpers import refused
+
+import hpcred
+from hpcred.cli.main import run
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A result of an oscillator on a base at 20 Hz, with a quality of 10."""
+    from dataclasses import replace
+
+    from hpcred.loads import LoadColumn
+
+    where, w = tmp_path_factory.mktemp("driven"), 2 * np.pi * 20.0
+    model = hpcred.ReducedModel(
+        np.eye(1), np.array([[0.1 * w]]), np.array([[w * w]]), B=np.array([[-1.0, 1.0]]), C=np.array([[1.0], [0.0]]),
+        Ca=np.array([[0.0], [1.0]]), frequencies=np.array([20.0]), input_names=("base:z", "1:z"),
+        output_names=("1:z", "absolute acceleration 1:z"), feedthrough=np.array([[0.0, 0.0], [1.0, 0.0]]),
+    )  # fmt: skip
+    with hpcred.linkage() as linkage:
+        made = hpcred.reduce(linkage, [hpcred.Modes(count=2)], hpcred.Buckens())
+        load = LoadColumn(name="base:z", kind="base", force=(0.0, 0.0, -1.0), moment=(0.0, 0.0, 0.0))
+        record = replace(made.record, loads=(load,))
+        made.close()
+    hpcred.write_result(where / "result.h5", replace(model, record=record))
+    return where
+
+
+def test_miles(folder, monkeypatch, capsys):
+    """RMS of 1 g^2/Hz by Miles' equation, and a density in the file with its unit."""
+    monkeypatch.chdir(folder)
+    (folder / "psd.csv").write_text("f [Hz],base:z [g^2/Hz]\n0.01,1\n100000,1\n")
+    report = hpcred.workflows.driven_response("result.h5", psd="psd.csv", output="out.csv")
+    miles = np.sqrt(np.pi / 2 * 20 * 10 * 9.80665**2 * (1 + 1 / 100))
+    assert report["rows"][1]["RMS"] == pytest.approx(miles, rel=1e-3) and report["rows"][1]["unit"] == "m/s^2"
+    assert (folder / "out.csv").read_text().startswith("f_hz,1:z [(m)^2/Hz],absolute acceleration 1:z [(m/s^2)^2/Hz]")
+    assert run(["response", "result.h5", "--psd", "psd.csv"]) == 0
+
+
+def test_harmonic_and_shock(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    (folder / "h.csv").write_text("f [Hz],base:z [mm],base:z phase [deg]\n20,1,90\n")
+    row = hpcred.workflows.driven_response("result.h5", harmonic="h.csv")["rows"][0]
+    assert row["amplitude"] == pytest.approx(1e-2, rel=1e-9)
+    t = np.linspace(0, 0.011, 60)
+    lines = [f"{x},{np.sin(np.pi * x / 0.011)}" for x in t]
+    (folder / "t.csv").write_text("\n".join(["t [s],base:z [g]", *lines, ""]))
+    rows = hpcred.workflows.driven_response("result.h5", srs="t.csv", q=50.0)["rows"]
+    assert rows[0]["largest of SRS (m/s^2)"] == pytest.approx(1.75 * 9.80665, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("f [Hz],base:z\n1,1\n2,1\n", "found no unit"), ("f [Hz],base:z [N^2/Hz]\n1,1\n2,1\n", "found the unit"),
+        ("f [Hz],base:x [g^2/Hz]\n1,1\n2,1\n", "has no input 'base:x'"),
+        ("f [Hz],base:z [g^2/Hz]\n2,1\n1,1\n", "found 1 after 2"),
+        ("f [Hz],base:z [g^2/Hz]\n1,-1\n2,1\n", "expected none below 0"),
+        ("f [Hz],base:z [g^2/Hz],1:z [N^2/Hz],base:z/1:z coherence [1]\n1,1,1,2\n2,1,1,2\n", "positive semidefinite"),
+        ("time,base:z [g]\n1,1\n", "found the first head"), ("", "found the first head"),
+    ],
+)  # fmt: skip
+def test_refused(folder, monkeypatch, capsys, text, message):
+    monkeypatch.chdir(folder)
+    (folder / "bad.csv").write_text(text)
+    assert message in refused(capsys, "response", "result.h5", "--psd", "bad.csv")
+    (folder / "psd.csv").write_text("f [Hz],base:z [g^2/Hz]\n1,1\n100,1\n")
+    assert "over the band" in refused(capsys, "response", "result.h5", "--psd", "psd.csv", "--band", "1,200")
+    assert "no stress modes" in refused(capsys, "response", "result.h5", "--psd", "psd.csv", "--stress", "3")
