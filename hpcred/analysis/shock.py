@@ -19,7 +19,17 @@ MOST = 20_000_000  # samples of a history
 
 
 class ShockSpectrum(NamedTuple):
-    """Largest values of each sign, and the larger size of both (F,), at frequencies (F,) in Hz."""
+    """A shock response spectrum, in the unit of the acceleration.
+
+    Attributes
+    ----------
+    frequencies : ndarray, shape (F,)
+        Natural frequencies in Hz.
+    positive, negative : ndarray, shape (F,)
+        Largest and smallest absolute acceleration.
+    maximax : ndarray, shape (F,)
+        The larger size of both.
+    """
 
     frequencies: np.ndarray
     positive: np.ndarray

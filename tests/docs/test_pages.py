@@ -455,6 +455,7 @@ TYPED_ELSEWHERE = {  # why the commands of a page do not run here
     "bearings.md": "is a command of the gallery",
     "campbell.md": "takes results over a speed; tests/workflows/test_campbell.py has them",
     "cluster.md": "plans a cube of 10^7 dofs; tests/workflows/test_plan.py runs them",
+    "driven.md": "takes a body on a base, and tables of loads; tests/workflows/test_driven.py runs them",
     "evidence.md": "takes files of publishers",
     "export-chrono.md": "takes a model; tests/examples/test_chrono.py has its script",
     "export-modelica.md": "takes a model; benchmarks/embslib.py has the same command",
