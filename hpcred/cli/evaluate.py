@@ -14,6 +14,7 @@ from ..parallel.progress import counted
 from ..report.tables import show_table, show_timing
 from ..workflows.keywords import (
     At,
+    Drive,
     FineGrid,
     FreshPoints,
     FullFile,
@@ -170,11 +171,7 @@ def response(
     polar: Annotated[bool, typer.Option("--polar", help="Magnitude and phase in the .csv.")] = False,
     fresh: FreshPoints,
     groups: Annotated[int | None, typer.Option(help="Groups of ranks that share those of --check.")] = None,
-    psd: Annotated[str | None, typer.Option(metavar="CSV", help="Of a result: random loads, densities.")] = None,
-    harmonic: Annotated[str | None, typer.Option(metavar="CSV", help="Of a result: harmonic loads.")] = None,
-    srs: Annotated[str | None, typer.Option(metavar="CSV", help="Of a result: shock spectra of a history.")] = None,
-    q: Annotated[float | None, typer.Option(help="Amplification of the oscillators of --srs; default 10.")] = None,
-    stress: Annotated[str | None, typer.Option(metavar="NODES", help="With --psd: stresses at nodes.")] = None,
+    drive: Drive,
     solving: Solving,
     json: JsonFile = None,
 ):
@@ -182,13 +179,15 @@ def response(
 
     Of a RESULT.h5 with --psd, --harmonic or --srs: its response to loads of a table with units in its head.
     """
-    if psd or harmonic or srs:
+    if drive.table is not None:
+        full = [*grid.changed(), *state.changed(), *files.changed(), *fresh.changed()]
+        if surplus := [option for option in full if option not in ("--band", "--output", "--at")]:
+            raise InputError(f"{surplus[0]}: belongs to a full model; leave it out with --{drive.table[0]}")
         report = hpcred.workflows.driven_response(
-            model, psd=psd, harmonic=harmonic, srs=srs, q=q, stress=values.whole_numbers(stress, "--stress"),
-            band=values.band(grid.band), output=output, at=values.parameters(at, "--at"), progress=session.progress(),
-        )  # fmt: skip
+            model, band=grid.band, output=files.output, at=state.at, progress=session.progress(), **drive.given
+        )
         show_table(model, report["rows"])
-        session.written(output)
+        session.written(files.output)
         session.warn(report["warnings"])
         session.write_json(json, report)
         return 0

@@ -14,17 +14,19 @@ from ..files.outputs import CSV_OF_RESPONSES, check_outputs
 from ..files.result_file import result_at
 from ..model.outputs.cuts import cut_output_of
 from ..model.outputs.stresses import stress_output_of
+from ..parallel.declared import flattened
 from ..parallel.failures import InputError, agreed
+from .keywords import At, Drive, Name, Numbers
 from .workflow import workflow
 
 SPECTRUM = np.geomspace(10.0, 2000.0, 93)  # Hz, twelve an octave
 
 
 @workflow
+@flattened
 def driven_response(
-    result, *, psd=None, harmonic=None, srs=None, q: float | None = None, stress=None, band=None, output=None,
-    at: dict[str, float] | None = None, comm=None, progress=None,
-) -> dict:  # fmt: skip
+    result, *, drive: Drive, band: Numbers = None, output: Name = None, at: At = None, comm=None, progress=None
+) -> dict:
     """Return the response of a result to what drives it: see docs/driven.md. Collective.
 
     Parameters
@@ -38,7 +40,7 @@ def driven_response(
     stress : sequence of int, optional
         Nodes whose stresses are outputs under random loads.
     band : sequence of 2 floats, optional
-        Hz, of random loads; by default that of the table.
+        Hz, of random loads, by default that of the table, or of shock spectra, by default 10 to 2000.
     output : str or PathLike, optional
         A .csv.
     at : dict of float, optional
@@ -54,10 +56,11 @@ def driven_response(
     InputError
         For tables that do not fit the result.
     """
-    given = [pair for pair in (("psd", psd), ("harmonic", harmonic), ("time", srs)) if pair[1] is not None]
-    if len(given) != 1:
-        raise InputError("response: found several of --psd, --harmonic and --srs, expected one of them")
-    (kind, table), = given
+    if drive.table is None:
+        raise InputError("response: found none of psd, harmonic and srs, expected one of them")
+    kind, table = drive.table
+    if kind == "harmonic" and band is not None:
+        raise InputError("--band: belongs to --psd or --srs; harmonic loads act at the frequencies of their table")
     if output is not None:
         if not str(output).endswith(".csv"):
             raise InputError(f"output {output}: expected a name that ends in .csv")
@@ -65,39 +68,40 @@ def driven_response(
     taken = result_at(result, at, comm)
     reduced = taken.reduced
     with agreed(comm):
-        drive = read_drive_table(table, reduced, kind)
+        loads = read_drive_table(table, reduced, "time" if kind == "srs" else kind)
         columns, rows = {}, []
         if kind == "psd":
-            modes = None if stress is None else taken.stress_modes(stress)
-            found = random_response(reduced, drive.over, drive.values, band=band, orders=drive.orders, stress=modes)
+            modes = None if drive.stress is None else taken.stress_modes(drive.stress)
+            found = random_response(reduced, loads.over, loads.values, band=band, orders=loads.orders, stress=modes)
             columns["f_hz"] = found.frequencies
             for name, density, rms in zip(found.names, found.psd.T, found.rms, strict=True):
                 unit = unit_of_output(name)
                 columns[f"{name} [({unit})^2/Hz]"] = density
                 rows.append({"output": name, "RMS": rms, "unit": unit})
         elif kind == "harmonic":
-            found = harmonic_response(reduced, drive.over, drive.values, orders=drive.orders)
-            columns["f_hz"] = drive.over
+            found = harmonic_response(reduced, loads.over, loads.values, orders=loads.orders)
+            columns["f_hz"] = loads.over
             for name, values in zip(reduced.output_names, found.T, strict=True):
                 unit, most = unit_of_output(name), int(np.abs(values).argmax())
                 columns[f"{name} [{unit}]"], columns[f"{name} phase [deg]"] = np.abs(values), np.angle(values, deg=True)
-                rows.append({"output": name, "amplitude": abs(values[most]), "unit": unit, "f (Hz)": drive.over[most]})
+                rows.append({"output": name, "amplitude": abs(values[most]), "unit": unit, "f (Hz)": loads.over[most]})
         else:
-            step = min(np.diff(drive.over).min(), 1 / (32 * SPECTRUM[-1]))
-            t = drive.over[0] + step * np.arange(int(np.ceil((drive.over[-1] - drive.over[0]) / step)) + 2)
-            loads = np.column_stack([np.interp(t, drive.over, column, right=0.0) for column in drive.values.T])
-            histories = {reduced.input_names[j]: loads[:, j] for j in np.flatnonzero(loads.any(axis=0))}
-            responses = zip(reduced.output_names, time_response(reduced, t, loads).T, strict=True)
+            spectrum = SPECTRUM if band is None else np.geomspace(*band, len(SPECTRUM))
+            step = min(np.diff(loads.over).min(), 1 / (32 * spectrum[-1]))
+            t = loads.over[0] + step * np.arange(int(np.ceil((loads.over[-1] - loads.over[0]) / step)) + 2)
+            inputs = np.column_stack([np.interp(t, loads.over, column, right=0.0) for column in loads.values.T])
+            histories = {reduced.input_names[j]: inputs[:, j] for j in np.flatnonzero(inputs.any(axis=0))}
+            responses = zip(reduced.output_names, time_response(reduced, t, inputs).T, strict=True)
             histories |= {name: y for name, y in responses if unit_of_output(name) == "m/s^2"}
-            columns["f_hz"] = SPECTRUM
+            columns["f_hz"] = spectrum
             for name, history in histories.items():
-                columns[f"{name} SRS [m/s^2]"] = shock_spectrum(t, history, SPECTRUM, q=q).maximax
+                columns[f"{name} SRS [m/s^2]"] = shock_spectrum(t, history, spectrum, q=drive.q).maximax
                 rows.append({"of": name, "largest (m/s^2)": np.abs(history).max(),
                              "largest of SRS (m/s^2)": columns[f"{name} SRS [m/s^2]"].max()})  # fmt: skip
     warnings = []
     accuracy = None if reduced.record is None else reduced.record.accuracy
-    if kind != "time" and accuracy is not None and drive.over[-1] > accuracy.band[1] * (1 + 1e-9) and band is None:
-        warnings.append(f"{table} reaches to {drive.over[-1]:g} Hz, and the accuracy of {result} is known to "
+    if kind != "srs" and accuracy is not None and loads.over[-1] > accuracy.band[1] * (1 + 1e-9) and band is None:
+        warnings.append(f"{table} reaches to {loads.over[-1]:g} Hz, and the accuracy of {result} is known to "
                         f"{accuracy.band[1]:g} Hz")  # fmt: skip
     if output is not None:
         with atomic_output(output, comm) as temporary, agreed(comm):

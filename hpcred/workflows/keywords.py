@@ -187,6 +187,32 @@ class State(InputsAndOutputs):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Drive(Keywords):
+    """What drives a result: one table of `psd`, `harmonic` or `srs`, the `q` of the oscillators of shock spectra, and
+    nodes whose `stress` are outputs under random loads."""
+
+    psd: Annotated[Name, Option("Of a result: random loads, densities.", "CSV")] = None
+    harmonic: Annotated[Name, Option("Of a result: harmonic loads.", "CSV")] = None
+    srs: Annotated[Name, Option("Of a result: shock spectra of a history.", "CSV")] = None
+    q: Annotated[float | None, Option("Amplification of the oscillators of --srs; default 10.")] = None
+    stress: Annotated[
+        Sequence[int] | None, Option("With --psd: stresses at nodes.", "NODES", texts.whole_numbers)
+    ] = None  # fmt: skip
+
+    @property
+    def table(self) -> tuple[str, str] | None:
+        """The option of the one table that is given, and its name; None without any. Raises InputError."""
+        tables = [(key, value) for key, value in vars(self).items() if key in ("psd", "harmonic", "srs") and value]
+        if len(tables) > 1:
+            raise InputError("response: found several of --psd, --harmonic and --srs, expected one of them")
+        kind = tables[0][0] if tables else None
+        for key, of in (("q", "srs"), ("stress", "psd")):
+            if getattr(self, key) is not None and kind != of:
+                raise InputError(f"--{key}: belongs to --{of}")
+        return tables[0] if tables else None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Files(Keywords):
     """Where to write: `output`, a .csv or HDF5 file, and `figure`, a .png, .svg or .pdf."""
 
