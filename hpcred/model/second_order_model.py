@@ -965,7 +965,7 @@ class SecondOrderModel:
         return cls.assembled(**construction.from_petsc(K, M, D, nodes, numbers, held, inputs, outputs, **labels))
 
 
-def require_model(model):
+def require_model(model) -> None:
     """Raise InputError unless this is a SecondOrderModel that is not closed."""
     declared("model", model, SecondOrderModel)
     model.K  # noqa: B018  (refused here)

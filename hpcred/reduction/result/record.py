@@ -184,7 +184,7 @@ class Record:
         """Whether it has digests of the model in the form of today: earlier versions had others, or none."""
         return bool(self.digests) and all(len(digest) == DIGITS_OF_DIGEST for digest in self.digests.values())
 
-    def require_model(self, path):
+    def require_model(self, path) -> None:
         """Raise InputError where no full model can be compared with the result at `path`."""
         if self.model.startswith(MACHINE) and not self.digests:
             raise InputError(f"{path}: is {self.model}, which has no full model; --estimate shows its error, and each "
