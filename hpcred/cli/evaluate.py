@@ -181,6 +181,8 @@ def response(
     """
     if drive.table is not None:
         full = [*grid.changed(), *state.changed(), *files.changed(), *fresh.changed()]
+        others = {"--tolerance": tolerance != 1e-6, "--polar": polar, "--groups": groups is not None}
+        full += [option for option, given in others.items() if given]
         if surplus := [option for option in full if option not in ("--band", "--output", "--at")]:
             raise InputError(f"{surplus[0]}: belongs to a full model; leave it out with --{drive.table[0]}")
         report = hpcred.workflows.driven_response(

@@ -26,7 +26,7 @@ from ..parallel.failures import InputError
 from .text import require_file
 
 G = 9.80665  # m/s^2
-HEAD = re.compile(r"(?P<name>.*?)\s*(?P<part>coherence|phase|re|im)?\s*\[(?P<unit>[^\]]*)\]")
+HEAD = re.compile(r"(?P<name>.*?)(?:\s+(?P<part>coherence|phase|re|im))?\s*\[(?P<unit>[^\]]*)\]")
 FIRST = {"f [Hz]": "frequencies", "f_hz": "frequencies", "t [s]": "times", "t_s": "times"}
 UNITS = {  # factor to SI, and how often an input that is an acceleration has been integrated
     "an acceleration": {"m/s^2": (1.0, 0), "g": (G, 0), "mm/s^2": (1e-3, 0), "m/s": (1.0, 1), "mm/s": (1e-3, 1),
@@ -77,12 +77,15 @@ def read_drive_table(path, reduced, kind: str) -> DriveTable:
     """
     heads, over, columns = _read(path, "times" if kind == "time" else "frequencies")
     p, names = len(reduced.input_names), list(reduced.input_names)
-    orders, seen = np.zeros(p, int), {}
+    orders, crossed, seen = np.zeros(p, int), [], {}
     for head, column in zip(heads, columns.T, strict=True):
         pair, part, unit = _parsed(path, head)
         if pair in names and part in ("", "phase" if kind == "harmonic" else ""):
             places = (names.index(pair),)
         else:
+            if pair in names:
+                expected = f"one of two, such as A/B {part}" if kind == "psd" else "none in a table of this kind"
+                raise InputError(f"{path}: {head}: found the {part} of one input, expected {expected}")
             parts = next(((a, b) for a in names for b in names if a != b and pair == f"{a}/{b}"), None)
             if parts is None or kind != "psd" or not part:
                 raise InputError(f"{path}: {head}: the model has no input '{pair}'{nearest(pair, names)}; it has "
@@ -94,6 +97,12 @@ def read_drive_table(path, reduced, kind: str) -> DriveTable:
         seen[(part, *places)] = factor * column
         if not part:
             orders[places[0]] = order
+        elif part in ("re", "im"):
+            crossed.append((head, order, places))
+    for head, order, places in crossed:
+        if (orders[list(places)] != order).any():
+            raise InputError(f"{path}: {head}: found the unit of another quantity than that of the densities of these "
+                             "inputs, expected accelerations, velocities or displacements in both")  # fmt: skip
     if not any(not key[0] for key in seen):
         raise InputError(f"{path}: found no column of an input, expected such as {names[0]} [unit]")
     if kind == "time" and orders.any():

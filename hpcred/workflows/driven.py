@@ -6,9 +6,10 @@ import csv
 
 import numpy as np
 
+from ..analysis.frequency_response import resonances_of
 from ..analysis.random_loads import harmonic_response, random_response
-from ..analysis.shock import shock_spectrum, time_response
-from ..files.drive_table import read_drive_table
+from ..analysis.shock import damping_ratio, shock_spectrum, time_response
+from ..files.drive_table import quantity_of_input, read_drive_table
 from ..files.hdf5 import atomic_output
 from ..files.outputs import CSV_OF_RESPONSES, check_outputs
 from ..files.result_file import result_at
@@ -16,9 +17,13 @@ from ..model.outputs.cuts import cut_output_of
 from ..model.outputs.stresses import stress_output_of
 from ..parallel.declared import flattened
 from ..parallel.failures import InputError, agreed
+from ..parallel.ranges import require_band
 from .keywords import At, Drive, Name, Numbers
 from .workflow import workflow
 
+AT_REST = 1e-2  # of an amplitude that has died away
+FAR_BELOW = 1e-2  # of the lowest oscillator: resonances below are as rigid-body motions to it
+MOST = 100_000_000  # numbers of the states of a response over time
 SPECTRUM = np.geomspace(10.0, 2000.0, 93)  # Hz, twelve an octave
 
 
@@ -61,6 +66,9 @@ def driven_response(
     kind, table = drive.table
     if kind == "harmonic" and band is not None:
         raise InputError("--band: belongs to --psd or --srs; harmonic loads act at the frequencies of their table")
+    require_band("band", band)
+    if kind == "srs" and band is not None and band[0] == 0:
+        raise InputError("band: found 0 Hz, expected frequencies of oscillators above 0 for shock spectra")
     if output is not None:
         if not str(output).endswith(".csv"):
             raise InputError(f"output {output}: expected a name that ends in .csv")
@@ -87,10 +95,11 @@ def driven_response(
                 rows.append({"output": name, "amplitude": abs(values[most]), "unit": unit, "f (Hz)": loads.over[most]})
         else:
             spectrum = SPECTRUM if band is None else np.geomspace(*band, len(SPECTRUM))
-            step = min(np.diff(loads.over).min(), 1 / (32 * spectrum[-1]))
-            t = loads.over[0] + step * np.arange(int(np.ceil((loads.over[-1] - loads.over[0]) / step)) + 2)
+            t = _instants(reduced, loads.over, spectrum, drive.q)
             inputs = np.column_stack([np.interp(t, loads.over, column, right=0.0) for column in loads.values.T])
-            histories = {reduced.input_names[j]: inputs[:, j] for j in np.flatnonzero(inputs.any(axis=0))}
+            moved = [j for j in np.flatnonzero(inputs.any(axis=0))
+                     if quantity_of_input(reduced, reduced.input_names[j]) == "an acceleration"]  # fmt: skip
+            histories = {reduced.input_names[j]: inputs[:, j] for j in moved}
             responses = zip(reduced.output_names, time_response(reduced, t, inputs).T, strict=True)
             histories |= {name: y for name, y in responses if unit_of_output(name) == "m/s^2"}
             columns["f_hz"] = spectrum
@@ -100,9 +109,10 @@ def driven_response(
                              "largest of SRS (m/s^2)": columns[f"{name} SRS [m/s^2]"].max()})  # fmt: skip
     warnings = []
     accuracy = None if reduced.record is None else reduced.record.accuracy
-    if kind != "srs" and accuracy is not None and loads.over[-1] > accuracy.band[1] * (1 + 1e-9) and band is None:
-        warnings.append(f"{table} reaches to {loads.over[-1]:g} Hz, and the accuracy of {result} is known to "
-                        f"{accuracy.band[1]:g} Hz")  # fmt: skip
+    highest = loads.over[-1] if band is None else band[1]
+    if kind != "srs" and accuracy is not None and highest > accuracy.band[1] * (1 + 1e-9):
+        warnings.append(f"{table if band is None else 'the band'} reaches to {highest:g} Hz, and the accuracy of "
+                        f"{result} is known to {accuracy.band[1]:g} Hz")  # fmt: skip
     if output is not None:
         with atomic_output(output, comm) as temporary, agreed(comm):
             if comm.rank == 0:
@@ -111,6 +121,24 @@ def driven_response(
                     writer.writerow(columns)
                     writer.writerows(np.column_stack(list(columns.values())).tolist())
     return {"result": str(result), "kind": kind, "rows": rows, "warnings": warnings, "output": output and str(output)}
+
+
+def _instants(reduced, over, spectrum, q) -> np.ndarray:
+    """Return instants (n,) in equal steps over the times of a table, and on until the body has come to rest, or
+    oscillators that ring with it have reached their largest acceleration. Raises InputError for too many."""
+    at, ratios = resonances_of(reduced)
+    at, ratios = at[at > FAR_BELOW * spectrum[0]], ratios[at > FAR_BELOW * spectrum[0]]
+    after = 0.0
+    if len(at):
+        decay = 2 * np.pi * max((at * ratios).min(), spectrum[0] * damping_ratio(q))
+        after = np.log(1 / AT_REST) / decay + 1 / at.min()
+    step = min(np.diff(over).min(), 1 / (32 * spectrum[-1]))
+    count = np.ceil((over[-1] - over[0] + after) / step) + 2
+    if 2 * reduced.size * count > MOST:
+        raise InputError(f"t [s]: {count:.3g} equal steps of {step:.3g} s are needed, expected at most "
+                         f"{MOST // (2 * reduced.size)}; leave out instants that follow each other more closely than "
+                         "others, or begin the band higher")  # fmt: skip
+    return over[0] + step * np.arange(int(count))
 
 
 def unit_of_output(name: str) -> str:

@@ -53,6 +53,24 @@ def test_harmonic_and_shock(folder, monkeypatch):
     assert rows[0]["largest of SRS (m/s^2)"] == pytest.approx(1.75 * 9.80665, rel=0.02)
 
 
+def test_response_after_a_shock(folder, monkeypatch):
+    """The oscillator on its base is largest after a short pulse: its acceleration is the shock spectrum at 20 Hz."""
+    monkeypatch.chdir(folder)
+    times, pulse = hpcred.analysis.half_sine(100.0, 0.002, 50)
+    lines = [f"{x},{y}" for x, y in zip(times, pulse, strict=True)]
+    (folder / "s.csv").write_text("\n".join(["t [s],base:z [m/s^2]", *lines, ""]))
+    expected = hpcred.analysis.shock_spectrum(times, pulse, [20.0], q=10.0).maximax[0]
+    rows = hpcred.workflows.driven_response("result.h5", srs="s.csv")["rows"]
+    assert rows[1]["largest (m/s^2)"] == pytest.approx(expected, rel=2e-3)
+    # the spectrum of what rings at 20 Hz with a quality of 10: an oscillator of the same reaches Q / e times it
+    assert rows[1]["largest of SRS (m/s^2)"] == pytest.approx(10 / np.e * expected, rel=0.1)
+    # a force has no shock spectrum
+    (folder / "s.csv").write_text("t [s],1:z [N]\n0,0\n0.001,1\n0.002,0\n")
+    assert [row["of"] for row in hpcred.workflows.driven_response("result.h5", srs="s.csv")["rows"]] == [
+        "absolute acceleration 1:z"
+    ]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -61,6 +79,8 @@ def test_harmonic_and_shock(folder, monkeypatch):
         ("f [Hz],base:z [g^2/Hz]\n2,1\n1,1\n", "found 1 after 2"),
         ("f [Hz],base:z [g^2/Hz]\n1,-1\n2,1\n", "expected none below 0"),
         ("f [Hz],base:z [g^2/Hz],1:z [N^2/Hz],base:z/1:z coherence [1]\n1,1,1,2\n2,1,1,2\n", "positive semidefinite"),
+        ("f [Hz],base:z [g^2/Hz],base:z phase [deg]\n1,1,1\n2,1,1\n", "of one input, expected one of two"),
+        ("f [Hz],base:z [g^2/Hz],1:z [N^2/Hz],base:z/1:z coherence [2]\n1,1,1,1\n2,1,1,1\n", "found the unit 2"),
         ("time,base:z [g]\n1,1\n", "found the first head"), ("", "found the first head"),
     ],
 )  # fmt: skip
@@ -70,4 +90,25 @@ def test_refused(folder, monkeypatch, capsys, text, message):
     assert message in refused(capsys, "response", "result.h5", "--psd", "bad.csv")
     (folder / "psd.csv").write_text("f [Hz],base:z [g^2/Hz]\n1,1\n100,1\n")
     assert "over the band" in refused(capsys, "response", "result.h5", "--psd", "psd.csv", "--band", "1,200")
+    assert "above 0" in refused(capsys, "response", "result.h5", "--srs", "psd.csv", "--band", "0,200")
+    for option in ("--polar", "--groups=2", "--tolerance=1e-3"):
+        assert "belongs to a full model" in refused(capsys, "response", "result.h5", "--psd", "psd.csv", option)
     assert "no stress modes" in refused(capsys, "response", "result.h5", "--psd", "psd.csv", "--stress", "3")
+
+
+def test_heads(folder):
+    """Names that end as the parts of a pair do, and a cross spectrum in the unit of another motion."""
+    from dataclasses import replace
+
+    from hpcred.files.drive_table import read_drive_table
+
+    one = replace(hpcred.read_result(folder / "result.h5").reduced, record=None, input_names=("pressure", "him"))
+    (folder / "p.csv").write_text("f [Hz],pressure [1/Hz],him [1/Hz],pressure/him re [1/Hz]\n1,4,1,2\n2,4,1,2\n")
+    assert np.array_equal(read_drive_table(folder / "p.csv", one, "psd").values[0], [[4.0, 2.0], [2.0, 1.0]])
+    record = hpcred.read_result(folder / "result.h5").reduced.record
+    loads = [replace(record.loads[0], name=f"base:{axis}") for axis in "xz"]
+    two = replace(one, record=replace(record, loads=tuple(loads)), input_names=("base:x", "base:z"))
+    heads = "f [Hz],base:x [g^2/Hz],base:z [g^2/Hz],base:x/base:z re [m^2/Hz]"
+    (folder / "c.csv").write_text(f"{heads}\n1,1,1,1\n2,1,1,1\n")
+    with pytest.raises(hpcred.InputError, match="another quantity"):
+        read_drive_table(folder / "c.csv", two, "psd")
