@@ -124,7 +124,7 @@ def stiffness_of_stresses(model, columns, element, point, stress, name) -> np.nd
 def stiffness_of_difference(model, columns, state: LoadedState, loaded, opposite=None) -> np.ndarray:
     """Return V^T (K' - K) V (m, m) of K' under a load, or half the difference of those of opposite loads.
 
-    `loaded`, `opposite`: models under load, with the rows of `model`; with item.matrix K' is the stiffness of the
+    `loaded`, `opposite`: models under load, with the rows of `model`; with state.matrix K' is the stiffness of the
     stress itself. Collective. Raises InputError for other rows or masses, and for loads that are not axial or
     centrifugal.
     """

@@ -254,12 +254,12 @@ def preloaded(
             "a frame, or take the reduced model at the preload (hpcred evaluate)"
         )
     # K + K_G of these stresses, less the softening by the spin
-    sentences = [
+    of_groups = [
         (node_stiffness(group.kind, group.rule, solids.position[members], stress).sum(axis=0), solids.rows[members])
         for group, members, stress in stresses(solids, states.field)
     ]
     K = model.K.copy()
-    K.axpy(1.0, assembled(model, sentences))
+    K.axpy(1.0, assembled(model, of_groups))
     if any(preload.omega):
         K.axpy(1.0, spin_softening(model, preload.omega))
 

@@ -45,11 +45,11 @@ def projected(matrices: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return np.array([rows.T @ (matrix @ flat).reshape(-1, count) for matrix in matrices]).reshape(-1, count, count)
 
 
-def assembled(model, triplets) -> PETSc.Mat:
+def assembled(model, pairs) -> PETSc.Mat:
     """Return the sparse matrix (n, n) of elements, from pairs of their matrices (e, k, k) and rows (e, k, 3).
     Collective."""
     rows, columns, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
-    for matrices, places in triplets:
+    for matrices, places in pairs:
         shape = (*matrices.shape, 3)
         i, j = (np.broadcast_to(numbers, shape).ravel() for numbers in (places[:, :, None], places[:, None]))
         there = (i >= 0) & (j >= 0)

@@ -147,9 +147,9 @@ def sum_over_elements(solids, field, shapes) -> np.ndarray:
         size = nodes.shape[1]
         step = max(1, MATRICES_AT_A_TIME // (size * max(size * field.shape[2], 3 * shapes.shape[2])))
         for low in range(0, len(nodes), step):
-            columns = slice(low, low + step)
-            matrices = node_stiffness(group.kind, group.rule, position[columns], stress[columns])
-            total += projected(matrices, shapes[nodes[columns]])
+            some = slice(low, low + step)
+            matrices = node_stiffness(group.kind, group.rule, position[some], stress[some])
+            total += projected(matrices, shapes[nodes[some]])
     return total
 
 

@@ -43,7 +43,7 @@ def compress(entries: dict, first: int, last: int, columns: int, repeats: dict |
 
 def sparse_rows(like: PETSc.Mat, triplets, width) -> PETSc.Mat:
     """A matrix with the rows of another one from (rows of this rank, columns, values), with columns that ascend from
-    part to part; `width`: how many columns this rank owns, and all. Collective."""
+    one to the next; `width`: how many columns this rank owns, and all. Collective."""
     size, total = like.getSizes()[0]
     rows, columns, values = (np.concatenate(arrays) for arrays in zip(*triplets, strict=True))
     order = np.argsort(rows, kind="stable")

@@ -192,6 +192,7 @@ ONE = substructure(np.eye(3), np.eye(3), nodes=(1,), lines=("1, 2, 3",))
     (ONE.replace("NODES= 1", "NODES= 2"), "found 1 nodes of the user element, expected NODES=2"),
     (ONE[:-30], "numbers of MASS, expected 6 for 3 rows; the file is cut off or damaged"),
     (ONE.replace("1, 2, 3\n", "1, 2, 9\n"), "expected the dofs (1 to 6) of the first node"),
+    (ONE.replace("1, 2, 3\n", "1, 2, 3\n,\n"), "expected the dofs (1 to 6) of the first node"),
     (ONE.replace("1, 2, 3\n", "1, 1, 3\n"), "found node 1, dof 1 in two rows"),
     (ONE + ONE, "found 2 user elements, expected one"),
     (ONE.replace("STIFFNESS", "MASS", 1), "found two matrices of type MASS"),
@@ -205,6 +206,14 @@ def test_bad_superelements_are_refused_in_one_sentence(tmp_path, monkeypatch, ca
     write_run(text)
     message = refused(capsys, "convert", "sub.mtx", "body.h5", "--superelement")
     assert words in message and "Traceback" not in message and not Path("body.h5").exists()
+
+
+def test_a_superelement_has_no_full_model(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_run(ONE)
+    assert run(["convert", "sub.mtx", "body.h5", "--superelement"]) == 0
+    told = refused(capsys, "evaluate", "body.h5", "--full", "body.h5", "--frequencies", "1")
+    assert "body.h5: is a superelement that was read from sub.mtx, which has no full model" in told
 
 
 def test_what_is_no_superelement_is_refused(tmp_path, monkeypatch, capsys):

@@ -143,7 +143,7 @@ def _rows(path, nodes, body):
             or not all(1 <= d <= 6 for item in dofs for d in item)
         ):
             raise ValueError
-    except ValueError as error:
+    except (ValueError, IndexError) as error:
         raise InputError(f"{path}: found the lines '{shown(' / '.join(lines).encode('latin-1'))}' below *USER ELEMENT, "
                          "expected the dofs (1 to 6) of the first node, and then places in the list of nodes with the "
                          "dofs from there on") from error  # fmt: skip

@@ -79,7 +79,7 @@ class ParametricReducedModel(ReducedModel):
 
     @classmethod
     def of(cls, reduced: ReducedModel, **more: Any) -> ParametricReducedModel:
-        """Return the model that is a `reduced` one at the reference values; `parts`: parameters, constant and terms."""
+        """Return the model that is a `reduced` one at the reference values; `more`: parameters, constant and terms."""
         return cls(**{attribute.name: getattr(reduced, attribute.name) for attribute in fields(ReducedModel)}, **more)
 
     @property

@@ -28,7 +28,7 @@ class Direction:
 def directions_table(by: Directions, chunks, outputs, inputs) -> tuple[Direction, ...]:
     """Return the accuracy of each of the `outputs` under the `inputs` (names), the least accurate output first.
 
-    `parts`: of the band, as frequencies (S,) in Hz, errors by the measure, and responses, both (S, r, p).
+    `chunks`: of the band, as frequencies (S,) in Hz, errors by the measure, and responses, both (S, r, p).
     """
     first, largest = None, [(-1.0, 0.0, 0)] * len(outputs)
     for frequencies, each, H in chunks:

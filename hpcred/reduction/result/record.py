@@ -189,6 +189,9 @@ class Record:
         if self.model.startswith(MACHINE) and not self.digests:
             raise InputError(f"{path}: is {self.model}, which has no full model; --estimate shows its error, and each "
                              "of its bodies can be compared with its own model")  # fmt: skip
+        if not self.digests and not self.basis and self.accuracy is None:
+            raise InputError(f"{path}: is a superelement that was read from {self.model}, which has no full model; "
+                             "take it in a machine, or without --full")  # fmt: skip
         if not self.knows_its_model:
             raise InputError(f"{path}: an earlier version wrote it, which did not keep what tells its model from "
                              "others today; reduce again")  # fmt: skip
