@@ -1,7 +1,6 @@
 """The command line as users meet it: what it refuses."""
 
 import json
-import os
 import re
 import shlex
 import subprocess
