@@ -186,7 +186,7 @@ def _reduced(reduced, frequencies, response_at=None, comm=MPI.COMM_WORLD):
     mine = frequencies[comm.rank :: comm.size]
     with agreed(comm):
         try:
-            mine = [response_at(2j * np.pi * mine[part]) for part in _parts(len(mine), reduced.size)]
+            mine = [response_at(2j * np.pi * mine[part]) for part in slices_of(len(mine), reduced.size)]
         except np.linalg.LinAlgError as error:
             found = "0 Hz, where rigid-body motions have" if not frequencies.all() else "a pole of the model, which has"
             raise InputError(f"frequencies: found {found} no response; leave it out") from error
@@ -210,8 +210,8 @@ def above_rest(frequencies: np.ndarray, response_at) -> tuple[np.ndarray, list[s
     return frequencies, []
 
 
-def _parts(count, size):
-    """Return slices of so many frequencies, a part of which is solved in one call."""
+def slices_of(count: int, size: int) -> list[slice]:
+    """Return slices of `count` frequencies, of which each is solved in one call, for matrices (size, size)."""
     step = max(TOGETHER // (16 * size * size), 1)
     return [slice(first, first + step) for first in range(0, count, step)]
 
@@ -253,7 +253,7 @@ def _by_full_matrices(solvers, frequencies, response, step) -> np.ndarray:
         return np.flatnonzero(left)
     operator, B = model.operator.map(_full_matrix), _full_matrix(model.B)
     C = B.T if model.Ct is None else _full_matrix(model.Ct).T
-    for part in _parts(len(frequencies), model.size):
+    for part in slices_of(len(frequencies), model.size):
         omega = 2 * np.pi * frequencies[part]
         A = operator.at(1j * omega) + 1j * solvers.loss * operator["K"]
         try:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import block_diag
 
+from ..analysis.frequency_response import slices_of
 from ..fe.dofs import SAME_PLACE
 from ..linalg.eigensolver import congruent
 from ..linalg.pencil import massless_last, modes_of, time_of
@@ -110,8 +111,12 @@ class Machine:
 
     def response(self, s: np.ndarray) -> np.ndarray:
         """Return H(s) (S, r, p) of the machine at s (S,), by receptances."""
-        Y = self.receptances(s)
-        return self.outputs.matrix @ self.coupled(s, Y)[0] @ Y @ self.inputs.matrix.T
+        largest = max(*self.outputs.matrix.shape, *self.inputs.matrix.shape, len(self.conditions))
+        found = []
+        for part in slices_of(len(s), largest):
+            Y = self.receptances(s[part])
+            found.append(self.outputs.matrix @ self.coupled(s[part], Y)[0] @ Y @ self.inputs.matrix.T)
+        return np.concatenate(found)
 
     def model(self, tau: float) -> tuple[ReducedModel, np.ndarray]:
         """Return the model of the machine in pseudo-modal coordinates, with parameters where bodies have some, and T
@@ -119,8 +124,7 @@ class Machine:
         InputError."""
         # the modes at the reference of what rigid conditions leave free
         T = self._free(tau)
-        squares, X, without = found = self._modes(T, tau)
-        self._require_seen(T, tau, found)
+        squares, X, without = self._modes_seen(T, tau)
         if (squares < 0).any():
             raise InputError(f"the machine is unstable at rest: {(squares < 0).sum()} of its modes have a negative "
                              "stiffness, as of a body beyond buckling; give it more support")  # fmt: skip
@@ -144,24 +148,28 @@ class Machine:
         at = with_terms(*self._without_rigid(T)[:2], self.reference)
         return _modes(at["K"], at["M"], tau)
 
-    def _require_seen(self, T, tau, found):
-        """Raise InputError for springs and masses beside which round-off leaves few digits of modes, `found` as _modes
-        has them: of more modes than if these conditions were of the size of the bodies, whatever the band is."""
+    def _modes_seen(self, T, tau):
+        """Return the same. Raises InputError for springs and masses beside which round-off leaves few digits of modes:
+        of more than if these conditions were of the size of the bodies, whatever the band is."""
         own = min(time_of(part.model.K, part.model.M) for part in self.parts.values())
         rows = self._rows() * self._scale(own)
         shares = np.array([0.0 if item.rigid else own**2 * abs(item.impedance(np.array([1j / own]))[0]) * (row @ row)
                            for item, row in zip(self.conditions, rows, strict=True)])  # fmt: skip
         if not (shares > 1).any():
-            return
+            return self._modes(T, tau)
         lighter = tuple(replace(item, laws=tuple((value / max(share, 1.0), law) for value, law in item.laws))
                         for item, share in zip(self.conditions, shares, strict=True))  # fmt: skip
         others = replace(self, conditions=lighter)._modes(T, tau)
-        hidden = max(_below(found, bound) - _below(others, bound) for bound in (STILL, FAINT))
+        try:
+            found = self._modes(T, tau)
+            hidden = max(_below(found, bound) - _below(others, bound) for bound in (STILL, FAINT))
+        except np.linalg.LinAlgError:  # matrices of which nothing but these conditions is left
+            hidden = len(others[0])
         if hidden > 0:
             worst = int(shares.argmax())
             raise InputError(f"{self.conditions[worst].label}: is {shares[worst]:.0e} times as stiff or heavy as the "
-                             f"bodies, whose lowest motions round-off would hide ({hidden} of them); take a rigid "
-                             "joint, or check units (N/m, kg)")  # fmt: skip
+                             "bodies, whose motions round-off would hide; take a rigid joint, or check units (N/m, kg)")
+        return found
 
     def _without_rigid(self, T):
         """Return matrices of all parts with the springs, dampers and masses between them, terms and added terms, in
@@ -260,10 +268,11 @@ def _modes(K, M, tau):
 
 
 def _below(found, bound) -> int:
-    """Return how many modes that `_modes` found have squared frequencies below a share of the largest one."""
+    """Return how many modes that `_modes` found have squared frequencies below a share of the largest one, or no mass.
+    """
     squares, _, without = found
     squares = np.abs(squares[: len(squares) - without])
-    return int((squares < bound * squares.max(initial=0.0)).sum())
+    return int((squares < bound * squares.max(initial=0.0)).sum()) + without
 
 
 def _together(added):
@@ -393,6 +402,8 @@ def laws_of_table(header, rows, joint: BushingJoint, band, key) -> dict[str, Tab
     if (np.diff(f) <= 0).any() or not np.array_equal(columns["f_hz"][order], np.tile(f, len(there))):
         raise InputError(f"{key}: found frequencies twice, or other ones at other values of the parameter, expected "
                          "each once")  # fmt: skip
+    if f[0] < 0:
+        raise InputError(f"{key}: found {f[0]:g} Hz, expected frequencies of at least 0")
     if f[0] > band[0] or f[-1] < band[1]:
         raise InputError(f"{key}: has {f[0]:g} to {f[-1]:g} Hz, which ends inside of the band {band[0]:g} to "
                          f"{band[1]:g} Hz; measure it over the band, or take a narrower one")  # fmt: skip
@@ -407,3 +418,10 @@ def laws_of_table(header, rows, joint: BushingJoint, band, key) -> dict[str, Tab
             g = np.array([np.interp(at, there, column) for column in g[order].reshape(len(there), -1).T])
             laws[name] = Tabulated(tuple(f.tolist()), tuple(g.real.tolist()), tuple(g.imag.tolist()))
     return laws
+
+
+def warnings_of_table(laws: dict[str, Tabulated], key) -> list[str]:
+    """Return a sentence on laws of a table whose imaginary parts are negative."""
+    low = {name: min(law.imaginary) for name, law in laws.items() if min(law.imaginary) < 0}
+    return [f"{key}: im_{name} comes down to {value:.3g}: such a joint gives energy in place of taking it; with "
+            "exp(-i omega t) the sign is the other one" for name, value in low.items()]  # fmt: skip

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..analysis.frequency_response import frequencies_to_draw, resonances_of
+from ..analysis.frequency_response import frequencies_to_draw, resonances_of, slices_of
 from ..model.outputs.rates import combined, orders_of
 from ..parallel.failures import InputError
 from ..reduction.result.accuracy import Accuracy
@@ -103,14 +103,11 @@ def sensitivity(machine: Machine, reduced: ReducedModel, band: tuple[float, floa
     places = np.concatenate([s[:, None], s[:, None] + radius[:, None] * turns], axis=1)
     # sizes of L, R and K, and of what the errors of the bodies may be
     flat = places.ravel()
-    L, R, K = machine.coupled(flat, machine.receptances(flat))
     f = np.repeat(frequencies, len(turns) + 1)
     reach = np.repeat(radius / (2 * np.pi), len(turns) + 1) * np.tile([0.0, *np.ones(len(turns))], len(frequencies))
-    scales = [part.scales(flat, f, reach) for part in machine.parts.values()]
-    h, g = (blocks([item[side][..., None] for item in scales]) for side in (0, 1))  # (S, r, b), (S, p, b)
-    out = np.abs(machine.outputs.matrix @ L) @ h
-    into = np.swapaxes(g, 1, 2) @ np.abs(R @ machine.inputs.matrix.T)
-    between = np.swapaxes(g, 1, 2) @ np.abs(K) @ h
+    largest = max(*machine.outputs.matrix.shape, *machine.inputs.matrix.shape, len(machine.conditions))
+    made = [_sizes(machine, flat[part], f[part], reach[part]) for part in slices_of(len(flat), largest)]
+    out, into, between = map(np.concatenate, zip(*made, strict=True))
     shaped = [part.reshape(*places.shape, *part.shape[1:]) for part in (out, between, into)]
     # the measure of the machine's own responses, of displacements as those of the bodies
     parts = reduced.output_parts
@@ -123,6 +120,16 @@ def sensitivity(machine: Machine, reduced: ReducedModel, band: tuple[float, floa
     rates = np.abs(s)[:, None] ** np.maximum(orders, 0)
     return Sensitivity(frequencies=frequencies, out=shaped[0], between=shaped[1], into=shaped[2],
                        scale=(hm * rates)[:, :, None] * gm[:, None, :], measure=measure)  # fmt: skip
+
+
+def _sizes(machine, s, f, reach):
+    """Return |L| h (S, r, b), g |R| (S, b, p) and N (S, b, b) at s (S,); see Part.scales for `f` and `reach`."""
+    L, R, K = machine.coupled(s, machine.receptances(s))
+    scales = [part.scales(s, f, reach) for part in machine.parts.values()]
+    h, g = (blocks([item[side][..., None] for item in scales]) for side in (0, 1))  # (S, r, b), (S, p, b)
+    out = np.abs(machine.outputs.matrix @ L) @ h
+    into = np.swapaxes(g, 1, 2) @ np.abs(R @ machine.inputs.matrix.T)
+    return out, into, np.swapaxes(g, 1, 2) @ np.abs(K) @ h
 
 
 def _inside(resonances, band):

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 import numpy as np
 
 from ..analysis.frequency_response import above_rest, checked_frequencies
-from ..assembly.coupling import Machine, laws_of_table, machine_of
+from ..assembly.coupling import Machine, laws_of_table, machine_of, warnings_of_table
 from ..assembly.error import accuracy_of_machine, damping_of_errors, why_not_known
 from ..assembly.measured import MeasuredPart, measured_part
 from ..assembly.parts import Part, part_of
@@ -213,15 +213,18 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
         raise InputError(f"band: body '{measured[0].name}' has no line in {band[0]:g} to {band[1]:g} Hz; it was "
                          f"measured from {measured[0].lines[0]:g} to {measured[0].lines[-1]:g} Hz")  # fmt: skip
     # laws of joints by their tables, which have to reach over the band
-    tables = {}
+    tables, told = {}, []
     for k, joint in enumerate(joints):
         if getattr(joint, "table", None):
             if band is None:
                 raise InputError(f"joint[{k}].table: needs a band, over which it has to reach; give `band`")
             header, start = head_of(joint.table)
             rows = read_columns(joint.table, start, len(header))
-            tables[k] = laws_of_table(header, rows, joint, band, f"joint[{k}]: table {joint.table}")
+            key = f"joint[{k}]: table {joint.table}"
+            tables[k] = laws_of_table(header, rows, joint, band, key)
+            told += warnings_of_table(tables[k], key)
     machine = machine_of(parts, joints, masses, inputs, outputs, tables)
+    machine.warnings.extend(told)
     # a measured body is known at its lines only, so the machine has responses and no matrices
     if measured:
         if tolerance is not None:

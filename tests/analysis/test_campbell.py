@@ -10,6 +10,7 @@ from rotor import HELD, RANGE, overhung_rotor
 from scipy.optimize import brentq
 
 import hpcred
+from hpcred.analysis.campbell import _orbits
 from hpcred.analysis.pole_tracking import PoleTracker
 from hpcred.analysis.whirl import orbits
 from hpcred.reduction.result.maxwell_states import maxwell_states
@@ -430,3 +431,11 @@ def test_narrow_ranges_of_instability_are_found():
     meeting = Family(lambda p: (np.eye(2), np.zeros((2, 2)), np.diag([100.0, 64 + p]) + coupling * TURN))
     found = hpcred.campbell(meeting, "p", np.linspace(0, 73, 8))
     assert found.stability_limit == pytest.approx(36 - 2 * coupling, rel=1e-6)
+
+
+def test_what_does_not_vibrate_has_no_orbit():
+    """A rigid-body motion and an overdamped one; of a circle the sense is that of the rotation."""
+    shapes, modes = np.eye(3)[None], np.array([[1, 0, 0], [1, 0, 0], [1, -1j, 0]]).T
+    for speed in (5.0, -5.0):
+        part = SimpleNamespace(value=speed, poles=np.array([0.0, -3.0, 2j]), shapes=modes, single=np.full(3, True))
+        assert _orbits(part, shapes, np.array([0.0, 0.0, 1.0]), "speed") == pytest.approx([0, 0, np.sign(speed)])

@@ -9,7 +9,7 @@ import pytest
 from helpers import block_with_ends
 
 import hpcred
-from hpcred.assembly.coupling import machine_of
+from hpcred.assembly.coupling import laws_of_table, machine_of, warnings_of_table
 from hpcred.assembly.error import Sensitivity, damping_of_errors
 from hpcred.assembly.joints import MachineBody
 from hpcred.assembly.parts import part_of
@@ -139,6 +139,34 @@ def test_springs_and_masses_that_hide_the_bodies_are_refused(unit, tau):
     free = result(unit * np.eye(2), unit * np.diag([0.0, 1.0]), ("a:x", "a:y"))
     stiff = hpcred.assembly.BushingJoint(bodies=("b.a", "ground"), stiffness=(0, 1e9 * unit, 0))
     assert lowest([stiff], body=free) == 0
+
+
+def test_tables_that_give_energy_or_begin_below_zero_are_told():
+    joint = hpcred.assembly.BushingJoint(bodies=("b.a", "ground"), table="t.csv")
+    rows = np.array([[0.0, 1e6, 0.0, 1.0], [100.0, 1e6, -2e4, 1.0]])
+    laws = laws_of_table(("f_hz", "re_x", "im_x", "im_y"), rows, joint, (0.0, 100.0), "t.csv")
+    (told,) = warnings_of_table(laws, "t.csv")
+    assert told.startswith("t.csv: im_x comes down to -2e+04: such a joint gives energy")
+    with pytest.raises(hpcred.InputError, match="t.csv: found -5 Hz, expected frequencies of at least 0"):
+        laws_of_table(("f_hz", "re_x"), np.array([[-5.0, 1.0], [100.0, 1.0]]), joint, (0.0, 100.0), "t.csv")
+
+
+@pytest.mark.parametrize("value", [1e15, 1e30])
+def test_masses_that_leave_nothing_of_the_bodies_are_refused(value):
+    """Also where LAPACK finds no positive definite matrix any more."""
+    found = result(np.diag([1.0, 2.0, 3.0, 1.0]), 3.0 * np.eye(4), ("a:x", "a:y", "a:z", "b:x"))
+    body = part_of(MachineBody(name="b", result="-"), found)
+    with pytest.raises(hpcred.InputError, match="mass.0. at b.a:.* times as stiff or heavy as the bodies"):
+        machine_of([body], (), [hpcred.assembly.PointMass(at="b.a", mass=value)]).model(1e-3)
+
+
+def test_estimates_do_not_depend_on_how_many_frequencies_are_solved_at_once(monkeypatch):
+    body = part_of(MachineBody(name="b", result="-"), result(np.eye(2), np.diag([2.0, 5.0]), ("a:x", "b:x")))
+    joints = [hpcred.assembly.BushingJoint(bodies=("b.a", "b.b"), stiffness=(1.0, 0, 0), damping=(0.1, 0, 0))]
+    s, found = 1j * np.linspace(0.1, 4.0, 9), machine_of([body], joints)
+    whole = found.response(s)
+    monkeypatch.setattr("hpcred.analysis.frequency_response.TOGETHER", 200)
+    assert (found.response(s) == whole).all() and whole == pytest.approx(found.model(1.0)[0].transfer_function(s))
 
 
 def test_a_body_beyond_buckling_is_refused():

@@ -1,5 +1,7 @@
 """K and M that are not those of a body: of the other sign, or indefinite, against dense eigenvalues."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy.sparse
@@ -7,7 +9,7 @@ from helpers import dense_model
 
 import hpcred
 from hpcred.linalg.eigensolver import lowest_modes
-from hpcred.model.definiteness import check_definite, growing, warnings_of_definiteness, zero_of
+from hpcred.model.definiteness import _signs, check_definite, growing, warnings_of_definiteness, zero_of
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.petsc import is_complex
 
@@ -140,3 +142,11 @@ def test_what_counts_as_a_negative_eigenvalue_is_a_share_of_the_others(comm, dig
     assert low < shares[0] < high
     with model_of(comm, -K, np.eye(40)) as model:
         assert zero_of(model) == pytest.approx(shares[0] * np.trace(K) / 40, rel=1e-6)
+
+
+@pytest.mark.parametrize(("key", "expected"), [("M", [0, 1]), ("K", [-1, 0])])
+def test_of_an_unsymmetric_mass_no_sign_is_told(key, expected):
+    """As of a term of a parameter; of K it is told, by its symmetric part."""
+    asked = []
+    model = SimpleNamespace(is_symmetric=asked.append, extreme_quotients=lambda key: (-1.0, 1e-17))
+    assert list(_signs(model, key)) == expected and asked == ["M"] * (key == "M")

@@ -1,15 +1,18 @@
 """Velocities, accelerations and section forces over time."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 import hpcred
+from hpcred.body.node_shapes import NodeShape
 from hpcred.linalg.blocks import local_rows
 from hpcred.model.damping import Rayleigh
 from hpcred.outputs import CutOutput, MotionOutput, StressOutput
 from hpcred.simulation.loads import ConstantForce
-from hpcred.simulation.simulation import Simulation, simulate
+from hpcred.simulation.simulation import Simulation, _rates_of_nodes, simulate
 
 
 def block(targets, damping):
@@ -40,6 +43,26 @@ def test_a_thrown_body():
         middle = (places[2:] - places[:-2]) / (2 * step)
         assert np.abs(middle - rates[1:-1])[late].max() < 1e-4 * np.abs(rates[late]).max()
     assert np.abs(motion.node_acceleration[late]).max() > 40.0**2 * 0.03
+
+
+def test_rates_of_a_node_that_moves_on_a_curve():
+    """Shapes of second order: x = phi q + q phi1 q / 2, against x(t) for q(t) of second degree, by differences."""
+    rng, m, step = np.random.default_rng(1), 3, 1e-3
+    phi1 = rng.normal(size=(3, m, m))
+    shape = NodeShape(node=1, position=rng.normal(size=3), phi=rng.normal(size=(3, m)), psi=np.zeros((3, m)),
+                      rotates=False, phi1=phi1 + phi1.transpose(0, 2, 1), psi1=np.zeros((3, m, m)))  # fmt: skip
+    q, u, du = rng.normal(size=(3, m))
+    body = SimpleNamespace(nodes=[shape], floating_frame=SimpleNamespace(origin=np.zeros(3)))
+
+    def parts(state):  # r, p, q and z, each of one time
+        return tuple(part[:, None] for part in state)
+
+    rest, turn = np.zeros(6), np.array([1.0, 0.0, 0.0, 0.0])
+    found = _rates_of_nodes(body, SimpleNamespace(split=parts), (np.zeros(3), turn, q, np.append(rest, u)),
+                            (np.zeros(3), turn, u, np.append(rest, du)))  # fmt: skip
+    before, now, after = (shape.motion(q + u * t + du * t * t / 2)[0] for t in (-step, 0.0, step))
+    assert found["node_velocity"][0, 0] == pytest.approx((after - before) / (2 * step), rel=1e-4)
+    assert found["node_acceleration"][0, 0] == pytest.approx((after - 2 * now + before) / step**2, rel=1e-4)
 
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)])

@@ -20,7 +20,7 @@ from hpcred.simulation import ConstantForce, Joint, RampDrive
 from hpcred.simulation.equations_of_motion import FlexibleBody
 from hpcred.simulation.joints import holds_of
 from hpcred.simulation.simulation import simulate
-from hpcred.simulation.warnings import first_frequency
+from hpcred.simulation.warnings import first_frequency, warnings_of_inputs
 
 LENGTH, DIAMETER, DENSITY, YOUNG = 10.0, 0.5, 1000.0, 7.5e8
 UNIT = np.sqrt(YOUNG * DIAMETER**2 / 16 / DENSITY) / LENGTH**2  # rad/s: sqrt(E I / (rho A L^4)), 1.08
@@ -130,3 +130,15 @@ def test_a_start_that_costs_very_many_steps_is_told_before_them(beam):
     for change in ({"start": "static"}, {"end": 0.01}, {"absolute_tolerance": 1.0, "end": 1.0}):
         motion = simulate(beam, replace(at_once, **change), StopsAtNote(MPI.COMM_SELF))
         assert not any("stiffest mode" in note for note in motion.notes)
+
+
+@pytest.mark.parametrize("key", ["force", "moment", "spring"])
+def test_forces_and_moments_are_inputs_by_their_kind(key):
+    """Forces of a node are inputs, its moments are none."""
+    both = np.eye(6)
+    body = SimpleNamespace(nodes=[SimpleNamespace(node=4, label="tip", phi=both[:3], psi=both[3:])],
+                           reduced=SimpleNamespace(B=both[:, :3]))  # fmt: skip
+    setup = SimpleNamespace(**({"force": (), "moment": (), "spring": ()} | {key: (SimpleNamespace(node=4),)}))
+    found = warnings_of_inputs(body, setup, [], {}, np.eye(3))
+    assert [text.startswith("node tip: moments there (moment) are no inputs") for text in found] == [True] * (
+        key == "moment")  # fmt: skip
