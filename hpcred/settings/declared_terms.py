@@ -70,6 +70,9 @@ class DeclaredTerms(Keywords):
     ] = ()  # fmt: skip
     circulatory: Annotated[bool, Option("K may be unsymmetric.", names=("--circulatory",))] = False
 
+    def __post_init__(self):
+        object.__setattr__(self, "viscoelastic", tuple(self.viscoelastic))  # which is gone through more than once
+
     @property
     def files(self) -> list[str]:
         """The matrix files."""

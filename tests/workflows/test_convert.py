@@ -146,3 +146,11 @@ def test_nodes_and_dofs_that_do_not_belong_to_the_rows(capsys, nodes, dofs, says
             Path(f"{option[2:]}.txt").write_text(text.format(**good))
             arguments += [option, f"{option[2:]}.txt"]
     assert says in refused(capsys, "convert", "-K", "K.mtx", "-M", "M.mtx", "model.h5", *arguments)
+
+
+def test_viscoelastic_parts_of_an_iterator_are_not_lost():
+    from hpcred.settings.declared_terms import DeclaredTerms, viscoelastic_from
+
+    law = {"kind": "maxwell", "factors": [0.5], "times": [1e-3]}
+    terms = DeclaredTerms(viscoelastic=iter(viscoelastic_from([{"file": "Kv.mtx", "law": law}])))
+    assert terms.files == ["Kv.mtx"] and len(terms.viscoelastic) == 1
