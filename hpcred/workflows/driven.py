@@ -7,8 +7,8 @@ import csv
 import numpy as np
 
 from ..analysis.random_loads import harmonic_response, random_response
-from ..analysis.shock import shock_spectrum, time_response
-from ..files.drive_table import read_drive_table
+from ..analysis.shock import MOST, shock_spectrum, time_response
+from ..files.drive_table import read_drive_table, unit_of_density
 from ..files.hdf5 import atomic_output
 from ..files.outputs import CSV_OF_RESPONSES, check_outputs
 from ..files.result_file import result_at
@@ -61,6 +61,8 @@ def driven_response(
     kind, table = drive.table
     if kind == "harmonic" and band is not None:
         raise InputError("--band: belongs to --psd or --srs; harmonic loads act at the frequencies of their table")
+    if kind == "srs" and band is not None and band[0] <= 0:
+        raise InputError(f"--band: found {band[0]:g} Hz, expected frequencies of oscillators above 0 Hz")
     if output is not None:
         if not str(output).endswith(".csv"):
             raise InputError(f"output {output}: expected a name that ends in .csv")
@@ -76,7 +78,7 @@ def driven_response(
             columns["f_hz"] = found.frequencies
             for name, density, rms in zip(found.names, found.psd.T, found.rms, strict=True):
                 unit = unit_of_output(name)
-                columns[f"{name} [({unit})^2/Hz]"] = density
+                columns[f"{name} [{unit_of_density(unit)}]"] = density
                 rows.append({"output": name, "RMS": rms, "unit": unit})
         elif kind == "harmonic":
             found = harmonic_response(reduced, loads.over, loads.values, orders=loads.orders)
@@ -88,7 +90,11 @@ def driven_response(
         else:
             spectrum = SPECTRUM if band is None else np.geomspace(*band, len(SPECTRUM))
             step = min(np.diff(loads.over).min(), 1 / (32 * spectrum[-1]))
-            t = loads.over[0] + step * np.arange(int(np.ceil((loads.over[-1] - loads.over[0]) / step)) + 2)
+            count = int(np.ceil((loads.over[-1] - loads.over[0]) / step)) + 2
+            if count > MOST:
+                raise InputError(f"{table}: {count} steps of {step:.3g} s are needed up to {spectrum[-1]:g} Hz, expected "
+                                 f"at most {MOST}: a shorter history, longer steps or a --band that ends lower")  # fmt: skip
+            t = loads.over[0] + step * np.arange(count)
             inputs = np.column_stack([np.interp(t, loads.over, column, right=0.0) for column in loads.values.T])
             histories = {reduced.input_names[j]: inputs[:, j] for j in np.flatnonzero(inputs.any(axis=0))}
             responses = zip(reduced.output_names, time_response(reduced, t, inputs).T, strict=True)
