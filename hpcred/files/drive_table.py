@@ -98,8 +98,8 @@ def read_drive_table(path, reduced, kind: str) -> DriveTable:
             raise InputError(f"{path}: {head}: found a second column of this, expected one")
         factor, order = _factor(path, head, unit, part, kind, [quantity_of_input(reduced, names[j]) for j in places])
         if kind == "psd" and part in ("", "coherence") and (wrong := np.flatnonzero(column < 0)).size:
-            raise InputError(f"{path}: {head}: found {column[wrong[0]]:g} at {over[wrong[0]]:g} Hz, expected none below "
-                             "0")  # fmt: skip
+            raise InputError(f"{path}: {head}: found {column[wrong[0]]:g} at {over[wrong[0]]:g} Hz, expected none "
+                             "below 0")  # fmt: skip
         seen[(part, *places)] = factor * column
         if not part:
             orders[places[0]] = order
@@ -141,8 +141,8 @@ def _read(path, expected, least):
 def _numbers(path, heads, line, row):
     """Return the numbers of one line. Raises InputError."""
     if len(row) != len(heads):
-        raise InputError(f"{path}: line {line}: found {len(row)} cells below {len(heads)} heads, expected a number below "
-                         "each")  # fmt: skip
+        raise InputError(f"{path}: line {line}: found {len(row)} cells below {len(heads)} heads, expected a number "
+                         "below each")  # fmt: skip
     for head, cell in zip(heads, row, strict=True):
         try:
             finite = np.isfinite(float(cell))

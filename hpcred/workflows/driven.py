@@ -92,8 +92,9 @@ def driven_response(
             step = min(np.diff(loads.over).min(), 1 / (32 * spectrum[-1]))
             count = int(np.ceil((loads.over[-1] - loads.over[0]) / step)) + 2
             if count > MOST:
-                raise InputError(f"{table}: {count} steps of {step:.3g} s are needed up to {spectrum[-1]:g} Hz, expected "
-                                 f"at most {MOST}: a shorter history, longer steps or a --band that ends lower")  # fmt: skip
+                raise InputError(f"{table}: {count} steps of {step:.3g} s are needed up to {spectrum[-1]:g} Hz, "
+                                 f"expected at most {MOST}: a shorter history, longer steps or a --band that ends "
+                                 "lower")  # fmt: skip
             t = loads.over[0] + step * np.arange(count)
             inputs = np.column_stack([np.interp(t, loads.over, column, right=0.0) for column in loads.values.T])
             histories = {reduced.input_names[j]: inputs[:, j] for j in np.flatnonzero(inputs.any(axis=0))}
