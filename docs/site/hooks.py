@@ -20,7 +20,7 @@ from run import commands  # noqa: E402  (in docs/tutorial)
 INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.S)
 CONSOLE = re.compile(r'<div class="language-console highlight">(.*?)</div>', re.S)
 CELL = re.compile(r"<td[^>]*>.*?</td>", re.S)
-SMALL = re.compile(r"(?<![\w.=-])\d[\d.]*e-\d+(?![^<]*>)")  # numbers that a browser would break behind e-
+SMALL = re.compile(r"(?<![\w.=-])-?\d[\d.]*e-\d+(?![^<]*>)")  # numbers that a browser would break behind e-
 BLOCK = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.S)
 
 

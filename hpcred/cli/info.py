@@ -49,11 +49,10 @@ def info(
         file, frequencies=below, band_top=band_top, modes=modes, figure=figure,
         sets=names.split(",") if names else None, progress=session.progress(),
     )  # fmt: skip
+    record = hpcred.read_result(file).reduced.record if details else None  # refuses other files before it prints
     show_report(file, report, details)
-    if details:
-        record = hpcred.read_result(file).reduced.record
-        if record is not None:
-            show_details(record)
+    if record is not None:
+        show_details(record)
     session.written(figure)
     session.warn(report["warnings"])
     session.write_json(json, report)

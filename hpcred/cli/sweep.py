@@ -8,7 +8,7 @@ import typer
 
 import hpcred
 
-from ..parallel.failures import InputError
+from ..parallel.failures import ComputationError, InputError
 from ..report.tables import show_table, told_apart
 from . import session
 from .options import JsonFile
@@ -51,7 +51,11 @@ def sweep(
         print(f"{report['finished']} finished, {report['skipped']} skipped, {len(report['failed'])} failed; "
               f"{report['factorisations']} factorisations made, {report['factorisations_saved']} saved")  # fmt: skip
     session.write_json(json, report)
-    return int(bool(report["failed"]) and not dry_run)
+    if report["failed"] and not dry_run:  # the log of a batch system may have no more than errors
+        first = report["failed"][0]
+        raise ComputationError(f"{len(report['failed'])} of {len(report['runs'])} runs failed, the first of them "
+                               f"{first['run']}: {first['sentence'].removeprefix('error: ')}")  # fmt: skip
+    return 0
 
 
 def _named_shortly(rows):

@@ -57,6 +57,12 @@ class DriveTable:
     orders: np.ndarray
 
 
+def unit_of_density(unit: str) -> str:
+    """Return the unit of the density of a quantity with this unit."""
+    power = "1" if unit == "1" else f"({unit})^2" if set(unit) & {"/", " "} else f"{unit}^2"
+    return f"{power}/Hz"
+
+
 def quantity_of_input(reduced, name: str) -> str:
     """Return what an input is, one of the keys of UNITS."""
     loads = {} if reduced.record is None else {item.name: item for item in reduced.record.loads if item.kind != "given"}
@@ -75,7 +81,7 @@ def read_drive_table(path, reduced, kind: str) -> DriveTable:
     Raises InputError for heads without units, inputs that the model does not have, units that are none of theirs, lines
     that are no numbers or do not ascend, negative densities, and cross spectra that are not positive semidefinite.
     """
-    heads, over, columns = _read(path, "times" if kind == "time" else "frequencies")
+    heads, over, columns = _read(path, "times" if kind == "time" else "frequencies", 1 if kind == "harmonic" else 2)
     p, names = len(reduced.input_names), list(reduced.input_names)
     orders, crossed, seen = np.zeros(p, int), [], {}
     for head, column in zip(heads, columns.T, strict=True):
@@ -94,6 +100,9 @@ def read_drive_table(path, reduced, kind: str) -> DriveTable:
         if (part, *places) in seen:
             raise InputError(f"{path}: {head}: found a second column of this, expected one")
         factor, order = _factor(path, head, unit, part, kind, [quantity_of_input(reduced, names[j]) for j in places])
+        if kind == "psd" and part in ("", "coherence") and (wrong := np.flatnonzero(column < 0)).size:
+            raise InputError(f"{path}: {head}: found {column[wrong[0]]:g} at {over[wrong[0]]:g} Hz, expected none "
+                             "below 0")  # fmt: skip
         seen[(part, *places)] = factor * column
         if not part:
             orders[places[0]] = order
@@ -112,32 +121,45 @@ def read_drive_table(path, reduced, kind: str) -> DriveTable:
     return DriveTable(over, values.real if kind == "time" else values, orders)
 
 
-def _read(path, expected):
-    """Return the heads but the first, the first column (n,), and the others (n, k)."""
+def _read(path, expected, least):
+    """Return the heads but the first, the first column (n,), and the others (n, k), of at least so many lines."""
     require_file(path)
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if row and not row[0].lstrip().startswith("#")]
+            reader = csv.reader(file)
+            rows = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: found no text of a table ({error}), expected a .csv") from error
-    heads = [item.strip() for item in rows[0]] if rows else [""]
     word = next(key for key, value in FIRST.items() if value == expected)
-    if FIRST.get(heads[0]) != expected:
-        raise InputError(f"{path}: found the first head '{heads[0][:40]}', expected '{word}'")
-    try:
-        table = np.array([[float(item) for item in row] for row in rows[1:]], dtype=float)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}; expected numbers below the heads") from error
-    if table.ndim != 2 or table.shape[1] != len(heads) or len(table) < (1 if expected == "frequencies" else 2):
-        raise InputError(f"{path}: found {len(heads)} heads and {len(rows) - 1} lines of other lengths, expected a "
-                         "number below each head")  # fmt: skip
-    if not np.isfinite(table).all():
-        raise InputError(f"{path}: found NaN or Inf, expected finite numbers")
+    heads = [item.strip() for item in rows[0][1]] if rows else []
+    if not heads or FIRST.get(heads[0]) != expected:
+        found = f"the first head '{heads[0][:40]}'" if heads else "no lines"
+        raise InputError(f"{path}: found {found}, expected heads separated by commas, the first one '{word}'")
+    table = np.array([_numbers(path, heads, *row) for row in rows[1:]]).reshape(-1, len(heads))
+    if len(table) < least:
+        raise InputError(f"{path}: found {len(table)} lines of numbers, expected {least} or more")
     falls = np.flatnonzero(np.diff(table[:, 0]) <= 0)
-    if len(falls) or (expected == "frequencies" and table[0, 0] < 0):
-        late, early = (table[falls[0] + 1, 0], table[falls[0], 0]) if len(falls) else (table[0, 0], 0.0)
-        raise InputError(f"{path}: {heads[0]}: found {late:g} after {early:g}, expected ascending numbers")
+    if len(falls):
+        raise InputError(f"{path}: {heads[0]}: found {table[falls[0] + 1, 0]:g} after {table[falls[0], 0]:g}, expected "
+                         "ascending numbers")  # fmt: skip
+    if expected == "frequencies" and table[0, 0] < 0:
+        raise InputError(f"{path}: {heads[0]}: found {table[0, 0]:g}, expected frequencies of 0 or more")
     return heads[1:], table[:, 0], table[:, 1:]
+
+
+def _numbers(path, heads, line, row):
+    """Return the numbers of one line. Raises InputError."""
+    if len(row) != len(heads):
+        raise InputError(f"{path}: line {line}: found {len(row)} cells below {len(heads)} heads, expected a number "
+                         "below each")  # fmt: skip
+    for head, cell in zip(heads, row, strict=True):
+        try:
+            finite = np.isfinite(float(cell))
+        except ValueError:
+            finite = False
+        if not finite:
+            raise InputError(f"{path}: line {line}: {head}: found '{cell.strip()[:40]}', expected a finite number")
+    return [float(cell) for cell in row]
 
 
 def _parsed(path, head):
@@ -161,10 +183,9 @@ def _factor(path, head, unit, part, kind, quantities):
         word = "" if not word.endswith("^2") and word != "1" else word.removesuffix("^2").strip("()")
     known = [UNITS[quantity].get(word) for quantity in quantities]
     if None in known or (part and known[0] != known[1]):
-        power = "({})^2/Hz" if kind == "psd" else "{}"
-        expected = " or ".join(power.format(item) for item in UNITS[quantities[0]])
+        expected = " or ".join(unit_of_density(item) if kind == "psd" else item for item in UNITS[quantities[0]])
         raise InputError(f"{path}: {head}: found the unit '{unit}' of an input that is {quantities[0]}, expected "
-                         f"{expected.replace('(1)^2', '1').replace('(g)^2', 'g^2')}")  # fmt: skip
+                         f"{expected}")  # fmt: skip
     factor, order = known[0]
     return (factor**2 if kind == "psd" else factor), order
 
@@ -185,9 +206,6 @@ def _densities(path, over, seen, p, names):
     values = np.zeros((len(over), p, p), complex)
     for j in range(p):
         values[:, j, j] = seen.get(("", j), 0.0)
-        if (wrong := np.flatnonzero(values[:, j, j].real < 0)).size:
-            raise InputError(f"{path}: {names[j]}: found the density {values[wrong[0], j, j].real:g} at "
-                             f"{over[wrong[0]]:g} Hz, expected none below 0")  # fmt: skip
     for j, k in {key[1:] for key in seen if len(key) == 3}:
         get = {part: seen.get((part, j, k)) for part in ("coherence", "phase", "re", "im")}
         known = {part for part, column in get.items() if column is not None}
@@ -197,8 +215,6 @@ def _densities(path, over, seen, p, names):
         if values[:, k, j].any():
             raise InputError(f"{path}: {names[j]}/{names[k]}: found both orders of these inputs, expected one")
         if get["coherence"] is not None:
-            if (get["coherence"] < 0).any():
-                raise InputError(f"{path}: {names[j]}/{names[k]}: found a coherence below 0, expected 0 to 1")
             size = np.sqrt(get["coherence"] * values[:, j, j].real * values[:, k, k].real)
             cross = size * np.exp(1j * (0.0 if get["phase"] is None else get["phase"]))
         else:

@@ -165,7 +165,7 @@ def _result(path, K, M, D, rows, parts, units):
     resultants = rigid_rows(rows.direction[:count], rows.position[:count])
     R[:count] = rigid_rows(rows.direction[:count], rows.position[:count] - rows.position[:count].mean(axis=0))
     if (np.abs(K @ R).max(axis=0) <= FREE * (np.abs(K) @ np.abs(R)).max(axis=0)).all():
-        free = 6
+        free = int(np.linalg.matrix_rank(R))  # fewer than six where the rows know only some, as of a beam in a plane
     try:
         squares = modes_of(K, M)[0]
     except np.linalg.LinAlgError:  # neither stiffness nor mass in some direction, as of a spring
@@ -179,7 +179,7 @@ def _result(path, K, M, D, rows, parts, units):
         input_names=targets, output_names=targets, interfaces=tuple(interfaces), resultants=resultants,
     )  # fmt: skip
     # a free one in interface coordinates is one of the Buckens frame, as a reduction has it
-    in_frame = bool(free and interfaces and np.linalg.eigvalsh(R.T @ M @ R)[0] > 0)
+    in_frame = bool(free == 6 and interfaces and np.linalg.eigvalsh(R.T @ M @ R)[0] > 0)
     record = {
         "model": str(path), "size": len(K), "nonzeros": int(np.count_nonzero(K)), "damping": GivenDamping(),
         "rigid_body_modes": free if in_frame else 0, "frame": Buckens() if in_frame else NoFrame(),

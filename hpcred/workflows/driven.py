@@ -9,7 +9,7 @@ import numpy as np
 from ..analysis.frequency_response import resonances_of
 from ..analysis.random_loads import harmonic_response, random_response
 from ..analysis.shock import damping_ratio, shock_spectrum, time_response
-from ..files.drive_table import quantity_of_input, read_drive_table
+from ..files.drive_table import quantity_of_input, read_drive_table, unit_of_density
 from ..files.hdf5 import atomic_output
 from ..files.outputs import CSV_OF_RESPONSES, check_outputs
 from ..files.result_file import result_at
@@ -67,8 +67,8 @@ def driven_response(
     if kind == "harmonic" and band is not None:
         raise InputError("--band: belongs to --psd or --srs; harmonic loads act at the frequencies of their table")
     require_band("band", band)
-    if kind == "srs" and band is not None and band[0] == 0:
-        raise InputError("band: found 0 Hz, expected frequencies of oscillators above 0 for shock spectra")
+    if kind == "srs" and band is not None and band[0] <= 0:
+        raise InputError(f"--band: found {band[0]:g} Hz, expected frequencies of oscillators above 0 Hz")
     if output is not None:
         if not str(output).endswith(".csv"):
             raise InputError(f"output {output}: expected a name that ends in .csv")
@@ -84,7 +84,7 @@ def driven_response(
             columns["f_hz"] = found.frequencies
             for name, density, rms in zip(found.names, found.psd.T, found.rms, strict=True):
                 unit = unit_of_output(name)
-                columns[f"{name} [({unit})^2/Hz]"] = density
+                columns[f"{name} [{unit_of_density(unit)}]"] = density
                 rows.append({"output": name, "RMS": rms, "unit": unit})
         elif kind == "harmonic":
             found = harmonic_response(reduced, loads.over, loads.values, orders=loads.orders)

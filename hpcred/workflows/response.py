@@ -70,7 +70,8 @@ def response_file(
         For input that does not fit, and a computation that fails.
     """
     if grid.band is None and not len(grid.frequencies):
-        raise InputError("response: no frequencies; give the band in Hz, such as 0,6000")
+        raise InputError("response: no frequencies; give the band in Hz, such as 0,6000, or of a result.h5 "
+                         "one of psd, harmonic and srs")
     chosen, output, figure = grid.over(), files.output, files.figure
     # a job file has defaults of what is not given
     with agreed(comm):

@@ -185,6 +185,16 @@ def test_a_spring_of_a_superelement_is_a_bushing(tmp_path, monkeypatch):
     assert np.allclose(one.frequency_response(lines), other.frequency_response(lines), rtol=1e-9, atol=1e-14)
 
 
+def test_only_rigid_motions_that_the_rows_know_have_frequency_zero(tmp_path, monkeypatch):
+    """A free chain of three masses, whose nodes move in z alone: one motion at 0 Hz, and two frequencies."""
+    monkeypatch.chdir(tmp_path)
+    K = 1e4 * np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    line = ((1, 0.0, 0.0, 0.0), (2, 0.0, 0.0, 0.5), (3, 0.0, 0.0, 1.0))
+    write_run(substructure(K, 2.0 * np.eye(3), ("3",), nodes=(1, 2, 3)), line)
+    found = read("sub.mtx").reduced
+    assert found.frequencies == pytest.approx(np.sqrt(1e4 / 2.0 * np.array([0.0, 1.0, 3.0])) / (2 * np.pi), rel=1e-9)
+
+
 ONE = substructure(np.eye(3), np.eye(3), nodes=(1,), lines=("1, 2, 3",))
 
 

@@ -37,7 +37,7 @@ def test_miles(folder, monkeypatch, capsys):
     report = hpcred.workflows.driven_response("result.h5", psd="psd.csv", output="out.csv")
     miles = np.sqrt(np.pi / 2 * 20 * 10 * 9.80665**2 * (1 + 1 / 100))
     assert report["rows"][1]["RMS"] == pytest.approx(miles, rel=1e-3) and report["rows"][1]["unit"] == "m/s^2"
-    assert (folder / "out.csv").read_text().startswith("f_hz,1:z [(m)^2/Hz],absolute acceleration 1:z [(m/s^2)^2/Hz]")
+    assert (folder / "out.csv").read_text().startswith("f_hz,1:z [m^2/Hz],absolute acceleration 1:z [(m/s^2)^2/Hz]")
     assert run(["response", "result.h5", "--psd", "psd.csv"]) == 0
 
 
@@ -77,11 +77,17 @@ def test_response_after_a_shock(folder, monkeypatch):
         ("f [Hz],base:z\n1,1\n2,1\n", "found no unit"), ("f [Hz],base:z [N^2/Hz]\n1,1\n2,1\n", "found the unit"),
         ("f [Hz],base:x [g^2/Hz]\n1,1\n2,1\n", "has no input 'base:x'"),
         ("f [Hz],base:z [g^2/Hz]\n2,1\n1,1\n", "found 1 after 2"),
-        ("f [Hz],base:z [g^2/Hz]\n1,-1\n2,1\n", "expected none below 0"),
         ("f [Hz],base:z [g^2/Hz],1:z [N^2/Hz],base:z/1:z coherence [1]\n1,1,1,2\n2,1,1,2\n", "positive semidefinite"),
         ("f [Hz],base:z [g^2/Hz],base:z phase [deg]\n1,1,1\n2,1,1\n", "of one input, expected one of two"),
         ("f [Hz],base:z [g^2/Hz],1:z [N^2/Hz],base:z/1:z coherence [2]\n1,1,1,1\n2,1,1,1\n", "found the unit 2"),
-        ("time,base:z [g]\n1,1\n", "found the first head"), ("", "found the first head"),
+        ("time,base:z [g]\n1,1\n", "found the first head"), ("", "found no lines"), ("# none\n", "found no lines"),
+        ("f [Hz];base:z [g^2/Hz]\n1;1\n", "separated by commas"), ("f [Hz],base:z [g^2/Hz]\n", "found 0 lines"),
+        ("f [Hz],base:z [g^2/Hz]\n1,1\n", "found 1 lines of numbers, expected 2 or more"),
+        ("f [Hz],base:z [g^2/Hz]\n1,1\n\n2\n", "line 4: found 1 cells below 2 heads"),
+        ("f [Hz],base:z [g^2/Hz]\n1,nan\n2,1\n", "line 2: base:z [g^2/Hz]: found 'nan'"),
+        ("f [Hz],base:z [g^2/Hz]\n1,one\n2,1\n", "line 2: base:z [g^2/Hz]: found 'one'"),
+        ("f [Hz],base:z [g^2/Hz]\n-1,1\n2,1\n", "found -1, expected frequencies of 0 or more"),
+        ("f [Hz],base:z [g^2/Hz]\n1,-1\n2,1\n", "base:z [g^2/Hz]: found -1 at 1 Hz"),
     ],
 )  # fmt: skip
 def test_refused(folder, monkeypatch, capsys, text, message):
@@ -112,3 +118,13 @@ def test_heads(folder):
     (folder / "c.csv").write_text(f"{heads}\n1,1,1,1\n2,1,1,1\n")
     with pytest.raises(hpcred.InputError, match="another quantity"):
         read_drive_table(folder / "c.csv", two, "psd")
+
+
+def test_shock_spectra_refuse_what_would_take_forever(folder, monkeypatch, capsys):
+    """A band from 0 Hz, whose logarithm is infinite, and histories of too many steps."""
+    monkeypatch.chdir(folder)
+    (folder / "t.csv").write_text("t [s],base:z [g]\n0,0\n0.01,1\n0.02,0\n")
+    assert "above 0 Hz" in refused(capsys, "response", "result.h5", "--srs", "t.csv", "--band", "0,100")
+    assert "steps of" in refused(capsys, "response", "result.h5", "--srs", "t.csv", "--band", "1,1e9")
+    (folder / "t.csv").write_text("t [s],base:z [g]\n0,0\n1e-9,1\n200,0\n")
+    assert "steps of" in refused(capsys, "response", "result.h5", "--srs", "t.csv")

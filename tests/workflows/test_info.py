@@ -134,6 +134,15 @@ def test_files_in_toml_are_told_apart(linkage_folder, capsys):
         assert says in refused(capsys, "info", *words)
 
 
+def test_details_of_a_model_are_refused_before_anything_is_printed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with package.linkage() as model:
+        package.write_model("model.h5", model)
+    assert run(["info", "model.h5", "--details"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and "expected 'hpcred-result'" in printed.err
+
+
 def test_details_of_a_result_have_each_table_once(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     package.write_model("model.h5", package.crank(600))

@@ -230,7 +230,9 @@ def test_failed_runs_are_listed_with_their_sentence(linkage_folder, capsys):
     assert run(["sweep", "sweep.toml", "--json", "report.json"]) == 1
     report = json.loads(Path("report.json").read_text())
     assert [row["status"] for row in report["runs"]] == ["finished", "failed"]
-    assert "FAILED order-200: error: basis: 201 vectors asked for" in capsys.readouterr().out
+    told = capsys.readouterr()
+    assert "FAILED order-200: error: basis: 201 vectors asked for" in told.out
+    assert told.err.splitlines()[-1].startswith("hpcred: error: 1 of 2 runs failed, the first of them order-200: basis")
     assert run(["collect", "sweep.toml"]) == 1
     assert "1 of 2 runs have no result of their job: order-200" in capsys.readouterr().out
 
