@@ -39,7 +39,7 @@ def driven_response(
     result : str or PathLike
         A result.h5.
     psd, harmonic, srs : str or PathLike, optional
-        One table (see files.drive_table): densities, amplitudes, or accelerations over time.
+        One table, as the page "What drives a body" has it: densities, amplitudes, or accelerations over time.
     q : float, optional
         Of the oscillators of shock spectra, by default 10.
     stress : sequence of int, optional
