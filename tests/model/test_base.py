@@ -156,9 +156,9 @@ def test_tolerance(comm, damping, forces, tolerance):
     displacements and absolute accelerations, of a base alone and beside forces."""
     plain, M, D, K = straight(comm, damping=1e-5)
     base = Base(on=(1,), directions=("z",), absolute=((9, "z"), (5, "z")))
-    with plain, plain.with_inputs(forces) if forces else plain.with_input_columns(None, ()) as pushed:
-        with pushed.with_outputs([(9, "z")]) as sensed, sensed.with_bases([base]) as shaken:
-            rom = hpcred.reduce(shaken, tolerance=tolerance, band=(0.0, 600.0), damping=damping)
+    with (plain, plain.with_inputs(forces) if forces else plain.with_input_columns(None, ()) as pushed,
+          pushed.with_outputs([(9, "z")]) as sensed, sensed.with_bases([base]) as shaken):  # fmt: skip
+        rom = hpcred.reduce(shaken, tolerance=tolerance, band=(0.0, 600.0), damping=damping)
     f = np.linspace(1.0, 600.0, 300)
     s = 2j * np.pi * f[:, None, None]
     K, D = (K, D) if forces else (K * (1 + damping.loss_factor * 1j), 0 * D)
@@ -224,6 +224,7 @@ def test_base_that_does_not_hold(comm):
 def test_job(comm, tmp_path, monkeypatch, capsys):
     """A job with [[base]], evaluated against its full model, which is made again from its record."""
     from hpcred.cli.main import run
+    from hpcred.readers.frf import read_frf
 
     monkeypatch.chdir(tmp_path)
     model, *_ = straight(comm, damping=1e-5)
@@ -245,7 +246,18 @@ def test_job(comm, tmp_path, monkeypatch, capsys):
     """
     (tmp_path / "job.toml").write_text(job)
     assert run(["reduce", "job.toml"]) == 0
-    report = hpcred.evaluate("result.h5", "model.h5", frequencies=[3.0, 50.0])
+    report = hpcred.evaluate("result.h5", "model.h5", frequencies=[3.0, 50.0], output="responses.h5")
     assert max(report["eps"]) < 1e-2
+    # an acceleration is no force at a node called base
+    with pytest.raises(hpcred.InputError, match="found no input but base:z, accelerations of bases"):
+        read_frf("responses.h5")
+    assert refused(capsys, "evaluate", "result.h5", "model.h5", "--frequencies", "3,50", "-o", "responses.unv")
+    (bases,) = hpcred.info("job.toml")["bases"]
+    assert bases == {"base": "base", "inputs": "base:z", "on": "(1,)", "absolute": "9:z"}
+    (tmp_path / "machine.toml").write_text(
+        'output = "machine.h5"\n[[body]]\nname = "beam"\nresult = "result.h5"\n[[joint]]\n'
+        'bodies = ["beam.9", "ground"]\nkind = "rigid"\n'
+    )
+    assert "moves relative to a base of its own" in refused(capsys, "assemble", "machine.toml")
     (tmp_path / "job.toml").write_text(job.replace("on = [1]", ""))
     assert "base 'base': model.h5 has no held nodes" in refused(capsys, "reduce", "job.toml")
