@@ -15,6 +15,7 @@ import numpy as np
 
 from ..fe.dofs import DIRECTIONS, QUANTITIES, named_quantity, node_of, quantity_name
 from ..model.interfaces.motion import rigid_rows
+from ..model.loads.kinds import motions_of
 from ..model.outputs.rates import combined, orders_of
 from ..model.parameters.definitions import Parameter
 from ..model.second_order_model import listed
@@ -161,8 +162,8 @@ def part_of(body: MachineBody, result: Any) -> Part:
     `floating_frame` and `nodes`. Raises InputError."""
     where, reduced = f"body '{body.name}'", result.reduced
     require_finite(reduced)
-    if reduced.feedthrough is not None:
-        raise InputError(f"{where}: has absolute accelerations over a base of its own; reduce it without [[base]]")
+    if reduced.feedthrough is not None or (reduced.record is not None and motions_of(reduced.record.loads)):
+        raise InputError(f"{where}: moves relative to a base of its own; reduce it without [[base]]")
     # where its nodes are, and what they are called
     names, labels, numbers = _names(body, result, where)
     inputs, outputs = ([renamed(item, names) for item in part]

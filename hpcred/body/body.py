@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..fe.dofs import DIRECTIONS, node_of
+from ..model.loads.kinds import motions_of
 from ..model.rigid_body.modes import SAME_MASS
 from ..parallel.failures import InputError
 from ..reduction.result.massless import require_mass
@@ -274,7 +275,7 @@ def without_node(names) -> list[str]:
 def inputs_without_node(body: Body) -> list[str]:
     """Return remarks on inputs and outputs that belong to no node, which formats of nodes leave out."""
     without, record = [], body.reduced.record
-    moves = [item.name for item in record.loads if item.is_motion] if record is not None else []
+    moves = motions_of(record.loads) if record is not None else []
     for kind, names in (("inputs", body.reduced.input_names), ("outputs", body.reduced.output_names)):
         if lost := [name for name in names if name in moves or node_of(name) is None]:
             without.append(f"{kind} that belong to no node are left out: {', '.join(lost)}")

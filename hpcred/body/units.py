@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..fe.dofs import DIRECTIONS, named_quantity, target_of
+from ..model.loads.kinds import motions_of
 from ..model.outputs.cuts import cut_output_of
 from ..model.outputs.stresses import stress_output_of
 from ..model.units import Units, rotational
@@ -103,7 +104,7 @@ def _kinds(reduced, names) -> list[str]:
     Raises InputError for others."""
     loads = {} if reduced.record is None else {load.name for load in reduced.record.loads if load.kind != "given"}
     own = {name: "mx" if cut.component.startswith("m") else "fx" for name in names if (cut := cut_output_of(name))}
-    if moves := [item.name for item in reduced.record.loads if item.is_motion] if reduced.record is not None else []:
+    if moves := reduced.record is not None and motions_of(reduced.record.loads):
         raise InputError(f"units: {moves[0]} is an acceleration, not a force; export in SI")
     own |= {name: "xx" for name in names if stress_output_of(name)} | dict.fromkeys(loads, "load")
     targets = {name: target_of(named_quantity(name)[1]) for name in names if name not in own}

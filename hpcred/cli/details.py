@@ -15,11 +15,12 @@ MOST_SETS = 20  # node sets that are listed
 
 def show_report(file, report, details=False):
     """Print what is known of a file, in numbers and sentences; interfaces and loads where no details have them."""
-    below_it = ("sets", "interfaces", "parameters", "terms", "loads", "sentences", "warnings")
+    below_it = ("sets", "interfaces", "bases", "parameters", "terms", "loads", "sentences", "warnings")
     rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
     show_table(None, rows)
     if not details:
         show_table(INTERFACES, report.get("interfaces", []))
+        show_table("Bases that move", report.get("bases", []))
         session.show_loads(report.get("loads", []))
     show_table("Parameters", report.get("parameters", []))
     show_table("Terms that the matrices have for them", report.get("terms", []))

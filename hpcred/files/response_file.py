@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +82,17 @@ class Responses:
         return [(f"{output}/{given}", i, j) for i, output in enumerate(self.output_names)
                 for j, given in enumerate(self.input_names)]  # fmt: skip
 
+    def of_forces(self) -> Responses:
+        """Return those to forces, as other programs take all inputs, without those to accelerations of bases, which are
+        `moves` of the record. Raises InputError where nothing is left."""
+        moves = self.record.get("moves", ())
+        kept = [j for j, name in enumerate(self.input_names) if name not in moves]
+        if not kept:
+            raise InputError(f"found no input but {listed(moves)}, accelerations of bases, where forces are expected; "
+                             "take .csv or .h5")  # fmt: skip
+        parts = {key: part[..., kept] for key in (*RESPONSES, "drive") if (part := getattr(self, key)) is not None}
+        return replace(self, input_names=tuple(self.input_names[j] for j in kept), **parts)
+
 
 def check_response_name(path, foreign=True):
     """Raise InputError unless the name ends as one of the formats; `foreign`: also as those of other programs."""
@@ -92,10 +103,15 @@ def check_response_name(path, foreign=True):
 
 def lost_channels(path, responses) -> list[str]:
     """Return a warning of inputs and outputs that a file with this name will not have."""
-    if not str(path).endswith(tuple(FOREIGN)) or str(path).endswith(".npz"):
+    if not str(path).endswith(tuple(FOREIGN)):
         return []
-    lost = [name for name in dict.fromkeys((*responses.output_names, *responses.input_names)) if node_of(name) is None]
-    return [f"{path} leaves out {listed(lost)}, which belong to no node; .npz has them"] if lost else []
+    moves = responses.record.get("moves", ())
+    told = [f"{path} leaves out {listed(moves)}, accelerations of bases, since its inputs are forces"] if moves else []
+    lost = [name for name in dict.fromkeys((*responses.output_names, *responses.input_names))
+            if name not in moves and node_of(name) is None]  # fmt: skip
+    if lost and not str(path).endswith(".npz"):
+        told.append(f"{path} leaves out {listed(lost)}, which belong to no node; .npz has them")
+    return told
 
 
 def kind_of_responses(path) -> str:
@@ -132,10 +148,12 @@ def write_responses(path, responses: Responses, comm, polar=False):
                 _write_csv(temporary, responses, polar)
         return
     if str(path).endswith(tuple(FOREIGN)):
-        H = next(part for key in RESPONSES if (part := getattr(responses, key)) is not None)
+        with agreed(comm):
+            known = responses.of_forces()
+        H = next(part for key in RESPONSES if (part := getattr(known, key)) is not None)
         with atomic_output(path, comm) as temporary, agreed(comm):
             if comm.rank == 0:
-                write_frf(temporary, responses, H, str(path).endswith(".npz"))
+                write_frf(temporary, known, H, str(path).endswith(".npz"))
         return
     with writing(path, comm) as file:
         file.attribute("format", FORMAT)

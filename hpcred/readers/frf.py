@@ -40,7 +40,7 @@ def read_frf(path) -> Responses:
     elif ending in (".npz", ".mat"):
         responses = _read_arrays(path, ending)
     elif ending in (".h5", ".hdf5"):
-        responses = read_responses(path)
+        responses = read_responses(path).of_forces()
         if responses.response is None:
             responses.response = responses.full if responses.reduced is None else responses.reduced
     else:

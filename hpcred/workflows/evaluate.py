@@ -17,6 +17,7 @@ from ..files.result_file import result_at
 from ..files.together import rescued, together
 from ..model.damping import NoDamping
 from ..model.frames import NoFrame
+from ..model.loads.kinds import motions_of
 from ..parallel.declared import flattened
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
@@ -125,7 +126,8 @@ def evaluate_result(
         }  # fmt: skip
     with together(comm):
         if output is not None:
-            made = {"result": str(result), "model": record.model, "versions": versions()}
+            made = {"result": str(result), "model": record.model, "versions": versions(),
+                    "moves": motions_of(record.loads)}  # fmt: skip
             names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
             places = {node.label: (node.node, node.position) for node in found.nodes}
             responses = Responses(**arrays, **names, record=made, places=places)

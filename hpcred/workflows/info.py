@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.summary import inspect
+from ..fe.dofs import target_name
 from ..fe.materials import properties_in_words
 from ..files.checked import CHECKSUM, CheckedFile
 from ..files.hdf5 import opened
@@ -196,9 +197,17 @@ def _job(path, job, figure, comm, progress):
         } if job.term else {})  # fmt: skip
         return {
             "format": "job file", "model": model.name, "dofs": model.size, "output": job.output,
-            "interfaces": rows, "loads": [item.row for item in loads], **varied,
+            "interfaces": rows, **({"bases": [_base_row(item) for item in job.base]} if job.base else {}),
+            "loads": [item.row for item in loads], **varied,
             "warnings": [*model.remarks, *warnings_of_interfaces(model), *sum((item.notes for item in loads), [])],
         }  # fmt: skip
+
+
+def _base_row(base) -> dict:
+    """What a base of a job is, without the solution that its column may take."""
+    places = (name if isinstance(name, str) else target_name(name) for name in base.absolute)
+    return {"base": base.name, "inputs": ", ".join(base.input_names),
+            "on": "all that is held" if base.on is None else str(base.on), "absolute": ", ".join(places)}  # fmt: skip
 
 
 def _on_one_rank(path, comm, describe, *arguments, **keywords):

@@ -12,6 +12,7 @@ from ..files.model_file import read_model
 from ..files.response_file import Responses, lost_channels, write_responses
 from ..files.together import rescued, together
 from ..model.damping import NoDamping
+from ..model.loads.kinds import motions_of
 from ..model.parameters.definitions import checked_values
 from ..parallel.declared import flattened
 from ..parallel.failures import InputError, agreed
@@ -102,8 +103,10 @@ def response_file(
         warnings = list(found.warnings)
         if loaded.D is not None and isinstance(state.damping, NoDamping):
             warnings.append(f"the damping matrix of {loaded.name} is not used; --damping given takes it")
-        size = loaded.size
-    report = _report(found, size) | {"model": str(model), "warnings": warnings, "output": output and str(output)}
+        size, moves = loaded.size, motions_of(getattr(loaded, "loads", ()))
+    report = _report(found, size) | {
+        "model": str(model), "warnings": warnings, "output": output and str(output),
+    } | ({"moves": moves} if moves else {})  # fmt: skip
     with progress.stage("write"), together(comm):
         if output is not None:
             _write(output, found, report, comm, polar)

@@ -145,6 +145,38 @@ def test_reduced_with_its_exports(comm, tmp_path):
     assert read.record.loads[0].is_motion
 
 
+@pytest.mark.parametrize(
+    ("damping", "forces", "tolerance"),
+    few_on_ranks([
+        (hpcred.GivenDamping(), ((5, "z"), (9, "ry")), 1e-4), (hpcred.Structural(loss_factor=0.02), (), 1e-3),
+    ]),
+)  # fmt: skip
+def test_tolerance(comm, damping, forces, tolerance):
+    """A reduction to a tolerance, against the dense partition of the whole in the measure that it claims: relative
+    displacements and absolute accelerations, of a base alone and beside forces."""
+    plain, M, D, K = straight(comm, damping=1e-5)
+    base = Base(on=(1,), directions=("z",), absolute=((9, "z"), (5, "z")))
+    with (plain, plain.with_inputs(forces) if forces else plain.with_input_columns(None, ()) as pushed,
+          pushed.with_outputs([(9, "z")]) as sensed, sensed.with_bases([base]) as shaken):  # fmt: skip
+        rom = hpcred.reduce(shaken, tolerance=tolerance, band=(0.0, 600.0), damping=damping)
+    f = np.linspace(1.0, 600.0, 300)
+    s = 2j * np.pi * f[:, None, None]
+    K, D = (K, D) if forces else (K * (1 + damping.loss_factor * 1j), 0 * D)
+    # forces on rows 26 and 52, and the inertia of the body that moves with its base
+    pushes = np.eye(54)[:, [26, 52][: len(forces)]]
+    B = np.hstack([pushes, -M @ np.tile(np.eye(6)[2], 9)[:, None]])[6:]
+    C = np.eye(54)[[50, 50, 26], 6:]
+    states = np.linalg.solve((s * s * M + s * D + K)[:, 6:, 6:], np.broadcast_to(B, (len(f), *B.shape)))
+    H = C @ states
+    H[:, 1:] *= s * s
+    H[:, 1:, -1:] = absolute(M, D, K, [50, 26], np.arange(6), np.eye(6)[:, [2]], f)
+    accuracy, drive = rom.record.accuracy, np.einsum("ij,fij->fj", B, states)
+    eps = accuracy.measure.eps(rom.frequency_response(f) - H, H, drive).max()
+    assert accuracy.stopped == "reached" and eps <= accuracy.largest <= tolerance
+    assert eps > 0.1 * accuracy.largest
+    np.testing.assert_allclose(rom.feedthrough[:, -1], [0, 1, 1], atol=1e-9)
+
+
 def test_inputs_of_before(comm):
     """Forces on the base go, other forces stay with their outputs; the body keeps its interfaces."""
     model, *_ = straight(comm)
@@ -192,6 +224,7 @@ def test_base_that_does_not_hold(comm):
 def test_job(comm, tmp_path, monkeypatch, capsys):
     """A job with [[base]], evaluated against its full model, which is made again from its record."""
     from hpcred.cli.main import run
+    from hpcred.readers.frf import read_frf
 
     monkeypatch.chdir(tmp_path)
     model, *_ = straight(comm, damping=1e-5)
@@ -213,7 +246,18 @@ def test_job(comm, tmp_path, monkeypatch, capsys):
     """
     (tmp_path / "job.toml").write_text(job)
     assert run(["reduce", "job.toml"]) == 0
-    report = hpcred.evaluate("result.h5", "model.h5", frequencies=[3.0, 50.0])
+    report = hpcred.evaluate("result.h5", "model.h5", frequencies=[3.0, 50.0], output="responses.h5")
     assert max(report["eps"]) < 1e-2
+    # an acceleration is no force at a node called base
+    with pytest.raises(hpcred.InputError, match="found no input but base:z, accelerations of bases"):
+        read_frf("responses.h5")
+    assert refused(capsys, "evaluate", "result.h5", "model.h5", "--frequencies", "3,50", "-o", "responses.unv")
+    (bases,) = hpcred.info("job.toml")["bases"]
+    assert bases == {"base": "base", "inputs": "base:z", "on": "(1,)", "absolute": "9:z"}
+    (tmp_path / "machine.toml").write_text(
+        'output = "machine.h5"\n[[body]]\nname = "beam"\nresult = "result.h5"\n[[joint]]\n'
+        'bodies = ["beam.9", "ground"]\nkind = "rigid"\n'
+    )
+    assert "moves relative to a base of its own" in refused(capsys, "assemble", "machine.toml")
     (tmp_path / "job.toml").write_text(job.replace("on = [1]", ""))
     assert "base 'base': model.h5 has no held nodes" in refused(capsys, "reduce", "job.toml")

@@ -404,3 +404,8 @@ class LoadColumn:
                 f"load '{self.name}': [{lost}] N of it act on held dofs; they count in its sums, and deform nothing"
             )
         return found
+
+
+def motions_of(loads) -> list[str]:
+    """Return the names of inputs that are accelerations of bases, of the LoadColumns of a model or record."""
+    return [item.name for item in loads if item.is_motion]
