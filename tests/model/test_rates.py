@@ -46,7 +46,8 @@ def test_responses_of_outputs():
     rows = columns.T @ q
     whole = np.array([sum(s**k * parts[k] for k in range(3)) @ x for s, x in zip(S, q, strict=True)])
     measured = np.array([
-        [sum((s**k if order == MIXED else 1.0) * parts[k, row] for k in range(3)) @ x for row, order in enumerate(ORDERS)]
+        [sum((s**k if order == MIXED else 1.0) * parts[k, row] for k in range(3)) @ x
+         for row, order in enumerate(ORDERS)]
         for s, x in zip(S, q, strict=True)
     ])  # fmt: skip
     assert np.allclose(rates.at(S, rows), whole) and np.allclose(combined(parts, S) @ q, whole)

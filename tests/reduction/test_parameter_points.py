@@ -132,6 +132,8 @@ def resisting(K, B, C=None, symmetric=True):
 def test_motions_without_stiffness():
     e = np.eye(3)
     assert [singular._yielding(resisting(np.diag(d), e)) for d in ([1.0, 2, 3], [1, 0, -1], [1, 1e-15, 2])] == [0, 2, 1]
+    stiff = [np.diag([1e9, 1.0, least]) for least in (5e-6, 1e-3)]  # round-off is relative to the sizes of all parts
+    assert [singular._yielding(resisting(K, e)) for K in stiff] == [1, 0]
     turned = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # without an eigenvalue below zero
     assert singular._yielding(resisting(turned, e, symmetric=False)) == 0
     assert singular._yielding(resisting(np.diag([1.0, 1.0, -1.0]) @ turned, e, symmetric=False)) == 1
