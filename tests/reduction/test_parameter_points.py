@@ -1,0 +1,211 @@
+"""What a search over parameters makes of points, numbers and small matrices, beside what follows by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from hpcred import InputError, Parameter
+from hpcred.reduction.parametric import compression, greedy, singular, zeros
+from hpcred.reduction.parametric.affine import AffineForm, AffineProjections
+from hpcred.reduction.parametric.training import (
+    digits_for,
+    distances,
+    fresh_points,
+    halfway,
+    low_discrepancy,
+    place_of,
+    point_at,
+    points_around,
+    training_points,
+)
+from hpcred.reduction.search.silent_outputs import QUIET, UNIT
+
+
+def line(low, high):
+    return [Parameter("p", (low, high))]
+
+
+@pytest.mark.parametrize(
+    "ends, middle",
+    [((0.5, 10.0), 5.0**0.5), ((0.1, 2.5), 0.5), ((2.0, 30.0), 16.0), ((-1.0, 30.0), 14.5), ((0.0, 30.0), 15.0)],
+)
+def test_places_are_logarithms_where_ends_are_20_times_apart(ends, middle):
+    """Half of the way, there and back; one that is a third of the way from an end is at two thirds from the other."""
+    assert point_at(line(*ends), [0.5])[0] == pytest.approx(middle, rel=1e-5)
+    assert place_of(line(*ends), (middle,)) == pytest.approx([0.5], rel=1e-9)
+    assert halfway(line(*ends), (middle,), ends[1:])[0] == point_at(line(*ends), [0.75])[0]
+    assert distances(line(*ends), [ends[:1], (middle,)], [(middle,), ends[1:], ends[1:]]) == pytest.approx([0.5, 0.0])
+
+
+def test_digits_of_values():
+    """Six, more where points are close, twelve at most; ends are exact."""
+    assert point_at(line(0.0, 1.0), [1 / 3]) == (0.333333,) and point_at(line(0.0, 1 / 3), [1.0]) == (1 / 3,)
+    assert [digits_for(step) for step in (0.1, 1e-3, 1e-5, 1e-30)] == [6, 6, 8, 12]
+    assert points_around(line(0.0, 3.0), (1.0,), 1e-7) == [(1.0000003,), (0.9999997,)]
+
+
+def test_numbers_of_training_points():
+    """33 for one parameter, a grid of 9 x 9 for two, at least their ends; fresh points follow those before."""
+    one, two = line(0.0, 1.0), [Parameter(name, (0.0, 1.0)) for name in "ab"]
+    assert len(training_points(one)) == 33 and len(set(training_points(two))) == 81
+    assert set(training_points(two, 9)) == {(a, b) for a in (0.0, 0.5, 1.0) for b in (0.0, 0.5, 1.0)}
+    assert training_points(one, 2) == [(0.0,), (1.0,)] and len(training_points(two, 2)) == 4
+    assert fresh_points(two, 3, 2) == [point_at(two, place) for place in low_discrepancy(2, 5)[3:]]
+
+
+def test_which_points_miss_a_goal():
+    """Those 2 % above it that no compression has begun with, the worst first."""
+    points = [(0.0,), (1.0,), (2.0,), (3.0,), (4.0,)]
+    errors = np.array([1.01, 1.03, 7.0, 2.0, 9.0])
+    assert compression._over(errors, 1.0, points, [(4.0,)]) == [2, 3, 1]
+
+
+def test_starts_of_a_search_for_larger_errors():
+    """No more than eight, two first steps apart; half of the largest error counts."""
+    points = [(float(k),) for k in range(12)]
+    errors = np.linspace(1.0, 0.5, 12)
+    assert compression._worst_apart(line(0.0, 4.0), points, errors) == points[: compression.STARTS]
+    assert compression._worst_apart(line(0.0, 1.0), [(0.0,), (0.2,), (0.399,), (1.0,)], errors[[0, 1, 2, 11]]) == [
+        (0.0,), (0.2,), (1.0,)]  # fmt: skip
+
+
+def test_a_peak_close_to_another_point_is_climbed_in_smaller_steps(monkeypatch):
+    """Its nearest neighbour is a hundredth away: the steps are of half of that as well, and of the first step."""
+    form = SimpleNamespace(parametric=SimpleNamespace(parameters=line(0.0, 1.0)))
+    inside = SimpleNamespace(args=[SimpleNamespace(form=form)])
+    seen = []
+
+    def errors(_, points, band):
+        seen.append([point[0] for point in points])
+        return np.zeros(len(points)), np.ones(len(points))
+
+    monkeypatch.setattr(compression, "_errors", errors)
+    more, found, where = compression._look_around(inside, [(0.5,), (0.504,)], np.array([1.0, 0.1]), (0.0, 1.0))
+    expected = [[0.5 + sign * step / 2**k for step in (0.1, 0.002) for sign in (1, -1)] for k in range(4)]
+    assert np.allclose(seen, expected, rtol=1e-6) and len(more) == len(found) == len(where) == 16
+
+
+def test_independent_columns_span_what_the_first_of_them_span():
+    """One that differs from those before by less than a thousandth is left out, whatever its size."""
+    e = np.eye(4)
+    columns = np.column_stack([5 * e[0], e[0] + 0.9e-3 * e[1], 1e-9 * (e[0] + 2e-3 * e[2]), e[0] + e[3]])
+    found = greedy._independent(columns)
+    assert np.abs(np.abs(found) - e[:, [0, 2, 3]]).max() < 1e-12
+
+
+def test_what_is_known_of_quiet_columns_at_several_points():
+    """Silent is what is so at all points; the largest limit counts, and the round-off of the quietest that is not."""
+    known = AffineProjections.__new__(AffineProjections)
+    known.silent, known.quiet, known.round_off, known._limits = None, False, 0.0, {}
+    known.note_quiet({0: (1e-12, 1e-10), 1: (1e-12, 2e-10)})
+    assert known.silent == {0, 1} and not known.quiet and known.round_off == 0.0
+    assert known.limits == {0: QUIET, 1: QUIET}
+    known.note_quiet({0: (3e-11, 3e-11), 1: (1e-8, 1e-10)})
+    known.note_quiet({0: (0.0, 1e-11), 1: (1e-6, 1e-10)})
+    assert known.silent == {0} and known.quiet and known.round_off == UNIT / 1e-8
+    assert known.limits == {0: QUIET, 1: 2e-10}
+
+
+def test_mass_by_its_pivots():
+    M = np.diag([1.0, 4.0, 1e-12])
+    assert np.allclose(singular.factor_of_mass(M, {}), np.sqrt(M))
+    assert np.allclose(singular.factor_of_mass(1e-40 * np.eye(2), {}), 1e-20 * np.eye(2))
+    tiny = np.diag([1.0, 1e-14])
+    assert np.allclose(singular.factor_of_mass(tiny, {}, np.diag(tiny)), np.sqrt(tiny))  # in units of its own
+    for M in (tiny, -np.eye(2), np.ones((2, 2))):
+        with pytest.raises(InputError, match="at p = 2: the reduced mass matrix is not positive definite"):
+            singular.factor_of_mass(M, {"p": 2.0})
+    unsymmetric = np.array([[2.0, 1.0], [0.0, 2.0]])
+    L = singular.factor_of_mass(unsymmetric, {})
+    assert np.allclose(L @ L.T, (unsymmetric + unsymmetric.T) / 2)
+
+
+def resisting(K, B, C=None, symmetric=True):
+    """Models at a point whose basis is the unit one."""
+    C = B if C is None else C
+    return SimpleNamespace(K=K, L=np.eye(len(K)), io=SimpleNamespace(inputs=B, outputs=C), symmetric=symmetric,
+                           size_of_k=np.linalg.norm(K))  # fmt: skip
+
+
+def test_motions_without_stiffness():
+    e = np.eye(3)
+    assert [singular._yielding(resisting(np.diag(d), e)) for d in ([1.0, 2, 3], [1, 0, -1], [1, 1e-15, 2])] == [0, 2, 1]
+    stiff = [np.diag([1e9, 1.0, least]) for least in (5e-6, 1e-3)]  # round-off is relative to the sizes of all parts
+    assert [singular._yielding(resisting(K, e)) for K in stiff] == [1, 0]
+    turned = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # without an eigenvalue below zero
+    assert singular._yielding(resisting(turned, e, symmetric=False)) == 0
+    assert singular._yielding(resisting(np.diag([1.0, 1.0, -1.0]) @ turned, e, symmetric=False)) == 1
+    assert singular._yielding(resisting(np.diag([1.0, 1e-15, 1.0]), e, symmetric=False)) == 1
+
+
+def test_responses_are_infinite_where_inputs_push_and_outputs_see_the_motion():
+    """Of an unsymmetric K the motion and the forces that it resists differ: K = |a><b|, which sees b and feels a."""
+    e = np.eye(2)
+    K = np.outer(e[0], e[1])  # moves along e0 without force, and has no force along e1
+    pushed, seen, other = e[:, 1:], e[:, :1], np.zeros((2, 1))
+    for inputs, outputs, infinite in ((pushed, seen, True), (seen, seen, False), (pushed, pushed, False),
+                                      (other, seen, False), (1e-9 * pushed + seen, seen, False),
+                                      (1e-7 * pushed + seen, seen, True)):  # fmt: skip
+        assert singular._is_infinite(resisting(K, inputs, outputs)) == infinite
+
+
+def test_where_stiffness_is_lost_between_points():
+    """Springs 0.3 - p and 1.7 - p: both are named, the first where nothing pushes the other."""
+
+    def projections(B):
+        return SimpleNamespace(
+            at=lambda point: resisting(np.diag([0.3 - point[0], 1.7 - point[0], 1.0]), B),
+            form=SimpleNamespace(parametric=SimpleNamespace(comm=MPI.COMM_SELF, parameters=line(0.0, 2.0), name="two"),
+                                 values=lambda point: {"p": point[0]}),
+        )  # fmt: skip
+
+    points = training_points(line(0.0, 2.0), 5)
+    for column, at in ((0, "0.3"), (1, "1.7")):
+        with pytest.raises(InputError, match=f"two: K is singular, but for round-off, near p = {at},"):
+            singular.check_static(projections(np.eye(3)[:, [column]]), points, (0.0, 1.0))
+    singular.check_static(projections(np.eye(3)[:, [2]]), points, (0.0, 1.0))
+    singular.check_static(projections(np.eye(3)), points, (0.1, 1.0))
+
+
+def test_the_way_to_a_zero_of_responses():
+    """Of (p - 1/3) v over frequencies with other v: where it is, how fast responses change, and points beside it."""
+    projections = SimpleNamespace(form=SimpleNamespace(parametric=SimpleNamespace(parameters=line(0.0, 2.0))))
+    v = np.array([[1.0 + 1.0j, 0.0], [3.0, 4.0j], [0.0, 9.0]])
+    way = zeros._Way(projections, (0.0,), (2.0,), lambda point: (point[0] - 1 / 3) * v)
+    assert way.zero == pytest.approx(1 / 6, abs=1e-7) and way.change == pytest.approx(2 * 5)
+    assert way.slope == pytest.approx(10, rel=1e-6)
+    beside = np.sort([point[0] for point in way.points(np.array([0.0, 0.01, 0.5]))])
+    assert beside == pytest.approx([1 / 3 - 0.02, 1 / 3, 1 / 3, 1 / 3 + 0.02, 4 / 3], abs=1e-5)
+    for low, high in ((1.0, 2.0), (0.0, 0.2)):
+        assert zeros._Way(projections, (low,), (high,), lambda point: (point[0] - 1 / 3) * v).zero is None
+
+
+def test_points_on_both_sides_of_a_zero_are_the_nearest():
+    """At most frequencies the values point the other way; zeros are on neither side."""
+    places = np.array([[0.0], [0.4], [0.5], [0.9], [1.0]])
+    v = np.array([[1.0, 2.0], [3.0j, 0.0], [5.0, 1.0]])
+    values = np.array([s * v for s in (1.0, 2.0, -1.0, -0.5, 0.0)])
+    values[1, 0] *= -1  # one of three frequencies says otherwise
+    assert zeros._opposite(places, values) == [(1, 2)]
+    assert zeros._median(np.array([[1.0, -3.0], [2.0j, 0.0], [0.0, 7.0]])) == 3.0
+    few = zeros._few(np.ones((2, zeros.FEW))), zeros._few(np.vstack([np.ones(9), 2 * np.ones(9)]))
+    assert few[0].shape == few[1].shape == (2, 8) and (few[0] == 1).all() and np.array_equal(2 * few[1][0], few[1][1])
+
+
+def test_factors_of_loads_and_outputs_at_a_point():
+    """B_0 + p B_1 and C_0 + p^2 C_1 by their independent columns."""
+    form = AffineForm.__new__(AffineForm)
+    form.parametric = SimpleNamespace(
+        model=SimpleNamespace(rates=None),
+        parameters=line(-2.0, 2.0),
+        factors=lambda values: [values["p"], values["p"] ** 2],
+    )
+    B, C = np.array([[1.0], [0.0]]), np.array([[0.0], [4.0]])
+    form.inputs, form.outputs = [(0, B), (1, C)], [(0, -C), (2, C)]
+    io = form.io(form.theta((-2.0,)))
+    assert np.array_equal(io.inputs, B - 2 * C) and np.array_equal(io.outputs, 3 * C)
+    assert form.has_responses((2.0,)) and not form.has_responses((1.0,))
+    form.outputs = None
+    assert np.array_equal(form.io(form.theta((1.5,))).outputs, B + 1.5 * C) and form.has_responses((1.0,))
