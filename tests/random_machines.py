@@ -90,7 +90,7 @@ def random_bodies(rng, count):
         s = 2j * np.pi * grid[(grid >= 0.01) & (grid <= BAND[1])]
         node = [SimpleNamespace(label=label, node=n, position=place, name=label)
                 for n, (label, place) in enumerate(places.items(), 1)]  # fmt: skip
-        record = SimpleNamespace(frame=hpcred.NoFrame(), damping=hpcred.GivenDamping(), accuracy=None,
+        record = SimpleNamespace(frame=hpcred.NoFrame(), damping=hpcred.GivenDamping(), accuracy=None, loads=(),
                                  interface_nodes=(), units="")  # fmt: skip
         full = reduced_model(M, D, K, C, names, np.eye(size), record)
         small = reduced_model(M, D, K, C, names, V, record)

@@ -22,7 +22,7 @@ def result(M, K, names, frame=None, **more):
     rows = np.eye(len(M))[: len(names)]
     nodes = list(dict.fromkeys(name.rpartition(":")[0] for name in names))
     shapes = [SimpleNamespace(label=node, node=k, position=np.zeros(3), name=node) for k, node in enumerate(nodes, 1)]
-    record = SimpleNamespace(frame=frame or hpcred.NoFrame(), damping=hpcred.GivenDamping(), accuracy=None,
+    record = SimpleNamespace(frame=frame or hpcred.NoFrame(), damping=hpcred.GivenDamping(), accuracy=None, loads=(),
                              interface_nodes=(), rigid_body_modes=0, units="")  # fmt: skip
     reduced = hpcred.ReducedModel(M=M, D=np.zeros_like(M), K=K, B=rows.T, C=rows, frequencies=np.ones(len(M)),
                                   input_names=names, output_names=names, record=record, **more)  # fmt: skip
