@@ -65,7 +65,7 @@ def test_nodes_in_any_order_and_dofs_with_gaps(comm, folder):
 def test_an_export_is_told_by_its_first_bytes(comm, folder):
     with load_export(DATA / "blockC3D8.inp", comm) as model:
         assert model.size == 528 and comm.allreduce(len(model.elements["hexahedron"])) == 90
-    with pytest.raises(hpcred.InputError, match="expected an Abaqus or CalculiX input file with"):
+    with pytest.raises(hpcred.InputError, match="expected .*an Abaqus or CalculiX input file with"):
         load_export(write(folder / "a.inp", "1 2 3\n", comm), comm)
 
 

@@ -196,6 +196,6 @@ def _input_beside(path):
 class UserElement(Reader):
     """A substructure as a linear user element."""
 
-    name, told_by = "substructure of Abaqus or CalculiX as a user element", "*USER ELEMENT with LINEAR"
+    name, told_by = "a substructure of Abaqus or CalculiX as a user element", "*USER ELEMENT with LINEAR"
     companions = "x.inp with the nodes, or the only .inp beside it"
     begins, read_model = staticmethod(begins), staticmethod(read)
