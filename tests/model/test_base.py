@@ -172,7 +172,7 @@ def test_tolerance(comm, damping, forces, tolerance):
     H[:, 1:, -1:] = absolute(M, D, K, [50, 26], np.arange(6), np.eye(6)[:, [2]], f)
     accuracy, drive = rom.record.accuracy, np.einsum("ij,fij->fj", B, states)
     eps = accuracy.measure.eps(rom.frequency_response(f) - H, H, drive).max()
-    assert accuracy.stopped == "reached" and eps <= accuracy.largest <= tolerance
+    assert accuracy.stopped == "reached" and eps <= accuracy.largest + 1e-9 and accuracy.largest <= tolerance
     assert eps > 0.1 * accuracy.largest
     np.testing.assert_allclose(rom.feedthrough[:, -1], [0, 1, 1], atol=1e-9)
 
