@@ -85,6 +85,7 @@ JOBS = [
     '[[parameter]]\nname = "e"\nrange = [0.0, 1.0]\n[[term]]\nof = "K"\nfile = "K.mtx"\nfactor = "e"\n'
     '[parameter_search]\npoints = 3\n',
     'model = "block.h5"\ninputs = [[13, "x"]]\noutputs = [{cut = "half"}]\n' + MODES,
+    'model = "block.h5"\n' + MODES + '[[base]]\n' + END + 'directions = ["z"]\nabsolute = [[5, "z"]]\n',
 ]  # fmt: skip
 MOTION = 'body = "result.h5"\nend = 0.01\nsteps = 4\n'
 HOLD = '[[constraint]]\nnode = 1\n[[constraint]]\nnode = 7\ndirections = ["x", "z"]\n[[constraint]]\nnode = 14\n' \
