@@ -21,9 +21,10 @@ def digest_of(model, key: str) -> str | None:
     if key == ADDED:
         return digest_of_plain(model.added.digest(model.digest_of)) if model.added else None
     if key == RATES:
-        direct = model.rates.direct
-        kinds = [array.tolist() for array in (model.rates.parts, direct) if array is not None]
-        return digest_of_plain(kinds if direct is not None else kinds[0]) if model.rates else None
+        if not model.rates:
+            return None
+        parts, direct = model.rates.parts.tolist(), model.rates.direct
+        return digest_of_plain(parts if direct is None else [parts, direct.tolist()])
     held = model.matrices[key] if key in model.matrices else getattr(model, field)
     if held is None or held == ():
         return None

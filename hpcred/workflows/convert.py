@@ -26,11 +26,6 @@ from .keywords import FileUnits, InputsAndOutputs, Variables
 from .model_of_job import with_declared_terms
 from .workflow import workflow
 
-NOT_FOR_SUPERELEMENTS = (
-    "superelement: has all directions of its nodes as inputs and outputs, and symmetric matrices K, M and D; leave out "
-    "inputs, outputs, B, C, viscoelastic and circulatory"
-)
-
 
 @workflow
 @flattened
@@ -77,8 +72,11 @@ def convert(
     reads = [*reads, *terms.files]
     check_outputs({output: hdf5_kind(OF_RESULTS if superelement else FORMAT)}, comm, reads, progress=progress)
     if superelement:
-        if any(ends.given.values()) or any(terms.given.values()):
-            raise InputError(NOT_FOR_SUPERELEMENTS)
+        columns = isinstance(source, Source) and any((source.B, source.C, source.Cv, source.Ca))
+        if columns or any(ends.given.values()) or any(terms.given.values()):
+            raise InputError("superelement: has all directions of its nodes as inputs and outputs, and symmetric "
+                             "matrices K, M and D; leave out inputs, outputs, B, C, viscoelastic and "
+                             "circulatory")  # fmt: skip
         return _superelement(source, output, variables, units, comm, progress)
     # the model in SI, with what the files do not say
     name = Path(output).name
@@ -110,8 +108,6 @@ def convert(
 
 def _superelement(source, output, variables, units, comm, progress) -> dict:
     """Write a superelement as a result. Collective."""
-    if isinstance(source, Source) and any((source.B, source.C, source.Cv, source.Ca)):
-        raise InputError(NOT_FOR_SUPERELEMENTS)
     with progress.stage("read", source.K if isinstance(source, Source) else str(source)):
         result = read_superelement(source, comm, variables=variables, units=units)
     reduced, record = result.reduced, result.reduced.record

@@ -333,14 +333,14 @@ class PseudoModal(Keeping):
         if self.is_diagonal or (self.poles is None and not self.added):
             return self.response(frequencies)
         left, right, H = self.Ct.T, self.B, []
-        for part in self.parts_of(frequencies):
+        for chunk in self.parts_of(frequencies):
             if self.added:
-                rows = left @ _scaled(self.matrices(part), np.broadcast_to(right, (len(part), *right.shape)))
+                rows = left @ _scaled(self.matrices(chunk), np.broadcast_to(right, (len(chunk), *right.shape)))
             else:
-                s = self.damping.coefficients(part)[2]
+                s = self.damping.coefficients(chunk)[2]
                 share = _reciprocal(s[:, None] - self.poles.values)[:, :, None] * (self.poles.left @ right)
                 rows = times(left @ self.poles.right, share)
-            H.append(self.io.rates.responses(2j * np.pi * part, rows))
+            H.append(self.io.rates.responses(2j * np.pi * chunk, rows))
         return np.concatenate(H)
 
     def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
