@@ -57,13 +57,8 @@ def accuracy(row):
     asked = f"{row['body']}: to 1e-6, {size} coordinates ({number(row['error'])}); peer: "
     yield line(asked + "its points and orders on PARDISO", row["dofs"], ours, row["PARDISO copy (s)"],
                row["copy's error"])  # fmt: skip
-    if "chain alone's error" in row:
-        yield line(asked + "its first point on PARDISO, not verified", row["dofs"], ours, row["chain alone (s)"],
-                   row["chain alone's error"])  # fmt: skip
-    for factor in ("1.5", "2"):
-        count = row[f"modes to {factor} times the band"]
-        yield line(asked + f"{count} modes to {factor} times the band", row["dofs"], ours, row[f"{factor}: (s)"],
-                   row[f"{factor}: error"])  # fmt: skip
+    count = row["modes to 1.5 times the band"]
+    yield line(asked + f"{count} modes to 1.5 times the band", row["dofs"], ours, row["1.5: (s)"], row["1.5: error"])
     hand = next(key for key in row if key.startswith("by hand"))
     yield line(asked + hand.replace("by hand", "one point by hand").removesuffix(" (s)"), row["dofs"], ours, row[hand],
                row["hand's error"])  # fmt: skip
