@@ -541,3 +541,27 @@ def test_commands_of_a_page_run(tmp_path, monkeypatch, small_results, page):
     lines = [line for line, whole in commands_in((DOCS / page).read_text()) if whole]
     failed = {line for line in lines if hpcred.cli.main.run([*shlex.split(line)[1:], "--quiet"]) != 0}
     assert lines and failed == set()
+
+
+def test_targets_of_make_are_those_of_the_makefile():
+    """Each that a page names is there, and CONTRIBUTING names each test."""
+    targets = set(re.findall(r"^([a-z][\w-]*):", (ROOT / "Makefile").read_text(), re.M))
+    guide = (ROOT / "CONTRIBUTING.md").read_text()
+    texts = [guide, *(page.read_text() for page in PAGES)]
+    named = {name for text in texts for name in re.findall(r"(?:^    |`)make ([a-z][\w-]*)", text, re.M)}
+    assert len(named) > 15 and named <= targets
+    helpers = {"test-packages", "test-cuda", "test-debian12"}  # of others, of a GPU, and named beside Debian 13
+    assert {name for name in targets if name.startswith("test")} - named <= helpers
+
+
+def test_the_house_on_the_page_for_developers_is_that_of_the_code():
+    """Its rooms, and the files and folders of the sources that it and CONTRIBUTING name."""
+    page = (DOCS / "developers.md").read_text()
+    (house,) = re.findall(r"```text\n(.*?)```", page, re.S)
+    rooms = {path.name for path in (ROOT / "hpcred").iterdir() if (path / "__init__.py").exists()}
+    assert set(re.findall(r"^(\w+)/", house, re.M)) == rooms
+    below = {path.name for path in (ROOT / "hpcred" / "reduction").iterdir() if (path / "__init__.py").exists()}
+    assert set(re.findall(r"^  (\w+)/", house, re.M)) == below
+    texts = page + (ROOT / "CONTRIBUTING.md").read_text()
+    named = re.findall(r"`((?:docs|examples|jobs|tests|hpcred|benchmarks|packaging)/[\w./-]+)`", texts)
+    assert len(named) > 20 and [name for name in named if not (ROOT / name).exists()] == []
