@@ -1,7 +1,5 @@
 """Copy result.h5 with other stress modes; each rank copies its rows."""
 
-from __future__ import annotations
-
 from ..parallel.failures import agreed
 from ..parallel.shares import row_range
 from .checked import CHECKSUM

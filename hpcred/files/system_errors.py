@@ -4,8 +4,6 @@ Files of other programs are opened here, since Python's errors name the file whe
 cannot be read.
 """
 
-from __future__ import annotations
-
 import os
 import stat
 from contextlib import contextmanager

@@ -3,8 +3,6 @@
 For the arrays of .npz and .mat see files.frf_file.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

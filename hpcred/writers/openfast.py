@@ -7,8 +7,6 @@ the superelement, and that of OpenFAST 5, with files of their own for loads and 
 weight of floating bodies in the superelement.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 

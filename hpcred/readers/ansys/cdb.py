@@ -5,8 +5,6 @@ elements, components (CMBLOCK) and materials are read. Each rank looks for them 
 the lines of blocks.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

@@ -4,8 +4,6 @@ A block has a line CMBLOCK,NAME,NODE,count, a Fortran format, and numbers, of wh
 one before it begins.
 """
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 

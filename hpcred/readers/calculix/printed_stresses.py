@@ -1,7 +1,5 @@
 """Read the stresses at integration points that CalculiX prints into a .dat file by *EL PRINT with S."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Read coordinates over time from an HDF5 file with the arrays t (nt), q (nt, m), and qdot, qddot (nt, m) perhaps."""
 
-from __future__ import annotations
-
 from ...body.coordinates import Coordinates
 from ...files.opened_hdf5 import guarded, opened_hdf5, real_numbers
 from ...parallel.failures import InputError

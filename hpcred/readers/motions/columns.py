@@ -1,7 +1,5 @@
 """Read the lines of numbers below the head of a text, to their last character."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...files.text import is_cut_line, pieces, refuse_packed

@@ -6,8 +6,6 @@ second-order coordinates of the system one after the other. Where there are othe
 reduced coordinates begin. Reference values of the rigid-body node are not in the file.
 """
 
-from __future__ import annotations
-
 import re
 
 from ...body.coordinates import Coordinates

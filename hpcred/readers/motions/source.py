@@ -1,7 +1,5 @@
 """Read the coordinates of a body over time from a file of any program that is known, told by how it begins."""
 
-from __future__ import annotations
-
 from ...body.coordinates import Coordinates
 from ...files import motion_file
 from ...files.hdf5 import HDF5, kind_of_file

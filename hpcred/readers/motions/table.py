@@ -5,8 +5,6 @@ an FMU that hpcred wrote, as FMPy records them: time, q[1] .. q[m], v[1] .. v[m]
 are left out, but for those with names as of outputs of an FMU, which tell whether the body is the same.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections import Counter

@@ -5,8 +5,6 @@ no row (see sets) are read. Each rank reads its share of the lines; the cards of
 which are few, are collected on all ranks.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ beside them (USET, BGPDT), or from the input file. Rows in displacement systems 
 x, y, z.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

@@ -4,8 +4,6 @@ Components are in the basic system or a rectangular one. Any other card of loads
 line. TEMP and DEFORM have numbers of their own, which the case control selects apart.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -4,8 +4,6 @@ The elements are those of the input file of the same name beside it. Stresses of
 the nodes of the element (model.shape_functions). Each rank reads a share.
 """
 
-from __future__ import annotations
-
 import mmap
 from itertools import groupby
 from pathlib import Path

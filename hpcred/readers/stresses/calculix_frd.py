@@ -4,8 +4,6 @@ A block of results has a head (100C) with the number of nodes and the form, the 
 (-5), a line a node (-1) and an end (-3).
 """
 
-from __future__ import annotations
-
 import mmap
 import re
 from typing import NamedTuple

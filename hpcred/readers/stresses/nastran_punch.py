@@ -6,8 +6,6 @@ GRID, and seven lines for its centre and each corner: grid, sxx, sxy, then of th
 stress, syy, syz, four numbers, szz, szx, four numbers.
 """
 
-from __future__ import annotations
-
 import mmap
 import re
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Read the displacements and stresses of all steps that a finite-element program computed, at nodes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ All displacements of a step are prescribed, which any element of a program takes
 from the displacements of its nodes alone.
 """
 
-from __future__ import annotations
-
 import re
 from abc import ABC, abstractmethod
 
