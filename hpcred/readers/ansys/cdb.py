@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...fe.materials import ElementProperties, Material, material_of
-from ...files.system_errors import open_input
+from ...files.system_errors import open_input, read_bytes
 from ...files.text import LARGEST_LABEL, Piece, line_number, pieces, require_file, shown
 from ...files.text_numbers import labels, numbers, parse_fortran, ragged, whole
 from ...parallel.decisions import decided
@@ -210,9 +210,7 @@ def _types_of_block(path, position, after):
     """Return the types in the lines of an ETBLOCK: number, type, key options."""
     if not after or after[0][1] != "end":
         raise _refusal(path, position, "no end of ETBLOCK; the file is cut off or damaged")
-    with open_input(path) as file:
-        file.seek(position)
-        _, _, *lines = file.read(after[0][0] - position).splitlines() or [b""]
+    _, _, *lines = read_bytes(path, position, after[0][0]).splitlines() or [b""]
     rows = [line.split() for line in lines if line.strip()]
     if not all(len(row) > 1 and row[0].isdigit() and row[1].isdigit() for row in rows):
         raise _refusal(path, position, "an ETBLOCK with other lines than number, type and key options")

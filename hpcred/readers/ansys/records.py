@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...files.system_errors import open_input, read_numbers, reading_from
+from ...files.system_errors import damaged_file, open_input, read_numbers, reading_from
 from ...files.text import require_file
 from ...parallel.failures import InputError
 
@@ -49,7 +49,7 @@ class RecordFile:
         with open_input(path) as file:
             start = file.read(4 * (STANDARD + 3))
         if not begins(start):
-            raise InputError(f"{path}: found no header of ANSYS' binary files; the file is damaged")
+            raise damaged_file(path, "no header of ANSYS' binary files")
         if np.frombuffer(start[:4], WORD)[0] != STANDARD:
             raise InputError(
                 f"{path}: found bytes in the order of another machine (big-endian), expected little-endian; write the "
@@ -63,13 +63,13 @@ class RecordFile:
                 f"{' of a modal analysis (ANTYPE,MODAL with WRFULL,1), which may lie beside it' * (number == FULL)}"
             )
         if bytes_ % 4:
-            raise InputError(f"{path}: found {bytes_} bytes, expected words of 4 bytes; the file is damaged")
+            raise damaged_file(path, f"{bytes_} bytes, expected words of 4 bytes")
         self.size = bytes_ // 4
         with reading_from(path):
             self._few = np.memmap(path, WORD, "r")  # for headers of records; opening the file for each takes too long
 
     def damaged(self, position, found: str) -> InputError:
-        return InputError(f"{self.path}: found {found} at word {position}; the file is damaged")
+        return damaged_file(self.path, f"{found} at word {position}")
 
     def words(self, position: int, count: int) -> np.ndarray:
         """Return some words (count,) as integers."""
@@ -243,8 +243,8 @@ def _no_column(file, position):
     except InputError as error:
         return error
     if flags & (WINDOWS | BITS | SHORT):
-        return InputError(f"{file.path}: found a matrix with zeros left out of its columns at word {position}, expected "
-                          "plain columns; take HBMAT and CDWRITE")  # fmt: skip
+        return InputError(f"{file.path}: found a matrix with zeros left out of its columns at word {position}, "
+                          "expected plain columns; take HBMAT and CDWRITE")  # fmt: skip
     return file.damaged(position, "no column of a matrix")
 
 

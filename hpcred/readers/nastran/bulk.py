@@ -14,7 +14,7 @@ import numpy as np
 from ...fe.elements import NODES
 from ...fe.materials import MATERIAL, TYPE, ElementProperties, Material, material_of
 from ...files.included import Included
-from ...files.system_errors import open_input
+from ...files.system_errors import open_input, read_bytes
 from ...files.text import Piece, first_bytes, first_line, line_number, records, refuse_packed, require_file
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import require_once, sort_over_ranks
@@ -278,9 +278,7 @@ def _spans_of(path, comm, main):
 
 def _name_in_quotes(path, start, quote):
     """Return the name from the byte `start` to the next quote, perhaps on a later line, and the byte of that."""
-    with open_input(path) as file:
-        file.seek(start)
-        name, end, _ = file.read(LONGEST_NAME).partition(quote)
+    name, end, _ = read_bytes(path, start, start + LONGEST_NAME).partition(quote)
     if not end:
         raise InputError(f"{path}, line {line_number(path, start)}: found an INCLUDE without its second quote")
     return b"".join(line.strip() for line in name.splitlines()), start + len(name)
@@ -300,11 +298,7 @@ def _included(path, name, including):
 
 def _case(segments):
     """Return numbers of SPC and MPC of the case control, more than one where subcases differ, and its sets."""
-    text = b""
-    for path, start, stop in segments:
-        with open_input(path) as file:
-            file.seek(start)
-            text += file.read(stop - start)
+    text = b"".join(read_bytes(*segment) for segment in segments)
     asked = [(match["word"].decode().upper(), int(match["number"])) for match in CASE.finditer(text) if match["word"]]
     return {**{key: {number for word, number in asked if word == key} for key in ("SPC", "MPC")},
             "SET": sets_of_case(text)}  # fmt: skip

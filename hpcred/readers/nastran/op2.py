@@ -4,13 +4,12 @@ A file is a sequence of Fortran records: single integers (keys) announce what fo
 of the tables BGPDT (positions), USET (sets), EQEXIN (numbers) and CSTM (coordinate systems) each rank reads its share.
 """
 
-import mmap
 import struct
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...files.system_errors import open_input, read_numbers
+from ...files.system_errors import damaged_file, mapped, read_numbers
 from ...files.text import LARGEST_LABEL, first_bytes
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
@@ -74,9 +73,7 @@ class _Chain:
         return self.at >= len(self.data)
 
     def damaged(self, expected) -> InputError:
-        return InputError(
-            f"{self.path}: found no {expected} at byte {self.at} of {len(self.data)}; the file is damaged or cut off"
-        )
+        return damaged_file(self.path, f"no {expected} at byte {self.at} of {len(self.data)}", "damaged or cut off")
 
     def record(self) -> tuple[int, int]:
         """Return the place of the next record and its bytes."""
@@ -170,7 +167,7 @@ def walk(path):
     if not begins(start):
         raise InputError(f"{path}: found a file that begins with {start[:12]!r}, expected one of OUTPUT2")
     order, size = _layout(start)
-    with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with mapped(path) as data:
         chain = _Chain(data, path, order, size)
         while not chain.ended:
             words = chain.key()
@@ -325,9 +322,6 @@ def _systems(table):
     for number, kind, values in items:
         axes = np.array(values[3:], dtype=float).reshape(-1, 3)
         if kind not in (1, 2, 3) or axes.shape != (3, 3) or np.abs(axes.T @ axes - np.eye(3)).max() > 1e-5:
-            raise InputError(
-                f"{table.path}: found no axes of the coordinate system {number} in the table {table.name}; the file is "
-                "damaged"
-            )
+            raise damaged_file(table.path, f"no axes of the coordinate system {number} in the table {table.name}")
         systems[int(number)] = System(int(kind), np.array(values[:3], dtype=float), axes)
     return systems

@@ -4,12 +4,11 @@ A column is a sequence of records, each with the number of its first row and the
 them announce their lengths. Rank 0 follows the sequence once, and each rank decodes its share of whole columns.
 """
 
-import mmap
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...files.system_errors import open_input
+from ...files.system_errors import damaged_file, mapped
 from ...parallel.failures import InputError, agreed
 from .op2 import columns_of, walk
 from .op4_matrix import COMPLEX, DOUBLE, Op4Matrix, matrix_of, real_values
@@ -32,9 +31,7 @@ def _matrix(path, block):
     _, columns, rows, form, kind, *_ = block.trailer
     starts, before = zip(*block.columns, strict=True)
     if before[-1] != columns:
-        raise InputError(
-            f"{path}: found {before[-1]} columns of the matrix {block.name}, expected {columns}; the file is damaged"
-        )
+        raise damaged_file(path, f"{before[-1]} columns of the matrix {block.name}, expected {columns}")
     place = {"starts": starts, "layout": (block.order, block.size), "is_text": False}
     matrix = matrix_of(path, f"byte {starts[0]}", (columns, rows, form, kind), block.name.encode("latin-1"), **place)
     return Op2Matrix(**vars(matrix) | {"columns": before})
@@ -44,7 +41,7 @@ def read(path, comm, matrix: Op2Matrix) -> list[tuple[np.ndarray, np.ndarray, np
     """Return rows and columns (from 0) and values of the shares of this rank. Collective. Raises InputError."""
     shares = len(matrix.starts) - 1
     low, high = shares * comm.rank // comm.size, shares * (comm.rank + 1) // comm.size
-    with agreed(comm), open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with agreed(comm), mapped(path) as data:
         return [_decode(path, data, matrix, k) for k in range(low, high)]
 
 

@@ -4,7 +4,6 @@ The elements are those of the input file of the same name beside it. Stresses of
 the nodes of the element (model.shape_functions). Each rank reads a share.
 """
 
-import mmap
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +13,7 @@ import numpy as np
 from ...fe.materials import NUMBER
 from ...fe.point_stresses import PointStresses
 from ...fe.shape_functions import SOLIDS, extrapolation
-from ...files.system_errors import open_input
+from ...files.system_errors import damaged_file, mapped
 from ...files.text import end_to_end, pieces
 from ...files.text_numbers import labels, numbers
 from ...parallel.decisions import decided
@@ -61,9 +60,9 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _steps(path) -> list[list[Block]]:
     """Return the tables of each time. Raises InputError."""
     heads = []
-    with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with mapped(path) as data:
         if data[-1:] != b"\n":
-            raise InputError(f"{path}: found no line break at its end; the file is cut off")
+            raise damaged_file(path, "no line break at its end", "cut off")
         at = 0
         while (at := data.find(SET, at)) >= 0:
             start, stop = data.rfind(b"\n", 0, at) + 1, data.find(b"\n", at) + 1
