@@ -20,6 +20,7 @@ from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ..fixed_width import Field, fields_of_format, separated
 from ..nodes.table import elements_of, finite
+from ..parts import used_properties
 from .components import read_components
 
 COMMAND = re.compile(
@@ -122,24 +123,15 @@ def _properties(comm, path, heads, types, tables):
         return None, []
     commands = [[word.strip() for word in line.split("!")[0].split(",")] for _, kind, line in heads if kind == "data"]
     materials, options, remarks = material_and_options([[words[0].upper(), *words[1:]] for words in commands])
-    for number, (_, given) in types.items():
-        options[number] = given | options.get(number, {})
-    used = [sorted(set().union(*comm.allgather({int(n) for table in tables.values() for n in np.unique(table[:, k])})))
-            for k in (1, 2)]  # fmt: skip
-    kept = [number for number in used[1] if number in materials]
-    names = [type_name(_family(types[number][0]), types[number][0], options[number]) for number in used[0]]
-    places = [dict(zip(numbers, range(len(numbers)), strict=True)) for numbers in (used[0], kept)]
-    for table in tables.values():
-        for column, place in enumerate(places, 1):
+    # numbers of the file give way to places in ascending order
+    for column, known in enumerate((types, materials), 1):
+        place = {number: k for k, number in enumerate(sorted(known))}
+        for table in tables.values():
             distinct, back = np.unique(table[:, column], return_inverse=True)
             table[:, column] = np.array([place.get(number, -1) for number in distinct.tolist()], int)[back]
-    return ElementProperties("ANSYS", tuple(names), tuple(materials[number] for number in kept), tables), [
-        f"{path}: {remark}" for remark in remarks
-    ]
-
-
-def _family(type_):
-    return "SOLID" if type_ in SOLIDS else "SHELL" if type_ in SHELLS else "BEAM"
+    names = [_type_name(type_, given | options.get(number, {})) for number, (type_, given) in sorted(types.items())]
+    materials = [materials[number] for number in sorted(materials)]
+    return used_properties(comm, "ANSYS", names, materials, tables), [f"{path}: {remark}" for remark in remarks]
 
 
 def _blocks(path, heads):
@@ -375,7 +367,8 @@ def _material(number, known, reasons) -> Material:
     return material_of(name, **({"poisson": 0.3} | known))
 
 
-def type_name(family: str, number: int, options: dict[int, str]) -> str:
+def _type_name(number: int, options: dict[int, str]) -> str:
     """Return the name of an element type, with its key options where they change its stresses: SOLID186 KEYOPT(2)=1."""
+    family = "SOLID" if number in SOLIDS else "SHELL" if number in SHELLS else "BEAM"
     given = [f"KEYOPT({key})={options[key]}" for key in OPTIONS if options.get(key, "0") not in ("", "0")]
     return " ".join([f"{family}{number}", *given])
