@@ -12,7 +12,7 @@ from ...body.coordinates import Coordinates
 from ...files.system_errors import open_input
 from ...files.text import first_line, shown
 from ...parallel.failures import InputError
-from .columns import read_columns
+from .table import read_columns
 
 BEGINNING, BINARY = b"#Exudyn", b"EXUBIN"
 SIZES = re.compile(rb"#number of written coordinates \[[^\]]*\] *= *\[([\d, ]+)\]")
