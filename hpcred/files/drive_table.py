@@ -12,8 +12,6 @@ and a unit in its head, which is required:
 Motions of bases may be accelerations, velocities or displacements over frequency.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ form: freq (F), FRF (F, r, p), and the columns of its tables of channels and imp
 imp_Direction_3 and so on.
 """
 
-from __future__ import annotations
-
 import io
 import sys
 from pathlib import Path

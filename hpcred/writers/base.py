@@ -1,7 +1,5 @@
 """Define what an export is, one class registered by its address or by an entry point, and what it takes."""
 
-from __future__ import annotations
-
 import re
 from abc import ABC, abstractmethod
 from contextlib import AbstractContextManager
