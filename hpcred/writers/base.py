@@ -142,16 +142,34 @@ class Writer(ABC):
 
         Return remarks on what the file does not hold, or, of a writer of shapes, the names of those that it wrote.
         Raise InputError for a result that the format cannot hold.
+
+        Parameters
+        ----------
+        target : path
+            Of the file to write.
+        source : ExportSource
+            The parts of the result that `needs` names.
         """
 
     def begins(self, start: bytes) -> bool:
-        """Return whether a file that starts so (4096 bytes) is of this format, and may be replaced by a new one."""
+        """Return whether a file that starts so (4096 bytes) is of this format, and may be replaced by a new one.
+
+        Parameters
+        ----------
+        start : bytes
+            The first 4096.
+        """
         return bool(self.kind) and kind_of_start(start) == self.kind
 
     def describe(self, path) -> dict:
         """Return what `hpcred info` says of a file that begins so, besides its name; called on one rank.
 
         One of our own returns nothing of a file that its format shares with others, such as a .mat.
+
+        Parameters
+        ----------
+        path : path
+            Of the file.
         """
         return {}
 
