@@ -14,7 +14,7 @@ from ..parallel.failures import InputError
 from ..parallel.messages import printable
 from ..report.tables import show_table
 from ..workflows.keywords import Motion, Recovered
-from ..writers.decks.registry import DECKS
+from ..writers.decks import DECKS
 from . import session
 from .options import JsonFile, command
 

@@ -11,8 +11,6 @@ The .csv has one line a value: parameter, its value in rpm where it is in rad/s,
 Hz, the damping ratio and the orbit (f_1_hz, damping_1, orbit_1, ...).
 """
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import numpy as np

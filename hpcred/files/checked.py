@@ -6,8 +6,6 @@ other attributes and of the names of all datasets. Files of earlier versions hav
 none: they are read without checks of values.
 """
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from math import prod

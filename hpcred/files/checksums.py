@@ -4,8 +4,6 @@ The sum of a chunk is the hash XXH3 (64 bits; Y. Collet's xxHash) of its bytes, 
 the shape of the whole. Damage goes unseen once in 2^64 times.
 """
 
-from __future__ import annotations
-
 from math import prod
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Make folders for outputs: new ones go again after an error, and one that is an output appears whole or not at all."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Count the files that an input file includes, so that a few which include each other many times come to an end."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ..parallel.failures import InputError

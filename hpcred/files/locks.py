@@ -5,8 +5,6 @@ The system gives the lock back when the run ends in whatever way, and the next r
 Functions are for one rank.
 """
 
-from __future__ import annotations
-
 import atexit
 import errno
 import fcntl

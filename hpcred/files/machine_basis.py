@@ -4,8 +4,6 @@ Every rank takes a part of the nodes of every body. Nodes are numbered on from b
 the name of the body before their own.
 """
 
-from __future__ import annotations
-
 from contextlib import ExitStack, contextmanager
 
 import numpy as np

@@ -17,8 +17,6 @@ The .csv has one line a time: t, position, quaternion, elastic coordinates, disp
 some, outputs, forces, moments and energies.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from types import SimpleNamespace

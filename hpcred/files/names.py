@@ -1,7 +1,5 @@
 """Make names of files and of columns of names that users chose, each of them once."""
 
-from __future__ import annotations
-
 import os
 
 LONGEST = 160  # bytes of a name that is made here; the rest of 255 is for endings and temporary names

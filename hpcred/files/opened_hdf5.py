@@ -5,8 +5,6 @@ raises errors of many kinds on damaged files, on some of which it crashes or doe
 hpcred are therefore read by a process of its own first, and names, attributes and numbers are read `guarded`.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -4,8 +4,6 @@ A file that the run reads is never written, under whatever name. A file of anoth
 read-only or no file (a pipe, a device). A file of the same kind is, which is said, unless the user keeps what is there.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import stat

@@ -10,8 +10,6 @@ record: JSON with the files that were read, the axes ("body" or "inertial"), rem
 The .csv has one line an instant: t, then displacement_20_x and so on, stress_20_xx, von_mises_20.
 """
 
-from __future__ import annotations
-
 from contextlib import ExitStack, contextmanager
 
 import numpy as np

@@ -51,11 +51,12 @@ from ..model.second_order_model import listed, require_model
 from ..parallel.declared import adapter_of, declared
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI
+from ..parallel.shares import row_range
 from ..reduction.parametric.reduced import ParametricReducedModel
 from ..reduction.result.parameter_accuracy import in_words
 from ..reduction.result.record import Record, difference_of
 from ..reduction.result.reduced_model import ReducedModel
-from .checked import Array, damaged
+from .checked import CHECKSUM, Array, damaged
 from .hdf5 import ALSO, reading, texts, writing
 from .model_file import LAWS, NODES, read_laws, sets_of, write_nodes
 from .result_parameters import SCHEMA as OF_PARAMETERS
@@ -554,6 +555,28 @@ def write_stress(file, stress: StressModes):
     file.rows("basis/stress", stress.stress, axis=1)
     file.rows("basis/stress_node", stress.node)
     file.small("basis/stress_source", stress.source)
+
+
+def copy_with_stress(source, output, stress, comm):
+    """Write `output`, a result with the contents of `source` and the StressModes of all ranks. Collective.
+
+    Raises InputError for a source that is no result.
+    """
+    with agreed(comm), reading(source, FORMAT, VERSION, SCHEMA) as old:
+        names = [name for name in old.datasets if not name.startswith("basis/stress")]
+        attributes = {key: value for key, value in old.attrs.items() if key != CHECKSUM}
+    with writing(output, comm) as file, reading(source, FORMAT, VERSION, SCHEMA) as old:
+        for key, value in attributes.items():
+            file.attribute(key, value)
+        for name in names:
+            dataset = old[name]
+            if dataset.axis < 0:
+                value = dataset[()]
+                file.small(name, value.decode() if isinstance(value, bytes) else value, gaps=True)
+            else:
+                part = slice(*row_range(comm, dataset.shape[dataset.axis]))
+                file.rows(name, dataset[(slice(None),) * dataset.axis + (part,)], axis=dataset.axis)
+        write_stress(file, stress)
 
 
 def read_result(path, comm=MPI.COMM_WORLD) -> Result:

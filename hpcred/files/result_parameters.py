@@ -1,7 +1,5 @@
 """Write and read what a result has beside the model at the reference values of its parameters: see result_file."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..model.parameters.definitions import Parameter

@@ -3,8 +3,6 @@
 Nodes ascend over the ranks. Nothing of the size of the model is on one rank.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -3,8 +3,6 @@
 HDF5 does not survive a disk that is full: what a file needs is taken before it is written.
 """
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import os

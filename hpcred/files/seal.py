@@ -6,8 +6,6 @@ files.checked), `end` of the file but for the seal, and `crc`, the CRC-32 of all
 bytes, its CRC-32 in 4, and MARK. A program that changes the file with HDF5 takes the seal off.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 import zlib

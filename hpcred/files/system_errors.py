@@ -4,8 +4,7 @@ Files of other programs are opened here, since Python's errors name the file whe
 cannot be read.
 """
 
-from __future__ import annotations
-
+import mmap
 import os
 import stat
 from contextlib import contextmanager
@@ -69,11 +68,30 @@ def _not_waiting(path, flags) -> int:
     raise InputError(f"{path}: this is a pipe or a device, expected a file")
 
 
+def damaged_file(path, found: str, how: str = "damaged") -> InputError:
+    """What to raise for contents that no program writes; `how` they came to be so."""
+    return InputError(f"{path}: found {found}; the file is {how}")
+
+
+@contextmanager
+def mapped(path):
+    """The bytes of a file in memory, as far as they are looked at. Raises InputError."""
+    with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        yield data
+
+
+def read_bytes(path, start: int, stop: int) -> bytes:
+    """The bytes start..stop of a file, fewer where it ends before. Raises InputError."""
+    with open_input(path) as file:
+        file.seek(start)
+        return file.read(stop - start)
+
+
 def read_numbers(path, dtype, count: int, offset: int = 0) -> np.ndarray:
     """Numbers (count,) of a binary file from a byte on. Raises InputError, too where the file ends before."""
     values = np.empty(count, dtype)
     with open_input(path) as file:
         file.seek(offset)
         if file.readinto(values.view(np.uint8)) < values.nbytes:
-            raise InputError(f"{path}: found its end in the middle of numbers; the file is cut off")
+            raise damaged_file(path, "its end in the middle of numbers", "cut off")
     return values

@@ -1,7 +1,5 @@
 """Assemble the parts of a model, of which each rank has slices in any order, to a model distributed by rows."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 A reader is registered by its address (see registry) or by an entry point.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 
 from .entries import Entries, LabelledEntries

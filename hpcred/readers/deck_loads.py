@@ -1,7 +1,5 @@
 """Hold the loads that a finite-element program reads from its input file, before the model places them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

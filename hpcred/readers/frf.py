@@ -3,8 +3,6 @@
 For the arrays of .npz and .mat see files.frf_file.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +11,7 @@ from ..fe.dofs import DIRECTIONS, QUANTITIES, named_quantity, quantity_name
 from ..files.frf_file import FRF, QUANTITY_NUMBERS, universal
 from ..files.hdf5 import HDF5
 from ..files.response_file import Responses, read_responses
-from ..files.system_errors import open_input, reading_from
+from ..files.system_errors import read_bytes, reading_from
 from ..files.text import LARGEST_LABEL, first_bytes, require_file
 from ..parallel.failures import InputError
 from ..parallel.messages import printable
@@ -140,10 +138,8 @@ def _read_universal(path) -> Responses:
 
 def _require_columns(path, start, stop):
     """Raise InputError where lines of numbers of a function of text have lost letters, which shifts their columns."""
-    with open_input(path) as file:
-        file.seek(start)
-        if b"\0" in (text := file.read(stop - start)):  # binary
-            return
+    if b"\0" in (text := read_bytes(path, start, stop)):  # binary
+        return
     *lengths, last = [len(line.rstrip()) for line in text.splitlines()[LINES_ABOVE:] if line.strip()] or [0]
     full = lengths[0] if lengths else last
     if len(set(lengths)) > 1 or last > full or last % COLUMNS.get(full, full or 1):

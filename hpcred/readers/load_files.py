@@ -1,7 +1,5 @@
 """Read load vectors from files: columns of matrices, and the loads of input files of finite-element programs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from ..fe.dofs import SCALAR
-from ..fe.materials import ElementProperties
+from ..fe.materials import MATERIAL, TYPE, ElementProperties, Material
 from ..files.text import LARGEST_LABEL
 from ..model.checked_arrays import real_values
 from ..parallel.failures import InputError, agreed
@@ -179,6 +179,24 @@ def labels_in_order(comm, nodes: NodeTable, size: int, name: str) -> tuple[np.nd
     direction = np.tile(np.arange(per_node), len(nodes.label))
     label, row = (np.repeat(item, per_node) for item in (nodes.label, nodes.place * per_node))
     return label_of(label, direction), row + direction
+
+
+def used_properties(comm, program: str, types: list[str], materials: list[Material], tables) -> ElementProperties:
+    """Return the properties of elements, with the types and materials that some rank has.
+
+    `tables` (elements, 3) by kind, as of ElementProperties, which are renumbered. Collective.
+    """
+    kept = []
+    for column, items in ((TYPE, types), (MATERIAL, materials)):
+        used = np.zeros(len(items), bool)
+        for table in tables.values():
+            used[table[table[:, column] >= 0, column]] = True
+        used = np.any(comm.allgather(used), axis=0)
+        kept.append(tuple(item for item, there in zip(items, used, strict=True) if there))
+        places = np.append(np.cumsum(used) - 1, -1)  # the last one stands for none
+        for table in tables.values():
+            table[:, column] = places[table[:, column]]
+    return ElementProperties(program, *kept, tables)
 
 
 def hold_nodes_without_rows(comm, parts: Parts, nodes: str, dofs: str):

@@ -3,8 +3,6 @@
 To add a format, write a Reader (see base) in the folder of its program, and add its address to OURS.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from ..files.text import first_bytes

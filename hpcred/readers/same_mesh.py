@@ -1,7 +1,5 @@
 """Refuse input files of another mesh: their nodes lie elsewhere than the nodes of these numbers in the model."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..files.text import first_bytes

@@ -4,8 +4,6 @@ Its files are those of models (see model_source). Rows at nodes stand first, six
 modal coordinates and other rows without a place follow. Such files are small, and are read by rank 0.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter

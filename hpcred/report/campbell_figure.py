@@ -1,7 +1,5 @@
 """Draw Campbell diagrams: frequencies and damping ratios over a parameter, coloured by the direction of whirl."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..analysis.campbell_diagram import SPEEDS, Campbell

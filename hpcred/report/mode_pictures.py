@@ -4,8 +4,6 @@ The surface is drawn with a depth buffer, which removes hidden surfaces and draw
 bar, axes and scale bar are matplotlib's.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

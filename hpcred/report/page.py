@@ -1,7 +1,5 @@
 """Write a report (plain values and arrays) as one HTML file that needs no network."""
 
-from __future__ import annotations
-
 import base64
 import io
 from importlib.resources import files

@@ -4,8 +4,6 @@ Screen coordinates: x to the right and y down in pixels, z the depth, smaller in
 the pixel rows of many triangles are processed together.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 AT_ONCE = 2**21  # pixels that are looked at in one step

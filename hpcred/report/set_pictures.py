@@ -1,7 +1,5 @@
 """Draw sets of nodes in colours on the grey surface of a body, from two opposite sides."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .figures import INK, pyplot, save_as

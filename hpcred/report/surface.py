@@ -4,8 +4,6 @@ Faces of solid elements that occur once bound the body; shells are visible from 
 elements every node is a point.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

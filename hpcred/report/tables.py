@@ -1,7 +1,5 @@
 """Print tables, and write the results of workflows as text or JSON, on rank 0."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

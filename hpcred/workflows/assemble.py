@@ -31,8 +31,7 @@ from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..readers.frf import read_frf
-from ..readers.motions.columns import read_columns
-from ..readers.motions.table import head_of
+from ..readers.motions.table import head_of, read_columns
 from ..reduction.result.accuracy import Accuracy
 from ..reduction.result.record import MACHINE, Record, versions
 from ..reduction.result.reduced_model import ReducedModel

@@ -63,7 +63,6 @@ def _matrix(item: LoadedState, model, columns) -> np.ndarray:
     """Return the stiffness of a unit of a state by its files. Collective."""
     units = units_of(item.units or model.converted_from or "SI")
     if item.stresses is not None:
-        from ..readers.calculix.printed_stresses import read  # as other readers, loaded when it is used
 
         element, point, stress = read(item.stresses, model.comm)
         stress = stress * (units.mass / units.length / units.time**2)

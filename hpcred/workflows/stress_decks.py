@@ -14,8 +14,7 @@ from ..files.folders import atomic_folder, check_folder, folder_for
 from ..files.hdf5 import reading, require_name
 from ..files.included import Included
 from ..files.outputs import check_outputs, hdf5_kind
-from ..files.result_copy import copy_with_stress
-from ..files.result_file import FORMAT, ROWS_AT_A_TIME, SCHEMA, VERSION, Result, require_basis
+from ..files.result_file import FORMAT, ROWS_AT_A_TIME, SCHEMA, VERSION, Result, copy_with_stress, require_basis
 from ..files.result_points import read_points
 from ..files.system_errors import open_input, writing_to
 from ..model.units import units_of
@@ -23,9 +22,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
 from ..readers.same_mesh import read_nodes, require_places
 from ..readers.stresses.source import read_answers
-from ..writers.decks.base import OWN_SET, SET
-from ..writers.decks.calculix import CalculixDeck
-from ..writers.decks.registry import deck_called
+from ..writers.decks import OWN_SET, SET, CalculixDeck, deck_called
 from .workflow import workflow
 
 AT_ONCE = 2**18  # rows of text

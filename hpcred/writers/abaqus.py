@@ -6,8 +6,6 @@ and one that stands alone a comma behind it (input syntax rules), as in the matr
 Modal coordinates are displacements 1 to 3 of further nodes. Damping is no part of *MATRIX: it stands as *MATRIX INPUT.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .base import SuperelementWriter

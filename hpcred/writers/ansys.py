@@ -5,8 +5,6 @@ MATRIX50 is read from a binary .sub file, which the program itself makes of the 
 Guide, APDL Math). Modal coordinates are displacements UX, UY and UZ of further nodes.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

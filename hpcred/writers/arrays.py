@@ -17,8 +17,6 @@ for the terms (t) term_of, term_factors, such as omega^2, and term_1, term_2, ..
 M(p) = constant_M + the sum of factor times term over the terms of M.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile

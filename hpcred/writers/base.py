@@ -1,7 +1,5 @@
 """Define what an export is, one class registered by its address or by an entry point, and what it takes."""
 
-from __future__ import annotations
-
 import re
 from abc import ABC, abstractmethod
 from contextlib import AbstractContextManager
@@ -48,6 +46,8 @@ class ExportSource:
         Contents (str or bytes) of further files to write, by what follows `stem` in their names.
     parametric : ParametricReducedModel or None
         The reduced model with its parameters; None where it has none or values were chosen.
+    base : str or None
+        What the inputs of bases are, see ReducedModel.driven_by; None for accelerations.
     """
 
     result: Result
@@ -60,6 +60,7 @@ class ExportSource:
     options: Any = None
     beside: dict[str, str | bytes] = field(default_factory=dict)
     parametric: ParametricReducedModel | None = None
+    base: str | None = None
 
     @property
     def name(self) -> str:
@@ -68,7 +69,11 @@ class ExportSource:
     @property
     def reduced(self) -> ReducedModel:
         """The reduced model, for programs that know inputs and outputs and no nodes."""
-        return self.result.reduced
+        return self.driven(self.result.reduced)
+
+    def driven(self, reduced: ReducedModel) -> ReducedModel:
+        """Return a model with the inputs that were asked for. Raises InputError."""
+        return reduced if self.base is None else reduced.driven_by(self.base)
 
     @cached_property
     def body(self) -> Body:

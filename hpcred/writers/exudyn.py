@@ -9,8 +9,6 @@ MarkerSuperElementRigid, -1 where it does not rotate, `dampingMatrixReduced`, th
 frame. Exudyn leaves them out of account; docs/export-exudyn.md says how to use them. Outputs but nodes have no place.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..body.body import check_moving, remarks, resultants_of, without_node

@@ -6,8 +6,6 @@ between large motion and modes, which MBDyn calls invariants 3, 4, 8, 5 and 9. G
 them by lumped masses at all nodes, is not there. Coordinates count from the origin of the body frame.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from textwrap import wrap

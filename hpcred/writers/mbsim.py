@@ -5,8 +5,6 @@ and damping of the coordinates, and positions, shapes and stresses of the interf
 user block, which HDF5 passes over, stands a line by which the file is known.
 """
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 

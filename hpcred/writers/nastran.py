@@ -4,8 +4,6 @@ Interface nodes are GRID, modal coordinates SPOINT cards. Numbers on cards have 
 before the exponent: 10 to 13 digits. OP4 has all digits.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 

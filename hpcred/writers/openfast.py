@@ -7,8 +7,6 @@ the superelement, and that of OpenFAST 5, with files of their own for loads and 
 weight of floating bodies in the superelement.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -17,8 +15,7 @@ import numpy as np
 from ..body.body import check_viscous
 from ..files.outputs import SUPERELEMENT
 from ..parallel.failures import InputError
-from ..readers.motions.columns import read_columns
-from ..readers.motions.table import TIMES, head_of
+from ..readers.motions.table import TIMES, head_of, read_columns
 from .base import OF_NAMES, Writer
 from .superelement import check_mass
 

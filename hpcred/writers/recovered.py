@@ -3,8 +3,6 @@
 Each rank does its nodes: what it holds is its rows of the basis, and a block of instants of its nodes.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -5,8 +5,6 @@ K, M, D (m, m) in the order of the block: Tx Ty Tz Rx Ry Rz of each interface fr
 (m, l) and `load_names` of the inputs that are no direction of a frame, which the block does not know.
 """
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -19,8 +19,6 @@ Of a model with parameters, unless values were chosen, these are at their refere
 writers.arrays for parameters make up mass, damping, stiffness, input_matrix, output_matrix (M, D, K, B, C) at others.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Make the superelement that other programs take of a reduced model in interface coordinates."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Write the surface of a body beside a format that has no place for it, as an OBJ file in its frame."""
 
-from __future__ import annotations
-
 from ..body.body import Body
 from ..parallel.failures import InputError
 

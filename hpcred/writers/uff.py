@@ -3,10 +3,10 @@
 It has units (164), nodes (2411), elements (2412) and the shapes (55, displacements of normal modes).
 """
 
-import mmap
 import re
 
 from ..files.outputs import UFF
+from ..files.system_errors import mapped
 from ..parallel.petsc import MPI
 from ..readers.nodes import uff
 from .base import Writer
@@ -73,7 +73,7 @@ class UffFile(Writer):
 
     def describe(self, path):
         nodes, elements, *_ = uff.read(path, MPI.COMM_SELF)
-        with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
+        with mapped(path) as text:
             shapes = [match[1].decode(errors="replace").strip() for match in SHAPE.finditer(text)]
         return {
             "format": "universal file (UFF)",

@@ -4,8 +4,6 @@ Shapes are those of the basis, whatever damping, inputs and outputs the reduced 
 letters, digits, dots and underscores, which every part of ParaView takes.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from base64 import b64decode, b64encode

@@ -3,8 +3,6 @@
 All ranks write: rank 0 the XML, each rank its rows of the arrays, which are appended as they are in memory.
 """
 
-from __future__ import annotations
-
 import re
 from contextlib import contextmanager
 from dataclasses import dataclass

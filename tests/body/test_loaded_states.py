@@ -11,7 +11,7 @@ from hpcred.body.loaded_states import require_axial, stiffness_of_difference, st
 from hpcred.body.unit_states import displacements_of_states, stresses
 from hpcred.fe.solids import Solids
 from hpcred.parallel.failures import InputError
-from hpcred.readers.calculix.printed_stresses import read
+from hpcred.readers.stresses.calculix_dat import read_points as read
 
 CLAMP = Tangent("left")
 

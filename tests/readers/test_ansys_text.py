@@ -433,7 +433,7 @@ def test_components_are_sets(comm, folder, monkeypatch):
     expected = {"BEARING": [1, 2, 3, 5, 6], "elements of Plate 2": [2, 3, 5, 6], "elements of ALL": [1, 2, 3, 4, 5, 6]}
     for size in (2**21, 16):
         monkeypatch.setattr("hpcred.files.text.PIECE", size)
-        monkeypatch.setattr("hpcred.readers.ansys.components.AT_ONCE", size)
+        monkeypatch.setattr("hpcred.readers.ansys.cdb.AT_ONCE", size)
         assert sets_in(write(folder / "a.cdb", archive(SQUARE, elements=text), comm), comm) == expected
         comm.Barrier()
     singly = archive({k: (k, 0, 0) for k in range(1, 40)}, elements=components(("ODD", "NODE", [*range(1, 40, 2)])))

@@ -15,8 +15,7 @@ from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import MPI
 from hpcred.workflows import add_stresses, write_deck
 from hpcred.workflows.stress_decks import _whole_text
-from hpcred.writers.decks.calculix import CalculixDeck
-from hpcred.writers.decks.nastran import NastranDeck
+from hpcred.writers.decks import CalculixDeck, NastranDeck
 
 DECK = "*NODE\n1,10.,0.,0.\n*INCLUDE, INPUT=mesh.inp\n*STEP\n*FREQUENCY\n3\n*END STEP\n"
 

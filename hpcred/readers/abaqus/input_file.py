@@ -15,7 +15,7 @@ import numpy as np
 from ...fe.elements import NODES, abaqus_kind, abaqus_nodes_more, in_vtk_order
 from ...fe.materials import ElementProperties
 from ...files.included import Included
-from ...files.system_errors import open_input
+from ...files.system_errors import open_input, read_bytes
 from ...files.text import (
     BYTE_ORDER_MARK,
     CONTROL,
@@ -274,9 +274,7 @@ def _word(text):
 
 def data_lines(section):
     """Return the few data lines of a keyword, without comments and blank lines, as lists of fields."""
-    with open_input(section.path) as file:
-        file.seek(section.start)
-        text = without_comments(file.read(section.stop - section.start))
+    text = without_comments(read_bytes(section.path, section.start, section.stop))
     lines = ([item.strip().decode("latin-1") for item in line.split(b",")] for line in text.splitlines())
     return [fields for fields in lines if fields != [""]]
 
@@ -496,7 +494,8 @@ def _elements(comm, blocks, groups, named, unread, calculix):
                 types.append(name.upper())
             width = NODES[kind] + 1
             middle = name.upper() == "S8R5"  # which may name the node that it has in its middle
-            surplus = (calculix or middle) and _numbers_in_first_line(block) > width
+            line = first_line(read_bytes(block.path, block.start, block.start + 4096))
+            surplus = (calculix or middle) and len(line.replace(b",", b" ").split()) > width
             more = 0 if calculix else abaqus_nodes_more(name)
             for piece in pieces(block.path, comm, block.start, block.stop, continued=not surplus):
                 lines = _with_more_nodes(piece, width, more) if more else _element_lines(piece, width, surplus)
@@ -531,12 +530,6 @@ def _require_nodes(path, comm, nodes, elements):
                     f"{path}: found the node {wanted[~there][0]} in elements ({kind}), but no place of it; expected a "
                     "*Node line for each node"
                 )
-
-
-def _numbers_in_first_line(block):
-    with open_input(block.path) as file:
-        file.seek(block.start)
-        return len(first_line(file.read(4096)).replace(b",", b" ").split())
 
 
 def _with_more_nodes(piece, width, more):

@@ -5,8 +5,6 @@ read. Loads that are given several times in a step add up, as in both programs. 
 step of which it is not known that it is none, is refused by its line.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -4,10 +4,9 @@
 a reason. Constants that depend on temperature count with their first line.
 """
 
-import numpy as np
-
 from ...fe.materials import MATERIAL, ElementProperties, Material, material_of
 from ...parallel.lookup import look_up
+from ..parts import used_properties
 
 # what a material may have beside, in models with small strains without plasticity
 HARMLESS = {"elastic", "density", "expansion", "damping", "conductivity", "specificheat", "latentheat", "electrical"}
@@ -104,16 +103,7 @@ def properties_of(comm, program, blocks, materials, types, tables, keys, members
         if elset is not None:
             for kind, table in tables.items():
                 table[look_up(comm, members[elset], [], keys[kind])[0], MATERIAL] = place
-    used = np.zeros(len(materials), bool)
-    for table in tables.values():
-        used[table[table[:, MATERIAL] >= 0, MATERIAL]] = True
-    used = np.any(comm.allgather(used), axis=0)
-    order = np.append(np.cumsum(used) - 1, -1)  # the last one stands for none
-    for table in tables.values():
-        table[:, MATERIAL] = order[table[:, MATERIAL]]
-    return ElementProperties(
-        program, tuple(types), tuple(item for item, kept in zip(materials, used, strict=True) if kept), tables
-    )
+    return used_properties(comm, program, types, materials, tables)
 
 
 def names_of(block) -> list[str]:

@@ -7,8 +7,6 @@ dof. A matrix has its upper triangle column by column, all of it with UNSYMM (Ab
 files are small, and are read by rank 0.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -5,8 +5,6 @@ elements, components (CMBLOCK) and materials are read. Each rank looks for them 
 the lines of blocks.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,14 +13,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ...fe.materials import ElementProperties, Material, material_of
-from ...files.system_errors import open_input
+from ...files.system_errors import open_input, read_bytes
 from ...files.text import LARGEST_LABEL, Piece, line_number, pieces, require_file, shown
 from ...files.text_numbers import labels, numbers, parse_fortran, ragged, whole
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
+from ...parallel.lookup import sort_over_ranks
+from ...parallel.petsc import MPI
 from ..fixed_width import Field, fields_of_format, separated
-from ..nodes.table import elements_of, finite
-from .components import read_components
+from ..nodes.table import elements_of, finite, in_ranges
+from ..parts import used_properties
 
 COMMAND = re.compile(
     rb"(?im)^[ \t]*(?:(?P<block>[NE]BLOCK)\b|(?P<types>ETBLOCK)\b|(?P<type>ET[ \t]*,)"
@@ -40,6 +40,9 @@ BEAMS = {1, 3, 4, 8, 10, 23, 44, 180, 188, 189}
 CONSTANTS = {"EX": "young", "NUXY": "poisson", "PRXY": "poisson", "DENS": "density", "ALPX": "expansion"}
 ORTHOTROPIC = {"EY", "EZ", "NUYZ", "NUXZ", "PRYZ", "PRXZ", "GXY", "GYZ", "GXZ"}
 HARMLESS = ("SDAM", "DENS", "THER")  # tables that change no stiffness, by their first letters
+OTHER = re.compile(rb"(?m)^(?![ \t\d-]*\r?$)")  # the first line that has no numbers
+KINDS = {"NODE": "node", "NODES": "node", "ELEM": "element", "ELEMENT": "element", "ELEMENTS": "element"}
+AT_ONCE = 2**20  # bytes
 OPTIONS = (2, 3, 6)  # of SOLID185 to 187: integration, layers, mixed formulation
 
 
@@ -124,24 +127,15 @@ def _properties(comm, path, heads, types, tables):
         return None, []
     commands = [[word.strip() for word in line.split("!")[0].split(",")] for _, kind, line in heads if kind == "data"]
     materials, options, remarks = material_and_options([[words[0].upper(), *words[1:]] for words in commands])
-    for number, (_, given) in types.items():
-        options[number] = given | options.get(number, {})
-    used = [sorted(set().union(*comm.allgather({int(n) for table in tables.values() for n in np.unique(table[:, k])})))
-            for k in (1, 2)]  # fmt: skip
-    kept = [number for number in used[1] if number in materials]
-    names = [type_name(_family(types[number][0]), types[number][0], options[number]) for number in used[0]]
-    places = [dict(zip(numbers, range(len(numbers)), strict=True)) for numbers in (used[0], kept)]
-    for table in tables.values():
-        for column, place in enumerate(places, 1):
+    # numbers of the file give way to places in ascending order
+    for column, known in enumerate((types, materials), 1):
+        place = {number: k for k, number in enumerate(sorted(known))}
+        for table in tables.values():
             distinct, back = np.unique(table[:, column], return_inverse=True)
             table[:, column] = np.array([place.get(number, -1) for number in distinct.tolist()], int)[back]
-    return ElementProperties("ANSYS", tuple(names), tuple(materials[number] for number in kept), tables), [
-        f"{path}: {remark}" for remark in remarks
-    ]
-
-
-def _family(type_):
-    return "SOLID" if type_ in SOLIDS else "SHELL" if type_ in SHELLS else "BEAM"
+    names = [_type_name(type_, given | options.get(number, {})) for number, (type_, given) in sorted(types.items())]
+    materials = [materials[number] for number in sorted(materials)]
+    return used_properties(comm, "ANSYS", names, materials, tables), [f"{path}: {remark}" for remark in remarks]
 
 
 def _blocks(path, heads):
@@ -212,9 +206,7 @@ def _types_of_block(path, position, after):
     """Return the types in the lines of an ETBLOCK: number, type, key options."""
     if not after or after[0][1] != "end":
         raise _refusal(path, position, "no end of ETBLOCK; the file is cut off or damaged")
-    with open_input(path) as file:
-        file.seek(position)
-        _, _, *lines = file.read(after[0][0] - position).splitlines() or [b""]
+    _, _, *lines = read_bytes(path, position, after[0][0]).splitlines() or [b""]
     rows = [line.split() for line in lines if line.strip()]
     if not all(len(row) > 1 and row[0].isdigit() and row[1].isdigit() for row in rows):
         raise _refusal(path, position, "an ETBLOCK with other lines than number, type and key options")
@@ -379,7 +371,102 @@ def _material(number, known, reasons) -> Material:
     return material_of(name, **({"poisson": 0.3} | known))
 
 
-def type_name(family: str, number: int, options: dict[int, str]) -> str:
+def _type_name(number: int, options: dict[int, str]) -> str:
     """Return the name of an element type, with its key options where they change its stresses: SOLID186 KEYOPT(2)=1."""
+    family = "SOLID" if number in SOLIDS else "SHELL" if number in SHELLS else "BEAM"
     given = [f"KEYOPT({key})={options[key]}" for key in OPTIONS if options.get(key, "0") not in ("", "0")]
     return " ".join([f"{family}{number}", *given])
+
+
+# Components of nodes and elements (CMBLOCK), such as the named selections of Workbench: a line CMBLOCK,NAME,NODE,count,
+# a Fortran format, and numbers, of which a negative one ends a range that the one before it begins.
+
+
+class Component(NamedTuple):
+    """The lines start..stop (bytes) of a component, their fields, and how many numbers it announces."""
+
+    name: str
+    kind: str
+    line: int
+    announced: int
+    fields: list[Field]
+    start: int
+    stop: int
+
+
+def read_components(path, comm, commands, label, elements, numbers) -> dict[str, np.ndarray]:
+    """Return node numbers by name of the component, each once over all ranks; of elements as "elements of NAME".
+
+    Collective. `commands`: (byte, line) of each CMBLOCK; `label`: nodes of this rank; `elements`, `numbers`: node
+    numbers (elements of this rank, nodes) and their own numbers (elements,) by kind. Raises InputError.
+    """
+    sets, label = {}, np.unique(sort_over_ranks(comm, label)[0])
+    for component in decided(comm, _components, path, commands):
+        with agreed(comm):
+            ranges = _ranges(path, component)
+        if component.kind == "element":
+            name = f"elements of {component.name}"
+            nodes = [elements[kind][in_ranges(numbers[kind], ranges)].ravel() for kind in elements]
+            nodes = np.concatenate([np.zeros(0, np.int64), *nodes])
+            members = np.unique(sort_over_ranks(comm, nodes[nodes > 0])[0])
+        else:
+            name, members = component.name, label[in_ranges(label, ranges)]
+        if comm.allreduce(len(members)):
+            sets[name] = members
+    return sets
+
+
+def _components(path, commands) -> list[Component]:
+    """Return the Components of the commands (byte, line). Raises InputError."""
+    result, names = [], set()
+    with open_input(path) as file:
+        for position, text in commands:
+            words = [word.strip().strip("'\"") for word in text.split("!")[0].split(",")]
+            number = line_number(path, position)
+            kind = KINDS.get(words[2].upper()) if len(words) > 3 else None
+            if kind is None or not words[1] or not re.fullmatch("[0-9]{1,10}", words[3]):
+                raise InputError(
+                    f"{path}, line {number}: found '{text.strip()[:80]}', expected CMBLOCK, a name, NODE or ELEM, and "
+                    "how many numbers follow"
+                )
+            if (words[1].upper(), kind) in names:
+                raise InputError(f"{path}, line {number}: found a second component '{words[1]}', expected one")
+            names.add((words[1].upper(), kind))
+            file.seek(position)
+            file.readline()
+            fields = fields_of_format(file.readline(), f"{path}, line {number + 1}")
+            if not all(field.whole for field in fields):
+                raise InputError(f"{path}, line {number + 1}: found a format of other than whole numbers")
+            start = file.tell()
+            result.append(Component(words[1], kind, number, int(words[3]), fields, start, _end(file, start)))
+    return result
+
+
+def _end(file, start) -> int:
+    """Return the byte where the first line without numbers begins."""
+    at = start
+    while text := file.read(AT_ONCE):
+        text += file.readline()
+        if match := OTHER.search(text):
+            return at + match.start()
+        at += len(text)
+    return at
+
+
+def _ranges(path, component) -> np.ndarray:
+    """Return the first and last number (n, 2) of the ranges of a component. Raises InputError."""
+    refusal, numbers = f"{path}, line {component.line}: found ", [np.zeros(0, np.int64)]
+    for piece in pieces(path, MPI.COMM_SELF, component.start, component.stop):
+        values, counts, lines = ragged(separated(piece, component.fields), commas=False, expected="whole numbers")
+        wholes = whole(piece, values, np.repeat(lines, counts), "a number", -LARGEST_LABEL, LARGEST_LABEL)
+        numbers.append(wholes.astype(np.int64))
+    numbers = np.concatenate(numbers)
+    if len(numbers) != component.announced:
+        raise InputError(f"{refusal}{len(numbers)} numbers of the component '{component.name}', but it announces "
+                         f"{component.announced}; the file is cut off or damaged")  # fmt: skip
+    low, following = numbers[numbers > 0], np.append(numbers[1:], 0)[numbers > 0]
+    high = np.where(following < 0, -following, low)
+    if len(low) + np.count_nonzero(following < 0) != len(numbers) or (high < low).any():
+        raise InputError(f"{refusal}a component '{component.name}' with a range that does not ascend, expected "
+                         "positive numbers, and negative ones that end a range")  # fmt: skip
+    return np.column_stack([low, high])

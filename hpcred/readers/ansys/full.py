@@ -19,7 +19,7 @@ from ..matrices.petsc_binary import row_share
 from ..parts import Parts
 from . import records as ansys_records
 from .nodes import find_nodes, give_mesh, turn_found
-from .records import BLOCKS, INTEGER, RecordFile, Squeezed, columns, squeezed_columns
+from .records import BLOCKS, INTEGER, RecordFile, columns
 
 FILE = 4  # the number of .full files
 KINDS = {"K": "stiffness", "M": "mass", "D": "damping"}
@@ -328,20 +328,9 @@ def _matrix(comm, file, header, key, place, terms, removed, slaves):
         is_diagonal = not file.frame(place)[1] & INTEGER
     if is_diagonal:
         return _diagonal(comm, file, header, key, place, removed, size)
-    parts, chain, error = [], [], None
-    try:
-        parts, chain = _kept(file, columns(file, place, header.equations, terms, comm.rank, comm.size),
-                             key, header, removed, slaves)  # fmt: skip
-    except InputError as caught:
-        error = caught
-    if any(comm.allgather(isinstance(error, Squeezed))):
-        with agreed(comm):
-            share = squeezed_columns(file, place, header.equations, comm.rank, comm.size)
-            parts, chain = _kept(file, share, key, header, removed, slaves)
-    else:
-        with agreed(comm):
-            if error is not None:
-                raise error
+    with agreed(comm):
+        share = columns(file, place, header.equations, terms, comm.rank, comm.size)
+        parts, chain = _kept(file, share, key, header, removed, slaves)
     _require_all(comm, file, header, key, place, terms, chain)
     return _mirrored(comm, parts, size)
 

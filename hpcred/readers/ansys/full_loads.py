@@ -3,8 +3,6 @@
 It has a number for each row of K, along the axes of the node. Held dofs and those that follow others have no load.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...parallel.failures import InputError, agreed

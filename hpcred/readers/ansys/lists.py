@@ -9,6 +9,7 @@ import re
 
 import numpy as np
 
+from ...files.system_errors import damaged_file
 from ...files.text import Piece, end_to_end, first_bytes, pieces, read_lines, shown
 from ...files.text_numbers import labels, padded, ragged, whole
 from ...parallel.failures import InputError, agreed
@@ -107,7 +108,7 @@ def read_mapping(path, comm) -> tuple[np.ndarray, np.ndarray]:
     twice, again = repeated_key(comm, label), repeated_key(comm, row)
     if twice is not None or again is not None or (total and max(comm.allgather(row.max(initial=-1))) != total - 1):
         what = f"two rows of {label_name(twice)}" if twice is not None else "equations not numbered 1, 2, 3, ..."
-        raise InputError(f"{path}: found {what}; the file is damaged")
+        raise damaged_file(path, f"{what}")
     return label, row
 
 
@@ -140,6 +141,6 @@ def read_vector(path, comm, size: int) -> tuple[np.ndarray, np.ndarray]:
     total, twice = comm.allreduce(len(node)), repeated_key(comm, node)
     if total != announced or twice is not None:
         what = f"{total} nodes, but {announced} in its header" if twice is None else f"the node {twice} twice"
-        raise InputError(f"{path}: found {what}; the file is damaged")
+        raise damaged_file(path, f"{what}")
     direction = np.tile(np.arange(per_node), len(node))
     return label_of(np.repeat(node, per_node), direction), np.repeat(place * per_node, per_node) + direction

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...files.system_errors import open_input, read_numbers, reading_from
+from ...files.system_errors import damaged_file, open_input, read_numbers, reading_from
 from ...files.text import require_file
 from ...parallel.failures import InputError
 
@@ -49,7 +49,7 @@ class RecordFile:
         with open_input(path) as file:
             start = file.read(4 * (STANDARD + 3))
         if not begins(start):
-            raise InputError(f"{path}: found no header of ANSYS' binary files; the file is damaged")
+            raise damaged_file(path, "no header of ANSYS' binary files")
         if np.frombuffer(start[:4], WORD)[0] != STANDARD:
             raise InputError(
                 f"{path}: found bytes in the order of another machine (big-endian), expected little-endian; write the "
@@ -63,13 +63,13 @@ class RecordFile:
                 f"{' of a modal analysis (ANTYPE,MODAL with WRFULL,1), which may lie beside it' * (number == FULL)}"
             )
         if bytes_ % 4:
-            raise InputError(f"{path}: found {bytes_} bytes, expected words of 4 bytes; the file is damaged")
+            raise damaged_file(path, f"{bytes_} bytes, expected words of 4 bytes")
         self.size = bytes_ // 4
         with reading_from(path):
             self._few = np.memmap(path, WORD, "r")  # for headers of records; opening the file for each takes too long
 
     def damaged(self, position, found: str) -> InputError:
-        return InputError(f"{self.path}: found {found} at word {position}; the file is damaged")
+        return damaged_file(self.path, f"{found} at word {position}")
 
     def words(self, position: int, count: int) -> np.ndarray:
         """Return some words (count,) as integers."""
@@ -198,12 +198,9 @@ class Columns:
     end: int
 
 
-class Squeezed(InputError):
-    """Columns are not plain records: squeezed_columns reads them."""
-
-
 def columns(file: RecordFile, start: int, count: int, terms: int, rank: int, ranks: int):
-    """Yield Columns, the share of a rank of `count` with `terms` entries, of plain records; Squeezed where not so."""
+    """Yield Columns, the share of a rank of `count` with `terms` entries. Raises InputError where not all are plain
+    records."""
     # a rank finds its first column by what a pair of records looks like; whether shares meet is for the caller to see
     stop = start + 6 * count + 3 * terms
     low, high = (start + (stop - start) * k // ranks for k in (rank, rank + 1))
@@ -246,7 +243,8 @@ def _no_column(file, position):
     except InputError as error:
         return error
     if flags & (WINDOWS | BITS | SHORT):
-        return Squeezed(f"{file.path}: found squeezed records")
+        return InputError(f"{file.path}: found a matrix with zeros left out of its columns at word {position}, "
+                          "expected plain columns; take HBMAT and CDWRITE")  # fmt: skip
     return file.damaged(position, "no column of a matrix")
 
 
@@ -269,24 +267,6 @@ def _chained(first, lengths, after):
     while (inside := np.flatnonzero(first[1:] < after[:-1])).size:
         first, lengths, after = (np.delete(item, inside[0] + 1) for item in (first, lengths, after))
     return first, lengths, after
-
-
-def squeezed_columns(file: RecordFile, start: int, count: int, rank: int, ranks: int):
-    """As `columns`, of records of any kind, one after the other: slow, and not what ANSYS is known to write."""
-    low, high = (count * k // ranks for k in (rank, rank + 1))
-    position = start
-    for column in range(count):
-        first = position
-        if low <= column < high:
-            rows, middle = file.record(position)
-            values, position = file.record(middle)
-            if rows.dtype.kind != "i" or values.dtype.kind != "f" or len(rows) != len(values) or not len(rows):
-                raise file.damaged(first, "no column of a matrix")
-            values = values.astype(float)
-            yield Columns(rows[:-1], values[:-1], rows[-1:], values[-1:], np.array([len(rows) - 1]), first, position)
-        else:
-            for _ in range(2):
-                position += file.frame(position)[0] + 3
 
 
 def short_records(file: RecordFile, start: int, count: int, size: int, rank: int, ranks: int) -> np.ndarray:

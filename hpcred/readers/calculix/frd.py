@@ -4,14 +4,13 @@ A block of nodes (2C) and one of elements (3C) precede all results. Their header
 are texts with fields of 5 or 10 columns for a number, 2 and 3 are binary, with coordinates of four and eight bytes.
 """
 
-import mmap
 import re
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...fe.elements import NODES
-from ...files.system_errors import open_input, read_numbers
+from ...files.system_errors import damaged_file, mapped, read_numbers
 from ...files.text import Piece, end_to_end, pieces, records, refuse_packed, require_file
 from ...files.text_numbers import labels, numbers, ragged, whole
 from ...parallel.decisions import decided
@@ -74,7 +73,7 @@ def read(path, comm) -> Results | None:
     counts = [comm.allreduce(len(label)), comm.allreduce(sum(len(part) for (part,) in elements.values()))]
     for what, count, block in zip(("nodes", "elements"), counts, (blocks[2], blocks.get(3)), strict=True):
         if block and count != block.count:
-            raise InputError(f"{path}: found {count} {what}, expected {block.count}; the file is cut off or damaged")
+            raise damaged_file(path, f"{count} {what}, expected {block.count}", "cut off or damaged")
     require_once(comm, label, lambda twice: f"{path}: found the node {twice} more than once, expected one place a node")
     nodes, elements = NodeTable.ascending(comm, label, position), elements_of(comm, elements, VERTICAL_FIRST)
     return Results(nodes, elements, blocks[2].form in (SHORT, LONG))
@@ -85,11 +84,11 @@ def _blocks(path) -> dict[int, Block]:
     blocks = {}
     require_file(path)
     refuse_packed(path, "results of CalculiX")
-    with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with mapped(path) as data:
 
         def damaged(at, expected):
             where = f"at byte {at} of {len(data)}"
-            return InputError(f"{path}: found no {expected} {where}; the file is cut off or damaged")
+            return damaged_file(path, f"no {expected} {where}", "cut off or damaged")
 
         at = 0
         # blocks stand behind one another, headed by lines; other heads of the file are one line each
@@ -124,7 +123,7 @@ def _blocks(path) -> dict[int, Block]:
         if data[at : at + 5] not in (b"  100", b" 9999", b"    4") and data[at:].strip() != b"9999":
             raise damaged(at, "block of nodes, elements or results")
     if 3 in blocks and 2 not in blocks:
-        raise InputError(f"{path}: found elements but no nodes; the file is damaged")
+        raise damaged_file(path, "elements but no nodes")
     return blocks
 
 
@@ -174,7 +173,7 @@ def _nodes(path, comm, block):
 
 def _require_numbers(path, values):
     if (values < 1).any():
-        raise InputError(f"{path}: found the node number {values.min()}, expected positive ones; the file is damaged")
+        raise damaged_file(path, f"the node number {values.min()}, expected positive ones")
 
 
 def _elements(path, comm, block):

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...files.system_errors import damaged_file
 from ...files.text import first_bytes, is_cut_line, pieces
 from ...files.text_numbers import triples
 from ...parallel.failures import InputError, agreed
@@ -69,7 +70,7 @@ def read_triangle(path, comm) -> Triangle:
     ends = sorted(item for part in comm.allgather(bounds) for item in part)
     for (_, _, last), (start, first, _) in zip(ends[:-1], ends[1:], strict=True):
         if first <= last:
-            raise InputError(f"{path}: found columns that do not ascend at byte {start}; the file is damaged")
+            raise damaged_file(path, f"columns that do not ascend at byte {start}")
     if diagonal != size or not size:
         raise InputError(
             f"{path}: found {diagonal} entries of the diagonal for {size} columns, expected one in each column; the "

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ...fe.dofs import SCALAR
+from ...files.system_errors import damaged_file
 from ...files.text import Piece, pieces, read_lines
 from ...files.text_numbers import labels, numbers, padded, ragged, whole
 from ...parallel.failures import InputError, agreed
@@ -310,9 +311,7 @@ def _require_order(comm, path, label):
         else:
             found = next(((label_name(b[0]), label_name(a[1])) for a, b in pairwise(ends) if b[0] <= a[1]), None)
         if found:
-            raise InputError(
-                f"{path}: found {found[0]} below {found[1]}, expected lines that ascend; the file is damaged"
-            )
+            raise damaged_file(path, f"{found[0]} below {found[1]}, expected lines that ascend")
 
 
 def _check_steps(path, sections):

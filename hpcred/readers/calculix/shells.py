@@ -4,8 +4,6 @@ A shell of second order becomes solids with three nodes at corners and two at ed
 the mean normal. A *Tie takes the nodes of its first surface out, which is below (S1, SNEG) or above (S2, SPOS).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...parallel.lookup import look_up, sort_over_ranks

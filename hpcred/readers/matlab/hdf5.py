@@ -11,8 +11,8 @@ import h5py
 import numpy as np
 
 from ...files.opened_hdf5 import damaged, guarded, opened_hdf5, require_own
+from ...files.system_errors import damaged_file
 from ...files.text import shown
-from ...parallel.failures import InputError
 from .binary import DEPTH, MOST_ITEMS
 from .variables import Variable, entries_of
 
@@ -107,13 +107,11 @@ def _sparse(path, group, name):
         not isinstance(item, h5py.Dataset) or item.ndim != 1 or item.dtype.kind not in kinds
         for item, kinds in zip(lists, LISTS.values(), strict=True) if item is not None
     ):  # fmt: skip
-        raise InputError(f"{path}: found a sparse matrix '{name}' without its lists of numbers; the file is damaged")
+        raise damaged_file(path, f"a sparse matrix '{name}' without its lists of numbers")
     rows, columns = int(group.attrs["MATLAB_sparse"]), lists[0].shape[0] - 1
     nonzeros = int(lists[0][-1]) if columns >= 0 else -1
     if rows < 0 or not 0 <= nonzeros <= min(item.shape[0] if item is not None else 0 for item in lists[1:]):
-        raise InputError(
-            f"{path}: found a sparse matrix '{name}' whose lists do not fit each other; the file is damaged"
-        )
+        raise damaged_file(path, f"a sparse matrix '{name}' whose lists do not fit each other")
     is_complex = lists[2] is not None and bool(lists[2].dtype.names)
     return Variable(name, (rows, columns), True, nonzeros, is_complex, group.name)
 

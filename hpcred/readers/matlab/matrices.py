@@ -5,8 +5,6 @@ columns) of number, x, y, z, or of x, y, z of the nodes 1, 2, 3, ...; `dofs` has
 (1 to 6), one for each row of K.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

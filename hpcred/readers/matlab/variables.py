@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...parallel.failures import InputError
+from ...files.system_errors import damaged_file
 
 NUMBERS_AT_A_TIME = 2**22
 
@@ -47,30 +47,23 @@ def entries_of(path, variable, numbers, rank, size) -> tuple[np.ndarray, np.ndar
     count, low, high = variable.nonzeros, int(starts[0]), int(starts[-1])
     begins_well, ends_well = first > 0 or low == 0, last < columns or high == count
     if (np.diff(starts) < 0).any() or not 0 <= low <= high <= count or not begins_well or not ends_well:
-        raise InputError(
-            f"{path}: found columns of '{variable.name}' that do not ascend from 0 to its {count} entries; the file is "
-            "damaged"
-        )
+        raise damaged_file(path, f"columns of '{variable.name}' that do not ascend from 0 to its {count} entries")
     if low == high:
         return parts[0]
     i = whole(path, variable, numbers("rows", low, high), 0, rows - 1)
     v = numbers("values", low, high).astype(float)
     if not len(i) == len(v) == high - low:
-        raise InputError(f"{path}: found rows of '{variable.name}' beyond its {rows}; the file is damaged")
+        raise damaged_file(path, f"rows of '{variable.name}' beyond its {rows}")
     ascends = np.diff(i) > 0
     ends = starts[1:-1] - low - 1  # the last entries of columns, but for the last column
     ascends[ends[(ends >= 0) & (ends < len(ascends))]] = True
     if not ascends.all():
-        raise InputError(
-            f"{path}: found rows of '{variable.name}' that do not ascend in their column; the file is damaged"
-        )
+        raise damaged_file(path, f"rows of '{variable.name}' that do not ascend in their column")
     return i, np.repeat(np.arange(first, last), np.diff(starts)), v
 
 
 def whole(path, variable, values, low, high) -> np.ndarray:
     """Return rows or columns as whole numbers low..high. Raises InputError."""
     if len(values) and not ((values >= low) & (values <= high) & (values == np.floor(values))).all():
-        raise InputError(
-            f"{path}: found rows or columns of '{variable.name}' beyond its {variable.in_words()}; the file is damaged"
-        )
+        raise damaged_file(path, f"rows or columns of '{variable.name}' beyond its {variable.in_words()}")
     return values.astype(np.int64)

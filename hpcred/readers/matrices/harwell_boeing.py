@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...files.system_errors import damaged_file
 from ...files.text import Piece, first_bytes, open_unpacked, pieces
 from ...files.text_numbers import ragged, whole
 from ...parallel.exchange import exchange
@@ -100,10 +101,7 @@ def _read(path, comm):
                 parts[section].append((number, values))
     for section, (total, expected) in enumerate(zip(comm.allreduce(read_of), header.counts, strict=True)):
         if expected is not None and total != expected:
-            raise InputError(
-                f"{path}: found {total} numbers among the {SECTIONS[section]}, the header says {expected}; the file is "
-                "damaged"
-            )
+            raise damaged_file(path, f"{total} numbers among the {SECTIONS[section]}, the header says {expected}")
     return header, parts
 
 
@@ -276,7 +274,7 @@ def _entries(path, comm, header, parts):
 
 
 def _damaged(path, found):
-    return InputError(f"{path}: found {found}; the file is damaged")
+    return damaged_file(path, f"{found}")
 
 
 class HarwellBoeing(Reader):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ...files.system_errors import damaged_file
 from ...files.text import BYTE_ORDER_MARK, open_unpacked, pieces, read_lines, shown
 from ...files.text_numbers import numbers, triples
 from ...parallel.failures import InputError, agreed
@@ -35,7 +36,7 @@ def read(path, comm) -> Entries:
     # what the header says: the number of entries, and one triangle of a symmetric matrix
     total = comm.allreduce(len(v))
     if total != count:
-        raise InputError(f"{path}: found {total} entries, the header says {count}; the file is damaged")
+        raise damaged_file(path, f"{total} entries, the header says {count}")
     if symmetry == "general":
         return Entries(shape, i, j, v)
     below = any(comm.allgather(below))
@@ -54,10 +55,7 @@ def _read_array(path, comm, symmetry, shape, start):
     skew = symmetry == "skew-symmetric"
     expected = rows * columns if symmetry == "general" else rows * (rows - 1 if skew else rows + 1) // 2
     if total != expected:
-        raise InputError(
-            f"{path}: found {total} entries, the header says {rows} x {columns}, {symmetry}: {expected}; the file is "
-            "damaged"
-        )
+        raise damaged_file(path, f"{total} entries, the header says {rows} x {columns}, {symmetry}: {expected}")
     if symmetry == "general":
         return Entries(shape, place % rows, place // rows, values)
     top = np.arange(columns) + skew  # the first row of each column

@@ -12,7 +12,7 @@ from math import prod
 
 import numpy as np
 
-from ...files.system_errors import reading_from
+from ...files.system_errors import damaged_file, reading_from
 from ...parallel.failures import InputError, agreed
 from ...parallel.memory import MB, node_mb
 from ..base import Reader
@@ -48,9 +48,7 @@ def _opened(path):
         with reading_from(path), _no_place_outside(), zipfile.ZipFile(path) as archive:
             names = set(archive.namelist())
             if len(names) < len(archive.namelist()):
-                raise InputError(
-                    f"{path}: found an array twice in the archive, expected each name once; the file is damaged"
-                )
+                raise damaged_file(path, "an array twice in the archive, expected each name once")
             yield archive, names
     except InputError:
         raise
@@ -108,7 +106,7 @@ def _read(path, archive, names, comm):
             )
         low, high = int(indptr[0]), int(indptr[-1])
         if not 0 <= low <= high <= count:
-            raise InputError(f"{path}: found an array 'indptr' beyond the {count} entries; the file is damaged")
+            raise damaged_file(path, f"an array 'indptr' beyond the {count} entries")
         # the pointers of its lines say which part of the indices is its own
         i = np.repeat(np.arange(first, last), np.diff(indptr))
         j = _part(path, archive, "indices", low, high).astype(np.int64)

@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 
-from ...files.system_errors import read_numbers
+from ...files.system_errors import damaged_file, read_numbers
 from ...files.text import first_bytes
 from ...parallel.failures import InputError, agreed
 from ..base import Reader
@@ -34,13 +34,11 @@ def read(path, comm) -> Entries:
         low, high = row_share(rows, comm.rank, comm.size)
         lengths = read_numbers(path, whole, high - low, offset=width * (HEADER + low)).astype(np.int64)
         if (lengths < 0).any():
-            raise InputError(f"{path}: found a row of {lengths.min()} entries; the file is damaged")
+            raise damaged_file(path, f"a row of {lengths.min()} entries")
         mine = int(lengths.sum())
     counts = comm.allgather(mine)
     if sum(counts) != count:
-        raise InputError(
-            f"{path}: found rows of {sum(counts)} entries in all, the header says {count}; the file is damaged"
-        )
+        raise damaged_file(path, f"rows of {sum(counts)} entries in all, the header says {count}")
     before = sum(counts[: comm.rank])
     with agreed(comm):
         start = width * (HEADER + rows)
@@ -48,16 +46,14 @@ def read(path, comm) -> Entries:
         v = read_numbers(path, ">f8", mine, offset=start + width * count + 8 * before).astype(float)
         if mine and not 0 <= j.min() <= j.max() < columns:
             wrong = j.max() if j.min() >= 0 else j.min()
-            raise InputError(
-                f"{path}: found the column {wrong} (from 0), expected less than {columns}; the file is damaged"
-            )
+            raise damaged_file(path, f"the column {wrong} (from 0), expected less than {columns}")
     return Entries((rows, columns), np.repeat(np.arange(low, high), lengths), j, v)
 
 
 def _header(path, whole, width):
     size = os.path.getsize(path)
     if size < width * HEADER:
-        raise InputError(f"{path}: found {size} bytes, expected a PETSc matrix; the file is cut off")
+        raise damaged_file(path, f"{size} bytes, expected a PETSc matrix", "cut off")
     rows, columns, count = (int(number) for number in read_numbers(path, whole, HEADER)[1:])
     if count == -1:
         raise InputError(f"{path}: found a dense PETSc matrix, expected a sparse one (AIJ), or a dense one as Matrix "

@@ -6,15 +6,13 @@ second-order coordinates of the system one after the other. Where there are othe
 reduced coordinates begin. Reference values of the rigid-body node are not in the file.
 """
 
-from __future__ import annotations
-
 import re
 
 from ...body.coordinates import Coordinates
 from ...files.system_errors import open_input
 from ...files.text import first_line, shown
 from ...parallel.failures import InputError
-from .columns import read_columns
+from .table import read_columns
 
 BEGINNING, BINARY = b"#Exudyn", b"EXUBIN"
 SIZES = re.compile(rb"#number of written coordinates \[[^\]]*\] *= *\[([\d, ]+)\]")

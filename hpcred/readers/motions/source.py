@@ -1,13 +1,15 @@
 """Read the coordinates of a body over time from a file of any program that is known, told by how it begins."""
 
-from __future__ import annotations
-
 from ...body.coordinates import Coordinates
 from ...files import motion_file
 from ...files.hdf5 import HDF5, kind_of_file
+from ...files.opened_hdf5 import guarded, opened_hdf5, real_numbers
 from ...files.text import first_bytes
 from ...parallel.failures import InputError, agreed
-from . import arrays, exudyn, table
+from . import exudyn, table
+
+# of HDF5: t (nt), q (nt, m), and qdot, qddot (nt, m) perhaps
+ARRAYS = {"t": "t", "q": "q", "velocity": "qdot", "acceleration": "qddot"}
 
 
 def read_coordinates(path, count: int, basis: str, outputs: dict, comm, first: int | None = None) -> Coordinates:
@@ -37,7 +39,7 @@ def _read(path, count, first) -> Coordinates:
     if first is not None and not exudyn.begins(start):
         raise InputError(f"--first: belongs to a solution of Exudyn; {path} is none")
     if start.startswith(HDF5):
-        return motion_file.read_coordinates(path) if kind_of_file(path) == motion_file.FORMAT else arrays.read(path)
+        return motion_file.read_coordinates(path) if kind_of_file(path) == motion_file.FORMAT else _read_arrays(path)
     if exudyn.begins(start):
         return exudyn.read(path, count, first)
     if table.begins(start):
@@ -47,3 +49,20 @@ def _read(path, count, first) -> Coordinates:
         "first line begins with t or time"
     )
 
+
+def _read_arrays(path) -> Coordinates:
+    """Read an HDF5 file with the arrays of ARRAYS, the last two perhaps. On one rank. Raises InputError."""
+    with opened_hdf5(path) as file, guarded(path, "its contents"):
+        arrays = {key: real_numbers(file, name, path) for key, name in ARRAYS.items()}
+        missing = [name for name in ("t", "q") if arrays[name] is None]
+        if missing:
+            raise InputError(f"{path}: found the arrays {', '.join(sorted(file)) or 'none'}, and no "
+                             f"{' and no '.join(missing)}; expected t (nt) and q (nt, m)")  # fmt: skip
+    arrays = {key: array for key, array in arrays.items() if array is not None}
+    if arrays["t"].ndim != 1:
+        raise InputError(f"{path}: t has the shape {arrays['t'].shape}, expected (nt)")
+    for key, array in arrays.items():
+        expected = (len(arrays["t"]), arrays["q"].shape[-1] if arrays["q"].ndim else 0)
+        if key != "t" and array.shape != expected:
+            raise InputError(f"{path}: {ARRAYS[key]} has the shape {array.shape}, expected (nt, m) = {expected}")
+    return Coordinates(**arrays)

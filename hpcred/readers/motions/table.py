@@ -5,8 +5,6 @@ an FMU that hpcred wrote, as FMPy records them: time, q[1] .. q[m], v[1] .. v[m]
 are left out, but for those with names as of outputs of an FMU, which tell whether the body is the same.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections import Counter
@@ -15,9 +13,10 @@ import numpy as np
 
 from ...body.coordinates import Coordinates
 from ...files.system_errors import open_input
-from ...files.text import BYTE_ORDER_MARK, LONGEST_LINE, shown
+from ...files.text import BYTE_ORDER_MARK, LONGEST_LINE, is_cut_line, pieces, refuse_packed, shown
+from ...files.text_numbers import ragged
 from ...parallel.failures import InputError
-from .columns import read_columns
+from ...parallel.petsc import MPI
 
 TIMES = ("t", "time")
 OUTPUTS = ("displacement_", "rotation_", "output_")
@@ -72,6 +71,23 @@ def head_of(path) -> tuple[list[str], int]:
     if twice is not None:
         raise InputError(f"{path}: found the column '{_shown(twice)}' more than once, expected names that differ")
     return names, len(line)
+
+
+def read_columns(path, start: int, columns: int) -> np.ndarray:
+    """Return the numbers (lines, columns) from the byte `start` on; comments are left out. On one rank.
+
+    Raises InputError that names the line, too where the last one has no end.
+    """
+    refuse_packed(path, "coordinates over time")
+    tables = [np.zeros((0, columns))]
+    for piece in pieces(path, MPI.COMM_SELF, start):
+        values, counts, lines = ragged(piece, expected=f"{columns} numbers", blanks=False)
+        if (wrong := counts != columns).any():
+            raise piece.refusal(lines[wrong.argmax()], f"{columns} numbers, as many as the head has names")
+        tables.append(values.reshape(-1, columns))
+    if is_cut_line(path):
+        raise InputError(f"{path}: found no line break at its end; the file is cut off: write it again")
+    return np.concatenate(tables)
 
 
 def _shown(name):

@@ -5,8 +5,6 @@ no row (see sets) are read. Each rank reads its share of the lines; the cards of
 which are few, are collected on all ranks.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,15 +12,16 @@ from pathlib import Path
 import numpy as np
 
 from ...fe.elements import NODES
-from ...fe.materials import MATERIAL, TYPE, ElementProperties, Material, material_of
+from ...fe.materials import MATERIAL, ElementProperties, Material, material_of
 from ...files.included import Included
-from ...files.system_errors import open_input
+from ...files.system_errors import open_input, read_bytes
 from ...files.text import Piece, first_bytes, first_line, line_number, records, refuse_packed, require_file
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import require_once, sort_over_ranks
 from ..nodes.table import LARGEST_COORDINATE, elements_of
 from ..nodes.table import VERTICAL_FIRST as VTK
-from .cards import CARD, components, lines_of, number_of, reals, whole_of, wholes
+from ..parts import used_properties
+from .cards import CARD, Card, components, lines_of, reals, wholes
 from .point_sets import read_point_sets, sets_of_case
 from .points import CYLINDRICAL, HELD, RECTANGULAR, SPHERICAL, Points, System
 
@@ -57,57 +56,6 @@ ANY_ELEMENT = re.compile(rb"C(?!ORD[12][RCS]$|SET1?$|SUPER$|REEP$|LOAD$|YJOIN$)[
 GRID = re.compile(rb"GRID")
 FLUID = -1
 SAME = 1e-2  # relative difference of G and E / (2 (1 + NU)) that rounding explains
-
-
-@dataclass(frozen=True)
-class Card:
-    """A card of which there are few: its fields without the empty ones at the end, and where it stands."""
-
-    name: str
-    fields: tuple[str, ...]
-    file: str
-    start: int
-    line: int
-
-    def error(self, sentence: str) -> InputError:
-        """Return an InputError that names the line."""
-        line = line_number(self.file, self.start) + self.line
-        return InputError(f"{self.file}, line {line}: {self.name}: {sentence}")
-
-    def text(self, k: int) -> str:
-        """Return the field k, from 0 behind the name; empty where there is none."""
-        return self.fields[k] if k < len(self.fields) else ""
-
-    def whole(self, k: int, what: str, empty: int | None = None) -> int:
-        """Return the whole number in the field k."""
-        return whole_of(self.text(k), self.error, what, empty)
-
-    def real(self, k: int, what: str) -> float:
-        """Return the number in the field k, 0 where it is empty."""
-        return number_of(self.text(k), self.error, what, 0.0)
-
-    def directions(self, k: int) -> np.ndarray:
-        """Return which of the directions 1 to 6 (6,) the field k names."""
-        if not set(self.text(k)) <= set("0123456"):
-            raise self.error(f"found the directions '{self.text(k)}', expected digits of 1 to 6")
-        return np.array([str(d) in self.text(k) for d in range(1, 7)])
-
-    def points(self, first: int) -> tuple[list[int], list[int]]:
-        """Return lowest and highest numbers of a list of points that may say THRU, from the field `first` on."""
-        words = [word for word in self.fields[first:] if word]
-        low, high = [], []
-        while words:
-            number = last = whole_of(words.pop(0), self.error, "a point")
-            if len(words) > 1 and words[0] == "THRU":
-                last = whole_of(words[1], self.error, "a point")
-                del words[:2]
-                if words and words[0] in ("BY", "EXCEPT"):
-                    raise self.error(f"found '{words[0]}' behind THRU, which is not read; list the points")
-            if last < number:
-                raise self.error(f"found {number} THRU {last}, expected ascending numbers")
-            low.append(number)
-            high.append(last)
-        return low, high
 
 
 @dataclass
@@ -178,8 +126,7 @@ def read_deck(path, comm) -> Deck:
                 table, number = lines.of("CONM2").table(4)
                 point_mass += float(reals(piece, table[:, 3], number, "a mass").sum())
                 grids.append(_grids(piece))
-                cards += [Card(name, tuple(fields), str(file), piece.start, line)
-                          for name, fields, line in lines_of(piece, SMALL).listed()]  # fmt: skip
+                cards += lines_of(piece, SMALL).listed()
     # the small cards are few, and each rank needs all of them
     cards = sum(comm.allgather(cards), [])
     with agreed(comm):
@@ -280,9 +227,7 @@ def _spans_of(path, comm, main):
 
 def _name_in_quotes(path, start, quote):
     """Return the name from the byte `start` to the next quote, perhaps on a later line, and the byte of that."""
-    with open_input(path) as file:
-        file.seek(start)
-        name, end, _ = file.read(LONGEST_NAME).partition(quote)
+    name, end, _ = read_bytes(path, start, start + LONGEST_NAME).partition(quote)
     if not end:
         raise InputError(f"{path}, line {line_number(path, start)}: found an INCLUDE without its second quote")
     return b"".join(line.strip() for line in name.splitlines()), start + len(name)
@@ -302,11 +247,7 @@ def _included(path, name, including):
 
 def _case(segments):
     """Return numbers of SPC and MPC of the case control, more than one where subcases differ, and its sets."""
-    text = b""
-    for path, start, stop in segments:
-        with open_input(path) as file:
-            file.seek(start)
-            text += file.read(stop - start)
+    text = b"".join(read_bytes(*segment) for segment in segments)
     asked = [(match["word"].decode().upper(), int(match["number"])) for match in CASE.finditer(text) if match["word"]]
     return {**{key: {number for word, number in asked if word == key} for key in ("SPC", "MPC")},
             "SET": sets_of_case(text)}  # fmt: skip
@@ -509,24 +450,7 @@ def properties_of(comm, cards, names, tables: dict, mass_unit: float) -> Element
         at = np.searchsorted(known, table[:, MATERIAL])
         there = np.append(known, -1)[at] == table[:, MATERIAL]
         table[:, MATERIAL] = places[np.where(there, at, -1)]
-    # only types and materials that some rank uses are kept
-    used = [np.any(comm.allgather(_used(tables, column, size)), axis=0)
-            for column, size in ((TYPE, len(names)), (MATERIAL, len(materials)))]  # fmt: skip
-    for column, kept in zip((TYPE, MATERIAL), used, strict=True):
-        renumbered = np.append(np.cumsum(kept) - 1, -1)
-        for table in tables.values():
-            table[:, column] = renumbered[table[:, column]]
-    types, kept = ([item for item, there in zip(items, mask, strict=True) if there]
-                   for items, mask in zip((names, materials.values()), used, strict=True))  # fmt: skip
-    return ElementProperties("Nastran", tuple(types), tuple(kept), tables)
-
-
-def _used(tables, column, size):
-    """Return which places (size,) stand in a column of the tables."""
-    used = np.zeros(size, bool)
-    for table in tables.values():
-        used[table[table[:, column] >= 0, column]] = True
-    return used
+    return used_properties(comm, "Nastran", names, list(materials.values()), tables)
 
 
 def _material(card, mass_unit) -> Material:

@@ -9,8 +9,9 @@ from decimal import Decimal
 
 import numpy as np
 
-from ...files.text import CONTROL, LARGEST_LABEL, Piece
+from ...files.text import CONTROL, LARGEST_LABEL, Piece, line_number
 from ...files.text_numbers import parse_fortran
+from ...parallel.failures import InputError
 
 CARD = re.compile(rb"(?m)^[A-Za-z]")
 REMARK = re.compile(rb"\$[^\n]*")
@@ -23,6 +24,57 @@ WHOLE = re.compile(rb"[+-]?\d{1,18}")
 REAL = re.compile(rb"([+-]?(?:\d+\.\d*|\.\d+))(?:[ED]?([+-]\d{1,3})|[ED](\d{1,3}))?")
 DATA = 9  # fields of a line with its name
 EXPECTED = "a line that repeats the card of one line above it: =, fields with =, ==, *(x), or =(n) alone"
+
+
+@dataclass(frozen=True)
+class Card:
+    """A card of which there are few: its fields without the empty ones at the end, and where it stands."""
+
+    name: str
+    fields: tuple[str, ...]
+    file: str
+    start: int
+    line: int
+
+    def error(self, sentence: str) -> InputError:
+        """Return an InputError that names the line."""
+        line = line_number(self.file, self.start) + self.line
+        return InputError(f"{self.file}, line {line}: {self.name}: {sentence}")
+
+    def text(self, k: int) -> str:
+        """Return the field k, from 0 behind the name; empty where there is none."""
+        return self.fields[k] if k < len(self.fields) else ""
+
+    def whole(self, k: int, what: str, empty: int | None = None) -> int:
+        """Return the whole number in the field k."""
+        return whole_of(self.text(k), self.error, what, empty)
+
+    def real(self, k: int, what: str, empty: float = 0.0) -> float:
+        """Return the number in the field k."""
+        return number_of(self.text(k), self.error, what, empty)
+
+    def directions(self, k: int) -> np.ndarray:
+        """Return which of the directions 1 to 6 (6,) the field k names."""
+        if not set(self.text(k)) <= set("0123456"):
+            raise self.error(f"found the directions '{self.text(k)}', expected digits of 1 to 6")
+        return np.array([str(d) in self.text(k) for d in range(1, 7)])
+
+    def points(self, first: int) -> tuple[list[int], list[int]]:
+        """Return lowest and highest numbers of a list of points that may say THRU, from the field `first` on."""
+        words = [word for word in self.fields[first:] if word]
+        low, high = [], []
+        while words:
+            number = last = whole_of(words.pop(0), self.error, "a point")
+            if len(words) > 1 and words[0] == "THRU":
+                last = whole_of(words[1], self.error, "a point")
+                del words[:2]
+                if words and words[0] in ("BY", "EXCEPT"):
+                    raise self.error(f"found '{words[0]}' behind THRU, which is not read; list the points")
+            if last < number:
+                raise self.error(f"found {number} THRU {last}, expected ascending numbers")
+            low.append(number)
+            high.append(last)
+        return low, high
 
 
 @dataclass
@@ -68,8 +120,8 @@ class Lines:
         before = np.cumsum(self.count) - self.count
         return which, (before - before[np.flatnonzero(self.starts)][which])[:, None] + np.arange(SMALL)
 
-    def listed(self) -> list[tuple[str, list[str], int]]:
-        """Return Name, fields without the empty ones at the end, and line of each card; of cards that are few."""
+    def listed(self) -> list[Card]:
+        """Return the cards, which are few."""
         rows = []
         for name, starts, number, count, fields in zip(
             self.name, self.starts, self.number, self.count, self.fields, strict=True
@@ -80,7 +132,7 @@ class Lines:
         for _, fields, _ in rows:
             while fields and not fields[-1]:
                 fields.pop()
-        return rows
+        return [Card(name, tuple(fields), str(self.piece.path), self.piece.start, line) for name, fields, line in rows]
 
 
 def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...fe.dofs import SCALAR
-from ...files.system_errors import open_input
+from ...files.system_errors import damaged_file, open_input
 from ...files.text import first_bytes, first_line, line_number, records, refuse_packed, shown
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
@@ -94,9 +94,7 @@ def contents(path, comm) -> list[DmigMatrix]:
     used = set().union(*comm.allgather(used))
     without = sorted(name.decode("latin-1") for name in used - {item.name.encode("latin-1") for item in matrices})
     if without:
-        raise InputError(
-            f"{path}: found DMIG cards of {without[0]!r}, which has no card with its form and type; the file is damaged"
-        )
+        raise damaged_file(path, f"DMIG cards of {without[0]!r}, which has no card with its form and type")
     return matrices
 
 
@@ -111,10 +109,7 @@ def _check_order(path, pieces):
             continue
         before, first, behind, last = dmig
         if first == name and others + before:
-            raise InputError(
-                f"{path}: found other cards between those of the matrix {shown(name)}, expected none; the "
-                "file is damaged"
-            )
+            raise damaged_file(path, f"other cards between those of the matrix {shown(name)}, expected none")
         others, name = behind, last
 
 
@@ -203,7 +198,7 @@ def _check_end(path, end):
             last = file.read().splitlines(keepends=True)[-1]
             if not last.endswith(b"\n"):
                 found = f"'{shown(last)}'" if last.strip() else f"of {len(last)} blanks"
-                raise InputError(f"{path}: found the last line {found} without an end; the file is cut off")
+                raise damaged_file(path, f"the last line {found} without an end", "cut off")
             return
         file.seek(end)
         expected, at = END_LINE, end

@@ -5,8 +5,6 @@ beside them (USET, BGPDT), or from the input file. Rows in displacement systems 
 x, y, z.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ...fe.dofs import OWN, SCALAR
+from ...files.system_errors import damaged_file
 from ...files.text import first_bytes, open_unpacked
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
@@ -114,7 +113,7 @@ def _superelements(files, contents, comm):
     numbers, number = [], None
     starts = [file for file, matrix in zip(files, contents, strict=True) if matrix.name == "SE_START"]
     if starts and "LOOP_END" not in {matrix.name for matrix in contents}:
-        raise InputError(f"{starts[0]}: found matrices SE_START, but no LOOP_END behind the last; the file is cut off")
+        raise damaged_file(starts[0], "matrices SE_START, but no LOOP_END behind the last", "cut off")
     for file, matrix in zip(files, contents, strict=True):
         if matrix.name == "SE_START" and matrix.shape == (1, 1):
             values = comm.allgather(op4.read_matrix(file, comm, matrix).values)

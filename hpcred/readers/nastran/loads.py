@@ -4,8 +4,6 @@ Components are in the basic system or a rectangular one. Any other card of loads
 line. TEMP and DEFORM have numbers of their own, which the case control selects apart.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -17,7 +15,7 @@ from ...files.text import records, warnings_of_end
 from ...parallel.failures import InputError, agreed
 from ..deck_loads import DeckLoads, faces_at, find_elements
 from . import bulk
-from .cards import CARD, lines_of, number_of, reals, whole_of, wholes
+from .cards import CARD, lines_of, reals, wholes
 from .points import RECTANGULAR
 
 READ = ("FORCE", "MOMENT", "PLOAD4", "GRAV", "LOAD")
@@ -89,8 +87,7 @@ def _cards(path, comm):
                 lines = lines_of(piece, CARDS)
                 for name in np.unique(lines.name):
                     if name == b"LOAD":
-                        combined += [bulk.Card(word, tuple(fields), str(file), piece.start, line)
-                                     for word, fields, line in lines.of("LOAD").listed()]  # fmt: skip
+                        combined += lines.of("LOAD").listed()
                     else:
                         cards[name.decode()].append((piece, *lines.of(name.decode()).table(WIDTH)))
                 lines = lines_of(piece, bulk.ANY_ELEMENT)
@@ -108,20 +105,20 @@ def _cards(path, comm):
 
 def _scales(path, sid, combined) -> dict[int, float]:
     """Return the factors of the load sets that a number stands for."""
-    mine = [card for card in combined if whole_of(card.text(0), card.error, "the number of the load set") == sid]
+    mine = [card for card in combined if card.whole(0, "the number of the load set") == sid]
     if not mine:
         return {sid: 1.0}
     card, *more = mine
     if more:
         raise more[0].error(f"found a second LOAD of the number {sid}, expected one")
-    overall, scales = number_of(card.text(1), card.error, "the factor", 1.0), {}
+    overall, scales = card.real(1, "the factor", 1.0), {}
     for k in range(2, len(card.fields), 2):
         if not card.text(k) and not card.text(k + 1):
             continue
-        number = whole_of(card.text(k + 1), card.error, "the number of a load set")
+        number = card.whole(k + 1, "the number of a load set")
         if number in scales or number == sid:
             raise card.error(f"found the load set {number} twice, expected each once and not the LOAD itself")
-        scales[number] = overall * number_of(card.text(k), card.error, "the factor of a load set", 1.0)
+        scales[number] = overall * card.real(k, "the factor of a load set", 1.0)
     if not scales:
         raise card.error("found no load sets, expected factors and numbers of them")
     return scales

@@ -1,20 +1,20 @@
-"""Read the points of each superelement, with the sets of their dofs, from tables of Nastran's OUTPUT2.
+"""Read the points of each superelement, with the sets of their dofs, and matrices from a file of Nastran's OUTPUT2.
 
 A file is a sequence of Fortran records: single integers (keys) announce what follows. Rank 0 follows the sequence once;
 of the tables BGPDT (positions), USET (sets), EQEXIN (numbers) and CSTM (coordinate systems) each rank reads its share.
 """
 
-import mmap
 import struct
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...files.system_errors import open_input, read_numbers
+from ...files.system_errors import damaged_file, mapped, read_numbers
 from ...files.text import LARGEST_LABEL, first_bytes
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, repeated_key
+from .op4_matrix import COMPLEX, DOUBLE, Op4Matrix, matrix_of, real_values
 from .points import DEPENDENT, HELD, OMITTED, SUPPORTED, Points, System
 
 NAMES = ("SLIST", "BGPDT", "USET", "EQEXIN", "CSTM")
@@ -74,9 +74,7 @@ class _Chain:
         return self.at >= len(self.data)
 
     def damaged(self, expected) -> InputError:
-        return InputError(
-            f"{self.path}: found no {expected} at byte {self.at} of {len(self.data)}; the file is damaged or cut off"
-        )
+        return damaged_file(self.path, f"no {expected} at byte {self.at} of {len(self.data)}", "damaged or cut off")
 
     def record(self) -> tuple[int, int]:
         """Return the place of the next record and its bytes."""
@@ -170,7 +168,7 @@ def walk(path):
     if not begins(start):
         raise InputError(f"{path}: found a file that begins with {start[:12]!r}, expected one of OUTPUT2")
     order, size = _layout(start)
-    with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with mapped(path) as data:
         chain = _Chain(data, path, order, size)
         while not chain.ended:
             words = chain.key()
@@ -202,15 +200,6 @@ def walk(path):
                     block.records.append(records)
             del block.records[:1]  # the name again
             yield block
-
-
-def columns_of(path, data, matrix, share):
-    """Yield number (from 0) and strings (byte, bytes) of each column of a share of a matrix."""
-    chain = _Chain(data, path, *matrix.layout)
-    chain.at = matrix.starts[share]
-    for column in range(matrix.columns[share], matrix.columns[share + 1]):
-        kind, count = chain.next_record()
-        yield column, chain.pieces(count, kind)
 
 
 def _points(path, comm, group):
@@ -325,9 +314,73 @@ def _systems(table):
     for number, kind, values in items:
         axes = np.array(values[3:], dtype=float).reshape(-1, 3)
         if kind not in (1, 2, 3) or axes.shape != (3, 3) or np.abs(axes.T @ axes - np.eye(3)).max() > 1e-5:
-            raise InputError(
-                f"{table.path}: found no axes of the coordinate system {number} in the table {table.name}; the file is "
-                "damaged"
-            )
+            raise damaged_file(table.path, f"no axes of the coordinate system {number} in the table {table.name}")
         systems[int(number)] = System(int(kind), np.array(values[:3], dtype=float), axes)
     return systems
+
+
+# Matrices (KGG, MGG, ...): a column is a sequence of records, each with the number of its first row and the values from
+# there on; keys between them announce their lengths. Each rank decodes its share of whole columns.
+
+
+@dataclass(frozen=True)
+class Op2Matrix(Op4Matrix):
+    """As Op4Matrix; `columns` (shares + 1,): so many columns lie in front of each of `starts`."""
+
+    columns: tuple[int, ...] = ()
+
+
+def contents(path) -> list[Op2Matrix]:
+    """Return the matrices of a file, from one walk along its records on one rank."""
+    return [_matrix(path, block) for block in walk(path) if block.columns]
+
+
+def _matrix(path, block):
+    """Return the Op2Matrix of a block with columns. Raises InputError."""
+    _, columns, rows, form, kind, *_ = block.trailer
+    starts, before = zip(*block.columns, strict=True)
+    if before[-1] != columns:
+        raise damaged_file(path, f"{before[-1]} columns of the matrix {block.name}, expected {columns}")
+    place = {"starts": starts, "layout": (block.order, block.size), "is_text": False}
+    matrix = matrix_of(path, f"byte {starts[0]}", (columns, rows, form, kind), block.name.encode("latin-1"), **place)
+    return Op2Matrix(**vars(matrix) | {"columns": before})
+
+
+def read(path, comm, matrix: Op2Matrix) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return rows and columns (from 0) and values of the shares of this rank. Collective. Raises InputError."""
+    shares = len(matrix.starts) - 1
+    low, high = shares * comm.rank // comm.size, shares * (comm.rank + 1) // comm.size
+    with agreed(comm), mapped(path) as data:
+        return [_decode(path, data, matrix, k) for k in range(low, high)]
+
+
+def _decode(path, data, matrix, share):
+    """Return rows and columns (from 0) and values of a share of columns."""
+    order, size = matrix.layout
+    number = size if size == 8 else 8 if matrix.kind in DOUBLE else 4  # bytes
+    width = number * (2 if matrix.kind in COMPLEX else 1)
+    rows, values, counts, columns = [], [], [], []
+    chain = _Chain(data, path, order, size)
+    chain.at = matrix.starts[share]
+    for column in range(matrix.columns[share], matrix.columns[share + 1]):
+        kind, count = chain.next_record()
+        last = 0
+        for place, count in chain.pieces(count, kind):
+            first = int(np.frombuffer(data, f"{order}i{size}", 1, place)[0])
+            length, rest = divmod(count - size, width)
+            if rest or length < 1 or first <= last or first + length - 1 > matrix.shape[0]:
+                raise InputError(
+                    f"{path}: found {count} bytes for the row {first} of column {column + 1} of the matrix {matrix}, "
+                    "expected strings of numbers that ascend in their column; the file is damaged"
+                )
+            last = first + length - 1
+            rows.append(first - 1)
+            columns.append(column)
+            counts.append(length)
+            values.append(np.array(np.frombuffer(data, f"{order}f{number}", (count - size) // number, place + size)))
+    counts = np.array(counts, np.int64)
+    values = real_values(path, matrix, np.concatenate([np.zeros(0), *values]))
+    i = np.repeat(np.array(rows, np.int64) - (np.cumsum(counts) - counts), counts) + np.arange(len(values))
+    j = np.repeat(np.array(columns, np.int64), counts)
+    there = values != 0
+    return i[there], j[there], values[there]

@@ -9,7 +9,7 @@ from ...files.text import first_bytes, refuse_packed
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ..entries import Entries
-from . import op2, op2_matrices, op4_binary, op4_text
+from . import op2, op4_binary, op4_text
 from .names import single
 from .op4_matrix import Op4Matrix, completed
 
@@ -29,14 +29,14 @@ def contents(path, comm) -> list[Op4Matrix]:
         if not is_op2 and not begins(start):
             raise InputError(f"{path}: found a file that begins with {start[:12]!r}, expected one of OUTPUT4")
     if is_op2:
-        return decided(comm, op2_matrices.contents, path)
+        return decided(comm, op2.contents, path)
     return op4_text.contents(path, comm) if layout is None else decided(comm, op4_binary.contents, path, *layout)
 
 
 def read_matrix(path, comm, matrix: Op4Matrix) -> Entries:
     """Return the entries of a matrix that `contents` found. Collective. Raises InputError."""
     of_op4 = op4_text if matrix.is_text else op4_binary
-    program = op2_matrices if isinstance(matrix, op2_matrices.Op2Matrix) else of_op4
+    program = op2 if isinstance(matrix, op2.Op2Matrix) else of_op4
     return completed(path, comm, matrix, program.read(path, comm, matrix))
 
 

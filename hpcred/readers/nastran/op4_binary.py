@@ -4,13 +4,12 @@ A file is a sequence of Fortran records without a table of contents: rank 0 foll
 share of the bytes.
 """
 
-import mmap
 import os
 import struct
 
 import numpy as np
 
-from ...files.system_errors import open_input, read_numbers
+from ...files.system_errors import damaged_file, mapped, read_bytes, read_numbers
 from ...parallel.failures import InputError, agreed
 from .op4_matrix import COMPLEX, DOUBLE, SMALL, Op4Matrix, matrix_of, real_values
 
@@ -35,7 +34,7 @@ def contents(path, order: str, size: int) -> list[Op4Matrix]:
     matrices, end = [], os.path.getsize(path)
     head = struct.Struct(order + ("ii" if size == 4 else "iq")).unpack_from
     whole = 4 + 6 * size + 4
-    with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with mapped(path) as data:
         at = 0
         while at < end:
             if end - at < whole or head(data, at)[0] != 6 * size:
@@ -68,9 +67,9 @@ def contents(path, order: str, size: int) -> list[Op4Matrix]:
                     mark = at + SHARE
                 at += length + 8
             if at > end:
-                raise InputError(f"{path}: found {end} bytes, expected {at}; the file is cut off")
+                raise damaged_file(path, f"{end} bytes, expected {at}", "cut off")
             if struct.unpack_from(order + "i", data, at - 4)[0] != length:
-                raise InputError(f"{path}: found no end of the record at byte {at - 4}; the file is damaged")
+                raise damaged_file(path, f"no end of the record at byte {at - 4}")
             place = {"starts": tuple(starts), "layout": (order, size), "is_text": False}
             matrices.append(matrix_of(path, f"byte {starts[0] - whole}", numbers, name, **place))
     return matrices
@@ -107,8 +106,7 @@ def _decode(path, matrix, low, high):
     rows, columns = matrix.shape
 
     def damaged(what):
-        return InputError(f"{path}: found {what} in the matrix {matrix} between the bytes {low} and {high}; "
-                          "the file is damaged")  # fmt: skip
+        return damaged_file(path, f"{what} in the matrix {matrix} between the bytes {low} and {high}")
 
     begin = _records(path, order, low, high)
     words = _Words(path, order, size, low, high)
@@ -155,15 +153,13 @@ def _decode(path, matrix, low, high):
 def _records(path, order, low, high):
     """Return the words, counted from low, at which the records of the bytes low..high begin."""
     unpack = struct.Struct(order + "i").unpack_from
-    with open_input(path) as file:
-        file.seek(low)
-        data = file.read(high - low)
+    data = read_bytes(path, low, high)
     records, at, end = [], 0, high - low
     while at < end:
         records.append(at)
         at += unpack(data, at)[0] + 8
     if at != end or len(data) < end:
-        raise InputError(f"{path}: found records that overlap between the bytes {low} and {high}; the file is damaged")
+        raise damaged_file(path, f"records that overlap between the bytes {low} and {high}")
     return np.array(records, dtype=np.int64) // 4
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...files.system_errors import damaged_file
 from ...files.text import pieces, records, shown
 from ...files.text_numbers import parse, parse_fortran, with_e
 from ...parallel.failures import InputError, agreed
@@ -67,7 +68,7 @@ def read(path, comm, matrix: Op4Matrix) -> list[tuple[np.ndarray, np.ndarray, np
             f"{matrix.shape[1] + 1} to close it; the file is cut off or damaged"
         )
     if any(later < earlier for earlier, later in zip(last, last[1:], strict=False)):
-        raise InputError(f"{path}: found columns that do not ascend in the matrix {matrix}; the file is damaged")
+        raise damaged_file(path, f"columns that do not ascend in the matrix {matrix}")
     return parts
 
 

@@ -5,8 +5,6 @@ SET3 and OptiStruct's SET say what their numbers are; other sets are of points i
 point of the file, and if the case control does not ask for results of elements in them.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from typing import NamedTuple

@@ -10,8 +10,8 @@ import numpy as np
 
 from ...parallel.failures import agreed
 from ...parallel.lookup import look_up, number_over_ranks
-from .bulk import Card, Deck
-from .cards import whole_of
+from .bulk import Deck
+from .cards import Card, whole_of
 from .points import DEPENDENT, HELD, OMITTED, SUPPORTED, Points
 
 UNTOLD = ("RROD", "RTRPLT", "RTRPLT1", "RSPLINE", "RSSCON", "RJOINT", "EPOINT", "SEQGP", "CSUPER", "SESET", "SEBULK")

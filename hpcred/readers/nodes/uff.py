@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...fe.elements import NODES
-from ...files.system_errors import open_input
+from ...files.system_errors import damaged_file, open_input, read_bytes
 from ...files.text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, end_to_end, records, refuse_packed, shown
 from ...files.text_numbers import labels, ragged, whole
 from ...parallel.failures import InputError, agreed
@@ -158,7 +158,7 @@ def _datasets(path, marks):
                 below = shown(line, 20)
                 raise InputError(f"{path}: found '{below}' below a line of -1, expected the number of a dataset")
             if place + 1 == len(marks):
-                raise InputError(f"{path}: found {len(marks)} lines of -1, expected two a dataset; the file is cut off")
+                raise damaged_file(path, f"{len(marks)} lines of -1, expected two a dataset", "cut off")
             listed.append((int(match[1]), file.tell(), marks[place + 1]))
             file.seek(marks[place + 1])
             file.readline()
@@ -190,7 +190,7 @@ def _end_of_functions(path, file, line):
             pass
         if end.strip() == b"-1":
             return file.tell()
-    raise InputError(f"{path}: found no line of -1 behind the binary dataset '{shown(line)}'; the file is cut off")
+    raise damaged_file(path, f"no line of -1 behind the binary dataset '{shown(line)}'", "cut off")
 
 
 def _bytes_of_function(lines) -> list[int]:
@@ -207,9 +207,7 @@ def _global_systems(path, sets):
     """Return the numbers of the coordinate systems that are the global one."""
     known = dict.fromkeys(GLOBAL.tolist(), True)
     for number, start, stop in sets:
-        with open_input(path) as file:
-            file.seek(start)
-            lines = file.read(stop - start).splitlines()
+        lines = read_bytes(path, start, stop).splitlines()
         size, above, below = (4, 0, 2) if number == 18 else (6, 2, 4)  # lines of a system, above the first, of numbers
         for at in range(above, len(lines) - size + 1, size):
             try:
@@ -250,9 +248,7 @@ def _elements(path, sets):
     seen from the one before."""
     elements, numbers = {}, {}
     for number, start, stop in sets:
-        with open_input(path) as file:
-            file.seek(start)
-            piece = Piece(Path(path), file.read(stop - start), start)
+        piece = Piece(Path(path), read_bytes(path, start, stop), start)
         values, counts, lines = ragged(piece, commas=False)
         if not len(values):
             continue
@@ -288,9 +284,7 @@ def _elements(path, sets):
 
 def _members(path, number, start, stop) -> list[tuple[str, int, np.ndarray]]:
     """Return name, number and members (n, 2), a kind and a number each, of the groups of a dataset."""
-    with open_input(path) as file:
-        file.seek(start)
-        lines = file.read(stop - start).splitlines(keepends=True)
+    lines = read_bytes(path, start, stop).splitlines(keepends=True)
     place = start + np.cumsum([0, *map(len, lines)])
     members, at, width = [], 0, GROUPS[number]
     while at < len(lines):

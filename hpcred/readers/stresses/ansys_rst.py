@@ -5,8 +5,6 @@ corners (ENS), of which the mean at a node is taken. Places of records count wor
 table of its elements, or of the element.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

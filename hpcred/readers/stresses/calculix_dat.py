@@ -4,9 +4,7 @@ The elements are those of the input file of the same name beside it. Stresses of
 the nodes of the element (model.shape_functions). Each rank reads a share.
 """
 
-from __future__ import annotations
-
-import mmap
+import re
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
@@ -14,17 +12,20 @@ from typing import NamedTuple
 import numpy as np
 
 from ...fe.materials import NUMBER
-from ...fe.point_stresses import PointStresses
+from ...fe.point_stresses import MOST_POINTS, PointStresses
 from ...fe.shape_functions import SOLIDS, extrapolation
-from ...files.system_errors import open_input
-from ...files.text import end_to_end, pieces
-from ...files.text_numbers import labels, numbers
+from ...files.system_errors import damaged_file, mapped
+from ...files.text import Piece, end_to_end, pieces
+from ...files.text_numbers import labels, numbers, whole
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ..abaqus import input_file
-from ..calculix.printed_stresses import STRESSES, TITLE, stresses_of
+from ..entries import joined
 from .means import means_at_nodes
 
+TITLE = re.compile(rb"(?m)^[ \t]*(\S.*?)[ \t]+for set .*? and time[ \t]+(\S+)[ \t]*\r?$")
+STRESSES = b"stresses (elem, integ.pnt.,sxx,syy,szz,sxy,sxz,syz)"
+IN_ORDER = [2, 3, 4, 5, 7, 6]  # columns of xx, yy, zz, xy, yz, zx
 MOVED = b"displacements (vx,vy,vz)"
 KINDS = (STRESSES, MOVED)
 ASKED = "print U of all nodes and S (GLOBAL=YES) of all elements, and nothing else"
@@ -63,9 +64,9 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _steps(path) -> list[list[Block]]:
     """Return the tables of each time. Raises InputError."""
     heads = []
-    with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with mapped(path) as data:
         if data[-1:] != b"\n":
-            raise InputError(f"{path}: found no line break at its end; the file is cut off")
+            raise damaged_file(path, "no line break at its end", "cut off")
         at = 0
         while (at := data.find(SET, at)) >= 0:
             start, stop = data.rfind(b"\n", 0, at) + 1, data.find(b"\n", at) + 1
@@ -112,3 +113,35 @@ def _moved(piece):
     table, lines = numbers(piece, 4, commas=False)
     piece.require(np.isfinite(table).all(axis=1), lines, "a node and three finite displacements")
     return labels(piece, table[:, 0], lines), table[:, 1:]
+
+
+def read_points(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return numbers of elements (r,) and of points (r,) from 1, and stresses (r, 6) xx, yy, zz, xy, yz, zx of this
+    rank, in the unit of the file. Collective. Raises InputError for other contents than stresses of one time."""
+    with agreed(comm):
+        parts, times = [], set()
+        for piece in pieces(path, comm):
+            for title, time in TITLE.findall(piece.text):
+                if title.strip() != STRESSES:
+                    raise InputError(
+                        f"{path}: found '{title.decode(errors='replace')[:60]}', expected stresses in global "
+                        "directions only; print nothing but S by *EL PRINT"
+                    )
+                times.add(time)
+            parts.append(stresses_of(Piece(path, TITLE.sub(b"", piece.text), piece.start)))
+        element, point, stress = joined(parts, (np.int64, np.int64, float))
+    stress = stress.reshape(-1, 6)
+    instants = sorted(set().union(*comm.allgather(times)))
+    if len(instants) != 1:
+        listed = ", ".join(time.decode(errors="replace") for time in instants) or "none"
+        raise InputError(f"{path}: found stresses of the times {listed}, expected those of one")
+    return element, point, stress
+
+
+def stresses_of(piece: Piece) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return numbers of elements (r,) and of points (r,), and stresses (r, 6), of the lines of a piece."""
+    table, lines = numbers(piece, 8, commas=False)
+    piece.require(np.isfinite(table).all(axis=1), lines, "an element, a point and six finite stresses")
+    element = labels(piece, table[:, 0], lines, "the number of an element")
+    point = whole(piece, table[:, 1], lines, "the number of an integration point", 1, MOST_POINTS - 1)
+    return element, point, table[:, IN_ORDER]

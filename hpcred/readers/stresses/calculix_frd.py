@@ -4,15 +4,12 @@ A block of results has a head (100C) with the number of nodes and the form, the 
 (-5), a line a node (-1) and an end (-3).
 """
 
-from __future__ import annotations
-
-import mmap
 import re
 from typing import NamedTuple
 
 import numpy as np
 
-from ...files.system_errors import open_input
+from ...files.system_errors import damaged_file, mapped
 from ...files.text import end_to_end, pieces
 from ...files.text_numbers import labels, numbers, whole
 from ...parallel.decisions import decided
@@ -52,23 +49,21 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             fields[block.name].append(values)
     total = comm.allreduce(len(node))
     if total != blocks[0].count:
-        raise InputError(f"{path}: found results of {total} nodes, expected {blocks[0].count}; the file is cut off or "
-                         "damaged")  # fmt: skip
+        raise damaged_file(path, f"results of {total} nodes, expected {blocks[0].count}", "cut off or damaged")
     return node, *(np.stack(fields[name]) for name in FIELDS)
 
 
 def _blocks(path) -> list[Block]:
     """Return the blocks of displacements and stresses in their order. Raises InputError."""
     blocks = []
-    with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with mapped(path) as data:
         # blocks end with a line -3, and what is not asked for is passed over
         at = 0
         while match := HEAD.search(data, at):
             name = NAME.match(data, match.end())
             end = data.find(b"\n -3", match.end())
             if name is None or end < 0:
-                raise InputError(f"{path}: found no whole block of results at byte {match.start()}; the file is cut "
-                                 "off or damaged")  # fmt: skip
+                raise damaged_file(path, f"no whole block of results at byte {match.start()}", "cut off or damaged")
             at = end + 1
             if name[1] not in FIELDS:
                 continue
@@ -80,7 +75,7 @@ def _blocks(path) -> list[Block]:
                 raise InputError(f"{path}: found '{line.decode('latin-1').strip()}', expected a number of nodes")
             blocks.append(Block(name[1], int(line[COUNT]), 5 if line[FORM] == b"0" else 10, name.end(), at))
         if data[at:].rstrip()[-4:] != b"9999":
-            raise InputError(f"{path}: found no end (9999); the file is cut off")
+            raise damaged_file(path, "no end (9999)", "cut off")
     # each step has displacements and then stresses, of the same nodes
     names = [block.name for block in blocks]
     if not names or names != [*FIELDS] * (len(names) // 2):

@@ -1,7 +1,5 @@
 """Take the mean, at each node, of the stresses of its elements."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

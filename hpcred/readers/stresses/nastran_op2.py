@@ -7,8 +7,6 @@ system, GRID, how many nodes it has, and for its centre and each corner 21 words
 five numbers and the von Mises stress, syy, syz, four numbers, szz, szx, four numbers.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

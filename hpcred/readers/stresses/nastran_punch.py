@@ -6,15 +6,12 @@ GRID, and seven lines for its centre and each corner: grid, sxx, sxy, then of th
 stress, syy, syz, four numbers, szz, szx, four numbers.
 """
 
-from __future__ import annotations
-
-import mmap
 import re
 from typing import NamedTuple
 
 import numpy as np
 
-from ...files.system_errors import open_input
+from ...files.system_errors import mapped
 from ...files.text import end_to_end, records
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
@@ -64,7 +61,7 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _blocks(path) -> list[Block]:
     """Return the blocks of displacements and of stresses of solids. Raises InputError."""
     blocks = []
-    with open_input(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with mapped(path) as data:
         headings = list(HEADING.finditer(data))
         ends = [*(heading.start() for heading in headings), len(data)][1:]
         for heading, end in zip(headings, ends, strict=True):

@@ -1,11 +1,10 @@
 """Read the displacements and stresses of all steps that a finite-element program computed, at nodes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
+from ...files.system_errors import damaged_file
 from ...files.text import first_bytes
 from ...parallel.failures import InputError, agreed
 from ..ansys import rst
@@ -60,9 +59,9 @@ def read_answers(path, comm) -> Answers:
     except DAMAGES as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path}: found records that do not fit each other ({error}); the file is damaged") from error
+        raise damaged_file(path, f"records that do not fit each other ({error})") from error
     with agreed(comm):
         for what in ("displacement", "stress"):
             if not (np.abs(getattr(answers, what)) <= LARGEST).all():
-                raise InputError(f"{path}: found a {what} that is no number, or none of a body; the file is damaged")
+                raise damaged_file(path, f"a {what} that is no number, or none of a body")
     return answers

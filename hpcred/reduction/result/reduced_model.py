@@ -19,6 +19,7 @@ from ...parallel.as_html import as_html
 from ...parallel.failures import InputError, settle
 from ...parallel.progress import counted
 from .accuracy import Accuracy
+from .base_motion import with_base_motion
 from .massless import first_order, static_coordinates
 from .maxwell_states import maxwell_states, with_maxwell_states
 from .oscillating_poles import oscillating_poles
@@ -233,6 +234,27 @@ class ReducedModel:
         dynamic = self.operator.at(s) + 1j * self.loss_factor * self.K
         loads = np.broadcast_to(self.B.astype(complex), (*dynamic.shape[:-2], *self.B.shape))
         return np.linalg.solve(dynamic, loads)
+
+    def driven_by(self, quantity: str) -> ReducedModel:
+        """Return the model with another motion of its bases as input, for exports and simulations elsewhere.
+
+        Parameters
+        ----------
+        quantity : {"displacement", "velocity", "acceleration"}
+            What the inputs of all bases are, in m or rad, m/s or rad/s, m/s^2 or rad/s^2.
+
+        Returns
+        -------
+        ReducedModel
+            Absolute accelerations become absolute displacements or velocities; outputs that would need derivatives of
+            the input are left out. Beside forces it has twice as many coordinates.
+
+        Raises
+        ------
+        InputError
+            For a model without bases, with parameters, or without outputs that could stay.
+        """
+        return with_base_motion(self, quantity)
 
     def frequency_response(self, frequencies: ArrayLike) -> np.ndarray:
         """Return H(i omega) at `frequencies` in Hz, (F, r, p).
