@@ -244,6 +244,13 @@ def end_to_end(arrays, decode) -> list[np.ndarray]:
     return _joined([decode(piece) for piece in arrays], decode)
 
 
+def write_table(path, columns: dict, digits: int, head: str | None = None):
+    """Write columns (n,) of numbers by name as a .csv with so many digits; on this rank. `head`: in place of the names.
+    """
+    np.savetxt(path, np.array(list(columns.values())).T, f"%.{digits}e", ",", header=head or ",".join(columns),
+               comments="", encoding="utf-8")  # fmt: skip
+
+
 def read_lines(path, comm, decode, start=0) -> list[np.ndarray]:
     """As `end_to_end` of the Pieces of a file, and the place in it of each line. Collective. Raises InputError."""
     with agreed(comm):

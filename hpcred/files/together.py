@@ -81,7 +81,8 @@ def rescued(write, path, comm):
     """write(path), or where that fails write(another place), and the error that says so. Collective."""
     try:
         write(path)
-        _is_dear(path)
+        for item in _waiting or ():
+            item.dear = item.dear or item.path == Path(os.path.realpath(path))
     except NotWritten as error:
         places = rescue_places(path) if comm.rank == 0 else None
         while (place := comm.bcast(next(places, None) if comm.rank == 0 else None)) is not None:
@@ -104,11 +105,6 @@ def alone():
         yield
     finally:
         _waiting = before
-
-
-def _is_dear(path):
-    for item in _waiting or ():
-        item.dear = item.dear or item.path == Path(os.path.realpath(path))
 
 
 def _put(group):

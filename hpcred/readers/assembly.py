@@ -142,7 +142,7 @@ def number_rows(comm, parts):
             f"{parts.files[numbered]}: found numbered rows, but {parts.files[named]} names node and dof of its rows; "
             "expected the same of all matrices"
         )
-    ends = [item for matrix in parts.matrices.values() for item in (matrix.rows, matrix.columns)]
+    ends = parts.ends
     labels, place = number_over_ranks(comm, np.concatenate(ends))
     size = comm.allreduce(len(labels))
     numbers = iter(np.split(place, np.cumsum([len(item) for item in ends])[:-1]))

@@ -13,7 +13,7 @@ from ..body.stress import von_mises
 from ..files.outputs import PDF, PICTURES, SVG
 from ..parallel.failures import InputError
 from ..writers.base import Writer
-from .figures import COLOURS, INK, new_figure, pyplot, save_as
+from .figures import COLOURS, INK, new_figure, save_as
 from .rasteriser import Canvas
 from .surface import DrawnSurface, surface_of
 
@@ -90,7 +90,6 @@ def draw_shapes(path, shapes, modes=None, kind="png", colour="displacement") -> 
     `shapes`: see files.result_file.Shapes. `modes`: numbers from 1, by default the first six elastic ones. `colour`:
     see PictureOptions; the undeformed outline is grey. Raises InputError where there is no such shape, or no stress.
     """
-    pyplot()
     chosen = _chosen(shapes, modes, FIRST)
     save_as(_figure(shapes, _panels(shapes, chosen, colour), (COLOUR_BARS[colour], 1.0)), path, kind, DOTS)
     return [shapes.names[k] for k in chosen]
@@ -104,7 +103,6 @@ def figure_of_shapes(shapes, modes=None):
 
 def draw_state(path, shapes, q, title: str, kind="png"):
     """Draw the body at coordinates q (m,) in colours of von Mises' stress; call it on one rank. Raises InputError."""
-    pyplot()
     field, marks = shapes.moved(q)
     stress = von_mises(shapes.stress(q))
     bar = "von Mises stress (MPa)", float(np.nanmax(stress, initial=0.0)) / MEGAPASCAL
@@ -134,7 +132,7 @@ def _figure(shapes, panels, bar):
 
 def animate_shapes(path, shapes, modes=None, kind="gif", colour="displacement") -> list[str]:
     """Draw animations like draw_shapes: one period of each shape, repeated; by default of the first shape only."""
-    pyplot()
+    new_figure()  # refused where there is no matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 

@@ -79,16 +79,8 @@ class ExtPtfm(Writer):
         if flex:
             text += ["", "!Loading", f"!Dimension: 1 time column - {element.size} force columns", *history]
         elif options.loads:
-            source.beside["_forces.dat"] = "\n".join(
-                [
-                    f"{BEGIN} loads of the coordinates",
-                    f"!NSteps: {len(times)}",
-                    "",
-                    "!Forcing",
-                    *history,
-                    "",
-                ]
-            )
+            head = [f"{BEGIN} loads of the coordinates", f"!NSteps: {len(times)}", "", "!Forcing"]
+            source.beside["_forces.dat"] = "\n".join([*head, *history, ""])
         if points and not flex:
             source.beside["_points.dat"] = "\n".join(
                 [f"{BEGIN} points: nodes {', '.join(item.label for item in points)}", f"!NConn: {len(points)}", "",

@@ -147,7 +147,7 @@ def read(path, comm, calculix=False, surfaces=False, steps=True) -> Mesh:
             if section.keyword == "nset":
                 section.parameters.pop("elset", None)  # a parameter that it does not know
     blocks = decided(comm, _blocks, path, sections, calculix)
-    materials, remarks = decided(comm, materials_of, sections, _first_data_line)
+    materials, remarks = decided(comm, materials_of, sections, data_lines)
     groups = sorted({block.group for block in blocks})
     nodes, elements, sets, solids = (
         [block for block in blocks if block.section.keyword in keywords]
@@ -277,12 +277,6 @@ def data_lines(section):
     text = without_comments(read_bytes(section.path, section.start, section.stop))
     lines = ([item.strip().decode("latin-1") for item in line.split(b",")] for line in text.splitlines())
     return [fields for fields in lines if fields != [""]]
-
-
-def _first_data_line(section):
-    """Return the fields of the first data line of a keyword, and how many lines there are."""
-    lines = data_lines(section)
-    return (lines[0] if lines else []), len(lines)
 
 
 def _numbers(section, fields, count):

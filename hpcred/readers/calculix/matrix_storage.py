@@ -154,9 +154,8 @@ def name_rows(comm, parts, files, label, row):
             f"{files['dofs']}: {count} rows are the incompatible modes of elements of the type C3D8I, which "
             "belong to no node"
         )
-    parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
-    parts.properties = mesh.properties
-    parts.warnings += mesh.remarks
+    parts.nodes = mesh.nodes
+    parts.take_mesh(mesh, mesh.remarks)
     parts.row_labels = label, row
     if "input" not in files:
         hold_nodes_without_rows(comm, parts, files["results"], files["dofs"])

@@ -363,9 +363,9 @@ def _decode(path, data, matrix, share):
     chain = _Chain(data, path, order, size)
     chain.at = matrix.starts[share]
     for column in range(matrix.columns[share], matrix.columns[share + 1]):
-        kind, count = chain.next_record()
+        kind, words = chain.next_record()
         last = 0
-        for place, count in chain.pieces(count, kind):
+        for place, count in chain.pieces(words, kind):
             first = int(np.frombuffer(data, f"{order}i{size}", 1, place)[0])
             length, rest = divmod(count - size, width)
             if rest or length < 1 or first <= last or first + length - 1 > matrix.shape[0]:
