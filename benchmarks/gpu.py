@@ -18,7 +18,7 @@ import sys
 import time
 from contextlib import contextmanager
 
-from common import job
+from common import finish, job
 
 CELLS, HIGH = 69, 5655.0  # Hz: cells of 10 mm
 WIDTHS = (1, 6, 12, 24, 48)
@@ -174,6 +174,8 @@ def main():
                     "GB of the GPU": memory[0] if memory else row["MB of the factor"] / 1024}  # fmt: skip
             print(json.dumps(row), flush=True)
             rows.append(row)
+    if rows:
+        finish("gpu", rows)
     return 1 if rows and table(rows) else 0
 
 

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parent.parent
 OUTCOMES = Path(__file__).parent / "outcomes"
 BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(<!-- end of table -->)", re.S)
 PAGES = ("README.md", "docs/evidence.md", "docs/choose.md", "docs/benchmarks.md")
-LONG = "taken over from the page {} of that commit; its results were not saved, and its runs take long"
+TAKEN = "taken over from the page {} of that commit"
 
 
 # of benchmarks.md
@@ -57,13 +57,8 @@ def accuracy(row):
     asked = f"{row['body']}: to 1e-6, {size} coordinates ({number(row['error'])}); peer: "
     yield line(asked + "its points and orders on PARDISO", row["dofs"], ours, row["PARDISO copy (s)"],
                row["copy's error"])  # fmt: skip
-    if "chain alone's error" in row:
-        yield line(asked + "its first point on PARDISO, not verified", row["dofs"], ours, row["chain alone (s)"],
-                   row["chain alone's error"])  # fmt: skip
-    for factor in ("1.5", "2"):
-        count = row[f"modes to {factor} times the band"]
-        yield line(asked + f"{count} modes to {factor} times the band", row["dofs"], ours, row[f"{factor}: (s)"],
-                   row[f"{factor}: error"])  # fmt: skip
+    count = row["modes to 1.5 times the band"]
+    yield line(asked + f"{count} modes to 1.5 times the band", row["dofs"], ours, row["1.5: (s)"], row["1.5: error"])
     hand = next(key for key in row if key.startswith("by hand"))
     yield line(asked + hand.replace("by hand", "one point by hand").removesuffix(" (s)"), row["dofs"], ours, row[hand],
                row["hand's error"])  # fmt: skip
@@ -142,6 +137,8 @@ def shown(value):
     """A number in two digits, a text as it is."""
     if not isinstance(value, float):
         return f"{value:,}" if isinstance(value, int) else "" if value is None else str(value)
+    if value >= 100:
+        return f"{value:,.0f}"
     text = f"{value:.2g}" if value >= 0.01 else f"{value:.1e}"
     return re.sub(r"(?:\.0)?e([+-])0", lambda found: f"e{found[1]}", text)
 
@@ -171,18 +168,19 @@ def columns(*names):
 
 
 def cells_of_directions(rows):
-    keys = ("asked", "size", "estimated", "true", "drive point", "static", "paper", "its drive point", "Craig-Bampton",
-            "best")  # fmt: skip
+    keys = ("asked", "size", "estimated", "true", "static", "paper", "its drive point", "Craig-Bampton", "best")
     rows = [row for row in rows if row["solver"] == "direct"]
     return [[case_of("directions", row), shown(row["dofs"]), *(shown(row[key]) for key in keys)] for row in rows]
 
 
 def cells_of_cost(rows):
-    keys = ("asked", "groups", "factorisations", "columns", "size", "estimated / true")
+    keys = ("groups", "factorisations", "columns", "size", "estimated / true")
+    rows = [row for row in rows if row["asked"] == 1e-4]
     return [[case_of("adaptive", row), *(shown(row[key]) for key in keys)] for row in rows]
 
 
 def cells_of_boundary(rows):
+    rows = [row for row in rows if not {row["big eye"], row["small eye"]} & {"1", "100", 1, 100}]
     return [[shown(value) for key, value in row.items() if key != "size"] for row in rows]
 
 
@@ -203,10 +201,8 @@ def cells_of_same_size(rows):
 
 
 def cells_of_rivals(rows):
-    """Sizes for both errors, seconds and the error at the size of hpcred; of a model in the table of published ones,
-    the seconds and the error of hpcred are there."""
+    """Sizes for both errors, and the error at the size of hpcred; that of hpcred is in other tables."""
     models, methods = (list(dict.fromkeys(row[key] for row in rows)) for key in ("model", "method"))
-    known = {row["model"] for _, row in results("published")}
     by = {(row["model"], row["method"], row["error"]): row for row in rows}
     made = []
     for method in methods:
@@ -216,11 +212,8 @@ def cells_of_rivals(rows):
             if loose is None:
                 cells.append("-")
                 continue
-            more = [close["seconds"], close["error at the size of hpcred"]]
-            if method == TO_A_TOLERANCE and case_of("rivals", loose) in known:
-                more = []
-            units = [f"{shown(value)}{unit}" for value, unit in zip(more, (" s", ""), strict=False) if value != "-"]
-            cells.append(", ".join([f"{loose['size']} / {close['size']}", *units]))
+            error = "-" if method == TO_A_TOLERANCE else close["error at the size of hpcred"]
+            cells.append(f"{loose['size']} / {close['size']}" + (f", {shown(error)}" if error != "-" else ""))
         made.append(cells)
     ratios = [[by[model, TO_A_TOLERANCE, eps]["hpcred / best"] for eps in (1e-2, 1e-4)] for model in models]
     return [*made, ["hpcred / best", *(" / ".join(f"{ratio:.2f}" for ratio in pair) for pair in ratios)]]
@@ -238,19 +231,38 @@ def cells_of_bounds(rows):
             for row in sorted(rows, key=lambda row: (-row["tolerance"], row["asked of 0 Hz"] == "exact"))]  # fmt: skip
 
 
+def cells_of_scaling(rows):
+    """A row a layout, with the seconds of PARDISO on as many threads as it has ranks of one thread."""
+    peers = {(row["dofs"], row["threads"]): row["seconds"] for row in rows if row["case"].endswith("PARDISO")}
+    made = []
+    for row in rows:
+        if not row["case"].endswith("PARDISO"):
+            ranks = f"{row['ranks']}" + f" of {row['threads']} threads" * (row["threads"] > 1)
+            peer = peers.get((row["dofs"], row["ranks"])) if row["threads"] == 1 else None
+            values = (row["seconds"], row["factor"], row["GB"], peer)
+            made.append([shown(row["dofs"]), ranks, *("" if value is None else f"{value:.3g}" for value in values)])
+    return made
+
+
 EVIDENCE = {
-    "directions": (("body", "dofs", "asked", "size", "estimated", "true", "drive point", "static", "paper",
-                    "its drive point", "Craig-Bampton", "best"), cells_of_directions),
-    "adaptive": (("body", "asked", "groups", "factorisations", "columns", "size", "estimated / true"), cells_of_cost),
+    "directions": (("body", "dofs", "asked", "size", "estimated", "true", "static", "paper", "its drive point",
+                    "Craig-Bampton", "best"), cells_of_directions),
+    "adaptive": (("body", "groups", "factorisations", "columns", "size", "estimated / true"), cells_of_cost),
     "boundary": (None, cells_of_boundary),
     "published": (("model", "basis", "dofs", "inputs", "band (Hz)", "coordinates", "largest error", "processor s"),
                   cells_of_published),
     "bearings": (("tolerance", *SAME_SIZE), cells_of_same_size),
     "rivals": (head_of_rivals, cells_of_rivals),
-    "rivals_large": columns("method", "size for 0.01", "size for 0.0001", "seconds", "error with 29", "error with 34",
-                            "largest tried"),
+    "rivals_large": columns("method", "size for 0.01", "size for 0.0001", "seconds", "error with 29", "error with 34"),
     "mbsim_body": columns("quantity", "hpcred, consistent mass", "with the mass lumped to the diagonal"),
     "rotor": columns("what", "dofs", "coordinates", "factorisations", "estimated", "measured"),
+    "strong-scaling": (("dofs", "ranks", "seconds", "factor", "GB", "PARDISO (s)"), cells_of_scaling),
+    "million": columns("dofs", "asked", "coordinates", "columns solved for", "estimated", "measured",
+                       "processor seconds", "GB of all ranks"),
+    "gpu": columns("dofs", "tolerance", "package", "reduce (s)", "analysis (s)", "factors (s)", "solves (s)",
+                   "GB of the GPU"),
+    "shapes": columns("shape", "dofs", "iterations", "expected", "column (s)", "MUMPS: factor (s)", "MUMPS: column (s)",
+                      "levels (MB)", "MUMPS: MB"),
     "bounds": (("tolerance", "coordinates", "frequencies in the band", "deflection at 0 Hz",
                 "stress at 0 Hz, of the largest"), cells_of_bounds),
 }  # fmt: skip
@@ -262,16 +274,19 @@ def results(name):
         yield from ((path.stem, row) for row in json.loads(path.read_text())["rows"])
 
 
-def rows_of(name):
-    """Head and cells of a table of evidence, each row with its run."""
+def evidence(name):
+    """A table of evidence, with the run of each row, or below where all have one."""
     head, cells = EVIDENCE[name]
-    made, rows = [], list(results(name))
-    for run in dict.fromkeys(run for run, _ in rows):
-        of_run = [row for of, row in rows if of == run]
-        made += [[*row, f"[{run}](#runs)"] for row in cells(of_run)]
-    every = [row for _, row in rows]
-    head = head(every) if callable(head) else head or [key for key in every[0] if key != "size"]
-    return [*head, "run"], made
+    by_run = {}
+    for run, row in results(name):
+        by_run.setdefault(run, []).append(row)
+    every = [row for rows in by_run.values() for row in rows]
+    head = list(head(every) if callable(head) else head or [key for key in every[0] if key != "size"])
+    if len(by_run) == 1:
+        ((run, rows),) = by_run.items()
+        return f"{markdown(head, cells(rows))}\nRun: [{run}](#runs).\n"
+    rows = [[*row, f"[{run}](#runs)"] for run, rows in by_run.items() for row in cells(rows)]
+    return markdown([*head, "run"], rows)
 
 
 def runs():
@@ -280,8 +295,8 @@ def runs():
         for run in dict.fromkeys(run for run, _ in results(name)):
             found = json.loads((OUTCOMES / f"{run}.json").read_text())
             versions = ", ".join(f"{key} {value}" for key, value in found["versions"].items())
-            note = LONG.format(Path(found["recorded"]).stem) if "recorded" in found else ""
-            yield [run, found["machine"], found["date"], found["commit"], versions or "not recorded", note]
+            note = TAKEN.format(Path(found["recorded"]).stem) if "recorded" in found else ""
+            yield [run, found["machine"], found["date"], found["commit"], "; ".join(filter(None, (versions, note)))]
 
 
 def claims():
@@ -304,12 +319,8 @@ def claims():
             for key, quantity in keys.items():
                 if key in row:
                     yield (body, asked, TO_A_TOLERANCE, quantity), shown(row[key]), run
-    known = {row["model"] for _, row in results("published")}
     for run, row in results("rivals"):
-        key = case_of("rivals", row), row["error"], row["method"]
-        yield (*key, "size"), str(row["size"]), run
-        if row["method"] != TO_A_TOLERANCE or key[0] not in known:
-            yield from (((*key, of), shown(row[of]), run) for of in ("seconds",) if row[of] != "-")
+        yield (case_of("rivals", row), row["error"], row["method"], "size"), str(row["size"]), run
 
 
 def markdown(head, rows):
@@ -317,26 +328,33 @@ def markdown(head, rows):
 
 
 def compared(makers, head):
-    """A table of benchmarks.md, empty without results, and the machines that it was measured on."""
-    rows, machines = [], []
+    """A table of benchmarks.md, empty without results, and where, when and from which commit it was measured."""
+    rows, measured = [], []
     for name, make in makers.items():
         path = OUTCOMES / f"{name}.json"
         if path.exists():
             found = json.loads(path.read_text())
-            machines.append(found["machine"])
+            measured.append(origin(found))
             rows += make(found["rows"])
-    return (markdown(head, rows) if rows else ""), machines
+    return (markdown(head, rows) if rows else ""), measured
+
+
+def origin(found):
+    return f"{found['machine']}, {found['date']}, commit {found['commit']}"
 
 
 def table(name):
     """The text of a table, or "" without results."""
     if name == "runs":
-        return markdown(("run", "machine", "date", "commit", "versions", ""), runs())
+        return markdown(("run", "machine", "date", "commit", "versions"), runs())
     if name in EVIDENCE:
-        head, rows = rows_of(name) if any(results(name)) else ((), [])
-        return markdown(head, rows) if rows else ""
-    text, machines = compared(*{"compared": (COMPARED, HEAD), "more": (MORE, ("more", "value"))}[name])
-    return f"{text}\nMeasured on: {'; '.join(dict.fromkeys(machines))}.\n" if text else ""
+        return evidence(name) if any(results(name)) else ""
+    makers, head = {"compared": (COMPARED, HEAD), "more": (MORE, ("more", "value"))}[name]
+    text, measured = compared(makers, head)
+    if not text:
+        found = json.loads((OUTCOMES / f"{name}.recorded.json").read_text())
+        text, measured = markdown(head, [[row[key] for key in head] for row in found["rows"]]), [origin(found)]
+    return f"{text}\nMeasured on: {'; '.join(dict.fromkeys(measured))}.\n"
 
 
 def written(page):

@@ -175,7 +175,13 @@ class Campbell:
         return damping_ratios(self.poles)
 
     def spread(self, count: int) -> np.ndarray:
-        """Return so many of the values, or fewer, about equally spaced."""
+        """Return so many of the values, or fewer, about equally spaced.
+
+        Parameters
+        ----------
+        count : int
+            At most so many.
+        """
         wanted = np.linspace(self.values[0], self.values[-1], count)
         return np.unique(self.values[np.abs(self.values[:, None] - wanted).argmin(axis=0)])
 

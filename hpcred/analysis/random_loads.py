@@ -1,9 +1,8 @@
 """Compute responses of a reduced model to random and harmonic loads.
 
 With the one-sided densities G (p, p) of the inputs, G_jk = E[conj(U_j) U_k], that of an output y = h u is
-conj(h) G h^T. Its integral over the band follows the resonances: the panels of the adaptive Gauss-Kronrod rule begin
-around the poles of the small model, and are bisected until the rule of order 7 agrees with that of order 15. Everything
-is small and local.
+conj(h) G h^T. Its integral over the band follows the resonances: the panels begin around the poles of the small
+model, and are bisected until Gauss' rule of 7 nodes agrees with that of 15. Everything is small and local.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike
 
 from ..model.outputs.rates import combined
@@ -23,6 +23,9 @@ SEMIDEFINITE = 1e-6  # of the coherence matrix: eigenvalues down to minus this a
 UNDAMPED = 1e-10  # damping ratio below which a resonance has no finite response
 EXACT, ROUNDS = 1e-8, 40  # relative error of mean squares, and bisections until it is reached
 TOGETHER = 2**20  # numbers of the states that are computed in one call
+NODES, WEIGHTS = (np.concatenate(parts, axis=-1) for parts in zip(*[  # of Gauss' rules of 15 and of 7 nodes
+    (nodes, np.outer(rule, weights)) for rule, (nodes, weights) in zip(np.eye(2), map(leggauss, (15, 7)), strict=True)],
+    strict=True))  # fmt: skip
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "zx")
 DEVIATOR = np.zeros((6, 6))  # von Mises: s^T s with s = DEVIATOR sigma
 DEVIATOR[:3, :3] = np.sqrt(1.5) * (np.eye(3) - 1 / 3)
@@ -153,8 +156,8 @@ def integral(function, ends: np.ndarray) -> np.ndarray:
     for _ in range(ROUNDS):
         middle, half = (left + right) / 2, (right - left) / 2
         values = function((middle[:, None] + half[:, None] * NODES).ravel()).reshape(len(middle), len(NODES), -1)
-        fine = half[:, None] * np.einsum("n,pnr->pr", KRONROD, values)
-        error = np.abs(fine - half[:, None] * np.einsum("n,pnr->pr", GAUSS, values))
+        fine, coarse = (half[:, None] * np.einsum("n,pnr->pr", rule, values) for rule in WEIGHTS)
+        error = np.abs(fine - coarse)
         total = done + fine.sum(axis=0)
         share = (error / np.maximum(total, 1e-300)).max(axis=1, initial=0.0)
         split = share > EXACT / (4 * len(ends))
@@ -247,18 +250,3 @@ def _interpolated(f, over, density):
     coherence[:, np.arange(len(own[0])), np.arange(len(own[0]))] = 1.0
     root = np.sqrt(found)
     return coherence * root[:, :, None] * root[:, None, :]
-
-
-# the Gauss-Kronrod rule of 7 and 15 nodes (QUADPACK, qk15)
-_HALF = np.array([0.991455371120812639206854697526329, 0.949107912342758524526189684047851,
-                  0.864864423359769072789712788640926, 0.741531185599394439863864773280788,
-                  0.586087235467691130294144691693013, 0.405845151377397166906606412076961,
-                  0.207784955007898467600689403773245, 0.0])  # fmt: skip
-_OF_KRONROD = np.array([0.022935322010529224963732008058970, 0.063092092629978553290700663189204,
-                        0.104790010322250183839876322541518, 0.140653259715525918745189590510238,
-                        0.169004726639267902826583426598550, 0.190350578064785409913256402421014,
-                        0.204432940075298892414161999234649, 0.209482141084727828012999174891714])  # fmt: skip
-_OF_GAUSS = np.array([0.0, 0.129484966168869693270611432679082, 0.0, 0.279705391489276667901467771423780, 0.0,
-                      0.381830050505118944950369775488975, 0.0, 0.417959183673469387755102040816327])  # fmt: skip
-NODES = np.concatenate([-_HALF, _HALF[-2::-1]])
-KRONROD, GAUSS = (np.concatenate([half, half[-2::-1]]) for half in (_OF_KRONROD, _OF_GAUSS))

@@ -16,6 +16,7 @@ from ..reduction.result.reduced_model import ReducedModel
 
 SAMPLES = 64  # a period of an oscillator, between which a peak is lost by 0.1 % at most
 MOST = 20_000_000  # samples of a history
+STATES = 100_000_000  # numbers of the states of a response over time
 
 
 class ShockSpectrum(NamedTuple):
@@ -156,7 +157,7 @@ def time_response(reduced: ReducedModel, times: ArrayLike, loads: ArrayLike) -> 
     Raises
     ------
     InputError
-        For structural damping, which has no meaning in time, and other shapes.
+        For structural damping, which has no meaning in time, other shapes, and more instants than fit in memory.
     """
     from scipy.linalg import expm  # which few runs need
 
@@ -164,6 +165,7 @@ def time_response(reduced: ReducedModel, times: ArrayLike, loads: ArrayLike) -> 
     steps = np.diff(t)
     if u.shape != (len(t), reduced.B.shape[1]) or len(t) < 2 or np.ptp(steps) > 1e-6 * abs(steps.mean()):
         raise InputError(f"times: found {t.shape} and loads {u.shape}, expected equal steps and (n, inputs)")
+    require_size(reduced, len(t), steps.mean())
     space = reduced.to_state_space()
     (n, p), step = space.B.shape, steps.mean()
     whole = np.zeros((n + 2 * p, n + 2 * p))  # of the states, the loads, and what these grow by in a step
@@ -174,3 +176,11 @@ def time_response(reduced: ReducedModel, times: ArrayLike, loads: ArrayLike) -> 
     for k in range(len(pushed)):
         states[k + 1] = A @ states[k] + pushed[k]
     return states @ space.C.T + u @ space.D.T
+
+
+def require_size(reduced: ReducedModel, count: float, step: float):
+    """Raise InputError for more instants in equal steps (s) than fit in memory, or than are followed in a minute."""
+    most = min(STATES // (2 * max(reduced.size, 1)), MOST)
+    if count > most:
+        raise InputError(f"times: {count:.3g} equal steps of {step:.3g} s are needed, expected at most {most}; leave "
+                         "out instants that follow each other more closely than others, or begin the band higher")  # fmt: skip

@@ -85,7 +85,13 @@ class Body:
         )  # fmt: skip
 
     def number(self, node) -> int:
-        """Return the number of a node that is given by number or name. Raises InputError for an unknown name."""
+        """Return the number of a node that is given by number or name. Raises InputError for an unknown name.
+
+        Parameters
+        ----------
+        node : int or str
+            Number or name.
+        """
         return number_of(self.nodes, node)
 
 

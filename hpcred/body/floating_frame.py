@@ -128,25 +128,55 @@ class FloatingFrame:
         return _quadratic(self.S).transpose(1, 0, 2)
 
     def first_moment(self, q) -> np.ndarray:
-        """Return mass times centre of mass (3,) in the body frame, at the elastic coordinates q (m,)."""
+        """Return mass times centre of mass (3,) in the body frame, at the elastic coordinates q (m,).
+
+        Parameters
+        ----------
+        q : ndarray, shape (m,)
+            Elastic coordinates.
+        """
         return self.mc + self.translations(q / 2).T @ q
 
     def translations(self, q) -> np.ndarray:
-        """Return the couplings Ct(q) (m, 3) with translation, the derivative of the first moment."""
+        """Return the couplings Ct(q) (m, 3) with translation, the derivative of the first moment.
+
+        Parameters
+        ----------
+        q : ndarray, shape (m,)
+            Elastic coordinates.
+        """
         return self.Ct + q @ self.Ct1
 
     def inertia(self, q) -> np.ndarray:
-        """Return J(q) (3, 3)."""
+        """Return J(q) (3, 3).
+
+        Parameters
+        ----------
+        q : ndarray, shape (m,)
+            Elastic coordinates.
+        """
         mean = (self.dJ + self.inertia_slopes(q)) / 2  # of the slopes at 0 and at q
         return self.J + (q @ mean.reshape(len(q), 9)).reshape(3, 3)
 
     def inertia_slopes(self, q) -> np.ndarray:
-        """Return dJ/dq_k (m, 3, 3) at q."""
+        """Return dJ/dq_k (m, 3, 3) at q.
+
+        Parameters
+        ----------
+        q : ndarray, shape (m,)
+            Elastic coordinates.
+        """
         m = len(q)
         return self.dJ + 2 * (q @ self.J2.reshape(m, 9 * m)).reshape(m, 3, 3)
 
     def mass_matrix(self, q) -> np.ndarray:
-        """Return the mass matrix M(q) (6 + m, 6 + m) of (13)."""
+        """Return the mass matrix M(q) (6 + m, 6 + m) of (13).
+
+        Parameters
+        ----------
+        q : ndarray, shape (m,)
+            Elastic coordinates.
+        """
         m = len(self.Ct)
         Ct, Cr = self.translations(q), self.Cr + q @ self.Cr1
         M = np.zeros((6 + m, 6 + m))

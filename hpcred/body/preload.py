@@ -93,7 +93,13 @@ class Preload(Settings):
         return ", ".join(f"{state} = {value:g}" for state, value in self.values.items())
 
     def acceleration_at(self, points: np.ndarray) -> np.ndarray:
-        """Return the accelerations (k, 3) of points (k, 3) of the undeformed body, from the origin of its frame."""
+        """Return the accelerations (k, 3) of points (k, 3) of the undeformed body, from the origin of its frame.
+
+        Parameters
+        ----------
+        points : ndarray, shape (k, 3)
+            m.
+        """
         turning = skew(np.array(self.angular_acceleration)) + skew(np.array(self.omega)) @ skew(np.array(self.omega))
         return self.acceleration + points @ turning.T
 

@@ -182,14 +182,15 @@ def response(
     if drive.table is not None:
         full = [*grid.changed(), *state.changed(), *files.changed(), *fresh.changed()]
         others = {"--tolerance": tolerance != 1e-6, "--polar": polar, "--groups": groups is not None}
+        others |= {f"--{key.replace('_', '-')}": value is not None for key, value in vars(solving).items()}
         full += [option for option, given in others.items() if given]
-        if surplus := [option for option in full if option not in ("--band", "--output", "--at")]:
+        if surplus := [option for option in full if option not in ("--band", "--output", "--figure", "--at")]:
             raise InputError(f"{surplus[0]}: belongs to a full model; leave it out with --{drive.table[0]}")
         report = hpcred.workflows.driven_response(
-            model, band=grid.band, output=files.output, at=state.at, progress=session.progress(), **drive.given
+            model, band=grid.band, at=state.at, progress=session.progress(), **files.given, **drive.given
         )
         show_table(model, report["rows"])
-        session.written(files.output)
+        session.written(files.output, files.figure)
         session.warn(report["warnings"])
         session.write_json(json, report)
         return 0

@@ -52,6 +52,9 @@ def export(
     ] = None,
     preload: Load = None,
     at: At = None,
+    base: Annotated[
+        str | None, typer.Option(help="Inputs of bases that move: displacement, velocity or acceleration.")
+    ] = None,
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
@@ -61,7 +64,7 @@ def export(
                          f"write by -o: hpcred export {result} {option} {more[0]}")  # fmt: skip
     report = hpcred.export(
         result, kind, output, nodes=nodes, units=units, modes=modes, options=options, preload=preload, at=at,
-        progress=session.progress(),
+        base=base, progress=session.progress(),
     )  # fmt: skip
     if "shapes" in report:
         print(f"{printable(report['output'])}: {', '.join(report['shapes'])}")

@@ -12,6 +12,7 @@ from ..parallel.failures import InputError
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz", "scalar", "own1", "own2", "own3", "own4", "own5", "own6")
 QUANTITIES = ("displacement", "velocity", "acceleration")  # of outputs, by the number of their derivatives
+ABSOLUTE = "absolute "  # before names of outputs on a base that moves, which else are relative to it
 SCALAR = 6  # a dof that rigid-body motions do not move: a modal coordinate, a scalar point
 SAME_PLACE = 1e-6  # times the largest coordinate
 OWN = 7  # and five more: directions 1..6 of a displacement system of the node's own, which are none of x .. rz
@@ -59,6 +60,13 @@ class Dofs:
                 raise InputError(f"dofs.{key}: found an array {part.shape} of {part.dtype}, expected {numbers} {shape}")
 
     def take(self, rows) -> "Dofs":
+        """Return those of some rows.
+
+        Parameters
+        ----------
+        rows : array_like
+            Local rows, from 0, or a mask.
+        """
         return Dofs(self.node[rows], self.direction[rows], self.position[rows])
 
 

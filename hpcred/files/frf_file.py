@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..fe.dofs import DIRECTIONS, QUANTITIES, named_quantity, node_of, target_of
-from ..model.units import unit_of_response
+from ..model.units import unit_of_input, unit_of_output
 from ..parallel.failures import InputError
 
 NEEDS = "universal files of responses need pyuff: pip install 'hpcred[measured]'"
@@ -62,15 +62,15 @@ def write_frf(path, responses, H, arrays: bool):
             if node_of(output) is None or node_of(given) is None:
                 continue
             quantity, place = named_quantity(output)
-            unit, _, load = unit_of_response(output, given).rpartition("/")
             (out, d), (into, e) = ((str(node), DIRECTIONS.index(d) + 1) for node, d in map(target_of, (place, given)))
             sets.append(pyuff.prepare_58(
                 binary=1, func_type=FRF, rsp_node=numbers[out], rsp_dir=d, ref_node=numbers[into], ref_dir=e,
                 rsp_ent_name=_entity(out), ref_ent_name=_entity(into), data=H[:, j, i], x=responses.frequencies,
                 id1=f"{output}/{given}"[:80], abscissa_spacing=0, abscissa_spec_data_type=FREQUENCY,
                 ordinate_spec_data_type=QUANTITY_NUMBERS[QUANTITIES.index(quantity)],
-                orddenom_spec_data_type=FORCE, abscissa_axis_units_lab="Hz", ordinate_axis_units_lab=unit,
-                orddenom_axis_units_lab=load.strip("()"),
+                orddenom_spec_data_type=FORCE, abscissa_axis_units_lab="Hz",
+                ordinate_axis_units_lab=unit_of_output(output),
+                orddenom_axis_units_lab=unit_of_input(given),
             ))  # fmt: skip
     if not any(item["type"] == 58 for item in sets):
         raise InputError("found no input and output at nodes, which a universal file has; take .npz")
@@ -96,8 +96,7 @@ def _tables(responses) -> dict[str, np.ndarray]:
             node, _, direction = place.rpartition(":")
             d = DIRECTIONS.index(direction) if direction in DIRECTIONS[:6] else None
             _, at = (responses.places or {}).get(node, (0, np.full(3, np.nan)))
-            output, _, load = unit_of_response("1:x" if force else name, name if force else "1:x").rpartition("/")
-            unit = load.strip("()") if force else output
+            unit = (unit_of_input if force else unit_of_output)(name)
             rows.append((name, "Force" if force else quantity.capitalize(), unit, at,
                          np.zeros(3) if d is None else np.eye(3)[d % 3]))  # fmt: skip
         tables |= {f"{prefix}_Name": np.array([row[0] for row in rows]),

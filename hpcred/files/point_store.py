@@ -73,7 +73,24 @@ class PointStore:
                     raise InputError(f"store {self.folder}: no folder that can be written ({reason}); choose another")
 
     def load(self, model, key, say, most: int | None = None):
-        """See Store. An entry that is damaged, of another version or of another key is ignored with a warning."""
+        """See Store. An entry that is damaged, of another version or of another key is ignored with a warning.
+
+        Parameters
+        ----------
+        model : SecondOrderModel
+            Of the rows.
+        key : dict
+            What the numbers depend on.
+        most : int, optional
+            At most so many blocks.
+        say : callable
+            Takes a sentence about an entry that is ignored.
+
+        Returns
+        -------
+        tuple or None
+            What is known of the entry, its blocks and its arrays; None where there is none.
+        """
         comm = model.comm
         key = comm.bcast(self._known(key) if comm.rank == 0 else None)
         if key is None:
@@ -112,7 +129,19 @@ class PointStore:
         return next((item for item in (key, older) if (self.folder / name_of(item)).is_file()), None)
 
     def save(self, model, key, entry, say) -> None:
-        """See Store. Of a disk that is full `say` gets a sentence, and nothing else happens."""
+        """See Store. Of a disk that is full `say` gets a sentence, and nothing else happens.
+
+        Parameters
+        ----------
+        model : SecondOrderModel
+            Of the rows.
+        key : dict
+            What the numbers depend on.
+        entry : Entry
+            The blocks and arrays.
+        say : callable
+            Takes a sentence where the disk is full.
+        """
         comm, blocks = model.comm, []
         # columns by the call that made them, on the rows of this rank
         if entry.block is not None:

@@ -36,15 +36,33 @@ class Law(ABC):
 
     @abstractmethod
     def coefficient(self, s: np.ndarray) -> np.ndarray:
-        """Return c(s) at s (...) in 1/s, complex; c(s*) = c(s)*."""
+        """Return c(s) at s (...) in 1/s, complex; c(s*) = c(s)*.
+
+        Parameters
+        ----------
+        s : complex or array_like
+            1/s.
+        """
 
     @abstractmethod
     def slope(self, s: np.ndarray) -> np.ndarray:
-        """Return the derivative of c at s (...), for Newton's method."""
+        """Return the derivative of c at s (...), for Newton's method.
+
+        Parameters
+        ----------
+        s : complex or array_like
+            1/s.
+        """
 
     @abstractmethod
     def in_units(self, time: float) -> Law:
-        """Return the law in another unit of time of so many seconds."""
+        """Return the law in another unit of time of so many seconds.
+
+        Parameters
+        ----------
+        time : float
+            s a unit.
+        """
 
     @property
     def elements(self) -> tuple[tuple[float, float], ...] | None:

@@ -205,12 +205,28 @@ class SecondOrderModel:
 
     @classmethod
     def assembled(cls, M, K, D=None, **known) -> SecondOrderModel:
-        """Return a model that takes over these fields, which must fit each other. Collective."""
+        """Return a model that takes over these fields, which must fit each other. Collective.
+
+        Parameters
+        ----------
+        M, K, D : Mat
+            PETSc matrices; D may be None.
+        **known
+            Further fields.
+        """
         return cls.of_operator(Operator.of(M, D, K), **known)
 
     @classmethod
     def of_operator(cls, operator: Operator, **known) -> SecondOrderModel:
-        """Return a model that takes over an operator and further fields, which must fit each other. Collective."""
+        """Return a model that takes over an operator and further fields, which must fit each other. Collective.
+
+        Parameters
+        ----------
+        operator : Operator
+            The terms of A(s).
+        **known
+            Further fields.
+        """
         model = object.__new__(cls)
         model._take({"operator": operator, **known})
         return model
@@ -286,7 +302,13 @@ class SecondOrderModel:
         return self.with_fields()
 
     def with_fields(self, **changed) -> SecondOrderModel:
-        """Return the model with other fields, and its own references to the other PETSc objects. Collective."""
+        """Return the model with other fields, and its own references to the other PETSc objects. Collective.
+
+        Parameters
+        ----------
+        **changed
+            Fields by name.
+        """
         kept = {key: copy(mat) for key in ("B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
         if "operator" not in changed:
@@ -383,21 +405,49 @@ class SecondOrderModel:
                 self._defects[key] = symmetry_defect(mat)
         return {key: self._defects[key] for key in self.matrices}
 
-    def take_symmetry(self, key: str, defect: float):
-        """Take over what is known of the symmetry defect of M, K or D."""
+    def take_symmetry(self, key: str, defect: float) -> None:
+        """Take over what is known of the symmetry defect of M, K or D.
+
+        Parameters
+        ----------
+        key : str
+            "M", "K" or "D".
+        defect : float
+            max |a_ij - a_ji| / |a_ij|.
+        """
         self._defects[key] = defect
 
     def is_symmetric(self, key: str) -> bool:
-        """Test whether M, K or D is symmetric, or not there. Collective."""
+        """Test whether M, K or D is symmetric, or not there. Collective.
+
+        Parameters
+        ----------
+        key : str
+            "M", "K" or "D".
+        """
         return self.counts_as_symmetric(key, self.symmetry_defects.get(key, 0.0))
 
     def counts_as_symmetric(self, key: str, defect: float) -> bool:
         """Test whether a symmetry defect of M, K or D, or of a term of it, is round-off: less is, of K and of what
-        damping makes of it, where K may be unsymmetric."""
+        damping makes of it, where K may be unsymmetric.
+
+        Parameters
+        ----------
+        key : str
+            "M", "K" or "D".
+        defect : float
+            max |a_ij - a_ji| / |a_ij|.
+        """
         return defect <= (DECLARED if self.circulatory and key != "M" else SYMMETRIC_TO)
 
     def may_be_unsymmetric(self, key: str) -> bool:
-        """Test whether an unsymmetric M, K or D is no error."""
+        """Test whether an unsymmetric M, K or D is no error.
+
+        Parameters
+        ----------
+        key : str
+            "M", "K" or "D".
+        """
         return key == "D" or (key == "K" and self.circulatory)
 
     @property
@@ -406,13 +456,25 @@ class SecondOrderModel:
         return declared_in(vars(self))
 
     def extreme_quotients(self, key: str) -> tuple[float, float]:
-        """Return the smallest and the largest x^T A x / x^T |D| x that is found for K or M. Collective."""
+        """Return the smallest and the largest x^T A x / x^T |D| x that is found for K or M. Collective.
+
+        Parameters
+        ----------
+        key : str
+            "K" or "M".
+        """
         if key not in self._signs:
             self._signs[key] = extreme_quotients(self.matrices[key], self.is_symmetric(key))
         return self._signs[key]
 
     def rows_alone_in(self, key: str) -> np.ndarray:
-        """Return the rows of this rank (local, from 0) with nothing beside the diagonal in a matrix; local."""
+        """Return the rows of this rank (local, from 0) with nothing beside the diagonal in a matrix; local.
+
+        Parameters
+        ----------
+        key : str
+            "M", "K" or "D".
+        """
         if key not in self._alone:
             indptr, indices, values = self.matrices[key].getValuesCSR()
             self._alone[key] = decoupled(indptr, indices, [values], self.first_row)
@@ -444,6 +506,11 @@ class SecondOrderModel:
 
         None if the model has no such part. The digest is the same on any number of ranks and in both builds of PETSc.
         Collective.
+
+        Parameters
+        ----------
+        key : str
+            Name of a matrix or field.
         """
         if key not in self._digests:
             self._digests[key] = digest_of(self, key)
@@ -755,13 +822,30 @@ class SecondOrderModel:
         """Return the model in coordinates p with q = T p, from the `operator` T^T A T and labels of the rows.
 
         It takes the matrices over. Collective.
+
+        Parameters
+        ----------
+        T : Mat
+            The columns of the new coordinates.
+        operator : Operator
+            Its terms in them.
+        dofs : Dofs
+            Labels of the new rows.
         """
         B, Ct, Gt = (None if mat is None else T.transposeMatMult(mat) for mat in (self.B, self.Ct, self.Gt))
         return self.with_rows(operator, B=B, Ct=Ct, dofs=dofs, Gt=Gt, interfaces=self.interfaces)
 
     def with_rows(self, operator, **rows) -> SecondOrderModel:
         """Return the model with other rows, of which these are the fields; names and outputs stay, and what is known of
-        the symmetry, which T^T A T has where A has it, whatever its round-off."""
+        the symmetry, which T^T A T has where A has it, whatever its round-off.
+
+        Parameters
+        ----------
+        operator : Operator
+            The terms in the other rows.
+        **rows
+            Fields of these rows.
+        """
         moved = self.of_operator(
             operator, **rows, input_names=self.input_names, own_output_names=self.own_output_names, name=self.name,
             rates=self.rates, circulatory=self.circulatory,

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..fe.dofs import DIRECTIONS, OWN, QUANTITIES, SCALAR, Dofs, named_quantity, target_of
+from ..fe.dofs import ABSOLUTE, DIRECTIONS, OWN, QUANTITIES, SCALAR, Dofs, named_quantity, target_of
 from ..linalg.blocks import dense_matrix
 from ..parallel.failures import InputError
+from .loads.kinds import LoadColumn
 from .outputs.cuts import cut_output_of
 from .outputs.rates import Rates
 from .outputs.stresses import stress_output_of
@@ -115,29 +117,40 @@ def rotational(direction: np.ndarray) -> np.ndarray:
     return ((direction >= 3) & (direction < SCALAR)) | (direction >= OWN + 3)
 
 
-def unit_of_response(output: str, given: str) -> str:
-    """Return the SI unit of a response, such as rad/N, from the names of its output and input.
+def unit_of_output(name: str) -> str:
+    """Return the SI unit of an output by its name, "" where it does not tell."""
+    if (cut := cut_output_of(name)) is not None:
+        return "N" if cut.component[0] == "f" else "N m"
+    if stress_output_of(name) is not None:
+        return "Pa"
+    quantity, place = named_quantity(name.removeprefix(ABSOLUTE))
+    turns = _turns(place)
+    return "" if turns is None else ("m", "rad")[turns] + ("", "/s", "/s^2")[QUANTITIES.index(quantity)]
 
-    It is "" if one of them is neither a translation nor a rotation.
-    """
-    quantity, output = named_quantity(output)
-    if quantity != QUANTITIES[0]:
-        unit, slash, load = unit_of_response(output, given).partition("/")
-        return slash and f"{unit}/s{'' if quantity == 'velocity' else '^2'}/{load}"
-    if (cut := cut_output_of(output)) is not None:
-        load = unit_of_response("1:x", given)
-        return load and f"{'N' if cut.component[0] == 'f' else '(N m)'}{load.removeprefix('m')}"
-    if stress_output_of(output) is not None:
-        load = unit_of_response("1:x", given)
-        return load and f"Pa{load.removeprefix('m')}"
-    found = []
-    for name in (output, given):
-        target = target_of(name)
-        direction = DIRECTIONS.index(target[1]) if isinstance(target, tuple) else SCALAR
-        found.append(None if direction == SCALAR else int(rotational(np.array(direction))))
-    if None in found:
-        return ""
-    return f"{('m', 'rad')[found[0]]}/{('N', '(N m)')[found[1]]}"
+
+def unit_of_input(name: str, loads: Iterable[LoadColumn] = ()) -> str:
+    """Return the SI unit of an input by its name, "" where there is none; `loads`: those of the model, among which are
+    the motions of bases."""
+    known = next((item for item in loads if item.name == name and item.kind != "given"), None)
+    turns = _turns(name)
+    if known is not None:
+        return ("m", "rad")[turns] + ("/s^2", "/s", "")[known.integrated] if known.is_motion else ""
+    return "" if turns is None else ("N", "N m")[turns]
+
+
+def _turns(name) -> int | None:
+    """Return whether a name such as 20:rz is that of a rotation; None of one that is no direction of a node."""
+    target = target_of(name)
+    direction = DIRECTIONS.index(target[1]) if isinstance(target, tuple) else SCALAR
+    return None if direction == SCALAR else int(rotational(np.array(direction)))
+
+
+def unit_of_response(output: str, given: str, loads: Iterable[LoadColumn] = ()) -> str:
+    """Return the SI unit of a response, such as rad/N, from the names of its output and input, see unit_of_input; ""
+    where one of them does not tell."""
+    unit, load = unit_of_output(output), unit_of_input(given, loads)
+    unit, load = (f"({item})" if set(item) & marks else item for item, marks in ((unit, {" "}), (load, {" ", "/"})))
+    return unit and load and f"{unit}/{load}"
 
 
 def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:

@@ -92,7 +92,17 @@ class Progress:
     @contextmanager
     def stage(self, name: str, detail: str = "", known: Callable[[], tuple[str, float | None]] | None = None):
         """Charge the time of the block to `name`; also a PETSc log stage, so that -log_view lists it. `known`: see
-        Stage; the thread calls it, so that it must not communicate."""
+        Stage; the thread calls it, so that it must not communicate.
+
+        Parameters
+        ----------
+        name : str
+            Of the stage.
+        detail : str
+            Of the line at its start.
+        known
+            See there.
+        """
         self._charge()
         if detail:
             self.say(f"{name}: {detail}")
@@ -147,8 +157,14 @@ class Progress:
         """Whether lines of this rank are read by anybody by now."""
         return self.comm.rank == 0 and (routed() or self.elapsed() >= self._after)
 
-    def expect(self, size: int):
-        """A model of so many dofs is worked on: of a large one everything is said from the start."""
+    def expect(self, size: int) -> None:
+        """A model of so many dofs is worked on: of a large one everything is said from the start.
+
+        Parameters
+        ----------
+        size : int
+            Dofs.
+        """
         if size >= LARGE and self._after == SHORT:
             self._after = 0.0
 
@@ -156,17 +172,36 @@ class Progress:
         """Whether a line is, after so many seconds without one."""
         return self.elapsed() - self._said >= patience
 
-    def say(self, text: str, *, minor: bool = False):
-        """One line of rank 0, with elapsed time and memory; `minor`: one of many in a stage."""
+    def say(self, text: str, *, minor: bool = False) -> None:
+        """One line of rank 0, with elapsed time and memory; `minor`: one of many in a stage.
+
+        Parameters
+        ----------
+        text : str
+            A sentence.
+        minor : bool
+            Whether it is one of many in a stage.
+        """
         if self.shown and not (minor and self._brief and not routed() and not self._is_due(SILENT)):
             self._said = self.elapsed()
             self._give(logging.INFO, text, f"[{self._said:8.1f} s {memory_mb():7.0f} MB] {text}")
 
-    def step(self, what: str, done: int, total: int | None = None, always: bool = False):
+    def step(self, what: str, done: int, total: int | None = None, always: bool = False) -> None:
         """So many of the steps `what` are done, of `total` where that is known: a bar, or a line with the time left.
 
         A line at most once a MINUTE; `always`: at every step, or once in SILENT seconds by default. The time left is
         that of as many steps of the same length.
+
+        Parameters
+        ----------
+        done : int
+            Steps so far.
+        what : str
+            Their name.
+        total : int, optional
+            Steps in all.
+        always : bool
+            Also in short runs.
         """
         now = self.elapsed()
         if done == 0 or what not in self._begun:
@@ -184,25 +219,49 @@ class Progress:
         if self._bars is not None:
             self._bars.close()
 
-    def tell(self, text: str):
-        """One line of rank 0, however short the run is, unless progress is off."""
+    def tell(self, text: str) -> None:
+        """One line of rank 0, however short the run is, unless progress is off.
+
+        Parameters
+        ----------
+        text : str
+            A sentence.
+        """
         self._give(logging.INFO, text, text)
 
-    def tell_later(self, text: str):
-        """The same once a stage has ended without an error, such as that which reads the input."""
+    def tell_later(self, text: str) -> None:
+        """The same once a stage has ended without an error, such as that which reads the input.
+
+        Parameters
+        ----------
+        text : str
+            A sentence.
+        """
         self._later.append(text)
 
     def _tell_later(self):
         while self._later:
             self.tell(self._later.pop(0))
 
-    def warn(self, text: str):
-        """Tell a warning while a run goes on; what is `warned` of needs no repetition at its end."""
+    def warn(self, text: str) -> None:
+        """Tell a warning while a run goes on; what is `warned` of needs no repetition at its end.
+
+        Parameters
+        ----------
+        text : str
+            A sentence.
+        """
         self._give(logging.WARNING, text, f"warning: {text}")
         self.warned.append(text)
 
     def found(self, result: Result) -> Result:
-        """Log the warnings of a result that are not logged yet, and return it; who shows it shows them."""
+        """Log the warnings of a result that are not logged yet, and return it; who shows it shows them.
+
+        Parameters
+        ----------
+        result : object
+            With warnings.
+        """
         self._tell_later()
         record = getattr(result, "record", result)
         warnings = record.get("warnings", ()) if isinstance(record, dict) else getattr(record, "warnings", ())
@@ -274,7 +333,7 @@ class Bars:
         else:
             self._display.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
-    def step(self, what, done, total):
+    def step(self, what, done, total) -> None:
         """Move the bar of `what`; a new one where it begins anew."""
         if self._display is None:
             self._start()

@@ -58,7 +58,13 @@ class Reader(ABC):
 
     @abstractmethod
     def begins(self, start: bytes) -> bool:
-        """Test whether a file is of the format, by its first 4096 bytes, unpacked; never by its suffix."""
+        """Test whether a file is of the format, by its first 4096 bytes, unpacked; never by its suffix.
+
+        Parameters
+        ----------
+        start : bytes
+            The first 4096, unpacked.
+        """
 
     def read_matrix(self, path, comm, *named) -> Entries | LabelledEntries:
         """Read a single matrix.
@@ -110,5 +116,11 @@ class Reader(ABC):
         raise NotImplementedError
 
     def contents(self, path) -> dict[str, str] | None:
-        """Return names and sizes of the matrices of a file without reading them, or None if that is not possible."""
+        """Return names and sizes of the matrices of a file without reading them, or None if that is not possible.
+
+        Parameters
+        ----------
+        path : str or path
+            Of the file.
+        """
         return None

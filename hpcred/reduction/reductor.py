@@ -14,4 +14,10 @@ class Reductor(ABC):
 
     @abstractmethod
     def reduce(self, model: SecondOrderModel) -> ReducedModel:
-        """Reduce a model. Collective. Raises InputError or ComputationError, the same on all ranks."""
+        """Reduce a model. Collective. Raises InputError or ComputationError, the same on all ranks.
+
+        Parameters
+        ----------
+        model : SecondOrderModel
+            With its inputs.
+        """

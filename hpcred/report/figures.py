@@ -182,15 +182,15 @@ def save_as(figure, path, kind, dpi=None):
         figure.savefig(path, dpi=dpi or DOTS, format=kind, metadata={"Date": None} if kind == "svg" else None)
 
 
-def draw_responses(figure, frequencies, curves, title, errors=None, tolerance=None):
+def draw_responses(figure, frequencies, curves, title, errors=None, tolerance=None, loads=()):
     """Draw magnitude and phase of responses over frequency on an empty figure, and below their estimated error.
 
     `curves`: (output, input, complex (F,)), of which the largest MOST are drawn. `errors`: frequencies (S,) and eps
-    (S,), or None where nothing is known.
+    (S,), or None where nothing is known. `loads`: see unit_of_response.
     """
     largest = sorted(range(len(curves)), key=lambda i: -np.abs(curves[i][2]).max())[:MOST]
     curves = [curves[i] for i in sorted(largest)]
-    units = [unit_of_response(*names) or UNKNOWN for *names, _ in curves]
+    units = [unit_of_response(*names, loads) or UNKNOWN for *names, _ in curves]
     rows = 2 if errors is None else 3
     panels = figure.subplots(rows, sharex=True, height_ratios=(3, 2, 1.5)[:rows])
     for place, ((output, given, values), unit) in enumerate(zip(curves, units, strict=True)):
@@ -214,11 +214,39 @@ def draw_responses(figure, frequencies, curves, title, errors=None, tolerance=No
     legend_beside(panels[0], title="output/input", title_fontsize=8)
 
 
-def response_figure(path, frequencies, curves, eps, tolerance, title, kind="png"):
+def response_figure(path, frequencies, curves, eps, tolerance, title, loads=(), kind="png"):
     """Write the figure of draw_responses as a file, with `eps` (F,). `kind`: png, svg or pdf."""
     figure = new_figure(figsize=(9.0, 8.0), layout="constrained")
-    draw_responses(figure, frequencies, curves, title, (frequencies, eps), tolerance)
+    draw_responses(figure, frequencies, curves, title, (frequencies, eps), tolerance, loads)
     save_as(figure, path, kind)
+
+
+def driven_figure(path, frequencies, curves, title, kind="png"):
+    """Write a figure of levels over frequency, a panel for each unit, and of their phases where they are complex.
+
+    `curves`: (label, unit, (F,)), of which the largest MOST of each unit are drawn. `kind`: png, svg or pdf.
+    """
+    by_unit: dict[str, list] = {}
+    for label, unit, values in sorted(curves, key=lambda curve: -np.abs(curve[2]).max()):
+        if len(by_unit.setdefault(unit, [])) < MOST:
+            by_unit[unit].append((label, values))
+    turned = any(np.iscomplexobj(values) for *_, values in curves)
+    rows = len(by_unit) + turned
+    figure = new_figure(figsize=(9.0, 1.2 + 2.8 * rows), layout="constrained")
+    panels = figure.subplots(rows, sharex=True, squeeze=False)[:, 0]
+    for axes, (unit, mine) in zip(panels, by_unit.items(), strict=False):
+        for place, (label, values) in enumerate(mine):
+            style = _style(place, label, len(frequencies)) | ({"marker": "o"} if len(frequencies) == 1 else {})
+            axes.semilogy(frequencies, np.where(values != 0, np.abs(values), np.nan), label=label, **style)
+            if turned:
+                panels[-1].plot(frequencies, np.angle(values, deg=True), **style)
+        axes.set_ylabel(unit)
+    if turned:
+        panels[-1].set(ylabel="phase (degrees)", ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
+    panels[0].set_title(title, fontsize=10)
+    if frequencies[0] > 0:
+        panels[-1].set_xscale("log")
+    _finish(figure, panels, frequencies, path, kind)
 
 
 def draw_response(size, phase, frequencies, values, label, **style):
@@ -230,19 +258,21 @@ def draw_response(size, phase, frequencies, values, label, **style):
     phase.set(ylabel="phase (degrees)", ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
 
 
-def pair_figure(path, curves, output, given, errors=(), kind="png"):
+def pair_figure(path, curves, output, given, errors=(), loads=(), kind="png"):
     """Magnitude and phase of the response of an output to an input, by name, by several models, and below the relative
     error where `errors` are given.
 
     `curves`: (label, frequencies (F,) in Hz, complex (F,)); `errors`: (label, frequencies, (F,)). Those whose label
-    ends in "full model", and errors that end in "measured", are dots where there are few. `kind`: png, svg or pdf.
+    ends in "full model", and errors that end in "measured", are dots where there are few. `loads`: see
+    unit_of_response. `kind`: png, svg or pdf.
     """
     rows = 3 if errors else 2
     figure = new_figure(figsize=(7.5, 2.2 + 1.9 * rows), layout="constrained")
     panels = figure.subplots(rows, sharex=True, height_ratios=(3, 2, 2)[:rows])
     for place, (label, frequencies, values) in enumerate(curves):
         draw_response(*panels[:2], frequencies, values, label=label, **_style(place, label, len(frequencies)))
-    panels[0].set(title=f"output {output}, input {given}", ylabel=f"|H| ({unit_of_response(output, given) or UNKNOWN})")
+    unit = unit_of_response(output, given, loads) or UNKNOWN
+    panels[0].set(title=f"output {output}, input {given}", ylabel=f"|H| ({unit})")
     if errors:
         _error_panel(panels[2], errors)
     _finish(figure, panels, curves[0][1], path, kind)
@@ -278,10 +308,10 @@ def _error_panel(axes, curves, tolerance=None, places=None):
     axes.set_ylabel("relative error")
 
 
-def _limits(frequencies):
+def _limits(frequencies, logarithmic=False):
     """Begin the axis at 0 Hz if the band begins close to it."""
     low, high = frequencies[0], frequencies[-1]
-    return (low if low > 0.05 * high else 0.0), high
+    return (low if logarithmic or low > 0.05 * high else 0.0), high
 
 
 def _finish(figure, panels, frequencies, path, kind):
@@ -291,7 +321,8 @@ def _finish(figure, panels, frequencies, path, kind):
         if axes.get_legend_handles_labels()[0]:
             legend_beside(axes)
     panels[-1].set_xlabel("frequency (Hz)")
-    panels[-1].set_xlim(*_limits(frequencies))
+    if len(frequencies) > 1:
+        panels[-1].set_xlim(*_limits(frequencies, panels[-1].get_xscale() == "log"))
     save_as(figure, path, kind)
 
 

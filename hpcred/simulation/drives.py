@@ -61,7 +61,7 @@ class Drive(Settings):
         self.direction  # noqa: B018  refused here if it has none
 
     def __call__(self, t: float) -> tuple[float, float]:
-        return self.at(t), self.slope(t)
+        return self.at(t), self.at(t, 1)
 
     @property
     def direction(self) -> np.ndarray:

@@ -10,6 +10,8 @@ from pydantic import Field
 
 from ..body.body import resultants_of
 from ..body.node_shapes import NodeShape
+from ..fe.dofs import QUANTITIES
+from ..model.loads.kinds import motions_of
 from ..parallel.declared import Settings, nearest
 from ..parallel.failures import InputError
 from ..parallel.ranges import Node, Vector
@@ -92,13 +94,16 @@ class InputLoad(Settings):
     ----------
     name : str
         Name of the input in the result.
+    quantity : {"acceleration", "velocity", "displacement"}
+        Of an input that is the motion of a base: what its values are, by default accelerations.
     """
 
     name: str
+    quantity: Literal["acceleration", "velocity", "displacement"] = field(default="acceleration", kw_only=True)
     where: ClassVar[str] = "load."
 
     def __call__(self, t: float) -> Any:
-        return self.at(t)
+        return self.at(t, 2 - QUANTITIES.index(self.quantity))
 
 
 @dataclass(frozen=True)
@@ -170,6 +175,10 @@ def push_of(item, body) -> Push:
     if item.name not in reduced.input_names:
         raise InputError(f"load.name: the result has no input '{item.name}'{nearest(item.name, reduced.input_names)}; "
                          f"it has {', '.join(reduced.input_names)}")  # fmt: skip
+    moves = motions_of(reduced.record.loads) if reduced.record is not None else ()
+    if item.quantity != QUANTITIES[-1] and item.name not in moves:
+        raise InputError(f"load.quantity: found {item.quantity} for '{item.name}', which is no motion of a base; leave "
+                         "it out")  # fmt: skip
     if reduced.resultants is None:
         raise InputError(
             f"load '{item.name}': the result does not have the sums of its inputs, since an earlier version made it or "

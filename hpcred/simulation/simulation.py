@@ -131,7 +131,13 @@ class Simulation:
         return sorted(numbers, key=lambda node: (isinstance(node, str), node))
 
     def numbered(self, body: Body) -> Simulation:
-        """Return the settings with numbers of nodes for their names. Raises InputError for an unknown name."""
+        """Return the settings with numbers of nodes for their names. Raises InputError for an unknown name.
+
+        Parameters
+        ----------
+        body : Body
+            With the names of its nodes.
+        """
         tables = {
             key: tuple(replace(item, node=body.number(item.node)) for item in getattr(self, key))
             for key in ("force", "moment", "constraint", "drive", "spring")

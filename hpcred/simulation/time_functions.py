@@ -1,5 +1,5 @@
 """Define numbers and vectors over time, `at(t)`, and the longest time step (s) that resolves them; of numbers also the
-rate, `slope(t)`, and how far they travel up to a time."""
+derivatives, `at(t, order)`, and how far they travel up to a time."""
 
 from __future__ import annotations
 
@@ -31,11 +31,8 @@ class Constant(Settings):
     value: Number
     kind: Literal["constant"] = _kind("constant")
 
-    def at(self, t: float) -> Any:
-        return np.asarray(self.value)[()]
-
-    def slope(self, t: float) -> Any:
-        return 0.0
+    def at(self, t: float, order: int = 0) -> Any:
+        return np.asarray(self.value)[()] * (order == 0)
 
     def longest_step(self, end: float = np.inf) -> float:
         return np.inf
@@ -64,17 +61,13 @@ class Ramp(Settings):
     duration: Annotated[Number, not_negative] = 0.0
     kind: Literal["ramp"] = _kind("ramp")
 
-    def at(self, t: float) -> Any:
+    def at(self, t: float, order: int = 0) -> Any:
         if t >= self.duration:
-            return self.rate * (t - self.duration / 2)
+            return self.rate if order else self.rate * (t - self.duration / 2)
         a, turn = max(t, 0.0) / self.duration, 2 * np.pi
+        if order:
+            return self.rate * (a - np.sin(turn * a) / turn)
         return self.rate * self.duration * (a * a / 2 + (np.cos(turn * a) - 1) / turn**2)
-
-    def slope(self, t: float) -> Any:
-        if t >= self.duration:
-            return self.rate
-        a, turn = max(t, 0.0) / self.duration, 2 * np.pi
-        return self.rate * (a - np.sin(turn * a) / turn)
 
     def longest_step(self, end: float = np.inf) -> float:
         return self.duration / 8 or np.inf
@@ -102,12 +95,9 @@ class Sine(Settings):
     phase: Annotated[float, Range(-1e6, 1e6, "rad")] = 0.0
     kind: Literal["sine"] = _kind("sine")
 
-    def at(self, t: float) -> Any:
-        return np.asarray(self.amplitude) * np.sin(2 * np.pi * self.frequency * t + self.phase)
-
-    def slope(self, t: float) -> Any:
+    def at(self, t: float, order: int = 0) -> Any:
         omega = 2 * np.pi * self.frequency
-        return np.asarray(self.amplitude) * omega * np.cos(omega * t + self.phase)
+        return np.asarray(self.amplitude) * omega**order * np.sin(omega * t + self.phase + order * np.pi / 2)
 
     def longest_step(self, end: float = np.inf) -> float:
         return 1 / (8 * self.frequency)
@@ -118,7 +108,8 @@ class Sine(Settings):
 
 @dataclass(frozen=True)
 class Table(Settings):
-    """A table, linear between the times, constant before the first and after the last.
+    """A table, linear between the times, constant before the first and after the last. Its derivatives are those of a
+    cubic spline, at rest before the first and after the last time.
 
     Parameters
     ----------
@@ -149,7 +140,15 @@ class Table(Settings):
     def _columns(self):
         return np.array(self.times), np.reshape(self.values, (len(self.times), -1)).T
 
-    def at(self, t: float) -> Any:
+    @cached_property
+    def _spline(self):
+        from scipy.interpolate import CubicSpline  # slow to import
+
+        return CubicSpline(self.times, self.values, bc_type="clamped")
+
+    def at(self, t: float, order: int = 0) -> Any:
+        if order:
+            return float(self._spline(t, order)) if self.times[0] < t < self.times[-1] else 0.0
         times, columns = self._columns
         return np.reshape([np.interp(t, times, column) for column in columns], np.shape(self.values[0]))[()]
 
@@ -178,17 +177,8 @@ class Spline(Table):
                 f"{self.where}times: found one time, expected two or more; one value is kind = 'constant'"
             )
 
-    @cached_property
-    def _spline(self):
-        from scipy.interpolate import CubicSpline  # slow to import
-
-        return CubicSpline(self.times, self.values, bc_type="clamped")
-
-    def at(self, t: float) -> Any:
-        return float(self._spline(np.clip(t, self.times[0], self.times[-1])))
-
-    def slope(self, t: float) -> Any:
-        return float(self._spline(t, 1)) if self.times[0] < t < self.times[-1] else 0.0
+    def at(self, t: float, order: int = 0) -> Any:
+        return super().at(t, order) if order else float(self._spline(np.clip(t, self.times[0], self.times[-1])))
 
     def travel(self, end: float) -> float:
         return float(np.abs(np.diff(self.values)).sum())

@@ -90,6 +90,11 @@ class Assembly:
         ------
         InputError
             At poles, and outside of the lines of measured bodies.
+
+        Parameters
+        ----------
+        frequencies : array_like, optional
+            Hz.
         """
         frequencies = self.lines if frequencies is None else checked_frequencies(frequencies)
         if self.reduced is not None:
@@ -100,7 +105,13 @@ class Assembly:
             raise InputError("frequencies: one is a pole of a body, such as 0 Hz; leave it out") from error
 
     def responses(self, frequencies=None) -> Responses:
-        """Return the same with the names of inputs and outputs, as files of responses have it."""
+        """Return the same with the names of inputs and outputs, as files of responses have it.
+
+        Parameters
+        ----------
+        frequencies : array_like, optional
+            Hz.
+        """
         frequencies = self.lines if frequencies is None else checked_frequencies(frequencies)
         names = {"input_names": self.machine.inputs.own, "output_names": self.machine.outputs.own}
         return Responses(frequencies=frequencies, response=self.frequency_response(frequencies), **names,

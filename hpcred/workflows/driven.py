@@ -1,4 +1,4 @@
-"""Compute the response of a result to random, harmonic and shock loads of a table, into a .csv."""
+"""Compute the response of a result to random, harmonic and shock loads of a table, into a .csv and a figure."""
 
 from __future__ import annotations
 
@@ -8,30 +8,33 @@ import numpy as np
 
 from ..analysis.frequency_response import resonances_of
 from ..analysis.random_loads import harmonic_response, random_response
-from ..analysis.shock import damping_ratio, shock_spectrum, time_response
-from ..files.drive_table import quantity_of_input, read_drive_table, unit_of_density
+from ..analysis.shock import damping_ratio, require_size, shock_spectrum, time_response
 from ..files.hdf5 import atomic_output
 from ..files.outputs import CSV_OF_RESPONSES, check_outputs
 from ..files.result_file import result_at
-from ..model.outputs.cuts import cut_output_of
-from ..model.outputs.stresses import stress_output_of
+from ..files.together import together
+from ..model.units import unit_of_output
 from ..parallel.declared import flattened
 from ..parallel.failures import InputError, agreed
 from ..parallel.ranges import require_band
+from ..readers.drive_table import read_drive_table, unit_of_density, units_of_inputs
+from ..report.figures import driven_figure, kind_of_figure
 from .keywords import At, Drive, Name, Numbers
+from .pair_figures import check_figure
 from .workflow import workflow
 
 AT_REST = 1e-2  # of an amplitude that has died away
 FAR_BELOW = 1e-2  # of the lowest oscillator: resonances below are as rigid-body motions to it
-MOST = 100_000_000  # numbers of the states of a response over time
 SPECTRUM = np.geomspace(10.0, 2000.0, 93)  # Hz, twelve an octave
+TITLES = {"psd": "one-sided densities", "harmonic": "harmonic response", "srs": "shock response spectra, maximax"}
 
 
 @workflow
 @flattened
 def driven_response(
-    result, *, drive: Drive, band: Numbers = None, output: Name = None, at: At = None, comm=None, progress=None
-) -> dict:
+    result, *, drive: Drive, band: Numbers = None, output: Name = None, figure: Name = None, at: At = None, comm=None,
+    progress=None,
+) -> dict:  # fmt: skip
     """Return the response of a result to what drives it: see docs/driven.md. Collective.
 
     Parameters
@@ -48,6 +51,8 @@ def driven_response(
         Hz, of random loads, by default that of the table, or of shock spectra, by default 10 to 2000.
     output : str or PathLike, optional
         A .csv.
+    figure : str or PathLike, optional
+        A .png, .svg or .pdf.
     at : dict of float, optional
         Values of the parameters by name.
 
@@ -61,6 +66,7 @@ def driven_response(
     InputError
         For tables that do not fit the result.
     """
+    # what does not go together, and what cannot be written, is refused before anything is computed
     if drive.table is None:
         raise InputError("response: found none of psd, harmonic and srs, expected one of them")
     kind, table = drive.table
@@ -73,54 +79,72 @@ def driven_response(
         if not str(output).endswith(".csv"):
             raise InputError(f"output {output}: expected a name that ends in .csv")
         check_outputs({output: CSV_OF_RESPONSES}, comm, [result, table], progress=progress)
+    check_figure(figure, comm, [result, table], progress)
+    # curves (name, unit, values (F,)) over frequencies (F,), and a row for each
     taken = result_at(result, at, comm)
-    reduced = taken.reduced
     with agreed(comm):
-        loads = read_drive_table(table, reduced, "time" if kind == "srs" else kind)
-        columns, rows = {}, []
+        loads = read_drive_table(table, taken.reduced, "time" if kind == "srs" else kind)
         if kind == "psd":
             modes = None if drive.stress is None else taken.stress_modes(drive.stress)
-            found = random_response(reduced, loads.over, loads.values, band=band, orders=loads.orders, stress=modes)
-            columns["f_hz"] = found.frequencies
-            for name, density, rms in zip(found.names, found.psd.T, found.rms, strict=True):
-                unit = unit_of_output(name)
-                columns[f"{name} [{unit_of_density(unit)}]"] = density
-                rows.append({"output": name, "RMS": rms, "unit": unit})
+            f, curves, rows = _random(taken.reduced, loads, band, modes)
         elif kind == "harmonic":
-            found = harmonic_response(reduced, loads.over, loads.values, orders=loads.orders)
-            columns["f_hz"] = loads.over
-            for name, values in zip(reduced.output_names, found.T, strict=True):
-                unit, most = unit_of_output(name), int(np.abs(values).argmax())
-                columns[f"{name} [{unit}]"], columns[f"{name} phase [deg]"] = np.abs(values), np.angle(values, deg=True)
-                rows.append({"output": name, "amplitude": abs(values[most]), "unit": unit, "f (Hz)": loads.over[most]})
+            f, curves, rows = _harmonic(taken.reduced, loads)
         else:
-            spectrum = SPECTRUM if band is None else np.geomspace(*band, len(SPECTRUM))
-            t = _instants(reduced, loads.over, spectrum, drive.q)
-            inputs = np.column_stack([np.interp(t, loads.over, column, right=0.0) for column in loads.values.T])
-            moved = [j for j in np.flatnonzero(inputs.any(axis=0))
-                     if quantity_of_input(reduced, reduced.input_names[j]) == "an acceleration"]  # fmt: skip
-            histories = {reduced.input_names[j]: inputs[:, j] for j in moved}
-            responses = zip(reduced.output_names, time_response(reduced, t, inputs).T, strict=True)
-            histories |= {name: y for name, y in responses if unit_of_output(name) == "m/s^2"}
-            columns["f_hz"] = spectrum
-            for name, history in histories.items():
-                columns[f"{name} SRS [m/s^2]"] = shock_spectrum(t, history, spectrum, q=drive.q).maximax
-                rows.append({"of": name, "largest (m/s^2)": np.abs(history).max(),
-                             "largest of SRS (m/s^2)": columns[f"{name} SRS [m/s^2]"].max()})  # fmt: skip
+            f, curves, rows = _shock(taken.reduced, loads, SPECTRUM if band is None else
+                                     np.geomspace(*band, len(SPECTRUM)), drive.q)  # fmt: skip
     warnings = []
-    accuracy = None if reduced.record is None else reduced.record.accuracy
+    accuracy = None if taken.reduced.record is None else taken.reduced.record.accuracy
     highest = loads.over[-1] if band is None else band[1]
     if kind != "srs" and accuracy is not None and highest > accuracy.band[1] * (1 + 1e-9):
         warnings.append(f"{table if band is None else 'the band'} reaches to {highest:g} Hz, and the accuracy of "
                         f"{result} is known to {accuracy.band[1]:g} Hz")  # fmt: skip
-    if output is not None:
-        with atomic_output(output, comm) as temporary, agreed(comm):
-            if comm.rank == 0:
-                with open(temporary, "w", newline="", encoding="utf-8") as file:
-                    writer = csv.writer(file, lineterminator="\n")
-                    writer.writerow(columns)
-                    writer.writerows(np.column_stack(list(columns.values())).tolist())
-    return {"result": str(result), "kind": kind, "rows": rows, "warnings": warnings, "output": output and str(output)}
+    with together(comm):
+        if output is not None:
+            with atomic_output(output, comm) as temporary, agreed(comm):
+                if comm.rank == 0:
+                    _write(temporary, f, curves)
+        if figure is not None:
+            with atomic_output(figure, comm) as temporary, agreed(comm):
+                if comm.rank == 0:
+                    driven_figure(temporary, f, curves, f"{result}: {TITLES[kind]}", kind_of_figure(figure))
+    return {"result": str(result), "kind": kind, "rows": rows, "warnings": warnings, "output": output and str(output),
+            "figure": figure and str(figure)}  # fmt: skip
+
+
+def _random(reduced, loads, band, modes):
+    found = random_response(reduced, loads.over, loads.values, band=band, orders=loads.orders, stress=modes)
+    units = [unit_of_output(name) or "1" for name in found.names]
+    rows = [{"output": name, "RMS": rms, "unit": unit}
+            for name, rms, unit in zip(found.names, found.rms, units, strict=True)]  # fmt: skip
+    curves = zip(found.names, map(unit_of_density, units), found.psd.T, strict=True)
+    return found.frequencies, list(curves), rows
+
+
+def _harmonic(reduced, loads):
+    found = harmonic_response(reduced, loads.over, loads.values, orders=loads.orders)
+    curves = [(name, unit_of_output(name) or "1", values)
+              for name, values in zip(reduced.output_names, found.T, strict=True)]  # fmt: skip
+    most = np.abs(found).argmax(axis=0)
+    rows = [{"output": name, "amplitude": abs(values[k]), "unit": unit, "f (Hz)": loads.over[k]}
+            for (name, unit, values), k in zip(curves, most, strict=True)]  # fmt: skip
+    return loads.over, curves, rows
+
+
+def _shock(reduced, loads, spectrum, q):
+    t = _instants(reduced, loads.over, spectrum, q)
+    inputs = loads.at(t)
+    # accelerations of bases that move, and outputs that are accelerations
+    histories = list(zip(reduced.input_names, units_of_inputs(reduced), inputs.T, strict=True))
+    histories = [item for item in histories if item[2].any()]
+    histories += [(name, unit_of_output(name), values)
+                  for name, values in zip(reduced.output_names, time_response(reduced, t, inputs).T, strict=True)]
+    curves, rows = [], []
+    for name, unit, values in histories:
+        if unit.endswith("/s^2"):
+            curves.append((f"{name} SRS", unit, shock_spectrum(t, values, spectrum, q=q).maximax))
+            rows.append({"of": name, "largest": np.abs(values).max(), "largest of SRS": curves[-1][2].max(),
+                         "unit": unit})  # fmt: skip
+    return spectrum, curves, rows
 
 
 def _instants(reduced, over, spectrum, q) -> np.ndarray:
@@ -134,21 +158,18 @@ def _instants(reduced, over, spectrum, q) -> np.ndarray:
         after = np.log(1 / AT_REST) / decay + 1 / at.min()
     step = min(np.diff(over).min(), 1 / (32 * spectrum[-1]))
     count = np.ceil((over[-1] - over[0] + after) / step) + 2
-    if 2 * reduced.size * count > MOST:
-        raise InputError(f"t [s]: {count:.3g} equal steps of {step:.3g} s are needed, expected at most "
-                         f"{MOST // (2 * reduced.size)}; leave out instants that follow each other more closely than "
-                         "others, or begin the band higher")  # fmt: skip
+    require_size(reduced, count, step)
     return over[0] + step * np.arange(int(count))
 
 
-def unit_of_output(name: str) -> str:
-    """Return the SI unit of an output by its name, 1 where it is not known."""
-    if (cut := cut_output_of(name)) is not None:
-        return "N" if cut.component[0] == "f" else "N m"
-    node, _, last = name.rpartition(":")
-    if stress_output_of(name) is not None or last in ("xx", "yy", "zz", "xy", "yz", "zx", "mises"):
-        return "Pa"
-    if last not in ("x", "y", "z", "rx", "ry", "rz") or not node:
-        return "1"
-    rate = "/s^2" if "acceleration " in node else "/s" if "velocity " in node else ""
-    return ("rad" if last.startswith("r") else "m") + rate
+def _write(path, f, curves):
+    """Write a .csv with a column for each curve, and one of the phase where it is complex."""
+    columns = {"f_hz": f}
+    for name, unit, values in curves:
+        columns[f"{name} [{unit}]"] = np.abs(values)
+        if np.iscomplexobj(values):
+            columns[f"{name} phase [deg]"] = np.angle(values, deg=True)
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(np.column_stack(list(columns.values())).tolist())

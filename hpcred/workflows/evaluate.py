@@ -146,7 +146,7 @@ def evaluate_result(
             fine = frequencies_to_draw((grid[0], grid[-1]), resonances_of(reduced), grid)
             curves = [("reduced", fine, frequency_response(reduced, fine))]
             curves += [("full model", grid, arrays["full"])] if full is not None else []
-            report["figures"] = figures_of_pairs(figure, *names, curves, comm, shown)
+            report["figures"] = figures_of_pairs(figure, *names, curves, comm, shown, record.loads)
             report["responses"] = len(every)
     return report | {"warnings": told}
 

@@ -39,7 +39,7 @@ WITHOUT_NODES = {
 @workflow
 def export_result(
     result, kind=None, path=None, *, nodes=None, units: str = "SI", modes=None, options=None, preload=None, at=None,
-    comm=None, progress=None,
+    base: str | None = None, comm=None, progress=None,
 ) -> dict:  # fmt: skip
     """Write a result in another format, by rank 0. Collective.
 
@@ -67,6 +67,9 @@ def export_result(
     at : dict of float, optional
         Values of the parameters by name; without them formats that hold parameters keep them, and others have the
         reference values.
+    base : {"displacement", "velocity", "acceleration"}, optional
+        What the inputs of bases are, of formats of inputs and outputs: see ReducedModel.driven_by. By default
+        accelerations; a file with others keeps no parameters.
 
     Returns
     -------
@@ -90,6 +93,8 @@ def export_result(
         raise InputError(f"--modes: '{kind}' shows all shapes or none; leave it out")
     if nodes is not None and (not len(nodes) or len(set(nodes)) < len(nodes)):
         raise InputError(f"--nodes: found {list(nodes)}, expected at least one node, and each once")
+    if base is not None and writer.needs != "reduced":
+        raise InputError(f"--base: '{kind}' has no inputs for the motion of a base; leave it out")
     settings = _options_of(writer, options)
     system = units_of(units)
     if not writer.any_units and system != SI:
@@ -112,15 +117,16 @@ def export_result(
             if comm.rank == 0:
                 taken = read_result(result, MPI.COMM_SELF)
                 parametric = taken.reduced if hasattr(taken.reduced, "parameters") and not at else None
+                keeps = writer.keeps_parameters and preload is None and base is None
                 taken = taken.at(**at) if at else taken.at_reference()
                 far = preload is not None and warning_of_basis(taken.body(), preload)
                 taken = taken if preload is None else taken.at_preload(preload)
                 surface = writer.surface or getattr(settings, "surface", False)
                 source = ExportSource(taken, path.stem, nodes, system, modes, surface, writer.stress, settings,
-                                      parametric=parametric if preload is None else None)  # fmt: skip
+                                      parametric=parametric if keeps else None, base=base)  # fmt: skip
                 report = _write(writer, source, temporary)
                 found = report.get("remarks", [])
-                if parametric is not None and not (writer.keeps_parameters and preload is None):
+                if parametric is not None and not keeps:
                     found.append(f"at {in_words(parametric.reference)}, the reference values; --at takes others")
                 if writer.needs == "body" and _rotates(taken.reduced.record):
                     found.append("D and K have terms of rotation, whose forces programs that rotate the body add too")
@@ -149,7 +155,7 @@ def export_result(
 @spelled
 def export_reduced(
     reduced, path, format=None, *, nodes=None, units: str = "SI", modes=None, options=None, preload=None, at=None,
-    stress=None, geometric_stiffness=None, progress=None,
+    base=None, stress=None, geometric_stiffness=None, progress=None,
 ) -> dict:  # fmt: skip
     """Write a ReducedModel, with the model that it was made from, for another program. Collective.
 
@@ -158,7 +164,7 @@ def export_reduced(
     reduced : ReducedModel
         One that was read from a file is exported by `export_result`.
     path : str or PathLike
-    format, nodes, units, modes, options, preload, at : optional
+    format, nodes, units, modes, options, preload, at, base : optional
         See export_result.
     stress : StressModes, optional
         Of its basis (see stress_modes).
@@ -188,7 +194,7 @@ def export_reduced(
         try:
             return export_result(
                 result, format, path, nodes=nodes, units=units, modes=modes, options=options, preload=preload, at=at,
-                comm=reduced.model.comm, progress=progress,
+                base=base, comm=reduced.model.comm, progress=progress,
             )
         except InputError as error:  # names a file that the caller has never seen
             raise InputError(str(error).replace(str(result), reduced.model.name)) from error
@@ -283,6 +289,9 @@ def _write(writer, source, target) -> dict:
     if needs == "body" and source.units != SI:
         remarks.append(f"in {source.units.name}; frequencies in Hz")
     if needs == "reduced":
+        if lost := len(source.result.reduced.output_names) - len(source.reduced.output_names):
+            remarks.append(f"{lost} outputs are left out, which would need derivatives of the {source.base} of the "
+                           "base")  # fmt: skip
         named = {"inputs": list(source.reduced.input_names), "outputs": list(source.reduced.output_names)}
     else:
         found = source.body.nodes if needs == "body" else source.superelement.interfaces

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..analysis.frequency_response import response_and_drive
-from ..fe.dofs import target_of
+from ..fe.dofs import ABSOLUTE, target_of
 from ..files.checksums import content_of
 from ..files.model_file import read_model
 from ..linalg.solvers.settings import PACKAGES, Factoring, LinearSolver
 from ..model.damping import Damping, NoDamping
-from ..model.loads.base import ABSOLUTE, Base
+from ..model.loads.base import Base
+from ..model.loads.kinds import motions_of
 from ..model.operator import ADDED
 from ..model.outputs.cuts import cut_output_of
 from ..model.outputs.motions import motion_output_of
@@ -100,7 +101,7 @@ def _model_of_record(path, record, result, at, comm):
     model = read_model(path, comm)
     bases = adapter_of(tuple[Base, ...]).validate_python((record.job or {}).get("base", ()))
     moved = [name for item in bases for name in item.input_names]
-    if moved[-1:] == list(model.input_names[-1:]):
+    if set(moved) <= {*motions_of(model.loads)}:
         bases = ()  # they are in the file
     if not bases and model.size != record.size:  # before interfaces are looked for, which another model does not have
         with model:

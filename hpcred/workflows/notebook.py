@@ -85,7 +85,8 @@ def plot_response(
         title += f", {accuracy.measured}"
     curves = [(names[0][i], names[1][j], H[:, i, j]) for i, j in chosen]
     known = None if accuracy is None else (accuracy.frequencies, accuracy.eps)
-    draw_responses(figure, frequencies, curves, title, known, accuracy and accuracy.tolerance)
+    loads = reduced.record.loads if reduced.record is not None else ()
+    draw_responses(figure, frequencies, curves, title, known, accuracy and accuracy.tolerance, loads)
     return figure
 
 

@@ -28,12 +28,13 @@ def check_drawing(comm):
         new_figure()
 
 
-def figures_of_pairs(path, outputs, inputs, responses, comm, pairs) -> list[str]:
+def figures_of_pairs(path, outputs, inputs, responses, comm, pairs, loads=()) -> list[str]:
     """Draw the responses of `outputs` (r) to `inputs` (p), by name, of `pairs` of their places. Collective.
 
     `responses`: (label, frequencies (F,) in Hz, complex (F, r, p)), the reduced one first; where a second one is at
     some of its frequencies, the difference of the two relative to the second is drawn too. A single pair is
-    drawn as `path`, several under names with the pair in them. Returns the names of the files.
+    drawn as `path`, several under names with the pair in them. `loads`: see unit_of_response. Returns the names of the
+    files.
     """
     path, written, names = Path(path), [], FileNames()
     alone = len(pairs) == 1
@@ -43,8 +44,7 @@ def figures_of_pairs(path, outputs, inputs, responses, comm, pairs) -> list[str]
         with atomic_output(target, comm) as temporary, agreed(comm):
             if comm.rank == 0:
                 curves = [(label, f, values[:, i, j]) for label, f, values in responses]
-                pair_figure(temporary, curves, outputs[i], inputs[j], _errors(*curves),
-                            kind=kind_of_figure(target))  # fmt: skip
+                pair_figure(temporary, curves, outputs[i], inputs[j], _errors(*curves), loads, kind_of_figure(target))
         written.append(str(target))
     return written
 

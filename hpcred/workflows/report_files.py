@@ -29,10 +29,11 @@ def draw_files(folder, kind, sheets, chosen) -> list[str]:
 
     # one figure for each pair of output and input, with all results
     names = list(dict.fromkeys(name for pairs in chosen for name, _, _ in pairs))
+    loads = [item for sheet in sheets for item in sheet.record.loads]
     for name in names:
         curves = _curves_of(name, sheets, chosen)
         into(f"response_{name.replace('/', '-')}", lambda path, c=curves, n=name: pair_figure(
-            path, c, *n.split("/", 1), kind=kind))  # fmt: skip
+            path, c, *n.split("/", 1), loads=loads, kind=kind))  # fmt: skip
     # the errors of all results, with the tolerance where it is the same
     errors = _errors_of(sheets)
     if errors:

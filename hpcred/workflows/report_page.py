@@ -63,7 +63,8 @@ def _drawn(sheet, pairs):
         "name": sheet.name,
         "frequencies": packed(sheet.frequencies),
         "pairs": [
-            {"name": name, "unit": _unit(name), "re": packed(H[:, i, j].real), "im": packed(H[:, i, j].imag)}
+            {"name": name, "unit": unit_of_response(*name.split("/", 1), sheet.record.loads) or UNKNOWN,
+             "re": packed(H[:, i, j].real), "im": packed(H[:, i, j].imag)}
             | ({} if F is None else {"full_re": packed(F[:, i, j].real), "full_im": packed(F[:, i, j].imag)})
             for name, i, j in pairs
         ],
@@ -89,10 +90,6 @@ def _drawn(sheet, pairs):
             "modes": packed(full.modes),
         }  # fmt: skip
     return drawn
-
-
-def _unit(pair):
-    return unit_of_response(*pair.split("/", 1)) or UNKNOWN
 
 
 def _finite(value):

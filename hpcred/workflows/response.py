@@ -103,10 +103,10 @@ def response_file(
         warnings = list(found.warnings)
         if loaded.D is not None and isinstance(state.damping, NoDamping):
             warnings.append(f"the damping matrix of {loaded.name} is not used; --damping given takes it")
-        size, moves = loaded.size, motions_of(getattr(loaded, "loads", ()))
+        size, loads = loaded.size, getattr(loaded, "loads", ())
     report = _report(found, size) | {
         "model": str(model), "warnings": warnings, "output": output and str(output),
-    } | ({"moves": moves} if moves else {})  # fmt: skip
+    } | ({"moves": moves} if (moves := motions_of(loads)) else {})  # fmt: skip
     with progress.stage("write"), together(comm):
         if output is not None:
             _write(output, found, report, comm, polar)
@@ -117,8 +117,8 @@ def response_file(
                 if comm.rank == 0:
                     effort = counted(report["factorisations"], "factorisation")
                     title = f"{report['model']}: {counted(len(chosen), 'frequency', 'frequencies')}, {effort}"
-                    response_figure(temporary, drawn, curves, eps, found.accuracy.tolerance, title,
-                                    kind=kind_of_figure(figure))  # fmt: skip
+                    response_figure(temporary, drawn, curves, eps, found.accuracy.tolerance, title, loads,
+                                    kind_of_figure(figure))  # fmt: skip
             report["figure"] = str(figure)
             if len(curves) > MOST:
                 report["warnings"].append(f"the figure shows the {MOST} largest of {len(curves)} pairs")

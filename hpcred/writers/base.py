@@ -46,6 +46,8 @@ class ExportSource:
         Contents (str or bytes) of further files to write, by what follows `stem` in their names.
     parametric : ParametricReducedModel or None
         The reduced model with its parameters; None where it has none or values were chosen.
+    base : str or None
+        What the inputs of bases are, see ReducedModel.driven_by; None for accelerations.
     """
 
     result: Result
@@ -58,6 +60,7 @@ class ExportSource:
     options: Any = None
     beside: dict[str, str | bytes] = field(default_factory=dict)
     parametric: ParametricReducedModel | None = None
+    base: str | None = None
 
     @property
     def name(self) -> str:
@@ -66,7 +69,11 @@ class ExportSource:
     @property
     def reduced(self) -> ReducedModel:
         """The reduced model, for programs that know inputs and outputs and no nodes."""
-        return self.result.reduced
+        return self.driven(self.result.reduced)
+
+    def driven(self, reduced: ReducedModel) -> ReducedModel:
+        """Return a model with the inputs that were asked for. Raises InputError."""
+        return reduced if self.base is None else reduced.driven_by(self.base)
 
     @cached_property
     def body(self) -> Body:
@@ -142,16 +149,34 @@ class Writer(ABC):
 
         Return remarks on what the file does not hold, or, of a writer of shapes, the names of those that it wrote.
         Raise InputError for a result that the format cannot hold.
+
+        Parameters
+        ----------
+        target : path
+            Of the file to write.
+        source : ExportSource
+            The parts of the result that `needs` names.
         """
 
     def begins(self, start: bytes) -> bool:
-        """Return whether a file that starts so (4096 bytes) is of this format, and may be replaced by a new one."""
+        """Return whether a file that starts so (4096 bytes) is of this format, and may be replaced by a new one.
+
+        Parameters
+        ----------
+        start : bytes
+            The first 4096.
+        """
         return bool(self.kind) and kind_of_start(start) == self.kind
 
     def describe(self, path) -> dict:
         """Return what `hpcred info` says of a file that begins so, besides its name; called on one rank.
 
         One of our own returns nothing of a file that its format shares with others, such as a .mat.
+
+        Parameters
+        ----------
+        path : path
+            Of the file.
         """
         return {}
 

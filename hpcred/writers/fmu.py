@@ -333,8 +333,8 @@ def _kind(name, reduced):
     """What a name such as 20:z or bearing:rx is a direction of; a load is none."""
     loads = {} if reduced.record is None else {item.name: item for item in reduced.record.loads if item.kind != "given"}
     if name in loads:
-        units = (ROTATION if name.rpartition(":")[2].startswith("r") else TRANSLATION)[3:]
-        return (*units, *LOAD[1:]) if loads[name].is_motion else LOAD
+        words = ROTATION if name.rpartition(":")[2].startswith("r") else TRANSLATION
+        return (words[3 - loads[name].integrated], *LOAD[1:]) if loads[name].is_motion else LOAD
     if cut := cut_output_of(name):
         return SECTION[cut.component[0]]
     target = target_of(name)
@@ -395,9 +395,10 @@ class Fmu(Writer):
     suffix, needs, kind, options, keeps_parameters = ".fmu", "reduced", ZIP, FmuOptions, True
 
     def write(self, target, source):
-        reduced, wanted = source.reduced, source.options.stress
+        reduced, wanted = source.result.reduced, source.options.stress
         if wanted not in ("", ()):
             reduced = with_stresses(reduced, source.result, wanted)
+        reduced = source.driven(reduced)
         return write_fmu(target, reduced, source.options.name or source.name, source.parametric)
 
     def describe(self, path):

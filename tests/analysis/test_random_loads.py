@@ -159,3 +159,10 @@ def test_shock_refused(arguments, message):
         shock_spectrum(*arguments)
     with pytest.raises(hpcred.InputError, match="beside a damping ratio"):
         shock_spectrum([0.0, 1.0], [0.0, 1.0], [3.0], q=10.0, damping=0.1)
+
+
+def test_time_response_of_too_many_instants():
+    """Nothing is begun that would take for ever."""
+    many = np.broadcast_to(0.0, (20_000_000, 2))
+    with pytest.raises(hpcred.InputError, match="equal steps of 1 s are needed, expected at most 10000000"):
+        time_response(chain(), np.arange(len(many), dtype=np.float32), many)

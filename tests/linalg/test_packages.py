@@ -191,6 +191,7 @@ def test_a_failure_that_is_not_a_pivot(monkeypatch):
         solver.close()
 
 
+# --8<-- [start:package]
 class Dense(Factorisation):
     """A solver of a program of its own: NumPy's, on one rank."""
 
@@ -209,6 +210,7 @@ class Dense(Factorisation):
 
     def release(self):
         self._inverse = None
+# --8<-- [end:package]
 
 
 @pytest.mark.parametrize("counts", [True, False])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 from helpers import bar, columns_of, dense_model, few_on_ranks, refused
 
 import hpcred
@@ -248,6 +249,19 @@ def test_job(comm, tmp_path, monkeypatch, capsys):
     assert run(["reduce", "job.toml"]) == 0
     report = hpcred.evaluate("result.h5", "model.h5", frequencies=[3.0, 50.0], output="responses.h5")
     assert max(report["eps"]) < 1e-2
+    # the file may have the base already, or another one beside which the job names its own
+    with hpcred.read_model("model.h5") as bare, bare.with_outputs([(9, "z")]) as sensed:
+        with sensed.with_bases([Base(on=(1,), directions=("z",), absolute=((9, "z"),))]) as shaken:
+            hpcred.write_model("shaken.h5", shaken)
+        with sensed.with_bases([Base(name="foot", on=(1,), directions=("x", "z"))]) as shaken:
+            hpcred.write_model("foot.h5", shaken)
+    again = hpcred.evaluate("result.h5", "shaken.h5", frequencies=[3.0, 50.0])
+    np.testing.assert_allclose(again["eps"], report["eps"])
+    (tmp_path / "two.toml").write_text(job.replace("model.h5", "foot.h5").replace("result.h5", "two.h5").replace(
+        "on = [1]", "on = [9]").replace("[[9, \"z\"]]", "[[5, \"z\"]]"))
+    assert run(["reduce", "two.toml"]) == 0
+    assert hpcred.read_result("two.h5").reduced.input_names == ("foot:x", "foot:z", "base:z")
+    assert max(hpcred.evaluate("two.h5", "foot.h5", frequencies=[3.0, 50.0])["eps"]) < 0.2
     # an acceleration is no force at a node called base
     with pytest.raises(hpcred.InputError, match="found no input but base:z, accelerations of bases"):
         read_frf("responses.h5")
@@ -261,3 +275,161 @@ def test_job(comm, tmp_path, monkeypatch, capsys):
     assert "moves relative to a base of its own" in refused(capsys, "assemble", "machine.toml")
     (tmp_path / "job.toml").write_text(job.replace("on = [1]", ""))
     assert "base 'base': model.h5 has no held nodes" in refused(capsys, "reduce", "job.toml")
+
+
+def test_mass_on_a_spring(comm):
+    """Transmissibility of a mass on a spring and a damper, (k + s d) / (k + s d + s^2 m), and Miles' equation."""
+    m, k, d = 2.0, 8e4, 40.0
+    spring = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    dofs = hpcred.Dofs(np.array([1, 2]), np.array([2, 2]), np.array([[0.0, 0, 0], [0, 0, 1]]))
+    base = Base(on=(1,), directions=("z",), absolute=((2, "z"),))
+    with (hpcred.SecondOrderModel.from_scipy(k * spring, np.diag([1.0, m]), d * spring, comm, dofs=dofs, held=NONE)
+          as model, model.with_bases([base]) as shaken):  # fmt: skip
+        reduced = hpcred.reduce(shaken, [hpcred.Modes(count=1)], damping=hpcred.GivenDamping())
+        H = shaken.frequency_response(F, damping=hpcred.GivenDamping())[:, 0, 0]
+    s = 2j * np.pi * F
+    exact = (k + s * d) / (k + s * d + s * s * m)
+    np.testing.assert_allclose(H, exact, rtol=1e-10)
+    np.testing.assert_allclose(reduced.frequency_response(F)[:, 0, 0], exact, rtol=1e-10)
+    ratio = d / 2 / np.sqrt(k * m)
+    found = hpcred.analysis.random_response(reduced, [1e-2, 1e5], np.ones((2, 1))).rms[0] ** 2
+    assert found == pytest.approx(np.sqrt(k / m) / 8 / ratio * (1 + 4 * ratio**2), rel=2e-3)
+
+
+def test_large_mass(comm):
+    """A mass far heavier than the body, pushed as it needs for this acceleration, moves the body alike."""
+    model, M, D, K = straight(comm, damping=1e-5)
+    with model, _on_base(model, (9, "z")) as shaken:
+        H = shaken.frequency_response(F, damping=hpcred.GivenDamping())[:, 0, 0]
+    rows, large = np.setdiff1d(np.arange(54), [0, 1, 3, 4, 5]), 1e7 * np.trace(M)
+    at, found = np.flatnonzero(rows == 2)[0], []
+    heavy = M.copy()
+    heavy[2, 2] += large
+    for s in 2j * np.pi * F:
+        A = (s * s * heavy + s * D + K)[np.ix_(rows, rows)]
+        found.append(s * s * np.linalg.solve(A, large * np.eye(len(rows))[at])[rows == 50][0])
+    np.testing.assert_allclose(H, found, rtol=1e-4)
+
+
+@pytest.mark.parametrize("quantity", few_on_ranks(["displacement", "velocity"]))
+def test_other_motions_as_input(comm, quantity, tmp_path):
+    """Displacements and velocities of a base as inputs, alone and beside a force, in the matrices of the state space:
+    as the accelerations times powers of s; outputs that would need their derivatives go."""
+    model, *_ = straight(comm, damping=1e-5)
+    base = Base(on=(1,), directions=("z", "ry"), absolute=((9, "z"),))
+    order = {"displacement": 2, "velocity": 1}[quantity]
+    outputs = [(9, "z"), hpcred.outputs.MotionOutput(node=5, direction="z", quantity="velocity")]
+    for forces in ((), ((5, "z"),)):
+        with (model.with_inputs(forces) if forces else model.with_input_columns(None, ()) as pushed,
+              pushed.with_outputs(outputs) as sensed, sensed.with_bases([base]) as shaken):  # fmt: skip
+            reduced = hpcred.reduce(shaken, [hpcred.Modes(count=12)], damping=hpcred.GivenDamping())
+            H, s = reduced.transfer_function(2j * np.pi * F), 2j * np.pi * F[:, None, None]
+            driven = reduced.driven_by(quantity)
+            reduced.close()
+        names = ["9:z", *["velocity 5:z"] * (order == 1), f"absolute {quantity} 9:z"]
+        assert list(driven.output_names) == names and driven.size == 12 * (1 + bool(forces))
+        # an absolute acceleration over s^k b'' is what the absolute motion is over b; over a force it is s^k times more
+        kept = H[:, [0, 1, 2] if order == 1 else [0, 2]]
+        of_base = kept * np.where(np.arange(len(names)) < len(names) - 1, s[:, :, 0] ** order, 1.0)[:, :, None]
+        of_force = kept * np.where(np.arange(len(names)) < len(names) - 1, 1.0, s[:, :, 0] ** -order)[:, :, None]
+        expected = np.concatenate([of_force[:, :, : len(forces)], of_base[:, :, len(forces) :]], axis=2)
+        np.testing.assert_allclose(driven.transfer_function(2j * np.pi * F), expected, rtol=1e-9, atol=1e-16)
+        space = hpcred.state_space(driven)
+        at = 2j * np.pi * F[1]
+        found = space["C"] @ np.linalg.solve(at * np.eye(len(space["A"])) - space["A"], space["B"]) + space["D"]
+        np.testing.assert_allclose(found, expected[1], rtol=1e-7, atol=1e-12)
+    model.close()
+    with pytest.raises(hpcred.InputError, match="no accelerations of bases any more"):
+        driven.driven_by(quantity)
+    with pytest.raises(hpcred.InputError, match="found 'jerk', expected one of displacement"):
+        driven.driven_by("jerk")
+
+
+@pytest.mark.mpi(ranks=(1,))
+def test_direct_part_over_time(comm, tmp_path):
+    """Absolute accelerations over time, in a simulation and by the matrices of a .mat, are those of the full model; the
+    same for a displacement and a velocity of the base as for its acceleration."""
+    from scipy.io import loadmat
+    from scipy.signal import lsim
+
+    from hpcred.simulation import Joint, Simulation, SineLoad
+    from hpcred.simulation.loads import push_of
+
+    model, *_ = straight(comm, damping=1e-4)
+    w, joint = 2 * np.pi * 30.0, Joint(node=1, kind="fixed")
+    with _on_base(model, (9, "z")) as shaken:
+        whole = hpcred.reduce(shaken, [hpcred.Modes(count=48)], damping=hpcred.GivenDamping())
+        t = np.linspace(0.0, 0.05, 4001)
+        exact = hpcred.analysis.time_response(whole, t, np.sin(w * t)[:, None])[:, 0]
+        hpcred.reduce(shaken, [hpcred.Modes(count=8)], damping=hpcred.GivenDamping()).save(str(tmp_path / "base.h5"))
+    model.close()
+    result = hpcred.read_result(tmp_path / "base.h5")
+    for load in (SineLoad("base:z", 1.0, 30.0), SineLoad("base:z", -1 / w**2, 30.0, quantity="displacement"),
+                 SineLoad("base:z", 1 / w, 30.0, -np.pi / 2, quantity="velocity")):  # fmt: skip
+        setup = Simulation(end=0.05, steps=40, observe=(9,), constraint=(joint,), load=(load,))
+        motion = hpcred.simulate(result.body([1, 9]), setup)
+        np.testing.assert_allclose(motion.outputs[:, 0], exact[::100], atol=5e-3 * np.abs(exact).max())
+    hpcred.export(tmp_path / "base.h5", path=tmp_path / "a_statespace.mat")
+    arrays = loadmat(tmp_path / "a_statespace.mat")
+    y = lsim(tuple(arrays[key] for key in "ABCD"), np.sin(w * t), t)[1]
+    np.testing.assert_allclose(y, exact, atol=5e-3 * np.abs(exact).max())
+    assert hpcred.export(tmp_path / "base.h5", path=tmp_path / "b_statespace.mat", base="velocity")["outputs"] == [
+        "absolute velocity 9:z"
+    ]
+    with pytest.raises(hpcred.InputError, match="--base: 'sid' has no inputs for the motion of a base"):
+        hpcred.export(tmp_path / "base.h5", "sid", base="velocity")
+    # a force has no acceleration
+    model, *_ = straight(comm)
+    base = Base(on=(1,), directions=("z",), absolute=((9, "z"),))
+    with model.with_inputs([(9, "z")]) as pushed, pushed.with_bases([base]) as shaken:
+        hpcred.reduce(shaken, [hpcred.Modes(count=2)]).save(str(tmp_path / "pushed.h5"))
+    model.close()
+    with pytest.raises(hpcred.InputError, match="load.quantity: found velocity for '9:z', which is no motion"):
+        load = SineLoad("9:z", 1.0, 30.0, quantity="velocity")
+        push_of(load, hpcred.read_result(tmp_path / "pushed.h5").body([9]))
+
+
+@pytest.mark.ccx
+@pytest.mark.mpi(ranks=(1,))
+@pytest.mark.parametrize("kind", ["ACCELERATION", "DISPLACEMENT"])
+def test_base_motion_of_calculix(comm, tmp_path, kind):
+    """*BASE MOTION in *STEADY STATE DYNAMICS, with the same modes. CalculiX prints absolute displacements, and lets
+    damping act on the absolute motion, which here is computed beside it."""
+    import re
+
+    from calculix_runs import input_lines, run_calculix
+    from helpers import to_dense
+
+    count, modes, beta = 6, 8, 1e-5
+    corners = ((0, 0), (0.02, 0), (0.02, 0.03), (0, 0.03))
+    points = [(*corner, z) for z in np.linspace(0, 0.3, count + 1) for corner in corners]
+    bricks = np.array([4 * k + np.arange(8) for k in range(count)])
+    tip = 4 * count + 1
+    lines = [*input_lines("C3D8", points, bricks), "*NSET, NSET=FEET", "1, 2, 3, 4", "*NSET, NSET=TIP", str(tip),
+             "*BOUNDARY", "FEET, 1, 3", "*AMPLITUDE, NAME=ONE", "0., 1., 1e9, 1.", "*STEP"]  # fmt: skip
+    run_calculix(tmp_path, "matrices", [*lines, "*FREQUENCY, SOLVER=MATRIXSTORAGE", str(modes)])
+    run_calculix(tmp_path, "moved", [
+        *lines, "*FREQUENCY, STORAGE=YES", str(modes), "*END STEP", "*STEP", "*STEADY STATE DYNAMICS", "100., 900., 3",
+        "*MODAL DAMPING, RAYLEIGH", f", , 0., {beta}", f"*BASE MOTION, DOF=1, AMPLITUDE=ONE, TYPE={kind}",
+        "*NODE PRINT, NSET=TIP", "U",
+    ])  # fmt: skip
+    text = (tmp_path / "moved.dat").read_text().partition("P A R T I C I P A T I O N   F A C T O R S   F O R")[2]
+    rows = re.findall(rf"for set TIP and time +(\S+)\s+{tip} +(\S+) +\S+ +(\S+)", text)
+    f = np.array([float(row[0]) for row in rows[::2]])
+    U = np.array([[float(x) + 1j * float(y) for x, y in zip(a[1:], b[1:], strict=True)]
+                  for a, b in zip(rows[::2], rows[1::2], strict=True)])  # fmt: skip
+    s = 2j * np.pi * f[:, None]
+    U = U * s**2 if kind == "ACCELERATION" else U
+    base = Base(directions=("x",), absolute=((tip, "x"), (tip, "z")))
+    with (hpcred.readers.load_export(str(tmp_path / "matrices.inp"), comm) as model,
+          model.with_bases([base]) as shaken):  # fmt: skip
+        K, M = to_dense(model.K), to_dense(model.M)
+        along = (model.dofs.direction == 0).astype(float)
+        ends = [int(np.flatnonzero((model.dofs.node == tip) & (model.dofs.direction == d))[0]) for d in (0, 2)]
+        with hpcred.reduce(shaken, [hpcred.Modes(count=modes)], damping=hpcred.Rayleigh(0.0, beta)) as reduced:
+            found = reduced.frequency_response(f)[:, :, 0]
+    squares, X = (part[..., :modes] for part in scipy.linalg.eigh(K, M))
+    damped = found - beta * s * (X.T @ K @ along / (s * s + s * beta * squares + squares)) @ X[ends].T
+    assert len(f) > 5
+    np.testing.assert_allclose(damped, U, rtol=1e-3, atol=1e-3 * np.abs(U).max())
+    assert np.abs(found.imag - U.imag).max() > 1e-3

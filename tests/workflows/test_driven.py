@@ -50,7 +50,7 @@ def test_harmonic_and_shock(folder, monkeypatch):
     lines = [f"{x},{np.sin(np.pi * x / 0.011)}" for x in t]
     (folder / "t.csv").write_text("\n".join(["t [s],base:z [g]", *lines, ""]))
     rows = hpcred.workflows.driven_response("result.h5", srs="t.csv", q=50.0)["rows"]
-    assert rows[0]["largest of SRS (m/s^2)"] == pytest.approx(1.75 * 9.80665, rel=0.02)
+    assert rows[0]["largest of SRS"] == pytest.approx(1.75 * 9.80665, rel=0.02)
 
 
 def test_response_after_a_shock(folder, monkeypatch):
@@ -61,9 +61,9 @@ def test_response_after_a_shock(folder, monkeypatch):
     (folder / "s.csv").write_text("\n".join(["t [s],base:z [m/s^2]", *lines, ""]))
     expected = hpcred.analysis.shock_spectrum(times, pulse, [20.0], q=10.0).maximax[0]
     rows = hpcred.workflows.driven_response("result.h5", srs="s.csv")["rows"]
-    assert rows[1]["largest (m/s^2)"] == pytest.approx(expected, rel=2e-3)
+    assert rows[1]["largest"] == pytest.approx(expected, rel=2e-3)
     # the spectrum of what rings at 20 Hz with a quality of 10: an oscillator of the same reaches Q / e times it
-    assert rows[1]["largest of SRS (m/s^2)"] == pytest.approx(10 / np.e * expected, rel=0.1)
+    assert rows[1]["largest of SRS"] == pytest.approx(10 / np.e * expected, rel=0.1)
     # a force has no shock spectrum
     (folder / "s.csv").write_text("t [s],1:z [N]\n0,0\n0.001,1\n0.002,0\n")
     assert [row["of"] for row in hpcred.workflows.driven_response("result.h5", srs="s.csv")["rows"]] == [
@@ -80,12 +80,13 @@ def test_response_after_a_shock(folder, monkeypatch):
         ("f [Hz],base:z [g^2/Hz],1:z [N^2/Hz],base:z/1:z coherence [1]\n1,1,1,2\n2,1,1,2\n", "positive semidefinite"),
         ("f [Hz],base:z [g^2/Hz],base:z phase [deg]\n1,1,1\n2,1,1\n", "of one input, expected one of two"),
         ("f [Hz],base:z [g^2/Hz],1:z [N^2/Hz],base:z/1:z coherence [2]\n1,1,1,1\n2,1,1,1\n", "found the unit 2"),
-        ("time,base:z [g]\n1,1\n", "found the first head"), ("", "found no lines"), ("# none\n", "found no lines"),
+        ("time,base:z [g]\n1,1\n", "found the first head"), ("", "found no heads"),
+        ("# none\n", "the first head '# none'"),
         ("f [Hz];base:z [g^2/Hz]\n1;1\n", "separated by commas"), ("f [Hz],base:z [g^2/Hz]\n", "found 0 lines"),
         ("f [Hz],base:z [g^2/Hz]\n1,1\n", "found 1 lines of numbers, expected 2 or more"),
-        ("f [Hz],base:z [g^2/Hz]\n1,1\n\n2\n", "line 4: found 1 cells below 2 heads"),
-        ("f [Hz],base:z [g^2/Hz]\n1,nan\n2,1\n", "line 2: base:z [g^2/Hz]: found 'nan'"),
-        ("f [Hz],base:z [g^2/Hz]\n1,one\n2,1\n", "line 2: base:z [g^2/Hz]: found 'one'"),
+        ("f [Hz],base:z [g^2/Hz]\n1,1\n\n2\n", "line 4: found '2', expected 2 numbers"),
+        ("f [Hz],base:z [g^2/Hz]\n1,nan\n2,1\n", "base:z [g^2/Hz]: found nan in the 1. line of numbers"),
+        ("f [Hz],base:z [g^2/Hz]\n1,one\n2,1\n", "line 2: found '1,one', expected 2 numbers a line"),
         ("f [Hz],base:z [g^2/Hz]\n-1,1\n2,1\n", "found -1, expected frequencies of 0 or more"),
         ("f [Hz],base:z [g^2/Hz]\n1,-1\n2,1\n", "base:z [g^2/Hz]: found -1 at 1 Hz"),
     ],
@@ -106,7 +107,7 @@ def test_heads(folder):
     """Names that end as the parts of a pair do, and a cross spectrum in the unit of another motion."""
     from dataclasses import replace
 
-    from hpcred.files.drive_table import read_drive_table
+    from hpcred.readers.drive_table import read_drive_table
 
     one = replace(hpcred.read_result(folder / "result.h5").reduced, record=None, input_names=("pressure", "him"))
     (folder / "p.csv").write_text("f [Hz],pressure [1/Hz],him [1/Hz],pressure/him re [1/Hz]\n1,4,1,2\n2,4,1,2\n")
@@ -128,3 +129,71 @@ def test_shock_spectra_refuse_what_would_take_forever(folder, monkeypatch, capsy
     assert "steps of" in refused(capsys, "response", "result.h5", "--srs", "t.csv", "--band", "1,1e9")
     (folder / "t.csv").write_text("t [s],base:z [g]\n0,0\n1e-9,1\n200,0\n")
     assert "steps of" in refused(capsys, "response", "result.h5", "--srs", "t.csv")
+
+
+def write_table(path, head, *columns):
+    np.savetxt(path, np.column_stack(columns), "%.17g", ",", header=head, comments="")
+
+
+def test_displacements_and_velocities_over_time(folder, monkeypatch, capsys):
+    """A base that goes up by a smooth step: its displacement, velocity and acceleration have the same spectra."""
+    monkeypatch.chdir(folder)
+    T, t = 0.05, np.linspace(0.0, 0.05, 101)
+    w = 2 * np.pi / T
+    motions = {"m": 1e-3 * (t / T - np.sin(w * t) / (2 * np.pi)), "m/s": 1e-3 * (1 - np.cos(w * t)) / T,
+               "m/s^2": 1e-3 * w * np.sin(w * t) / T}  # fmt: skip
+    largest = []
+    for unit, values in motions.items():
+        write_table(folder / "m.csv", f"t [s],base:z [{unit}]", t, values)
+        rows = hpcred.workflows.driven_response("result.h5", srs="m.csv", band=(5.0, 200.0))["rows"]
+        largest.append([row[key] for row in rows for key in ("largest", "largest of SRS")])
+    np.testing.assert_allclose(largest[0], largest[2], rtol=5e-3)
+    np.testing.assert_allclose(largest[1], largest[2], rtol=5e-3)
+    write_table(folder / "m.csv", "t [s],base:z [mm/s]", t, np.cos(w * t))
+    assert "found 1 at first, expected 0" in refused(capsys, "response", "result.h5", "--srs", "m.csv")
+
+
+def test_rotations_of_a_base_have_spectra(folder, tmp_path):
+    """In rad/s^2."""
+    from dataclasses import replace
+
+    found = hpcred.read_result(folder / "result.h5").reduced
+    load = replace(found.record.loads[0], name="base:ry")
+    names = {"input_names": ("base:ry", "1:z"), "output_names": ("1:ry", "absolute acceleration 1:ry")}
+    turned = replace(found, **names, record=replace(found.record, loads=(load,)))
+    hpcred.write_result(tmp_path / "turned.h5", turned)
+    times, pulse = hpcred.analysis.half_sine(50.0, 0.011, 60)
+    write_table(tmp_path / "t.csv", "t [s],base:ry [rad/s^2]", times, pulse)
+    rows = hpcred.workflows.driven_response(tmp_path / "turned.h5", srs=tmp_path / "t.csv", q=50.0)["rows"]
+    assert [row["unit"] for row in rows] == ["rad/s^2"] * 2
+    assert rows[0]["largest of SRS"] == pytest.approx(1.75 * 50, rel=0.02)
+
+
+def test_figures(folder, monkeypatch, capsys):
+    """A panel for each unit, of densities, amplitudes with phases, and shock spectra."""
+    from hpcred.report import figures
+
+    monkeypatch.chdir(folder)
+    panels, finish = [], figures._finish
+    monkeypatch.setattr(figures, "_finish", lambda figure, drawn, *more: (
+        panels.append([(axes.get_ylabel(), len(axes.lines)) for axes in drawn]),
+        finish(figure, drawn, *more)))  # fmt: skip
+    times, pulse = hpcred.analysis.half_sine(50.0, 0.011, 60)
+    write_table(folder / "t.csv", "t [s],base:z [g]", times, pulse)
+    (folder / "p.csv").write_text("f [Hz],base:z [g^2/Hz]\n0,1\n100,1\n")
+    (folder / "h.csv").write_text("f [Hz],base:z [g]\n5,1\n20,1\n100,1\n")
+    for option, table in (("--psd", "p.csv"), ("--harmonic", "h.csv"), ("--srs", "t.csv")):
+        assert run(["response", "result.h5", option, table, "--figure", f"{table}.svg"]) == 0
+        assert (folder / f"{table}.svg").read_text().count("1:z") >= 1
+    assert panels == [[("(m/s^2)^2/Hz", 1), ("m^2/Hz", 1)],
+                      [("m/s^2", 1), ("m", 1), ("phase (degrees)", 2)], [("m/s^2", 2)]]  # fmt: skip
+    message = refused(capsys, "response", "result.h5", "--psd", "p.csv", "--figure", "x.jpg")
+    assert "expected a name that ends in .png" in message
+
+
+@pytest.mark.parametrize("option", ["--package=mumps", "--low-rank=1e-8", "--out-of-core=."])
+def test_how_full_models_are_factored_is_refused(folder, monkeypatch, capsys, option):
+    monkeypatch.chdir(folder)
+    (folder / "p.csv").write_text("f [Hz],base:z [g^2/Hz]\n5,1\n100,1\n")
+    message = refused(capsys, "response", "result.h5", "--psd", "p.csv", option)
+    assert f"{option.partition('=')[0]}: belongs to a full model" in message

@@ -436,3 +436,37 @@ def test_exports_of_files_keep_parameters(family, tmp_path):
         assert not any("reference values" in item for item in report["remarks"])
         causes = {v.causality for v in fmpy.read_model_description(tmp_path / "r.fmu").modelVariables}
         assert ("parameter" in causes) == kept
+
+
+def test_a_base_that_moves(tmp_path):
+    """Absolute and relative motions of an FMU whose base has an acceleration, or a displacement, as input, against all
+    modes of the full model."""
+    from hpcred.loads import Base
+
+    with (hpcred.solid((3, 1, 1), clamped=False) as free, free.with_input_columns(None, ()) as bare,
+          bare.with_outputs([(16, "z")]) as sensed):  # fmt: skip
+        base = Base(on=hpcred.Nodes(box=[[-1e-6, -9, -9], [1e-6, 9, 9]]), directions=("z",), absolute=[(16, "z")])
+        with sensed.with_bases([base]) as shaken:
+            lowest = hpcred.reduce(shaken, [Modes(count=1)], damping=Rayleigh(0.0, 1e-6)).frequencies[0]
+            whole, small = (hpcred.reduce(shaken, [Modes(count=count)], damping=Rayleigh(0.0, 0.02 / lowest))
+                            for count in (shaken.size, 6))  # fmt: skip
+    w, t = 2 * np.pi * 0.6 * lowest, np.linspace(0.0, 2 / lowest, 2001)
+    exact = hpcred.analysis.time_response(whole, t, (w * w * np.sin(w * t))[:, None])
+    for quantity, u in (("acceleration", w * w * np.sin(w * t)), ("displacement", w * t - np.sin(w * t))):
+        path = tmp_path / f"{quantity}.fmu"
+        driven = small.driven_by(quantity)
+        write_fmu(path, driven)
+        variables = fmpy.read_model_description(path).modelVariables
+        (given,), outputs = ([v for v in variables if v.causality == key] for key in ("input", "output"))
+        assert given.unit == {"acceleration": "m/s2", "displacement": "m"}[quantity]
+        names = [outputs[0].name, next(v.name for v in outputs if "absolute" in v.name)]
+        signal = np.array(list(zip(t, u, strict=True)), dtype=[("time", float), (given.name, float)])
+        found = fmpy.simulate_fmu(path, stop_time=t[-1], output_interval=t[1], input=signal, output=names)
+        y = np.interp(t, found["time"], found[names[1]])
+        np.testing.assert_allclose(np.interp(t, found["time"], found[names[0]]), exact[:, 0],
+                                   atol=1e-2 * np.abs(exact[:, 0]).max())  # fmt: skip
+        if quantity == "acceleration":
+            np.testing.assert_allclose(y, exact[:, 1], atol=2e-2 * np.abs(exact[:, 1]).max())
+        else:  # the relative displacement, and that of the base
+            np.testing.assert_allclose(y, exact[:, 0] + u, atol=1e-2 * np.abs(exact[:, 0] + u).max())
+    whole.close(), small.close()

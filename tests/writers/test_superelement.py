@@ -113,7 +113,7 @@ def test_structural_damping_for_nastran(tmp_path, comm):
 @pytest.mark.peers("pyyeti")
 @pytest.mark.parametrize("kind", KINDS[:2], ids=str)
 def test_nastran_files_in_pyyeti(tmp_path, kind):
-    """docs/export-nastran.md has what pyYeti and pyNastran found."""
+    """docs/export-superelements.md has what pyYeti and pyNastran found."""
     from pyyeti.nastran import bulk, op4
 
     model = interface_model(**kind)

@@ -16,7 +16,7 @@ from typing import Annotated
 
 import numpy as np
 
-from ...fe.dofs import OWN, SCALAR, Dofs, direction_index, require_dofs
+from ...fe.dofs import ABSOLUTE, OWN, SCALAR, Dofs, direction_index, require_dofs
 from ...linalg.blocks import create_block, dense_matrix, from_dense, inner, local_rows, times
 from ...linalg.csr import diagonal_of
 from ...linalg.solvers.base import SingularMatrix
@@ -36,7 +36,6 @@ from ..rigid_body.motions import rigid_motions
 from .columns import ROUND_OFF, inside, sums_of_column
 from .kinds import BASE, SUPPORT, NamedLoad, Place
 
-ABSOLUTE = "absolute acceleration "  # before the place in names of outputs
 STRAINS = 1e-3  # of the motion of a base: more beside a rigid-body motion is a deflection, not digits of K
 RESISTS = 1e-6  # ||D R|| over ||D|| ||R||, above which D resists the motion of the base
 
@@ -308,7 +307,7 @@ def _assembled(model, framed, bases, R, columns, loads, free):
     parts = {key: np.vstack([own[key], np.zeros((len(places), len(free)))]) for key in own}
     if places:
         parts.setdefault("Ca", np.zeros((len(called) + len(places), len(free))))[len(called) :] = absolute[free].T
-        called = [*called, *(f"{ABSOLUTE}{name}" for name in places)]
+        called = [*called, *(f"{ABSOLUTE}acceleration {name}" for name in places)]
     remark = ()
     if lost := [name for name, there in zip(model.input_names, acts, strict=True) if not there]:
         remark = (f"base: left out the inputs {', '.join(lost)}, which act on nodes that move as they are told",)

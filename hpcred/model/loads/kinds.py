@@ -365,6 +365,9 @@ class LoadColumn:
         What to know of it.
     spins : bool
         Whether centrifugal forces are in it.
+    integrated : int
+        How often the acceleration of a base has been integrated: the input is its velocity for 1, its displacement
+        for 2.
     """
 
     name: str
@@ -376,10 +379,11 @@ class LoadColumn:
     area: float = 0.0
     remark: str = ""
     spins: bool = False
+    integrated: int = 0
 
     @property
     def is_motion(self) -> bool:
-        """Whether the input is the acceleration of a base, in place of a force."""
+        """Whether the input is the motion of a base, in place of a force."""
         return self.kind in (BASE, SUPPORT)
 
     @property
@@ -407,5 +411,5 @@ class LoadColumn:
 
 
 def motions_of(loads) -> list[str]:
-    """Return the names of inputs that are accelerations of bases, of the LoadColumns of a model or record."""
+    """Return the names of inputs that are motions of bases, of the LoadColumns of a model or record."""
     return [item.name for item in loads if item.is_motion]

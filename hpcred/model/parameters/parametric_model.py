@@ -180,11 +180,22 @@ class ParametricModel:
         ------
         InputError
             For names that are no parameters, and values outside of their ranges.
+
+        Parameters
+        ----------
+        values : dict
+            Numbers by name.
         """
         return checked_values(self.parameters, values)
 
     def factors(self, values: Mapping[str, float]) -> list[float]:
-        """Return the factors of the terms, in their order, at values of the parameters. Raises InputError."""
+        """Return the factors of the terms, in their order, at values of the parameters. Raises InputError.
+
+        Parameters
+        ----------
+        values : dict
+            Numbers by name.
+        """
         return factors_of(self.terms, self.checked(values))
 
     def at(self, **values: float) -> SecondOrderModel:
@@ -234,12 +245,24 @@ class ParametricModel:
         return there
 
     def with_inputs(self, targets) -> ParametricModel:
-        """Return the model with unit loads at dofs as inputs, as with_inputs of a SecondOrderModel. Collective."""
+        """Return the model with unit loads at dofs as inputs, as with_inputs of a SecondOrderModel. Collective.
+
+        Parameters
+        ----------
+        targets : sequence
+            (node, direction), names of interfaces, or numbers of dofs.
+        """
         self._require_no_terms("B", "inputs")
         return self._with(self.model.with_inputs(targets))
 
     def with_outputs(self, targets) -> ParametricModel:
-        """Return the model with other outputs, as with_outputs of a SecondOrderModel. Collective."""
+        """Return the model with other outputs, as with_outputs of a SecondOrderModel. Collective.
+
+        Parameters
+        ----------
+        targets : sequence
+            (node, direction), names of interfaces, or outputs.
+        """
         self._require_no_terms("C", "outputs")
         return self._with(self.model.with_outputs(targets))
 

@@ -68,7 +68,7 @@ class Modes(Component):
         known = self.count or len(set(self.index or ()))
         return min(known, self.dominant) if self.dominant else known
 
-    def check(self, size: int, rigid: int):
+    def check(self, size: int, rigid: int) -> None:
         """Refuse what the model cannot have. Raises InputError."""
         if self.index is not None and min(self.index) <= rigid:
             raise InputError(

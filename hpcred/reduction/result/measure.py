@@ -42,18 +42,54 @@ class Measure(ABC):
 
     @abstractmethod
     def scales(self, H: np.ndarray, drive: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return h (S, r) and g (S, p), of the responses H (S, r, p) and the drive-point responses `drive` (S, p)."""
+        """Return h (S, r) and g (S, p), of the responses H (S, r, p) and the drive-point responses `drive` (S, p).
+
+        Parameters
+        ----------
+        H : ndarray, complex, shape (S, r, p)
+            Responses.
+        drive : ndarray, complex, shape (S, p)
+            Drive-point responses of the inputs.
+        """
 
     def over(self, frequencies, H, drive, drive_of, silent=()) -> Measure:
-        """Return the measure with what it takes from responses over a band (see directions); by default nothing."""
+        """Return the measure with what it takes from responses over a band (see directions); by default nothing.
+
+        Parameters
+        ----------
+        frequencies : ndarray, shape (S,)
+            Hz.
+        H : ndarray, complex, shape (S, r, p)
+            Responses there.
+        drive : ndarray, complex, shape (S, p)
+            Drive-point responses of the inputs.
+        drive_of
+            Which input each output is collocated with.
+        silent
+            Inputs and outputs that move nothing.
+        """
         return self
 
     def total(self, each: np.ndarray) -> np.ndarray:
-        """Return eps (S,) of the errors of all responses (S, r, p); by default the largest."""
+        """Return eps (S,) of the errors of all responses (S, r, p); by default the largest.
+
+        Parameters
+        ----------
+        each : ndarray, shape (S, r, p)
+            Errors of all responses.
+        """
         return each.max(axis=(1, 2), initial=0.0)
 
     def times(self, inputs: float, outputs: float) -> Measure:
-        """Return the measure of responses whose inputs and outputs are multiplied by factors."""
+        """Return the measure of responses whose inputs and outputs are multiplied by factors.
+
+        Parameters
+        ----------
+        inputs : ndarray, shape (p,)
+            Factors of the inputs.
+        outputs : ndarray, shape (r,)
+            Factors of the outputs.
+        """
         return self
 
     @property
@@ -67,7 +103,17 @@ class Measure(ABC):
         return ()
 
     def each(self, E: np.ndarray, H: np.ndarray, drive: np.ndarray) -> np.ndarray:
-        """Return the error of every response (S, r, p), for errors E of the responses H."""
+        """Return the error of every response (S, r, p), for errors E of the responses H.
+
+        Parameters
+        ----------
+        E : ndarray, complex, shape (S, r, p)
+            Errors of the responses.
+        H : ndarray, complex, shape (S, r, p)
+            Responses.
+        drive : ndarray, complex, shape (S, p)
+            Drive-point responses of the inputs.
+        """
         h, g = self.scales(H, drive)
         if (h > 0).all() and (g > 0).all():
             each = np.abs(E)
@@ -77,7 +123,17 @@ class Measure(ABC):
         return _divided(_divided(np.abs(E), h[:, :, None]), g[:, None, :])
 
     def eps(self, E: np.ndarray, H: np.ndarray, drive: np.ndarray) -> np.ndarray:
-        """Return eps (S,); 0 where E and H vanish."""
+        """Return eps (S,); 0 where E and H vanish.
+
+        Parameters
+        ----------
+        E : ndarray, complex, shape (S, r, p)
+            Errors of the responses.
+        H : ndarray, complex, shape (S, r, p)
+            Responses.
+        drive : ndarray, complex, shape (S, p)
+            Drive-point responses of the inputs.
+        """
         return self.total(self.each(E, H, drive))
 
 

@@ -19,6 +19,7 @@ from ...parallel.as_html import as_html
 from ...parallel.failures import InputError, settle
 from ...parallel.progress import counted
 from .accuracy import Accuracy
+from .base_motion import with_base_motion
 from .massless import first_order, static_coordinates
 from .maxwell_states import maxwell_states, with_maxwell_states
 from .oscillating_poles import oscillating_poles
@@ -124,7 +125,15 @@ class ReducedModel:
         return self.operator.added
 
     def in_coordinates(self, T: np.ndarray, **changed) -> ReducedModel:
-        """Return the model in coordinates z (k,) with x = T z, and further fields."""
+        """Return the model in coordinates z (k,) with x = T z, and further fields.
+
+        Parameters
+        ----------
+        T : ndarray, shape (m, k)
+            The columns of the new coordinates.
+        **changed
+            Further fields.
+        """
         columns = {key: in_coordinates(key, matrix, T) for key in ("B", "C", "Cv", "Ca")
                    if (matrix := getattr(self, key)) is not None}  # fmt: skip
         return replace(self, operator=self.operator.projected(T), **columns | changed)
@@ -181,12 +190,26 @@ class ReducedModel:
 
     def transfer_function(self, s: complex | np.ndarray) -> np.ndarray:
         """Return H(s) = (C + s C_v + s^2 C_a) A(s)^-1 B + F (r, p), (25, 41); (..., r, p) for an array (...) of
-        s."""
+        s.
+
+        Parameters
+        ----------
+        s : complex or array_like
+            1/s.
+        """
         return combined(self.output_parts, s) @ self.states(s) + (0.0 if self.feedthrough is None else self.feedthrough)
 
     def measured_response(self, s: complex | np.ndarray, rates: Rates) -> np.ndarray:
         """Return H(s) without the factors s and s^2 of velocities and accelerations, whose relative error is that of
-        the displacement; `rates`: those of the full model, by which they are known."""
+        the displacement.
+
+        Parameters
+        ----------
+        s : complex or array_like
+            1/s.
+        rates : Rates
+            Those of the full model, by which velocities and accelerations are known.
+        """
         H = combined(self.output_parts, s, rates.orders) @ self.states(s)
         return H if self.feedthrough is None else H + self.feedthrough
 
@@ -201,19 +224,60 @@ class ReducedModel:
         return ~self.output_parts[1:].any(axis=(0, 2))
 
     def states(self, s: complex | np.ndarray) -> np.ndarray:
-        """Return A(s)^-1 B (m, p), with 1 + i eta times K in A(s); (..., m, p) for an array (...) of s."""
+        """Return A(s)^-1 B (m, p), with 1 + i eta times K in A(s); (..., m, p) for an array (...) of s.
+
+        Parameters
+        ----------
+        s : complex or array_like
+            1/s.
+        """
         dynamic = self.operator.at(s) + 1j * self.loss_factor * self.K
         loads = np.broadcast_to(self.B.astype(complex), (*dynamic.shape[:-2], *self.B.shape))
         return np.linalg.solve(dynamic, loads)
 
+    def driven_by(self, quantity: str) -> ReducedModel:
+        """Return the model with another motion of its bases as input, for exports and simulations elsewhere.
+
+        Parameters
+        ----------
+        quantity : {"displacement", "velocity", "acceleration"}
+            What the inputs of all bases are, in m or rad, m/s or rad/s, m/s^2 or rad/s^2.
+
+        Returns
+        -------
+        ReducedModel
+            Absolute accelerations become absolute displacements or velocities; outputs that would need derivatives of
+            the input are left out. Beside forces it has twice as many coordinates.
+
+        Raises
+        ------
+        InputError
+            For a model without bases, with parameters, or without outputs that could stay.
+        """
+        return with_base_motion(self, quantity)
+
     def frequency_response(self, frequencies: ArrayLike) -> np.ndarray:
-        """Return H(i omega) at `frequencies` in Hz, (F, r, p)."""
+        """Return H(i omega) at `frequencies` in Hz, (F, r, p).
+
+        Parameters
+        ----------
+        frequencies : array_like, shape (F,)
+            Hz.
+        """
         import hpcred  # the public functions, which stand above
 
         return hpcred.frequency_response(self, frequencies)
 
     def save(self, path: str | PathLike[str], **more) -> None:
-        """Write the result file `path` with all that multibody programs need: see write_result. Collective."""
+        """Write the result file `path` with all that multibody programs need: see write_result. Collective.
+
+        Parameters
+        ----------
+        path : str or path
+            Of the file.
+        **more
+            Arguments of write_result.
+        """
         import hpcred
 
         hpcred.write_result(path, self, self.model, **more)

@@ -6,6 +6,7 @@ from scipy.sparse import coo_array
 import hpcred
 
 
+# --8<-- [start:reader]
 class Springs(hpcred.readers.Reader):
     """Lines such as "node 1 0.5 0 0" and, of both triangles, "K 1 1 2 1 -3e5": node, direction, twice, and a value."""
 
@@ -39,8 +40,10 @@ class Springs(hpcred.readers.Reader):
             i, j = ([place[tuple(entry[k : k + 2])] for entry in rows[key]] for k in (0, 2))
             matrices.append(coo_array(([entry[4] for entry in rows[key]], (i, j)), shape=[len(dofs)] * 2))
         return rows["node"], dofs, *matrices
+# --8<-- [end:reader]
 
 
+# --8<-- [start:writer]
 class Flexible(hpcred.writers.Writer):
     """Mass, stiffness and mass matrix of a body as text, with its interface nodes in a second file."""
 
@@ -62,3 +65,4 @@ class Flexible(hpcred.writers.Writer):
     def describe(self, path):
         with open(path) as file:
             return {"about": file.readline().removeprefix("%flexible ").strip()}
+# --8<-- [end:writer]

@@ -1,0 +1,12 @@
+SetFactory("OpenCASCADE");
+Box(1) = {0, -0.015, -0.01, 0.2, 0.03, 0.02};
+Cylinder(2) = {0, 0, -0.015, 0, 0, 0.03, 0.03};  Cylinder(3) = {0.2, 0, -0.015, 0, 0, 0.03, 0.02};
+BooleanUnion(4) = { Volume{1}; Delete; }{ Volume{2, 3}; Delete; };
+Cylinder(5) = {0, 0, -0.02, 0, 0, 0.04, 0.018};  Cylinder(6) = {0.2, 0, -0.02, 0, 0, 0.04, 0.010};
+BooleanDifference(7) = { Volume{4}; Delete; }{ Volume{5, 6}; Delete; };
+Physical Volume("PART") = {7};
+Physical Surface("TOP") = Surface In BoundingBox {0, -0.02, 0.0099, 0.2, 0.02, 0.0101};
+Physical Surface("BIG") = Surface In BoundingBox {-0.02, -0.02, -0.02, 0.02, 0.02, 0.02};
+Physical Surface("SMALL") = Surface In BoundingBox {0.18, -0.012, -0.02, 0.22, 0.012, 0.02};
+Mesh.MeshSizeMax = 0.012;  Mesh.ElementOrder = 2;  Mesh.HighOrderOptimize = 1;
+Mesh.SaveGroupsOfElements = 0;  Mesh.SaveGroupsOfNodes = 1;
