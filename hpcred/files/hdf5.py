@@ -240,6 +240,7 @@ def atomic_output(path, comm, kind=None):
     kind than what was written, or than a `kind` of outputs.OtherKind.
     """
     check_writable(path, comm)
+    # the output belongs to this run, and is written beside its place
     name, path = path, Path(os.path.realpath(path))
     temporary = temporary_name(path, *comm.bcast((os.getpid(), HOST)))
     left, waits = {temporary, lock_name(path)}, False
@@ -255,6 +256,7 @@ def atomic_output(path, comm, kind=None):
                 begin(temporary)
         with Owned(comm), writing_to(name, temporary):
             yield temporary
+        # what is there must be of the same kind; then it is replaced, now or with others
         comm.Barrier()
         with agreed(comm), writing_to(name, temporary):
             if comm.rank == 0:

@@ -376,6 +376,7 @@ class Shapes:
         self.nodes, first, place = np.unique(node, return_index=True, return_inverse=True)
         self.points = position[first]
         self._place = place[: len(self._direction)]
+        # columns, and what shapes are made of them
         self._basis, self._name = file["basis/V"], name
         if turn is not None:
             self._basis = turn.T @ self._basis[...]
@@ -390,6 +391,7 @@ class Shapes:
         width = len(str(len(self.frequencies)))
         self.first = int(file.attrs.get("first_number", 1))
         self.names = [f"{kind} {k:0{width}d}: {f:.6g} Hz" for k, f in enumerate(self.frequencies, self.first)]
+        # interface nodes, and elements all of whose nodes are there
         self.mark_names, self.mark_points, self._mark_phi = [], np.zeros((0, 3)), np.zeros((0, 3, len(self.names)))
         if marks := file.get("interface"):
             numbers = list(map(str, marks["node"][...].tolist()))
@@ -499,6 +501,7 @@ def write_result(
     body = None
     if model is not None and model.dofs is not None and reduced.columns is not None and reduced.left_columns is None:
         body = body_of(model, reduced, origin=origin, lumped=lumped, geometric_stiffness=geometric_stiffness)
+    # the reduced model
     version = ALSO[FORMAT] if reduced.added or reduced.feedthrough is not None else VERSION
     with writing(path, comm, FORMAT, version) as file:
         file.attribute("loss_factor", reduced.loss_factor)
@@ -512,10 +515,12 @@ def write_result(
         if reduced.interfaces:
             file.several({f"reduced/interfaces/{key}": [getattr(item, key) for item in reduced.interfaces]
                           for key in ("name", "node", "position")})  # fmt: skip
+        # the basis in the dofs of the full model, and stresses of its columns
         if basis and reduced.columns is not None:
             _write_basis(file, reduced, model)
             if stress is not None:
                 write_stress(file, stress)
+        # what multibody programs need of the body
         if body is not None:
             arrays = body.floating_frame.arrays().items()  # gaps: what a body that is held here does not show
             file.several({f"floating_frame/{key}": value for key, value in arrays}, gaps=True)

@@ -147,6 +147,7 @@ def pieces(path, comm, start=0, stop: int | None = None, continued=False):
     with open_input(path) as file:
         if start == 0 and file.read(3) == BYTE_ORDER_MARK:
             start = 3
+        # the range of this rank, from the first line that begins in it
         stop = Path(path).stat().st_size if stop is None else stop
         low = start + (stop - start) * comm.rank // comm.size
         high = start + (stop - start) * (comm.rank + 1) // comm.size
@@ -156,6 +157,7 @@ def pieces(path, comm, start=0, stop: int | None = None, continued=False):
             while continued and low < stop and _goes_on(file, start, low):
                 file.seek(low)
                 low += len(file.readline())
+        # whole lines up to its end
         file.seek(low)
         first = low
         while low < high:

@@ -40,6 +40,7 @@ def together(comm):
     if _waiting is not None:
         yield
         return
+    # outputs of the block wait; folders may be older ones from the exchange on
     _waiting = group = []
     try:
         yield
@@ -50,6 +51,7 @@ def together(comm):
             if comm.rank == 0:
                 _put(group)
     except BaseException as error:
+        # what took long to compute is kept elsewhere where the disk is full
         settle(comm, error)  # where this rank fails alone the job ends here, while it still knows what must not stay
         kept = _kept(group) if comm.rank == 0 and isinstance(error, NotWritten) else ()
         if comm.rank == 0:

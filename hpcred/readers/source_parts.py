@@ -137,6 +137,7 @@ def _require_rows(comm, parts, source, label):
 
 def _remove_supports(comm, parts):
     """Remove the rows that Abaqus holds by 1e36 on the diagonal of K, and keep their labels. Collective."""
+    # rows with such a number on the diagonal, and sane numbers elsewhere
     K = parts.matrices["K"]
     size_of = np.abs(K.values)
     held = K.rows[(K.rows == K.columns) & (size_of >= HELD) & (size_of <= LARGEST_VALUE)]  # inf is no support
@@ -147,6 +148,7 @@ def _remove_supports(comm, parts):
         for key, item in parts.matrices.items():
             require_sane(item.values, f"{parts.files[key]}: found", "real")
     what = f"{parts.files['K']}: removed {len(held)} rows that are held by {HELD_BY:g} on the diagonal of K"
+    # named rows go with their entries; behind numbered ones the others move up
     if isinstance(K, LabelledEntries):
         for key, item in parts.matrices.items():
             free = ~(np.isin(item.rows, held) | np.isin(item.columns, held))

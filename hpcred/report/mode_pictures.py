@@ -258,6 +258,7 @@ class _Stage:
     def _legend(self, figure, tall):
         axes = figure.add_axes([0, 0, 1, FOOT / tall], xlim=(0, WIDTH), ylim=(0, FOOT))
         axes.set_axis_off()
+        # axes and a bar of length
         tip = self.view.axes[:2] * [[1], [-1]] * 0.24  # inches, of the unit vectors, up positive
         origin = np.array([0.42, 0.30])
         for name, end in zip("xyz", tip.T, strict=True):
@@ -266,6 +267,7 @@ class _Stage:
                 axes.text(*(origin + end * (1 + 0.09 / np.linalg.norm(end))), name, fontsize=9, color=INK, ha="center",
                           va="center")  # fmt: skip
         scale_bar(axes, self.view.scale / (self.dots * FINE), 1.1, 0.28)
+        # marks and lines
         left = 3.6
         if len(self.shapes.mark_points):
             axes.plot([left], [0.30], "o", color=MARK, markersize=5, markeredgewidth=0)
@@ -273,6 +275,7 @@ class _Stage:
         if len(self.surface.outline):  # none of nodes without elements
             axes.plot([left + 1.3, left + 1.65], [0.30, 0.30], color=UNDEFORMED, linewidth=1.2)
             axes.text(left + 1.75, 0.30, "undeformed", fontsize=9, color=INK, va="center")
+        # the bar of colours
         bar = figure.add_axes([(WIDTH - 3.0) / WIDTH, 0.27 / tall, 2.6 / WIDTH, 0.12 / tall])
         label, largest = self.bar
         bar.imshow(np.linspace(0, 1, 256)[None], cmap=COLOUR_MAP, aspect="auto", extent=(0, largest or 1.0, 0, 1))

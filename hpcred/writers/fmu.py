@@ -254,6 +254,7 @@ def _add_variables(root, reduced, family):
         })  # fmt: skip
         ElementTree.SubElement(variable, "Real", {key: value for key, value in real.items() if value is not None})
 
+    # inputs, outputs, states, their rates, parameters: in this order they are counted in C
     for name in reduced.input_names:
         word, unit = _kind(name, reduced)[0]
         add(_variable(word, name), "input", f"{word} {name}", unit=unit, start="0")
@@ -272,6 +273,7 @@ def _add_variables(root, reduced, family):
         add(item.name, "parameter", f"parameter in {item.unit}" if item.unit else "parameter", variability="fixed",
             unit=unit, min=low, max=high, start=start)  # fmt: skip
 
+    # what each output and rate depends on
     structure = ElementTree.SubElement(root, "ModelStructure")
     unknown = {"Outputs": [], "Derivatives": []}
     for i, item in enumerate(_patterns(reduced, family)):

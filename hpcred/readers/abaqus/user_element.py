@@ -87,6 +87,7 @@ def _content(path) -> _Content:
     if len(elements) != 1:
         raise InputError(f"{path}: found {len(elements)} user elements, expected one, of one substructure; matrices "
                          "element by element are no superelement")  # fmt: skip
+    # which node and dof each row is
     _, given, body = elements[0]
     nodes = _nodes(path, text, blocks, given)
     node, dof = _rows(path, nodes, body)
@@ -95,6 +96,7 @@ def _content(path) -> _Content:
         twice, counts = np.unique(labels, axis=0, return_counts=True)
         raise InputError(f"{path}: found node {twice[counts > 1][0, 0]}, dof {twice[counts > 1][0, 1]} in two rows, "
                          "expected one row each")  # fmt: skip
+    # the matrices that a model has
     matrices, remarks = {}, []
     for keyword, given, body in blocks:
         if keyword != "MATRIX":
@@ -112,6 +114,7 @@ def _content(path) -> _Content:
     if "M" not in matrices:
         remarks.append(f"{path}: found no mass matrix: the substructure is a spring between its nodes, without mass")
         matrices["M"] = np.zeros_like(matrices["K"])
+    # what else the file tells of its nodes
     modal = MODAL.search(text)
     modal = [int(line.split(",")[0]) for line in modal[0].splitlines()[1:]] if modal else []
     has_nodes = any(keyword == "NODE" for keyword, *_ in blocks)
