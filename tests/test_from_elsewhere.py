@@ -367,7 +367,7 @@ def test_matplotlib_takes_nothing_from_the_working_folder(linkage_folder):
     Path("matplotlibrc").write_text("text.usetex: True\ntext.latex.preamble: \\input{evil}\nsavefig.dpi: 7\n")
     program = (
         "from hpcred.cli.main import run; assert run(['modes', 'model.h5', '--figure', 'm.png']) == 0; "
-        "from hpcred.report.figures import pyplot; print(pyplot().rcParams['text.usetex'])"
+        "from hpcred.report.figures import _matplotlib; print(_matplotlib().rcParams['text.usetex'])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=mpi_environment())
     assert done.returncode == 0 and done.stdout.split()[-1] == "False", done.stderr

@@ -20,6 +20,7 @@ from ..parallel.failures import agreed
 from .checked import Array
 from .hdf5 import atomic_output, reading, texts, writing
 from .outputs import OtherKind, hdf5_kind
+from .text import write_table
 
 FORMAT, VERSION = "hpcred-campbell", 1
 CRITICAL = tuple(item.name for item in fields(CriticalSpeed))
@@ -67,12 +68,10 @@ def write_campbell(path, diagram: Campbell, comm, record: dict | None = None):
             if comm.rank == 0:
                 _write_csv(temporary, diagram)
         return
-    with writing(path, comm) as file:
-        for key, value in (("format", FORMAT), ("version", VERSION), ("parameter", diagram.parameter),
-                           ("unit", diagram.unit), ("highest", diagram.highest)):  # fmt: skip
-            file.attribute(key, value)
-        for key in ("values", "poles", "orbits"):
-            file.small(key, getattr(diagram, key), gaps=True)
+    with writing(path, comm, FORMAT, VERSION) as file:
+        for key in ("parameter", "unit", "highest"):
+            file.attribute(key, getattr(diagram, key))
+        file.several({key: getattr(diagram, key) for key in ("values", "poles", "orbits")}, gaps=True)
         file.small("orders", np.array(diagram.orders, dtype=float))
         for key in CRITICAL if diagram.critical_speeds else ():
             file.small(f"critical_speeds/{key}", [getattr(item, key) for item in diagram.critical_speeds])
@@ -93,8 +92,7 @@ def _write_csv(path, diagram):
     for k in range(diagram.poles.shape[1]):
         columns |= {f"f_{k + 1}_hz": diagram.frequencies[:, k], f"damping_{k + 1}": diagram.damping_ratios[:, k],
                     f"orbit_{k + 1}": diagram.orbits[:, k]}  # fmt: skip
-    np.savetxt(path, np.array(list(columns.values())).T, "%.16e", ",", header=",".join(columns), comments="",
-               encoding="utf-8")  # fmt: skip
+    write_table(path, columns, 16)
 
 
 def read_campbell(path) -> Campbell:

@@ -129,6 +129,12 @@ class CheckedWriter:
                 file.create_dataset(name, data=value, track_times=False).attrs.update(about)
                 file.create_dataset(f"{SUMS}/{name}", data=sums, track_times=False).attrs["axis"] = -1
 
+    def several(self, values: dict, **about):
+        """Datasets as `small` writes them by name; None is left out."""
+        for name, value in values.items():
+            if value is not None:
+                self.small(name, value, **about)
+
     def rows(self, name, local, axis=0):
         """A dataset whose `axis` is distributed over the ranks in order; `local` is the part of this rank. Parts may
         have types of their own, of which those of empty parts do not count."""
@@ -234,6 +240,7 @@ def atomic_output(path, comm, kind=None):
     kind than what was written, or than a `kind` of outputs.OtherKind.
     """
     check_writable(path, comm)
+    # the output belongs to this run, and is written beside its place
     name, path = path, Path(os.path.realpath(path))
     temporary = temporary_name(path, *comm.bcast((os.getpid(), HOST)))
     left, waits = {temporary, lock_name(path)}, False
@@ -249,6 +256,7 @@ def atomic_output(path, comm, kind=None):
                 begin(temporary)
         with Owned(comm), writing_to(name, temporary):
             yield temporary
+        # what is there must be of the same kind; then it is replaced, now or with others
         comm.Barrier()
         with agreed(comm), writing_to(name, temporary):
             if comm.rank == 0:
@@ -278,11 +286,15 @@ def atomic_output(path, comm, kind=None):
 
 
 @contextmanager
-def writing(path, comm):
-    """A CheckedWriter on a file that appears under its name when the block ends well. Collective."""
+def writing(path, comm, kind: str | None = None, version: int | None = None):
+    """A CheckedWriter on a file of a kind and version that appears under its name when the block ends well.
+    Collective."""
     with atomic_output(path, comm) as temporary:
         with Owned(comm) as owned:
             file = owned.owns(CheckedWriter(temporary, comm, path))
+            for key, value in (("format", kind), ("version", version)):
+                if value is not None:
+                    file.attribute(key, value)
             yield file
             file.finish()
         with agreed(comm), writing_to(path, temporary):

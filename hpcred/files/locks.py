@@ -91,12 +91,14 @@ def lock(path: Path, called=None):
                 f"output {called or path}: its lock {name} cannot be opened ({error.strerror}); remove it when no run "
                 "is under way, or choose another name"
             ) from error
+        # a file of that name that is no lock is left alone
         if _words(file) is None:
             os.close(file)
             raise InputError(
                 f"output {called or path}: found a file {name}, which no run wrote and which has the name of its lock; "
                 "move it, or choose another name"
             )
+        # one process has it; where the file system has no locks nobody does
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -116,6 +118,7 @@ def lock(path: Path, called=None):
         if _is_file(name, file):
             break
         os.close(file)  # the run that had it has ended meanwhile, and removed its name
+    # who has it, and what the dead left
     unfinished.add(name)
     with suppress(OSError):  # words for the user, where there is room for them
         os.ftruncate(file, 0)

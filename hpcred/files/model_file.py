@@ -92,10 +92,9 @@ def write_model(path, model: SecondOrderModel):
     for key, mat in model.matrices.items():
         parts.setdefault(key, mat.getValuesCSR()[2].real)
     dense = {"inputs": (model.B, model.input_names), "outputs": (model.Ct, model.output_names)}
-    with writing(path, model.comm) as file:
-        file.attribute("format", FORMAT)
-        direct = model.rates.direct
-        file.attribute("version", ALSO[FORMAT] if model.added or direct is not None else VERSION)
+    direct = model.rates.direct
+    version = ALSO[FORMAT] if model.added or direct is not None else VERSION
+    with writing(path, model.comm, FORMAT, version) as file:
         file.attribute("size", model.size)
         file.attribute("rows_per_block", _block(model))
         if model.converted_from:
@@ -113,8 +112,7 @@ def write_model(path, model: SecondOrderModel):
                 for key, part in parts.items():
                     file.rows(f"{group}/{key}", np.ascontiguousarray(part), axis=1)
                 file.small(f"{group}/names", list(names))
-        if direct is not None:
-            file.small("outputs/direct", direct)
+        file.several({"outputs/direct": direct})
         if model.loads:
             for key in ("name", "kind", "remark", "area", "spins"):
                 file.small(f"loads/{key}", [getattr(item, key) for item in model.loads])
@@ -145,19 +143,13 @@ def write_nodes(file, model):
                 file.rows(f"{group}/{key}", getattr(dofs, key))
     for kind, nodes in model.elements.items():
         file.rows(f"elements/{kind}", nodes)
-    if model.properties is not None:
-        _write_properties(file, model.properties)
+    if (properties := model.properties) is not None:
+        file.several({"element_program": properties.program, "element_types": list(properties.types),
+                      "materials": adapter_of(MATERIALS).dump_json(properties.materials).decode()})  # fmt: skip
+        for kind, table in properties.table.items():
+            file.rows(f"element_properties/{kind}", table)
     for name in sorted(set().union(*model.comm.allgather(set(model.sets)))):
         file.rows(place_of_set(name), model.sets.get(name, np.zeros(0, np.int64)))
-
-
-def _write_properties(file, properties):
-    """Numbers, types and materials of the elements of all ranks. Collective."""
-    file.small("element_program", properties.program)
-    file.small("element_types", list(properties.types))
-    for kind, table in properties.table.items():
-        file.rows(f"element_properties/{kind}", table)
-    file.small("materials", adapter_of(MATERIALS).dump_json(properties.materials).decode())
 
 
 def read_properties(file, comm) -> ElementProperties | None:

@@ -29,6 +29,7 @@ from ..simulation.simulation import Motion
 from .checked import Array
 from .hdf5 import reading, writing
 from .names import FileNames
+from .text import write_table
 
 FORMAT = "hpcred-simulation"
 VERSION = 1
@@ -51,9 +52,7 @@ SCHEMA = {
 
 def write_motion(path, motion: Motion, provenance: dict, comm):
     """Write simulation.h5. Collective, with the same arguments on all ranks."""
-    with writing(path, comm) as file:
-        file.attribute("format", FORMAT)
-        file.attribute("version", VERSION)
+    with writing(path, comm, FORMAT, VERSION) as file:
         for name, value in _arrays(motion).items():
             file.small(name, value, **{"axes": AXES_OF[name]} if name in AXES_OF else {})
         file.small("provenance", provenance)
@@ -117,5 +116,4 @@ def write_motion_csv(path, motion: Motion):
         for j, name in enumerate(motion.spring_names):
             columns |= {f"spring_{kind}_{name.replace(':', '_')}_{a}": values[:, j, i] for i, a in enumerate(AXES)}
     columns |= {f"energy_{name}": value for name, value in motion.energies.items()}
-    np.savetxt(path, np.array(list(columns.values())).T, "%.10e", ",", header=",".join(columns), comments="",
-               encoding="utf-8")  # fmt: skip
+    write_table(path, columns, 10)

@@ -137,6 +137,7 @@ def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int =
     outputs = {path: kind for path, kind in outputs.items() if path is not None}
     for path in outputs:
         check_writable(path, comm)
+    # what would be lost or mixed up is refused, then the outputs are locked
     replaced, locks = [], [lock_name(Path(os.path.realpath(path))) for path in outputs]
     with agreed(comm):
         if comm.rank == 0:
@@ -152,6 +153,7 @@ def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int =
                         replaced.append(path)
             if outputs:
                 check_room(next(iter(outputs)), needed)
+            # an output that this run writes twice is a mistake
             for path, kind in outputs.items():
                 real = Path(os.path.realpath(path))
                 before = _kinds.get(real, kind) if is_locked_here(real) else kind

@@ -95,6 +95,7 @@ class PointStore:
         key = comm.bcast(self._known(key) if comm.rank == 0 else None)
         if key is None:
             return None
+        # each rank reads its rows; what one cannot read none uses
         path = self.folder / name_of(key)
         about = blocks = arrays = reason = None
         try:
@@ -115,6 +116,7 @@ class PointStore:
         with suppress(OSError):  # the time of last use, for pruning
             if comm.rank == 0:
                 os.utime(path)
+        # one block of all columns
         widths = tuple(values.shape[1] for values in blocks)
         block = None
         if sum(widths):
@@ -221,6 +223,7 @@ def describe_entry(path: Path, check: bool = False) -> dict | None:
                 return None
             if file.attrs["version"] != VERSION:
                 raise ValueError(f"version {file.attrs['version']}, expected {VERSION}")
+            # what it says of itself, and whether its contents fit
             checked = CheckedFile(file, path)
             about = about_of(checked)
             row |= {"model": about["model"], "date": about["date"], "point": _point_of(about["key"])}

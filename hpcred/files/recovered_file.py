@@ -46,9 +46,7 @@ def recovered_file(path, points: Points, start, t, keys, record: dict, comm, dty
 
     `start` (k, 3): places without displacement; `record` may change until the block ends.
     """
-    with writing(path, comm) as file, ExitStack() as stack:
-        file.attribute("format", FORMAT)
-        file.attribute("version", VERSION)
+    with writing(path, comm, FORMAT, VERSION) as file, ExitStack() as stack:
         file.small("t", t)
         file.rows("nodes/number", points.node)
         file.rows("nodes/position", start)

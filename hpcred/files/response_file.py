@@ -28,6 +28,7 @@ from .frf_file import write_frf
 from .hdf5 import atomic_output, reading, texts, writing
 from .names import FileNames
 from .outputs import CSV_OF_RESPONSES, UFF, ZIP, hdf5_kind
+from .text import write_table
 
 FORMAT, VERSION = "hpcred-response", 1
 RESPONSES = ("response", "reduced", "full")
@@ -155,16 +156,10 @@ def write_responses(path, responses: Responses, comm, polar=False):
             if comm.rank == 0:
                 write_frf(temporary, known, H, str(path).endswith(".npz"))
         return
-    with writing(path, comm) as file:
-        file.attribute("format", FORMAT)
-        file.attribute("version", VERSION)
-        file.small("frequencies", responses.frequencies)
-        for key in ("input_names", "output_names"):
-            file.small(key, list(getattr(responses, key)))
-        for key in ARRAYS:
-            if getattr(responses, key) is not None:
-                file.small(key, getattr(responses, key))
-        file.small("record", responses.record)
+    with writing(path, comm, FORMAT, VERSION) as file:
+        file.several({"frequencies": responses.frequencies, "input_names": list(responses.input_names),
+                      "output_names": list(responses.output_names), "record": responses.record,
+                      **{key: getattr(responses, key) for key in ARRAYS}})  # fmt: skip
 
 
 def _require_numbers(path, responses):
@@ -196,8 +191,7 @@ def _write_csv(path, responses, polar):
         columns["eps"] = responses.eps
     head = io.StringIO()
     csv.writer(head, lineterminator="").writerow(columns)  # names of a user may have commas
-    np.savetxt(path, np.array(list(columns.values())).T, "%.16e", ",", header=head.getvalue(), comments="",
-               encoding="utf-8")  # fmt: skip
+    write_table(path, columns, 16, head.getvalue())
 
 
 def read_responses(path) -> Responses:

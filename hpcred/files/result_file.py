@@ -65,7 +65,9 @@ from .result_parameters import with_parameters, write_parameters
 FORMAT, VERSION = "hpcred-result", 2
 LABELS = ("node", "direction", "position")
 ARRAYS = ("M", "D", "K", "B", "C", "frequencies")
+RATES = ("Cv", "Ca", "feedthrough")  # where they are not zero
 NAMES = ("input_names", "output_names")
+OF_NODES = ("node", "position", "phi", "psi", "rotates")
 QUANTITIES = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
 SCHEMA = NODES | OF_PARAMETERS | {
     **{f"reduced/{key}": Array("real", ("m", "m"), needed=True) for key in "MDK"},
@@ -374,6 +376,7 @@ class Shapes:
         self.nodes, first, place = np.unique(node, return_index=True, return_inverse=True)
         self.points = position[first]
         self._place = place[: len(self._direction)]
+        # columns, and what shapes are made of them
         self._basis, self._name = file["basis/V"], name
         if turn is not None:
             self._basis = turn.T @ self._basis[...]
@@ -388,6 +391,7 @@ class Shapes:
         width = len(str(len(self.frequencies)))
         self.first = int(file.attrs.get("first_number", 1))
         self.names = [f"{kind} {k:0{width}d}: {f:.6g} Hz" for k, f in enumerate(self.frequencies, self.first)]
+        # interface nodes, and elements all of whose nodes are there
         self.mark_names, self.mark_points, self._mark_phi = [], np.zeros((0, 3)), np.zeros((0, 3, len(self.names)))
         if marks := file.get("interface"):
             numbers = list(map(str, marks["node"][...].tolist()))
@@ -497,47 +501,41 @@ def write_result(
     body = None
     if model is not None and model.dofs is not None and reduced.columns is not None and reduced.left_columns is None:
         body = body_of(model, reduced, origin=origin, lumped=lumped, geometric_stiffness=geometric_stiffness)
-    with writing(path, comm) as file:
-        file.attribute("format", FORMAT)
-        file.attribute("version", ALSO[FORMAT] if reduced.added or reduced.feedthrough is not None else VERSION)
+    # the reduced model
+    version = ALSO[FORMAT] if reduced.added or reduced.feedthrough is not None else VERSION
+    with writing(path, comm, FORMAT, version) as file:
         file.attribute("loss_factor", reduced.loss_factor)
-        for key in ARRAYS:
-            file.small(f"reduced/{key}", getattr(reduced, key))
-        for key in ("Cv", "Ca", "feedthrough"):
-            if getattr(reduced, key) is not None:
-                file.small(f"reduced/{key}", getattr(reduced, key))
+        file.several({f"reduced/{key}": getattr(reduced, key) for key in (*ARRAYS, *RATES, "resultants")})
+        file.several({f"reduced/{key}": list(getattr(reduced, key)) for key in NAMES})
         if isinstance(reduced, ParametricReducedModel):
             write_parameters(file, reduced)
-        for key in NAMES:
-            file.small(f"reduced/{key}", list(getattr(reduced, key)))
         if reduced.added:
             file.small(f"reduced/{ADDED}/K", np.array([term.matrix for term in reduced.added]))
             file.small(f"reduced/{ADDED}/laws", adapter_of(LAWS).dump_json(laws_of(reduced.added)).decode())
-        if reduced.resultants is not None:
-            file.small("reduced/resultants", reduced.resultants)
         if reduced.interfaces:
-            for key in ("name", "node", "position"):
-                file.small(f"reduced/interfaces/{key}", [getattr(item, key) for item in reduced.interfaces])
+            file.several({f"reduced/interfaces/{key}": [getattr(item, key) for item in reduced.interfaces]
+                          for key in ("name", "node", "position")})  # fmt: skip
+        # the basis in the dofs of the full model, and stresses of its columns
         if basis and reduced.columns is not None:
             _write_basis(file, reduced, model)
             if stress is not None:
                 write_stress(file, stress)
+        # what multibody programs need of the body
         if body is not None:
-            for key, value in body.floating_frame.arrays().items():
-                file.small(f"floating_frame/{key}", value, gaps=True)  # what a body that is held here does not show
+            arrays = body.floating_frame.arrays().items()  # gaps: what a body that is held here does not show
+            file.several({f"floating_frame/{key}": value for key, value in arrays}, gaps=True)
             file.small("floating_frame/integrals", body.floating_frame.integrals)
             nodes = body.nodes
         if nodes:
-            for key in ("node", "position", "phi", "psi", "rotates"):
-                file.small(f"interface/{key}", np.array([getattr(shape, key) for shape in nodes]))
+            file.several({f"interface/{key}": np.array([getattr(shape, key) for shape in nodes]) for key in OF_NODES})
             file.small("interface/name", [shape.name for shape in nodes])
         if more is not None:
             more(file)
         if geometric_stiffness is not None:
             geometric_stiffness.check(reduced.size, origin)
-            file.small("geometric_stiffness/state", list(geometric_stiffness.states))
-            file.small("geometric_stiffness/matrices", geometric_stiffness.matrices)
-            file.small("geometric_stiffness/origin", geometric_stiffness.origin)
+            file.several({"geometric_stiffness/state": list(geometric_stiffness.states),
+                          "geometric_stiffness/matrices": geometric_stiffness.matrices,
+                          "geometric_stiffness/origin": geometric_stiffness.origin})  # fmt: skip
         file.small("record", adapter_of(Record | None).dump_json(reduced.record).decode())
 
 
@@ -564,8 +562,9 @@ def copy_with_stress(source, output, stress, comm):
     """
     with agreed(comm), reading(source, FORMAT, VERSION, SCHEMA) as old:
         names = [name for name in old.datasets if not name.startswith("basis/stress")]
-        attributes = {key: value for key, value in old.attrs.items() if key != CHECKSUM}
-    with writing(output, comm) as file, reading(source, FORMAT, VERSION, SCHEMA) as old:
+        attributes = {key: value for key, value in old.attrs.items() if key not in (CHECKSUM, "format")}
+    version = int(attributes.pop("version"))
+    with writing(output, comm, FORMAT, version) as file, reading(source, FORMAT, VERSION, SCHEMA) as old:
         for key, value in attributes.items():
             file.attribute(key, value)
         for name in names:
@@ -607,10 +606,9 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
         # the reduced model, with parameters where the file has their terms
         reduced = ReducedModel(
             **{key: group[key][...] for key in ARRAYS},
-            **{key: group[key][...] for key in ("Cv", "Ca", "feedthrough") if key in group},
+            **{key: group[key][...] for key in (*RATES, "resultants") if key in group},
             **{key: tuple(texts(group[key])) for key in NAMES},
             interfaces=_interfaces(group["interfaces"]) if "interfaces" in group else (),
-            resultants=group["resultants"][...] if "resultants" in group else None,
             loss_factor=file.attribute("loss_factor", float),
             record=record,
             **{ADDED: _added(group[ADDED]) if ADDED in group else ()},
@@ -631,7 +629,7 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
                 tuple(texts(group["state"])), group["matrices"][...], group["origin"][...]
             )
         if "interface" in file:
-            arrays = [file[f"interface/{key}"][...] for key in ("node", "position", "phi", "psi", "rotates")]
+            arrays = [file[f"interface/{key}"][...] for key in OF_NODES]
             names = texts(file["interface/name"]) if "name" in file["interface"] else [""] * len(arrays[0])
             result.nodes = [
                 NodeShape(int(node), position, phi, psi, bool(rotates), name)

@@ -30,9 +30,7 @@ def check_table_name(path, comm):
 def write_sweep_table(path, rows: list[dict], curves: dict, comm):
     """Write rows with the same keys, and `curves` {run: (frequencies, eps)}. On one rank. Raises InputError."""
     if str(path).endswith((".h5", ".hdf5")):
-        with writing(path, comm) as file:
-            file.attribute("format", FORMAT)
-            file.attribute("version", VERSION)
+        with writing(path, comm, FORMAT, VERSION) as file:
             for key in rows[0]:
                 file.small(f"columns/{key}", _column([row[key] for row in rows]), gaps=True)
             for name, (frequencies, eps) in curves.items():

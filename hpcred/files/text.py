@@ -147,6 +147,7 @@ def pieces(path, comm, start=0, stop: int | None = None, continued=False):
     with open_input(path) as file:
         if start == 0 and file.read(3) == BYTE_ORDER_MARK:
             start = 3
+        # the range of this rank, from the first line that begins in it
         stop = Path(path).stat().st_size if stop is None else stop
         low = start + (stop - start) * comm.rank // comm.size
         high = start + (stop - start) * (comm.rank + 1) // comm.size
@@ -156,6 +157,7 @@ def pieces(path, comm, start=0, stop: int | None = None, continued=False):
             while continued and low < stop and _goes_on(file, start, low):
                 file.seek(low)
                 low += len(file.readline())
+        # whole lines up to its end
         file.seek(low)
         first = low
         while low < high:
@@ -242,6 +244,13 @@ def places(comm, counts: list[tuple[int, int]]) -> np.ndarray:
 def end_to_end(arrays, decode) -> list[np.ndarray]:
     """The arrays that `decode` makes of each of the Pieces, end to end; without any, those of an empty one."""
     return _joined([decode(piece) for piece in arrays], decode)
+
+
+def write_table(path, columns: dict, digits: int, head: str | None = None):
+    """Write columns (n,) of numbers by name as a .csv with so many digits; on this rank. `head`: in place of the names.
+    """
+    np.savetxt(path, np.array(list(columns.values())).T, f"%.{digits}e", ",", header=head or ",".join(columns),
+               comments="", encoding="utf-8")  # fmt: skip
 
 
 def read_lines(path, comm, decode, start=0) -> list[np.ndarray]:

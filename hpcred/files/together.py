@@ -40,6 +40,7 @@ def together(comm):
     if _waiting is not None:
         yield
         return
+    # outputs of the block wait; folders may be older ones from the exchange on
     _waiting = group = []
     try:
         yield
@@ -50,6 +51,7 @@ def together(comm):
             if comm.rank == 0:
                 _put(group)
     except BaseException as error:
+        # what took long to compute is kept elsewhere where the disk is full
         settle(comm, error)  # where this rank fails alone the job ends here, while it still knows what must not stay
         kept = _kept(group) if comm.rank == 0 and isinstance(error, NotWritten) else ()
         if comm.rank == 0:
@@ -81,7 +83,8 @@ def rescued(write, path, comm):
     """write(path), or where that fails write(another place), and the error that says so. Collective."""
     try:
         write(path)
-        _is_dear(path)
+        for item in _waiting or ():
+            item.dear = item.dear or item.path == Path(os.path.realpath(path))
     except NotWritten as error:
         places = rescue_places(path) if comm.rank == 0 else None
         while (place := comm.bcast(next(places, None) if comm.rank == 0 else None)) is not None:
@@ -104,11 +107,6 @@ def alone():
         yield
     finally:
         _waiting = before
-
-
-def _is_dear(path):
-    for item in _waiting or ():
-        item.dear = item.dear or item.path == Path(os.path.realpath(path))
 
 
 def _put(group):

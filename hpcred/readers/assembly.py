@@ -39,11 +39,13 @@ def assemble(
     size = common_size(parts)
     if comm.size > size:
         raise InputError(f"{name}: {size} rows cannot be distributed over {comm.size} ranks; use fewer ranks")
+    # rows of this rank, with whole nodes where their number allows it
     ranges = comm.allgather(row_range(comm, size, 6 if size % 6 == 0 else 3 if size % 3 == 0 else 1))
     starts = np.array([first for first, _ in ranges])
     first, last = ranges[comm.rank]
     if "D" in parts.matrices:
         parts.matrices["D"] = with_transposed_pattern(parts.matrices["D"])
+    # what cannot be a matrix of a body is refused before it is distributed
     with agreed(comm):
         for key, item in parts.matrices.items():
             if len(item.values) and np.abs(item.values).max() > LARGEST_VALUE:  # NaN and Inf are found with their row
@@ -61,6 +63,7 @@ def assemble(
             f"{parts.files['K']}: found {size} rows and {entries} entries in all matrices, expected one in each row at "
             "least; the file is damaged, or has rows that no element touches"
         )
+    # entries go to the rank of their row, matrix by matrix for the memory
     mine = {}
     for key in list(parts.matrices):
         mine[key] = owned(comm, starts, parts.matrices.pop(key))
@@ -74,10 +77,12 @@ def assemble(
     give_back()
     if parts.as_written:
         parts.warnings += _on_repeats(comm, parts, repeats)
+    # inputs and outputs
     B = read_columns(comm, starts, size, inputs, variables=variables) if inputs else None
     Ct = read_columns(comm, starts, size, outputs, transposed=True, variables=variables) if outputs else None
     rates = {key: read_columns(comm, starts, size, path, transposed=True, variables=variables, key=key)
              for key, path in (rates or {}).items()}  # fmt: skip
+    # nodes of the rows, and of the dofs that the program held
     dofs = held = None
     if parts.nodes is not None:
         dofs, placed = _placed(comm, parts, labels)
@@ -142,7 +147,7 @@ def number_rows(comm, parts):
             f"{parts.files[numbered]}: found numbered rows, but {parts.files[named]} names node and dof of its rows; "
             "expected the same of all matrices"
         )
-    ends = [item for matrix in parts.matrices.values() for item in (matrix.rows, matrix.columns)]
+    ends = parts.ends
     labels, place = number_over_ranks(comm, np.concatenate(ends))
     size = comm.allreduce(len(labels))
     numbers = iter(np.split(place, np.cumsum([len(item) for item in ends])[:-1]))
@@ -247,6 +252,7 @@ class Rows:
 
 def refuse_cut(comm, parts, rows: dict[str, Rows], labels) -> list[str]:
     """Refuse open-ended matrices that lack rows; return warnings. `labels`: of rows here, or None. Collective."""
+    # each row with an entry has one on the diagonal
     for key in sorted(parts.open_ended & set(rows)):  # in one order on all ranks
         if bare := comm.allreduce(int((rows[key].touched & ~rows[key].on_diagonal).sum())):
             raise InputError(
@@ -255,6 +261,7 @@ def refuse_cut(comm, parts, rows: dict[str, Rows], labels) -> list[str]:
             )
     if labels is None:
         return []
+    # nodes with mass have stiffness
     if "K" in parts.open_ended and not parts.loose:
         only = _only(comm, labels, rows["M"], rows["K"])
         alone = (only.nodes & (labels % STRIDE != SCALAR)) | (only.behind & (labels % STRIDE < TRANSLATIONS))
@@ -263,6 +270,7 @@ def refuse_cut(comm, parts, rows: dict[str, Rows], labels) -> list[str]:
     if "M" not in parts.open_ended:
         return []
     only = _only(comm, labels, rows["K"], rows["M"])
+    # the cut may go through a node, or take nodes of solids
     parted = labels[only.behind & ~only.nodes & (labels % STRIDE < TRANSLATIONS)]  # of the node at the cut
     if comm.allreduce(len(parted)):
         raise _lacks(comm, parts, "M", "K", 1, parted)
@@ -271,6 +279,7 @@ def refuse_cut(comm, parts, rows: dict[str, Rows], labels) -> list[str]:
     for lost, there in zip(*(_of_solids(comm, parts.elements, nodes) for nodes in (silent, massive)), strict=True):
         if comm.allreduce(len(there)) and (count := comm.allreduce(len(lost))):
             raise _lacks(comm, parts, "M", "K", count, lost * STRIDE)
+    # some other nodes may be without mass, but not many at the end
     behind = np.unique(labels[only.nodes & only.behind] // STRIDE)
     behind = np.setdiff1d(behind, np.concatenate(_of_solids(comm, parts.elements, behind)))
     count, total = (comm.allreduce(len(part)) for part in (behind, np.unique(labels // STRIDE)))

@@ -12,8 +12,6 @@ and a unit in its head, which is required:
 Motions of bases may be accelerations, velocities or displacements.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 
@@ -22,8 +20,7 @@ import numpy as np
 from ..model.units import unit_of_input
 from ..parallel.declared import nearest
 from ..parallel.failures import InputError
-from .motions.columns import read_columns
-from .motions.table import head_of
+from .motions.table import head_of, read_columns
 
 HEAD = re.compile(r"(?P<name>.*?)(?:\s+(?P<part>coherence|phase|re|im))?\s*\[(?P<unit>[^\]]*)\]")
 FIRST = {"f [Hz]": "frequency", "f_hz": "frequency", "t [s]": "time", "t_s": "time"}

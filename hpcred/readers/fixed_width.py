@@ -43,6 +43,7 @@ def fields_of_format(text: bytes, where: str) -> list[Field]:
     if not (inner.startswith(b"(") and inner.endswith(b")")) or len(inner) > LONGEST:
         raise refusal
     inner = inner[1:-1]
+    # an outer repetition such as 5(1PE16.8)
     nested = NESTED.match(inner)
     times = 1
     if nested:  # such as (5(1PE16.8))
@@ -51,6 +52,7 @@ def fields_of_format(text: bytes, where: str) -> list[Field]:
         times, inner = int(nested["repeat"]), nested["inner"]
         if times > LONGEST:
             raise refusal
+    # descriptors one after the other, of which P holds for those that follow
     fields, at, scale = [], 0, 0
     while at < len(inner):
         match = FORMAT.match(inner, at)

@@ -24,7 +24,7 @@ class AbaqusInput(Reader):
     def read_model(self, path, comm):
         with agreed(comm):
             of_calculix = "K" in matrix_storage.files_of(path)
-            if of_calculix and matrices.is_beside(path):
+            if of_calculix and matrices.matrices_beside(path):
                 raise InputError(
                     f"{path}: found matrices of both Abaqus and CalculiX beside it; give the .sti file in place of it, "
                     "or -K and -M of Abaqus with --nodes"

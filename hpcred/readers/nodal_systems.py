@@ -44,6 +44,7 @@ def turn_to_global(comm, parts, node: np.ndarray, rotation: np.ndarray, where: s
             raise InputError(f"{where}: found axes of node {node[wrong[0]]} that are no rotation")
     if not comm.allreduce(len(node)):
         return 0
+    # directions of each row in the global axes
     label, row = parts.row_labels
     own, direction = node_and_direction(label)
     there, factors = look_up(comm, node, list(rotation.reshape(-1, 9).T), own)
@@ -53,6 +54,7 @@ def turn_to_global(comm, parts, node: np.ndarray, rotation: np.ndarray, where: s
     straight = np.arange(AXES)[:, None] == came_from
     factor = np.where(there, factors[:, came_from, np.arange(len(label))], straight)
     factor[np.abs(factor) < ZERO] = 0.0
+    # rows of these directions
     exists, (place,) = look_up(comm, label, [row], target.ravel())
     exists, place = exists.reshape(AXES, -1), place.reshape(AXES, -1)
     with agreed(comm):
@@ -64,6 +66,7 @@ def turn_to_global(comm, parts, node: np.ndarray, rotation: np.ndarray, where: s
                 f"{label_name(target[lost[:, k], k][0])} was held or is missing; turn the node's axes back (NROTAT or "
                 "NMODIF), or export the body without supports in turned axes"
             )
+    # the matrices, where a row is turned at all
     place[factor == 0] = -1
     turned = np.flatnonzero((factor != straight).any(axis=0))
     turn = Turn(row[turned], place[:, turned].T, factor[:, turned].T)

@@ -67,6 +67,17 @@ class Parts:
     all_massive: bool = False
     as_written: bool = False
 
+    @property
+    def ends(self) -> list[np.ndarray]:
+        """Rows and columns of all matrices, numbers or labels."""
+        return [end for item in self.matrices.values() for end in (item.rows, item.columns)]
+
+    def take_mesh(self, mesh, remarks=()):
+        """Take the elements, properties and sets of what a reader found, as far as it has them, and remarks."""
+        for key in ("elements", "properties", "sets"):
+            setattr(self, key, getattr(mesh, key, getattr(self, key)))
+        self.warnings += remarks
+
     @classmethod
     def from_arrays(
         cls, path, comm, K, M, D=None, *, nodes=None, dofs=None, elements=None, held=None, sets=None

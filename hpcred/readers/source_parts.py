@@ -45,18 +45,16 @@ def read_source(source: Source, comm) -> Parts:
             is_input_file = abaqus_input.begins(start)
         if uff.begins(start):
             mesh = uff.read(source.nodes, comm)
-            parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
-            parts.warnings += mesh.remarks
+            parts.nodes = mesh.nodes
+            parts.take_mesh(mesh, mesh.remarks)
         elif nastran.begins_bulk(start):
             parts.nodes, deck, points = nastran.read_nodes(source.nodes, comm)
-            parts.elements, parts.properties, parts.sets = deck.elements, deck.properties, deck.sets
-            parts.warnings += deck.remarks
+            parts.take_mesh(deck, deck.remarks)
         # an input file says which dofs its boundary holds, other files leave that to the missing rows
         elif is_input_file:
             mesh = abaqus_input.read(source.nodes, comm)
-            parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
-            parts.properties = mesh.properties
-            parts.warnings += mesh.remarks
+            parts.nodes = mesh.nodes
+            parts.take_mesh(mesh, mesh.remarks)
             keywords = [section.keyword for section in mesh.sections]
             parts.all_massive = 0 < keywords.count("material") == keywords.count("density")
         elif calculix_frd.begins(start):
@@ -66,8 +64,8 @@ def read_source(source: Source, comm) -> Parts:
                     f"{source.nodes}: found results of CalculiX without nodes, as a run that only writes matrices "
                     "leaves them; give those of another run of the same mesh, or the input file"
                 )
-            parts.nodes, parts.elements = results.nodes, results.elements
-            parts.warnings += results.notes(source.nodes)
+            parts.nodes = results.nodes
+            parts.take_mesh(results, results.notes(source.nodes))
         elif ansys_nodes.begins(start):
             turned = ansys_nodes.read_nodes(source.nodes, comm)
             ansys_nodes.give_mesh(parts, turned)
@@ -139,6 +137,7 @@ def _require_rows(comm, parts, source, label):
 
 def _remove_supports(comm, parts):
     """Remove the rows that Abaqus holds by 1e36 on the diagonal of K, and keep their labels. Collective."""
+    # rows with such a number on the diagonal, and sane numbers elsewhere
     K = parts.matrices["K"]
     size_of = np.abs(K.values)
     held = K.rows[(K.rows == K.columns) & (size_of >= HELD) & (size_of <= LARGEST_VALUE)]  # inf is no support
@@ -149,6 +148,7 @@ def _remove_supports(comm, parts):
         for key, item in parts.matrices.items():
             require_sane(item.values, f"{parts.files[key]}: found", "real")
     what = f"{parts.files['K']}: removed {len(held)} rows that are held by {HELD_BY:g} on the diagonal of K"
+    # named rows go with their entries; behind numbered ones the others move up
     if isinstance(K, LabelledEntries):
         for key, item in parts.matrices.items():
             free = ~(np.isin(item.rows, held) | np.isin(item.columns, held))

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..analysis.campbell_diagram import SPEEDS, Campbell
 from ..analysis.whirl import in_words
-from .figures import COLOURS, INK, add_grid, legend_beside, pyplot, save_as
+from .figures import COLOURS, INK, add_grid, legend_beside, new_figure, save_as
 
 STYLES = {"forward": (COLOURS[0], "-"), "backward": (COLOURS[1], "--"), "none": (INK, "-."), "unknown": (INK, "-")}
 UNDAMPED = 1e-7  # per cent, below which it is round-off
@@ -13,11 +13,9 @@ RPM = np.pi / 30
 
 def campbell_figure(path, diagram: Campbell, title, kind="png"):
     """Write the figure of draw_campbell as a file. `kind`: png, svg or pdf."""
-    plt = pyplot()
-    figure = plt.figure(figsize=(9.0, 7.0), layout="constrained")
+    figure = new_figure(figsize=(9.0, 7.0), layout="constrained")
     draw_campbell(figure, diagram, title)
     save_as(figure, path, kind)
-    plt.close(figure)
 
 
 def draw_campbell(figure, diagram: Campbell, title):

@@ -52,19 +52,9 @@ def _outside_the_working_folder():
         os.close(here)
 
 
-def pyplot():
-    """Return matplotlib.pyplot without a display. Raises InputError when it is not installed."""
-    matplotlib = _matplotlib()
-    matplotlib.use("Agg")
-    matplotlib.rcParams["svg.hashsalt"] = "hpcred"
-    from matplotlib import pyplot as plt
-
-    return plt
-
-
 def new_figure(**keywords):
-    """Return an empty matplotlib Figure of which pyplot knows nothing, and which notebooks show. Raises InputError when
-    matplotlib is not installed."""
+    """Return an empty matplotlib Figure of which pyplot knows nothing, and which notebooks show; it needs no display.
+    Raises InputError when matplotlib is not installed."""
     _matplotlib()
     import matplotlib.figure
 
@@ -89,8 +79,8 @@ def legend_beside(axes, *entries, **style):
 
 def error_figure(stem, frequencies, curves, title):
     """Draw eps over frequency, logarithmic, as stem.png and stem.svg. `curves`: (label, errors) pairs."""
-    plt = pyplot()
-    figure, axes = plt.subplots(figsize=(7.5, 5.0), layout="constrained")
+    figure = new_figure(figsize=(7.5, 5.0), layout="constrained")
+    axes = figure.subplots()
     for (label, errors), colour, dash in zip(curves, COLOURS, DASHES, strict=False):
         marker = "." if len(frequencies) <= FEW else None  # of the frequencies that were solved at
         axes.semilogy(frequencies, errors, dash, color=colour, linewidth=1.1, marker=marker, label=label)
@@ -106,8 +96,8 @@ def cut_figure(stem, t, curves, title):
 
     `curves`: (label, values in m) pairs, the reference first.
     """
-    plt = pyplot()
-    figure, (whole, cut) = plt.subplots(2, figsize=(7.5, 7.5), layout="constrained")
+    figure = new_figure(figsize=(7.5, 7.5), layout="constrained")
+    whole, cut = figure.subplots(2)
     reference = curves[0][1]
     worst = int(np.argmax(np.max([np.abs(values - reference) for _, values in curves[1:]], axis=0)))
     width = (t[-1] - t[0]) / 40
@@ -160,9 +150,8 @@ def _without_jumps(vectors):
 
 def time_figure(path, t, panels, kind="png"):
     """Draw curves over time, one panel below the other. `panels`: (label of the axis, [(label, values)])."""
-    plt = pyplot()
-    figure, axes = plt.subplots(len(panels), figsize=(9.0, 2.9 * len(panels)), sharex=True, squeeze=False,
-                                layout="constrained")  # fmt: skip
+    figure = new_figure(figsize=(9.0, 2.9 * len(panels)), layout="constrained")
+    axes = figure.subplots(len(panels), sharex=True, squeeze=False)
     for (name, curves), panel in zip(panels, axes[:, 0], strict=True):
         for i, (label, values) in enumerate(curves):
             panel.plot(t, values, DASHES[i // len(COLOURS) % len(DASHES)], color=COLOURS[i % len(COLOURS)],
@@ -172,7 +161,6 @@ def time_figure(path, t, panels, kind="png"):
         legend_beside(panel)
     axes[-1, 0].set(xlabel="time (s)", xlim=(t[0], t[-1]))
     save_as(figure, path, kind)
-    plt.close(figure)
 
 
 FIGURES = (".png", ".svg", ".pdf")
@@ -190,7 +178,8 @@ def kind_of_figure(path, endings=FIGURES) -> str:
 
 def save_as(figure, path, kind, dpi=None):
     """Write a figure as png, svg or pdf, without a date, so that the same numbers give the same file."""
-    figure.savefig(path, dpi=dpi or DOTS, format=kind, metadata={"Date": None} if kind == "svg" else None)
+    with _matplotlib().rc_context({"svg.hashsalt": "hpcred"}):
+        figure.savefig(path, dpi=dpi or DOTS, format=kind, metadata={"Date": None} if kind == "svg" else None)
 
 
 def draw_responses(figure, frequencies, curves, title, errors=None, tolerance=None, loads=()):
@@ -227,11 +216,9 @@ def draw_responses(figure, frequencies, curves, title, errors=None, tolerance=No
 
 def response_figure(path, frequencies, curves, eps, tolerance, title, loads=(), kind="png"):
     """Write the figure of draw_responses as a file, with `eps` (F,). `kind`: png, svg or pdf."""
-    plt = pyplot()
-    figure = plt.figure(figsize=(9.0, 8.0), layout="constrained")
+    figure = new_figure(figsize=(9.0, 8.0), layout="constrained")
     draw_responses(figure, frequencies, curves, title, (frequencies, eps), tolerance, loads)
     save_as(figure, path, kind)
-    plt.close(figure)
 
 
 def driven_figure(path, frequencies, curves, title, kind="png"):
@@ -245,10 +232,8 @@ def driven_figure(path, frequencies, curves, title, kind="png"):
             by_unit[unit].append((label, values))
     turned = any(np.iscomplexobj(values) for *_, values in curves)
     rows = len(by_unit) + turned
-    figure, panels = pyplot().subplots(
-        rows, figsize=(9.0, 1.2 + 2.8 * rows), sharex=True, layout="constrained", squeeze=False
-    )
-    panels = panels[:, 0]
+    figure = new_figure(figsize=(9.0, 1.2 + 2.8 * rows), layout="constrained")
+    panels = figure.subplots(rows, sharex=True, squeeze=False)[:, 0]
     for axes, (unit, mine) in zip(panels, by_unit.items(), strict=False):
         for place, (label, values) in enumerate(mine):
             style = _style(place, label, len(frequencies)) | ({"marker": "o"} if len(frequencies) == 1 else {})
@@ -281,11 +266,9 @@ def pair_figure(path, curves, output, given, errors=(), loads=(), kind="png"):
     ends in "full model", and errors that end in "measured", are dots where there are few. `loads`: see
     unit_of_response. `kind`: png, svg or pdf.
     """
-    plt = pyplot()
     rows = 3 if errors else 2
-    figure, panels = plt.subplots(
-        rows, figsize=(7.5, 2.2 + 1.9 * rows), sharex=True, layout="constrained", height_ratios=(3, 2, 2)[:rows]
-    )
+    figure = new_figure(figsize=(7.5, 2.2 + 1.9 * rows), layout="constrained")
+    panels = figure.subplots(rows, sharex=True, height_ratios=(3, 2, 2)[:rows])
     for place, (label, frequencies, values) in enumerate(curves):
         draw_response(*panels[:2], frequencies, values, label=label, **_style(place, label, len(frequencies)))
     unit = unit_of_response(output, given, loads) or UNKNOWN
@@ -298,7 +281,8 @@ def pair_figure(path, curves, output, given, errors=(), loads=(), kind="png"):
 def errors_figure(path, curves, title, tolerance=None, kind="png"):
     """Relative errors over frequency. `curves`: ("result, estimate" or "result, measured", frequencies in Hz, (F,)),
     as in pair_figure; what belongs to one result has one colour."""
-    figure, axes = pyplot().subplots(figsize=(7.5, 4.2), layout="constrained")
+    figure = new_figure(figsize=(7.5, 4.2), layout="constrained")
+    axes = figure.subplots()
     results = list(dict.fromkeys(label.rpartition(", ")[0] for label, _, _ in curves))
     _error_panel(axes, curves, tolerance, [results.index(label.rpartition(", ")[0]) for label, _, _ in curves])
     axes.set_title(title)
@@ -340,7 +324,6 @@ def _finish(figure, panels, frequencies, path, kind):
     if len(frequencies) > 1:
         panels[-1].set_xlim(*_limits(frequencies, panels[-1].get_xscale() == "log"))
     save_as(figure, path, kind)
-    pyplot().close(figure)
 
 
 def save(figure, stem):
@@ -348,4 +331,3 @@ def save(figure, stem):
     for kind in ("png", "svg"):
         with atomic_output(f"{stem}.{kind}", MPI.COMM_SELF) as path:
             save_as(figure, path, kind)
-    pyplot().close(figure)

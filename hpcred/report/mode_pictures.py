@@ -13,7 +13,7 @@ from ..body.stress import von_mises
 from ..files.outputs import PDF, PICTURES, SVG
 from ..parallel.failures import InputError
 from ..writers.base import Writer
-from .figures import COLOURS, INK, new_figure, pyplot, save_as
+from .figures import COLOURS, INK, new_figure, save_as
 from .rasteriser import Canvas
 from .surface import DrawnSurface, surface_of
 
@@ -90,7 +90,6 @@ def draw_shapes(path, shapes, modes=None, kind="png", colour="displacement") -> 
     `shapes`: see files.result_file.Shapes. `modes`: numbers from 1, by default the first six elastic ones. `colour`:
     see PictureOptions; the undeformed outline is grey. Raises InputError where there is no such shape, or no stress.
     """
-    pyplot()
     chosen = _chosen(shapes, modes, FIRST)
     save_as(_figure(shapes, _panels(shapes, chosen, colour), (COLOUR_BARS[colour], 1.0)), path, kind, DOTS)
     return [shapes.names[k] for k in chosen]
@@ -104,7 +103,6 @@ def figure_of_shapes(shapes, modes=None):
 
 def draw_state(path, shapes, q, title: str, kind="png"):
     """Draw the body at coordinates q (m,) in colours of von Mises' stress; call it on one rank. Raises InputError."""
-    pyplot()
     field, marks = shapes.moved(q)
     stress = von_mises(shapes.stress(q))
     bar = "von Mises stress (MPa)", float(np.nanmax(stress, initial=0.0)) / MEGAPASCAL
@@ -134,7 +132,7 @@ def _figure(shapes, panels, bar):
 
 def animate_shapes(path, shapes, modes=None, kind="gif", colour="displacement") -> list[str]:
     """Draw animations like draw_shapes: one period of each shape, repeated; by default of the first shape only."""
-    pyplot()
+    new_figure()  # refused where there is no matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
@@ -260,6 +258,7 @@ class _Stage:
     def _legend(self, figure, tall):
         axes = figure.add_axes([0, 0, 1, FOOT / tall], xlim=(0, WIDTH), ylim=(0, FOOT))
         axes.set_axis_off()
+        # axes and a bar of length
         tip = self.view.axes[:2] * [[1], [-1]] * 0.24  # inches, of the unit vectors, up positive
         origin = np.array([0.42, 0.30])
         for name, end in zip("xyz", tip.T, strict=True):
@@ -268,6 +267,7 @@ class _Stage:
                 axes.text(*(origin + end * (1 + 0.09 / np.linalg.norm(end))), name, fontsize=9, color=INK, ha="center",
                           va="center")  # fmt: skip
         scale_bar(axes, self.view.scale / (self.dots * FINE), 1.1, 0.28)
+        # marks and lines
         left = 3.6
         if len(self.shapes.mark_points):
             axes.plot([left], [0.30], "o", color=MARK, markersize=5, markeredgewidth=0)
@@ -275,6 +275,7 @@ class _Stage:
         if len(self.surface.outline):  # none of nodes without elements
             axes.plot([left + 1.3, left + 1.65], [0.30, 0.30], color=UNDEFORMED, linewidth=1.2)
             axes.text(left + 1.75, 0.30, "undeformed", fontsize=9, color=INK, va="center")
+        # the bar of colours
         bar = figure.add_axes([(WIDTH - 3.0) / WIDTH, 0.27 / tall, 2.6 / WIDTH, 0.12 / tall])
         label, largest = self.bar
         bar.imshow(np.linspace(0, 1, 256)[None], cmap=COLOUR_MAP, aspect="auto", extent=(0, largest or 1.0, 0, 1))

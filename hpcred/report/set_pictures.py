@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .figures import INK, pyplot, save_as
+from .figures import INK, new_figure, save_as
 from .mode_pictures import (
     DOTS,
     EDGE,
@@ -32,9 +32,7 @@ HIDDEN = 0.3  # how much of its colour a node shows through the body
 def draw_sets(path, surface: DrawnSurface, nodes: np.ndarray, sets: list, marks=(), kind: str = "png"):
     """Draw sets, (name, places in `nodes` (k,)) each, on the surface of a body whose nodes lie at `nodes` (v, 3) in m,
     and `marks` (name, point in m) of reference nodes; call it on one rank."""
-    plt = pyplot()
     # two views, from the front and from behind, on one scale
-    colours = _colours(len(sets), plt)
     points = np.concatenate([surface.points, nodes, *(np.reshape(place, (1, 3)) for _, place in marks)])
     views = [axes_of_view(points, behind) for behind in (False, True)]
     extents = [np.ptp(points @ axes.T, axis=0)[:2].clip(1e-3 * max(np.ptp(points, axis=0).max(), 1e-12)) * 1.08
@@ -49,7 +47,7 @@ def draw_sets(path, surface: DrawnSurface, nodes: np.ndarray, sets: list, marks=
     shown = min(len(sets), MOST) + (len(sets) > MOST)
     legend = LINE * -(-shown // columns) + 0.1
     tall = (high + GAP) * (1 if beside else 2) + FOOT + legend
-    figure = plt.figure(figsize=(WIDTH, tall), dpi=DOTS)
+    figure, colours = new_figure(figsize=(WIDTH, tall), dpi=DOTS), _colours(len(sets))
     # pixels are computed for each panel at a multiple of its size, and made coarse
     for k, axes in enumerate(views):
         width, height = (int(DOTS * FINE * length) // FINE * FINE for length in (wide, high))
@@ -76,7 +74,6 @@ def draw_sets(path, surface: DrawnSurface, nodes: np.ndarray, sets: list, marks=
         foot.plot([4.0], [0.25], "o", color=INK, markersize=5)
         foot.text(4.12, 0.25, "reference node", fontsize=9, color=INK, va="center")
     save_as(figure, path, kind, DOTS)
-    plt.close(figure)
 
 
 def _legend(foot, sets, colours, columns, legend):
@@ -92,11 +89,13 @@ def _legend(foot, sets, colours, columns, legend):
         foot.text(x + 0.14, y, text, fontsize=9, color=INK, va="center", parse_math=False)
 
 
-def _colours(count, plt):
+def _colours(count):
     """Return colours (count, 3) that differ as far as they can."""
     if count <= len(PALETTE):
         return [tuple(int(word[k : k + 2], 16) / 255 for k in (1, 3, 5)) for word in PALETTE[:count]]
-    hues = plt.get_cmap("hsv")(np.arange(count) * 0.618034 % 1.0)[:, :3]  # neighbours far from each other
+    from matplotlib import colormaps
+
+    hues = colormaps["hsv"](np.arange(count) * 0.618034 % 1.0)[:, :3]  # neighbours far from each other
     return [tuple(hue * (0.9 if k % 2 else 0.65)) for k, hue in enumerate(hues)]
 
 

@@ -2,7 +2,7 @@
 
 import re
 
-from .figures import COLOURS, DASHES, FEW, INK, add_grid, legend_beside, pyplot, save
+from .figures import COLOURS, DASHES, FEW, INK, add_grid, legend_beside, new_figure, save
 
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
 MOST = 16  # curves that a legend can tell apart
@@ -78,7 +78,8 @@ def _style(i):
 
 
 def _axes(x, y, title):
-    figure, axes = pyplot().subplots(figsize=(8.0, 5.0), layout="constrained")
+    figure = new_figure(figsize=(8.0, 5.0), layout="constrained")
+    axes = figure.subplots()
     axes.set_yscale("log")
     axes.set(xlabel=x, ylabel={"eps": "largest relative error", "estimate": "estimated relative error"}.get(y, y),
              title=title)  # fmt: skip

@@ -22,7 +22,7 @@ from ..parallel.declared import spelled
 from ..parallel.failures import InputError
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.result.directions import worst_of_directions
-from ..report.figures import pyplot
+from ..report.figures import new_figure
 from ..report.sweep_figures import curves_figure, key_figure, size_figure, stem_of
 from ..settings.sweep_file import read_sweep
 from .sweep import refuse_ranks, responses_of, states_of
@@ -65,7 +65,7 @@ def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> 
     if output is not None:
         check_table_name(output, SELF)
     if figures is not None:
-        pyplot()  # refused early where there is none
+        new_figure()  # refused early where there is none
         stems = ["error_over_size", "errors", *(f"error_over_{stem_of(key)}" for key in sweep.keys)]
         if Path(figures).is_dir():
             check_outputs({Path(figures, stem + suffix): PICTURES[suffix] for stem in stems

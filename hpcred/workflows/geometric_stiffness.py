@@ -63,8 +63,9 @@ def _matrix(item: LoadedState, model, columns) -> np.ndarray:
     """Return the stiffness of a unit of a state by its files. Collective."""
     units = units_of(item.units or model.converted_from or "SI")
     if item.stresses is not None:
+        from ..readers.stresses.calculix_dat import read_points  # as other readers, loaded when it is used
 
-        element, point, stress = read(item.stresses, model.comm)
+        element, point, stress = read_points(item.stresses, model.comm)
         stress = stress * (units.mass / units.length / units.time**2)
         return stiffness_of_stresses(model, columns, element, point, stress, item.stresses) / item.value
     with agreed(model.comm):

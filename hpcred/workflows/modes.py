@@ -168,8 +168,7 @@ def shapes_of_modes(store, model, found):
     if model.dofs is None or found.shapes is None or not len(elastic):
         raise InputError("figure: no elastic mode with nodes to draw; ask for more modes, or convert --nodes")
     try:
-        with writing(store, comm) as file:
-            file.attribute("format", "hpcred-shapes")
+        with writing(store, comm, "hpcred-shapes") as file:
             file.attribute("first_number", found.rigid + 1)  # as in the table
             with local_rows(found.shapes) as rows:
                 columns = rows.real[:, rows.shape[1] - len(elastic) :]

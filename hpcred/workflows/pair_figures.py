@@ -10,7 +10,7 @@ from ..files.hdf5 import atomic_output
 from ..files.names import FileNames
 from ..files.outputs import PICTURES, check_outputs
 from ..parallel.failures import InputError, agreed
-from ..report.figures import FIGURES, kind_of_figure, pair_figure, pyplot
+from ..report.figures import FIGURES, kind_of_figure, new_figure, pair_figure
 
 ZERO = 1e-12  # of the largest response, below which one is round-off
 
@@ -25,7 +25,7 @@ def check_figure(path, comm, reads, progress=None, endings=FIGURES):
 def check_drawing(comm):
     """Refuse early where there is no matplotlib. Collective. Raises InputError."""
     with agreed(comm):
-        pyplot()
+        new_figure()
 
 
 def figures_of_pairs(path, outputs, inputs, responses, comm, pairs, loads=()) -> list[str]:

@@ -112,8 +112,7 @@ def _reproduced(folder, figures, show, comm, progress):
 
 def _write(folder, data, results, motions, comm):
     """Write section5.h5 and section5.json, with the motions of Figure 5 unless they are None. Collective."""
-    with writing(folder / "section5.h5", comm) as file:
-        file.attribute("format", "hpcred-section5")
+    with writing(folder / "section5.h5", comm, "hpcred-section5") as file:
         file.small("frequencies", FREQUENCIES)
         for setting, found in results.items():
             file.small(f"table_{setting.table}/methods", [r["row"].method for r in found])

@@ -42,6 +42,7 @@ class Matrix50(SuperelementWriter):
         if not re.fullmatch(r"[A-Za-z0-9_-]+", stem):  # a comma ends an argument, a blank or a dot the name
             raise InputError(f"output {stem}: found a name that commands of ANSYS cannot hold, expected letters, "
                              "digits, '_' and '-'; choose another by -o")  # fmt: skip
+        # the table of node and direction of each row
         labels = element.labels(directions=3)
         matrices = {"K": ("STIFF", element.K), "M": ("MASS", element.M)}
         if element.D is not None:
@@ -53,12 +54,14 @@ class Matrix50(SuperelementWriter):
                 values = ",".join(map(str, labels[low : low + ON_A_LINE, column]))
                 lines.append(f"HPC_R({low + 1},{column + 1})={values}")
         lines.append("*DMAT,HPC_ROWS,I,IMPORT,APDL,HPC_R")
+        # matrices go into one .sub file, of which the last one closes it
         lines += [f"*DMAT,HPC_{key},D,IMPORT,MMF,{stem}_{key}.mtx" for key in matrices]
         for key, (kind, _) in matrices.items():
             step = "DONE" if key == list(matrices)[-1] else "WAIT"
             lines.append(f"*EXPORT,HPC_{key},SUB,{stem}.sub,{kind},HPC_ROWS,{step}")
         lines += [f"*FREE,HPC_{key}" for key in [*matrices, "ROWS"]]
         lines.append("*DEL,HPC_R,,NOPR")  # or the *DIM of the next body finds an array of another size
+        # the element, its nodes, and points of modal coordinates
         lines += ["/PREP7", "*GET,HPC_T,ETYP,0,NUM,MAX", "HPC_T=HPC_T+1", "ET,HPC_T,MATRIX50"]
         for item in element.interfaces:
             lines.append(f"N,{item.node},{_position(item.position)}  ! {item.name}")

@@ -102,14 +102,21 @@ def save_mat(path, arrays: dict):
         savemat(file, cells, oned_as="column")
 
 
-class BodyNpz(Writer):
-    """Arrays of a body for NumPy."""
+class BodyMat(Writer):
+    """Arrays of a body for MATLAB."""
 
-    suffix, needs, kind, stress, keeps_parameters = ".npz", "body", ZIP, True, True
+    suffix, needs, kind, stress, keeps_parameters = ".mat", "body", MATLAB, True, True
+    save = staticmethod(save_mat)
 
     def write(self, target, source):
-        save_npz(target, arrays_of(source.body) | arrays_of_parameters(source.parametric))
+        self.save(target, arrays_of(source.body) | arrays_of_parameters(source.parametric))
         return [*remarks(source.body), *words_on_damping(source.parametric)]
+
+
+class BodyNpz(BodyMat):
+    """Arrays of a body for NumPy."""
+
+    suffix, kind, save = ".npz", ZIP, staticmethod(save_npz)
 
     def describe(self, path):
         """Return the arrays of a .npz by name, or nothing of another archive."""
@@ -126,13 +133,3 @@ class BodyNpz(Writer):
                     shape = heads[npy.read_magic(file)](file)[0]
                 rows[name.removesuffix(".npy")] = " x ".join(map(str, shape)) or "1"
         return {"format": "NumPy arrays (.npz)", "arrays": rows}
-
-
-class BodyMat(Writer):
-    """Arrays of a body for MATLAB."""
-
-    suffix, needs, kind, stress, keeps_parameters = ".mat", "body", MATLAB, True, True
-
-    def write(self, target, source):
-        save_mat(target, arrays_of(source.body) | arrays_of_parameters(source.parametric))
-        return [*remarks(source.body), *words_on_damping(source.parametric)]

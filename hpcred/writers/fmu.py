@@ -46,22 +46,11 @@ DESCRIPTION, LARGEST_XML = "modelDescription.xml", 2**26  # bytes that are read
 LONGEST = 63  # letters of an identifier that every compiler of C tells apart
 SYSTEMS = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}
 FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-fvisibility=hidden")
-UNITS = {
-    "N": {"kg": 1, "m": 1, "s": -2},
-    "N.m": {"kg": 1, "m": 2, "s": -2},
-    "J": {"kg": 1, "m": 2, "s": -2},
-    "W": {"kg": 1, "m": 2, "s": -3},
-    "m": {"m": 1},
-    "m/s": {"m": 1, "s": -1},
-    "Pa": {"kg": 1, "m": -1, "s": -2},
-    "Pa/s": {"kg": 1, "m": -1, "s": -3},
-    "N/s": {"kg": 1, "m": 1, "s": -3},
-    "N.m/s": {"kg": 1, "m": 2, "s": -3},
-    "rad": {"rad": 1},
-    "rad/s": {"rad": 1, "s": -1},
-    "m/s2": {"m": 1, "s": -2},
-    "rad/s2": {"rad": 1, "s": -2},
-}
+UNITS = {  # exponents of kg, m, s and rad
+    "N": (1, 1, -2, 0), "N.m": (1, 2, -2, 0), "J": (1, 2, -2, 0), "W": (1, 2, -3, 0), "m": (0, 1, 0, 0),
+    "m/s": (0, 1, -1, 0), "Pa": (1, -1, -2, 0), "Pa/s": (1, -1, -3, 0), "N/s": (1, 1, -3, 0), "N.m/s": (1, 2, -3, 0),
+    "rad": (0, 0, 0, 1), "rad/s": (0, 0, -1, 1), "m/s2": (0, 1, -2, 0), "rad/s2": (0, 0, -2, 1),
+}  # fmt: skip
 # what an input, an output and its rates are called, and their units
 TRANSLATION = (("force", "N"), ("displacement", "m"), ("velocity", "m/s"), ("acceleration", "m/s2"))
 ROTATION = (("moment", "N.m"), ("rotation", "rad"), ("angular_velocity", "rad/s"), ("angular_acceleration", "rad/s2"))
@@ -237,8 +226,8 @@ def _description(reduced, family, name, identifier, guid) -> bytes:
     for kind in (exchange, together):
         ElementTree.SubElement(ElementTree.SubElement(kind, "SourceFiles"), "File", name="body.c")
     units = ElementTree.SubElement(root, "UnitDefinitions")
-    for unit, base in UNITS.items():
-        exponents = {key: str(value) for key, value in base.items()}
+    for unit, powers in UNITS.items():
+        exponents = {base: str(power) for base, power in zip(("kg", "m", "s", "rad"), powers, strict=True) if power}
         ElementTree.SubElement(ElementTree.SubElement(units, "Unit", name=unit), "BaseUnit", exponents)
     _add_variables(root, reduced, family)
     ElementTree.indent(root)
@@ -265,6 +254,7 @@ def _add_variables(root, reduced, family):
         })  # fmt: skip
         ElementTree.SubElement(variable, "Real", {key: value for key, value in real.items() if value is not None})
 
+    # inputs, outputs, states, their rates, parameters: in this order they are counted in C
     for name in reduced.input_names:
         word, unit = _kind(name, reduced)[0]
         add(_variable(word, name), "input", f"{word} {name}", unit=unit, start="0")
@@ -283,6 +273,7 @@ def _add_variables(root, reduced, family):
         add(item.name, "parameter", f"parameter in {item.unit}" if item.unit else "parameter", variability="fixed",
             unit=unit, min=low, max=high, start=start)  # fmt: skip
 
+    # what each output and rate depends on
     structure = ElementTree.SubElement(root, "ModelStructure")
     unknown = {"Outputs": [], "Derivatives": []}
     for i, item in enumerate(_patterns(reduced, family)):

@@ -31,6 +31,7 @@ def datasets_of(body) -> dict:
     check_moving(body, "a file for MBSim")
     frame, reduced, nodes = body.floating_frame, body.reduced, body.nodes
     size = reduced.size
+    # integrals over the mass
     datasets = {
         "mass": frame.mass,
         "position integral": frame.mc,
@@ -41,6 +42,7 @@ def datasets_of(body) -> dict:
         "position shape function integral": frame.N.transpose(1, 2, 0).reshape(9, size),
         "shape function shape function integral": np.concatenate([frame.S[pair] for pair in PAIRS]),
     }
+    # interface nodes, and stresses at them
     if nodes:
         datasets |= {
             "node numbers": np.array([node.node for node in nodes], dtype="i4"),

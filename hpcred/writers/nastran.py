@@ -42,10 +42,6 @@ def _modal_points(element, labels):
     return labels[6 * len(element.interfaces) :, 0].tolist()
 
 
-def _selectors(element):
-    return ["K2GG", "M2GG", *["B2GG"] * (element.D is not None), *["K42GG"] * bool(element.loss_factor)]
-
-
 def _matrices(element, name):
     """Matrices by name; that of structural damping is eta K."""
     matrices = {name.format("K"): element.K, name.format("M"): element.M}
@@ -115,7 +111,7 @@ class DmigCards(SuperelementWriter):
         labels = _labels(element)
         matrices = _matrices(element, "{}AAX")
         lines = ["$ superelement; into the case control, above all SUBCASE:"]
-        lines += [f"$   {what} = {name}" for what, (name, _) in zip(_selectors(element), matrices.items(), strict=True)]
+        lines += [f"$   {name.removesuffix('AAX')}2GG = {name}" for name in matrices]
         lines += ["$ into the bulk data: INCLUDE this file", *_points(element, labels)]
         for name, matrix in matrices.items():
             lines += _dmig(name, matrix, labels)

@@ -56,6 +56,7 @@ class ExtPtfm(Writer):
             K = element.K.copy()
             K[:6] = K[:, :6] = 0.0
             element = replace(element, K=K)
+        # the superelement
         times, forces = _loads(options.loads, source.reduced)
         stem, flex = source.stem, options.layout == "flex"
         text = [
@@ -74,21 +75,14 @@ class ExtPtfm(Writer):
         if not flex:
             weight, change = _weight(element)
             text += ["", "!Weight constant", *_lines([weight], 16), "", "!Weight stiffness", *_lines(change, 16)]
+        # loads over time and connection points, in this file or beside it
         history = _history(times, forces)
         points = _points(source, element)
         if flex:
             text += ["", "!Loading", f"!Dimension: 1 time column - {element.size} force columns", *history]
         elif options.loads:
-            source.beside["_forces.dat"] = "\n".join(
-                [
-                    f"{BEGIN} loads of the coordinates",
-                    f"!NSteps: {len(times)}",
-                    "",
-                    "!Forcing",
-                    *history,
-                    "",
-                ]
-            )
+            head = [f"{BEGIN} loads of the coordinates", f"!NSteps: {len(times)}", "", "!Forcing"]
+            source.beside["_forces.dat"] = "\n".join([*head, *history, ""])
         if points and not flex:
             source.beside["_points.dat"] = "\n".join(
                 [f"{BEGIN} points: nodes {', '.join(item.label for item in points)}", f"!NConn: {len(points)}", "",

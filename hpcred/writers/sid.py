@@ -289,6 +289,7 @@ def build_sid(body: Body, ge_order: str = "component") -> tuple[Sid, list[str]]:
     if ge_order == "coordinate":
         Ge = Ge.reshape(count, 3, count).transpose(0, 2, 1).reshape(count, -1)
     generators = np.array([skew(axis) for axis in np.eye(3)])
+    # nodes: places and directions change with the shapes
     nodes = []
     for shape in body.nodes:
         slopes = np.einsum("cij,ck->ikj", generators, shape.psi)  # m1(:, k, :) = skew(psi_k)
@@ -299,6 +300,7 @@ def build_sid(body: Body, ge_order: str = "component") -> tuple[Sid, list[str]]:
             "AP": SidObject(np.eye(3), slopes, count) if shape.psi.any() else SidObject(np.eye(3), None, count, 0, 4),
         }
         nodes.append(SidNode(int(shape.node), objects))
+    # the body: mass matrix, stiffness and damping
     pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     inertia = np.array([[quantities.J[a, b]] for a, b in pairs])
     slopes = np.array([quantities.dJ[:, a, b] for a, b in pairs])[:, :, None]
@@ -315,6 +317,7 @@ def build_sid(body: Body, ge_order: str = "component") -> tuple[Sid, list[str]]:
         "Ke": _object(reduced.K if prestress is None else reduced.K - prestress.softening, count),
         "De": _object(reduced.D, count),
     }
+    # names of the coordinates
     names = [f"Eigen Mode {i:4d} : {f:12.3f} Hz" for i, f in enumerate(reduced.frequencies, 1)]
     if reduced.interfaces:
         own = [f"Node {item.node} : {name}" for item in reduced.interfaces for name in DIRECTIONS[:6]]

@@ -61,31 +61,33 @@ def state_space(reduced: ReducedModel) -> dict:
     by_mass = np.linalg.solve(M.T, Ca.T).T
     zero, one = np.zeros((size, size)), np.eye(size)
     still, displaces = np.zeros((size, B.shape[1])), reduced.displaces
-    direct = {} if reduced.feedthrough is None else {"feedthrough_matrix": reduced.feedthrough}
-    names = [f"velocity of {name}" for name, displacement in zip(reduced.output_names, displaces, strict=True)
-             if displacement]  # fmt: skip
+    direct = 0.0 if reduced.feedthrough is None else reduced.feedthrough
     return {
         "A": np.block([[zero, one], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]]),
         "B": np.concatenate([still, np.linalg.solve(M, B)]),
         "C": np.concatenate([C - by_mass @ K, Cv - by_mass @ D], axis=1),
-        "D": by_mass @ B + direct.get("feedthrough_matrix", 0.0),
+        "D": by_mass @ B + direct,
         "C_velocity": np.concatenate([np.zeros_like(C), C], axis=1)[displaces],
         "E": np.block([[one, zero], [zero, M]]),
         "EA": np.block([[zero, one], [-K, -D]]),
         "EB": np.concatenate([still, B]),
-        "mass": M,
-        "damping": D,
-        "stiffness": K,
-        "input_matrix": B,
-        "output_matrix": C,
-        **{key: part for key, part in (("velocity_matrix", reduced.Cv), ("acceleration_matrix", reduced.Ca))
-           if part is not None},
-        **direct,
+        **_second_order(reduced, reduced, displaces),
+    }
+
+
+def _second_order(reduced, whole, moved, words=()) -> dict:
+    """Return the second-order form of `whole`, `reduced` perhaps with further coordinates, and all names; `moved` (r,):
+    which outputs have velocities; `words`: remarks."""
+    outputs = {"velocity_matrix": whole.Cv, "acceleration_matrix": whole.Ca, "feedthrough_matrix": whole.feedthrough}
+    names = [f"velocity of {name}" for name, shown in zip(reduced.output_names, moved, strict=True) if shown]
+    return {
+        "mass": whole.M, "damping": whole.D, "stiffness": whole.K, "input_matrix": whole.B, "output_matrix": whole.C,
+        **{key: part for key, part in outputs.items() if part is not None},
         "input_names": np.array(reduced.input_names, dtype=str),
         "output_names": np.array(reduced.output_names, dtype=str),
         "velocity_names": np.array(names, dtype=str),
-        "comment": np.array("; ".join([maker(reduced), *instability(reduced)])),
-    }
+        "comment": np.array("; ".join([maker(reduced), *instability(reduced), *words])),
+    }  # fmt: skip
 
 
 def _with_massless(reduced) -> dict:
@@ -96,19 +98,12 @@ def _with_massless(reduced) -> dict:
     elastic = reduced.M.any(axis=0)
     # rates of what follows forces at once are none of the states
     moved = reduced.displaces & ~(np.abs(reduced.C[:, ~elastic]) > 0).any(axis=1)
-    names = [f"velocity of {name}" for name, shown in zip(reduced.output_names, moved, strict=True) if shown]
-    outputs = {"velocity_matrix": whole.Cv, "acceleration_matrix": whole.Ca, "feedthrough_matrix": whole.feedthrough}
     if whole.feedthrough is not None:
         matrices["D"] = matrices["D"] + whole.feedthrough
     return matrices | {
         "C_velocity": matrices["C"][moved] @ matrices["A"],
-        "mass": whole.M, "damping": whole.D, "stiffness": whole.K, "input_matrix": whole.B, "output_matrix": whole.C,
-        **{key: part for key, part in outputs.items() if part is not None},
-        "input_names": np.array(reduced.input_names, dtype=str),
-        "output_names": np.array(reduced.output_names, dtype=str),
-        "velocity_names": np.array(names, dtype=str),
-        "comment": np.array("; ".join([maker(reduced), *instability(reduced), *words_on_massless(reduced)])),
-    }  # fmt: skip
+        **_second_order(reduced, whole, moved, words_on_massless(reduced)),
+    }
 
 
 def words_on_massless(reduced) -> list[str]:
@@ -148,36 +143,22 @@ def words_on_states(reduced) -> list[str]:
     return [f"the last {count} states are those of Maxwell elements ({reduced.added.names})"]
 
 
-def _arrays(source) -> dict:
-    """Return the arrays of a file."""
-    arrays, parametric = state_space(source.reduced), source.parametric
-    if parametric is not None and parametric.added:
-        parametric, _ = with_maxwell_states(parametric)
-    return arrays | arrays_of_parameters(parametric)
-
-
-def _words(source) -> list[str]:
-    """Return remarks on a file."""
-    reduced = source.reduced
-    words = words_on_massless(reduced) or words_on_states(reduced)
-    return [*instability(reduced), *words, *words_on_damping(source.parametric)]
-
-
 class StateSpaceMat(Writer):
     """State spaces for MATLAB."""
 
     suffix, needs, kind, keeps_parameters = "_statespace.mat", "reduced", MATLAB, True
+    save = staticmethod(save_mat)
 
     def write(self, target, source):
-        save_mat(target, _arrays(source))
-        return _words(source)
+        reduced, parametric = source.reduced, source.parametric
+        if parametric is not None and parametric.added:
+            parametric, _ = with_maxwell_states(parametric)
+        self.save(target, state_space(reduced) | arrays_of_parameters(parametric))
+        words = words_on_massless(reduced) or words_on_states(reduced)
+        return [*instability(reduced), *words, *words_on_damping(source.parametric)]
 
 
-class StateSpaceNpz(Writer):
+class StateSpaceNpz(StateSpaceMat):
     """State spaces for NumPy."""
 
-    suffix, needs, kind, keeps_parameters = "_statespace.npz", "reduced", ZIP, True
-
-    def write(self, target, source):
-        save_npz(target, _arrays(source))
-        return _words(source)
+    suffix, kind, save = "_statespace.npz", ZIP, staticmethod(save_npz)

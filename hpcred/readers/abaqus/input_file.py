@@ -146,17 +146,20 @@ def read(path, comm, calculix=False, surfaces=False, steps=True) -> Mesh:
         for section in sections:
             if section.keyword == "nset":
                 section.parameters.pop("elset", None)  # a parameter that it does not know
+    # one rank walks through parts and instances, and says which data lines are in the model
     blocks = decided(comm, _blocks, path, sections, calculix)
-    materials, remarks = decided(comm, materials_of, sections, _first_data_line)
+    materials, remarks = decided(comm, materials_of, sections, data_lines)
     groups = sorted({block.group for block in blocks})
     nodes, elements, sets, solids = (
         [block for block in blocks if block.section.keyword in keywords]
         for keywords in (("node",), ("element",), ("nset", "elset"), ("solidsection",))
     )
+    # all ranks share these lines
     named, unread = {}, set()
     nodes = _nodes(path, comm, nodes, named, 1 if calculix else 2)
     elements, keys, types, tables, counts = _elements(comm, elements, groups, named, unread, calculix)
     _require_nodes(path, comm, nodes, elements)
+    # sets that sections and surfaces name are read although they are internal
     wanted = {name for block in solids for name in names_of(block)}
     wanted |= {scope + section.parameters["elset"].lower() for block in sets for section in [block.section]
                if section.keyword == "nset" and "elset" in section.parameters for scope in scopes_of(block)}
@@ -277,12 +280,6 @@ def data_lines(section):
     text = without_comments(read_bytes(section.path, section.start, section.stop))
     lines = ([item.strip().decode("latin-1") for item in line.split(b",")] for line in text.splitlines())
     return [fields for fields in lines if fields != [""]]
-
-
-def _first_data_line(section):
-    """Return the fields of the first data line of a keyword, and how many lines there are."""
-    lines = data_lines(section)
-    return (lines[0] if lines else []), len(lines)
 
 
 def _numbers(section, fields, count):
@@ -484,6 +481,7 @@ def _elements(comm, blocks, groups, named, unread, calculix):
             name = block.section.parameters["type"]
             if not TYPE.fullmatch(name):
                 raise block.section.refusal(f"found type={name}, expected the type of elements")
+            # elements of other types are only looked at for whether they are whole
             kind = abaqus_kind(name)
             if kind is None:
                 _require_labels(block, comm)
@@ -492,6 +490,7 @@ def _elements(comm, blocks, groups, named, unread, calculix):
                 continue
             if name.upper() not in types:
                 types.append(name.upper())
+            # the form of the lines
             width = NODES[kind] + 1
             middle = name.upper() == "S8R5"  # which may name the node that it has in its middle
             line = first_line(read_bytes(block.path, block.start, block.start + 4096))
@@ -499,6 +498,7 @@ def _elements(comm, blocks, groups, named, unread, calculix):
             more = 0 if calculix else abaqus_nodes_more(name)
             for piece in pieces(block.path, comm, block.start, block.stop, continued=not surplus):
                 lines = _with_more_nodes(piece, width, more) if more else _element_lines(piece, width, surplus)
+                # nodes, keys and tables of this rank
                 found.setdefault(kind, []).append(lines[:, 1:])
                 keys.setdefault(kind, []).append(GROUP * groups.index(block.group) + lines[:, 0])
                 counts[name.upper()] += len(lines)

@@ -19,24 +19,22 @@ NOT_LINEAR = {
 }  # fmt: skip
 
 
-def materials_of(sections, first_line) -> tuple[list[Material], list[str]]:
-    """Return the materials of the keywords of a file, and sentences on what was left out.
-
-    `first_line` gives the fields of the first data line of a keyword, and how many lines there are.
-    """
+def materials_of(sections, data_lines) -> tuple[list[Material], list[str]]:
+    """Return the materials of the keywords of a file, and sentences on what was left out. `data_lines` gives those of a
+    keyword, as lists of fields."""
     materials, remarks, inside = {}, [], False
     for section in sections:
         if section.keyword == "material":
             name, inside = section.parameters.get("name", ""), True
             materials[name.lower()] = name, {}, []
         elif inside and section.keyword in HARMLESS | NOT_LINEAR:
-            _add(section, *materials[name.lower()], remarks, first_line)
+            _add(section, *materials[name.lower()], remarks, data_lines)
         else:
             inside = False
     return [_material(name, known, reasons) for name, known, reasons in materials.values()], remarks
 
 
-def _add(section, name, known, reasons, remarks, first_line):
+def _add(section, name, known, reasons, remarks, data_lines):
     """Put what a keyword says of a material into `known`, or why it is not isotropic and linear into `reasons`."""
     keyword, kind = section.keyword, section.parameters.get("type", "iso").lower()
     if keyword in NOT_LINEAR:
@@ -49,17 +47,18 @@ def _add(section, name, known, reasons, remarks, first_line):
         if keyword == "elastic":
             reasons.append(f"found *Elastic, type={kind.upper()}")
         return
-    fields, lines = first_line(section)
+    lines = data_lines(section)
+    fields = lines[0] if lines else []
     try:
         known |= {key: _number(fields[place]) for place, key in enumerate(keys)}
     except (IndexError, ValueError):
         if keyword == "elastic":
             reasons.append(f"found *Elastic with '{', '.join(fields)}', expected Young's modulus and Poisson's ratio")
         return
-    if lines > 1:
+    if len(lines) > 1:
         remarks.append(
-            f"{section.path}: *{keyword.capitalize()} of the material '{name}' has {lines} lines, such as for several "
-            "temperatures; the first one counts"
+            f"{section.path}: *{keyword.capitalize()} of the material '{name}' has {len(lines)} lines, such as for "
+            "several temperatures; the first one counts"
         )
 
 

@@ -39,7 +39,13 @@ def read(path, comm) -> Entries | LabelledEntries:
                 f"{path}: found a first line '{shown(line)}' of {columns} numbers, expected "
                 "row, column, value or node, dof, node, dof, value"
             )
-    return _read_coordinates(path, comm) if columns == 3 else _read_matrix_input(path, comm)
+    if columns == 3:
+        return _read_coordinates(path, comm)
+    with agreed(comm):
+        i, j, v = end_to_end(_pieces(path, comm), _labelled)
+    if is_one_triangle(comm, i, j):
+        i, j, v = both_triangles(i, j, v)
+    return LabelledEntries(i, j, v)
 
 
 def _pieces(path, comm):
@@ -72,14 +78,6 @@ def _read_coordinates(path, comm):
     return Entries((size, size), i, j, v)
 
 
-def _read_matrix_input(path, comm):
-    with agreed(comm):
-        i, j, v = end_to_end(_pieces(path, comm), _labelled)
-    if is_one_triangle(comm, i, j):
-        i, j, v = both_triangles(i, j, v)
-    return LabelledEntries(i, j, v)
-
-
 def _labelled(piece):
     """Return labels of rows and columns, and values, of lines of node, dof, node, dof, value."""
     table, lines = numbers(piece, 5)
@@ -107,14 +105,9 @@ def is_one_triangle(comm, i, j):
     return not any(comm.allgather(bool(mirrored.any())))
 
 
-def is_beside(path) -> bool:
-    """Test whether a matrix file that Abaqus wrote is beside an input file."""
-    return bool(_matrices_beside(Path(path)))
-
-
-def _matrices_beside(path):
-    """Return files by step and by kind (STIF, MASS, ...)."""
-    files = {}
+def matrices_beside(path) -> dict[str, dict[str, str]]:
+    """Return the matrix files beside an input file by step and by kind (STIF, MASS, ...)."""
+    path, files = Path(path), {}
     pattern = re.compile(re.escape(path.stem) + r"_?(STIF|MASS|DMPV|DMPS)(\d+)\.mtx(\.gz)?")
     folder = path.parent
     for file in sorted(folder.iterdir()) if folder.is_dir() else ():
@@ -127,7 +120,7 @@ def _matrices_beside(path):
 def files_beside(path) -> dict[str, str]:
     """Return K, M and perhaps D of Abaqus beside block.inp: block_STIF1.mtx or blockSTIF1.mtx, also .gz."""
     path = Path(path)
-    steps = _matrices_beside(path)
+    steps = matrices_beside(path)
     if len(steps) > 1:
         raise InputError(
             f"{path}: found matrices of the steps {', '.join(sorted(steps, key=int))} beside it, expected those of one "

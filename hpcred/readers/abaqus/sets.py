@@ -94,11 +94,13 @@ def _read_block(comm, block, offset, known, wanted):
     name = given.get(kind)
     if not name:
         raise block.section.refusal(f"found *{kind.capitalize()} without a name, expected {kind}=NAME")
+    # internal sets count only where something asks for them
     hidden = "internal" in given and not (kind == "elset" and (block.prefix + name).lower() in wanted)
     if hidden:
         return
     members = _members(known, kind, block.prefix + name)
     members.hidden |= "internal" in given
+    # nodes of elements, ranges, or a list of numbers and names
     if kind == "nset" and "elset" in given:
         if block.section.has_data():
             raise block.section.refusal("found data lines below *Nset with elset=, which has the nodes of elements")
@@ -115,6 +117,7 @@ def _read_block(comm, block, offset, known, wanted):
         fields = WORD.sub(b"1", text)
         refuse_empty_fields(piece, fields)
         require_commas(piece, fields)
+        # numbers alone remain to be read, and labels of instances such as Part-1.5
         plain = Piece(piece.path, WORD.sub(b" ", text).replace(b",", b" "), piece.start)
         values, counts, lines = ragged(plain, expected="whole numbers")
         numbers = labels(plain, values, np.repeat(lines, counts), "a number")

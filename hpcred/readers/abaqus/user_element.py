@@ -9,6 +9,7 @@ files are small, and are read by rank 0.
 
 import re
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,34 +41,45 @@ def read(path, comm) -> Parts:
     Raises InputError.
     """
     path = Path(path)
-    node, dof, matrices, remarks, of_calculix = decided(comm, _content, path)
+    found = decided(comm, _content, path)
+    node, matrices = found.node, found.matrices
     # nodes with a place are those of the substructure; others are internal to it, as of its modes
     with agreed(comm):
-        file = path if _has_nodes(path) else _input_beside(path)
-    mesh = None if file is None else input_file.read(file, comm, calculix=of_calculix)
-    parts = Parts(
-        dict.fromkeys(matrices), dict.fromkeys(matrices, str(path)), warnings=remarks if comm.rank == 0 else []
-    )
+        file = path if found.has_nodes else _input_beside(path)
+    mesh = None if file is None else input_file.read(file, comm, calculix=found.of_calculix)
+    parts = Parts(dict.fromkeys(matrices), dict.fromkeys(matrices, str(path)))
+    parts.warnings += found.remarks * (comm.rank == 0)
     placed = np.unique(node)
     if mesh is not None:
-        inside = decided(comm, _modal_nodes, path)
-        there = ~np.isin(mesh.nodes.label, inside)
+        there = ~np.isin(mesh.nodes.label, found.modal)
         parts.nodes = type(mesh.nodes).as_given(comm, mesh.nodes.label[there], mesh.nodes.position[there])
         parts.sets = mesh.sets
         parts.warnings += [f"nodes are those of {file}"] * (comm.rank == 0)
         placed = np.concatenate(comm.allgather(parts.nodes.label))
     modal = ~np.isin(node, placed)
-    label = np.where(
-        modal, label_of(node.max() + np.cumsum(modal), np.full(len(node), SCALAR)), label_of(node, dof - 1)
-    )
+    scalars = label_of(node.max() + np.cumsum(modal), np.full(len(node), SCALAR))
+    label = np.where(modal, scalars, label_of(node, found.dof - 1))
     for key, matrix in matrices.items():
         i, j = np.nonzero(matrix) if comm.rank == 0 else (np.zeros(0, np.int64),) * 2
         parts.matrices[key] = LabelledEntries(label[i], label[j], matrix[i, j])
     return parts
 
 
-def _content(path):
-    """Return node and dof of each row, matrices by key, remarks, and whether CalculiX wrote the file."""
+class _Content(NamedTuple):
+    """Node and dof of each row, matrices by key, and remarks; whether CalculiX wrote the file; whether it has nodes,
+    and `modal` those that our export gives to modal coordinates, which are no places."""
+
+    node: np.ndarray
+    dof: np.ndarray
+    matrices: dict[str, np.ndarray]
+    remarks: list[str]
+    of_calculix: bool
+    has_nodes: bool
+    modal: list[int]
+
+
+def _content(path) -> _Content:
+    """Return what a file has. Raises InputError."""
     with open_unpacked(path) as file:
         text = file.read().decode("latin-1").replace("\r\n", "\n")
     blocks = _blocks(text)
@@ -75,6 +87,7 @@ def _content(path):
     if len(elements) != 1:
         raise InputError(f"{path}: found {len(elements)} user elements, expected one, of one substructure; matrices "
                          "element by element are no superelement")  # fmt: skip
+    # which node and dof each row is
     _, given, body = elements[0]
     nodes = _nodes(path, text, blocks, given)
     node, dof = _rows(path, nodes, body)
@@ -83,6 +96,7 @@ def _content(path):
         twice, counts = np.unique(labels, axis=0, return_counts=True)
         raise InputError(f"{path}: found node {twice[counts > 1][0, 0]}, dof {twice[counts > 1][0, 1]} in two rows, "
                          "expected one row each")  # fmt: skip
+    # the matrices that a model has
     matrices, remarks = {}, []
     for keyword, given, body in blocks:
         if keyword != "MATRIX":
@@ -100,7 +114,11 @@ def _content(path):
     if "M" not in matrices:
         remarks.append(f"{path}: found no mass matrix: the substructure is a spring between its nodes, without mass")
         matrices["M"] = np.zeros_like(matrices["K"])
-    return node, dof, matrices, remarks, OF_CALCULIX in text
+    # what else the file tells of its nodes
+    modal = MODAL.search(text)
+    modal = [int(line.split(",")[0]) for line in modal[0].splitlines()[1:]] if modal else []
+    has_nodes = any(keyword == "NODE" for keyword, *_ in blocks)
+    return _Content(node, dof, matrices, remarks, OF_CALCULIX in text, has_nodes, modal)
 
 
 def _blocks(text):
@@ -135,11 +153,8 @@ def _rows(path, nodes, body):
         numbers = [[int(word) for word in line.split(",") if word.strip()] for line in lines]
         first, *changes = numbers
         starts, dofs = [1, *(line[0] for line in changes)], [first, *(line[1:] for line in changes)]
-        if (
-            sorted(set(starts)) != starts
-            or starts[-1] > len(nodes)
-            or not all(1 <= d <= 6 for item in dofs for d in item)
-        ):
+        directions = [d for item in dofs for d in item]
+        if sorted(set(starts)) != starts or starts[-1] > len(nodes) or not set(directions) <= set(range(1, 7)):
             raise ValueError
     except (ValueError, IndexError) as error:
         raise InputError(f"{path}: found the lines '{shown(' / '.join(lines).encode('latin-1'))}' below *USER ELEMENT, "
@@ -166,18 +181,6 @@ def _matrix(path, kind, body, size, unsymmetric) -> np.ndarray:
     matrix = np.zeros((size, size))
     matrix.T[np.tril_indices(size)] = values  # the upper triangle, column by column
     return matrix + np.triu(matrix, 1).T
-
-
-def _has_nodes(path) -> bool:
-    with open_unpacked(path) as file:
-        return re.search(rb"(?mi)^[ \t]*\*[ \t]*NODE[ \t]*(?:,|$)", file.read().replace(b"\r", b"")) is not None
-
-
-def _modal_nodes(path) -> list[int]:
-    """Return nodes that hpcred's export gives to modal coordinates, which are no places."""
-    with open_unpacked(path) as file:
-        found = MODAL.search(file.read().decode("latin-1"))
-    return [] if found is None else [int(line.split(",")[0]) for line in found[0].splitlines()[1:]]
 
 
 def _input_beside(path):

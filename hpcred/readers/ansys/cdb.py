@@ -235,6 +235,7 @@ def _elements(path, comm, block, types, elements, tables):
         file.seek(low + len(own))
         beyond = b"".join(file.readline() for _ in range(3) if file.tell() < block.stop)
     piece = Piece(path, own + beyond, low)
+    # all numbers, and of each line how many nodes an element that begins there would have
     values, counts, lines = ragged(separated(piece, block.fields), commas=False, expected="integers")
     whole(piece, values, np.repeat(lines, counts), "a number of an element", -LARGEST_LABEL, LARGEST_LABEL)
     values = values.astype(np.int64)
@@ -246,6 +247,7 @@ def _elements(path, comm, block, types, elements, tables):
     until = np.append(place, len(values))
     fits = (nodes > 0) & (counts == HEAD + np.minimum(nodes, FIRST)) & (after <= len(counts))
     fits[fits] &= until[after[fits]] - place[fits] == HEAD + nodes[fits]
+    # an element takes one to three lines: of the three ways to begin one leads from element to element
     for first in range(1 if low == block.start else 3):  # the lines at the top may belong to the rank before
         heads = followed(after, first)
         heads = heads[heads < mine]
@@ -254,11 +256,13 @@ def _elements(path, comm, block, types, elements, tables):
     else:
         first, heads = 0, followed(after, 0)
     piece.require(fits[heads], lines[heads], "an element of 11 numbers, then its nodes")
+    # numbers of elements, types and nodes are positive
     table = values[np.minimum(place[heads, None] + np.arange(HEAD + 20), len(values) - 1)]
     here = np.arange(HEAD + 20) < HEAD + np.minimum(nodes[heads], 20)[:, None]
     here[:, [k for k in range(HEAD) if k not in (TYPE, NUMBER)]] = False  # keys of the geometry may be negative
     positive = ~((table < 0) & here).any(axis=1)
     piece.require(positive, lines[heads], "numbers of nodes, of an element and its type, from 0 on")
+    # elements of one type and number of nodes together
     for number in np.unique(table[:, TYPE]):
         for count in np.unique(table[table[:, TYPE] == number, COUNT]):
             some = table[(table[:, TYPE] == number) & (table[:, COUNT] == count)]

@@ -13,9 +13,9 @@ import numpy as np
 from ...files.text import LARGEST_LABEL, first_bytes
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, number_over_ranks, require_once, sort_over_ranks
+from ...parallel.shares import row_range
 from ..base import Reader
 from ..entries import Entries, joined, label_name, label_of, node_and_direction, require_sane
-from ..matrices.petsc_binary import row_share
 from ..parts import Parts
 from . import records as ansys_records
 from .nodes import find_nodes, give_mesh, turn_found
@@ -260,7 +260,7 @@ def rows_of(comm, file: RecordFile, header: Header) -> tuple[np.ndarray, np.ndar
         kinds, after = file.integers(header.place, header.directions, "the list of dofs")
         if file.count(after) != header.nodes:
             raise file.damaged(after, f"a table of {file.count(after)} nodes, expected {header.nodes},")
-        first, last = row_share(header.nodes, comm.rank, comm.size)
+        first, last = row_range(comm, header.nodes)
         # nodes and their numbers of dofs: each rank has a share of the nodes
         node = file.part(after, first, last)
         if len(node) and not 1 <= node.min() <= node.max() <= LARGEST_LABEL:
@@ -417,7 +417,7 @@ def _diagonal(comm, file, header, key, place, removed, size):
     with agreed(comm):
         if file.count(place) != header.equations:
             raise file.damaged(place, f"a diagonal of {file.count(place)} numbers, expected {header.equations},")
-        low, high = row_share(header.equations, comm.rank, comm.size)
+        low, high = row_range(comm, header.equations)
         values = file.part(place, low, high).astype(float)
         require_sane(values, f"{file.path}: found, near word {place},", KINDS[key])
         row = np.arange(low, high)

@@ -106,9 +106,8 @@ def read_nodes(file, comm) -> FoundNodes:
 
 def give_mesh(parts, nodes: FoundNodes):
     """Put nodes, elements and sets into the parts of a model."""
-    parts.nodes, parts.elements, parts.properties = nodes.nodes, nodes.elements, nodes.properties
-    parts.sets = nodes.sets
-    parts.warnings += nodes.remarks
+    parts.nodes = nodes.nodes
+    parts.take_mesh(nodes, nodes.remarks)
 
 
 def turn_found(comm, parts, nodes: FoundNodes):

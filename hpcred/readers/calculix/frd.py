@@ -16,6 +16,7 @@ from ...files.text_numbers import labels, numbers, ragged, whole
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import require_once
+from ...parallel.shares import row_range
 from ..fixed_width import fields_of_format, separated
 from ..nodes.table import LARGEST_COORDINATE, VERTICAL_FIRST, NodeTable, elements_of, finite
 
@@ -154,7 +155,7 @@ def _nodes(path, comm, block):
     """Return numbers and places of the nodes of this rank, in any order."""
     if block.form in (SINGLE, DOUBLE):
         kind = np.dtype([("number", "<i4"), ("place", "<f8" if block.form == DOUBLE else "<f4", 3)])
-        low, high = (block.count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
+        low, high = row_range(comm, block.count)
         table = read_numbers(path, kind, high - low, block.start + low * kind.itemsize)
         label = table["number"].astype(np.int64)
         _require_numbers(path, label)
@@ -182,8 +183,7 @@ def _elements(path, comm, block):
         lines = records(path, comm, block.start, block.stop, ELEMENT)
         types, values = end_to_end(lines, lambda piece: _elements_of_text(piece, block.form))
     else:
-        count = len(block.shares) - 1
-        low, high = (block.shares[count * rank // comm.size] for rank in (comm.rank, comm.rank + 1))
+        low, high = (block.shares[k] for k in row_range(comm, len(block.shares) - 1))
         types, values = _binary_elements(path, low, high)
     owner, kinds = np.repeat(types, _sizes(types)), {key: KINDS[key] for key in np.unique(types).tolist()}
     return {kind: [values[owner == key].reshape(-1, NODES[kind])] for key, kind in kinds.items()}

@@ -52,6 +52,7 @@ def read_triangle(path, comm) -> Triangle:
     with agreed(comm):
         require_last_line(path)
         entries, bounds, diagonal, places = Collected((np.int64, np.int64, float)), [], 0, 0
+        # each piece ascends, and is of the upper triangle
         for piece in pieces(path, comm):
             i, j, v, lines = triples(piece)
             order = j * np.int64(2**31) + i  # rows stay below 2^31
@@ -65,6 +66,7 @@ def read_triangle(path, comm) -> Triangle:
             places += int((order.astype(np.uint64) * np.uint64(MIXED) >> np.uint64(20)).sum(dtype=np.uint64))
             entries.add((i, j, v), piece.share)
         i, j, v = entries.arrays
+    # so do the pieces one after the other, and each column has its diagonal
     size = 1 + max(comm.allgather(int(j.max(initial=-1))))
     diagonal, places, count = (comm.allreduce(number) for number in (diagonal, places, len(v)))
     ends = sorted(item for part in comm.allgather(bounds) for item in part)

@@ -136,6 +136,7 @@ class Unnamed(Exception):
 def name_rows(comm, parts, files, label, row):
     """Fill in the mesh, row labels and held dofs from `files`, or raise Unnamed where they do not tell. Collective."""
     mesh = _mesh_of(comm, parts, files, label)
+    # rows of no node, and those of nodes that CalculiX made of shells and beams
     inside = _inside_elements(comm, label, sum(mesh.counts.get(kind, 0) for kind in INCOMPATIBLE))
     last = comm.allreduce(int(mesh.nodes.label.max(initial=0)), op=MPI.MAX)  # of the input file
     label, mesh.nodes, (expanded, placed) = _with_expanded_nodes(comm, files["dofs"], label, mesh)
@@ -146,6 +147,7 @@ def name_rows(comm, parts, files, label, row):
             + ("below, in and above the middle surface" if placed else "at the place of the node of the input file, up "
                "to half of a thickness from where they are, since sections or ties do not tell these places")
         )
+    # rotations of rigid bodies are displacements of nodes of their own
     turning = _turning(comm, files, mesh, label[~inside], last)
     label = with_rotations(label, turning)
     if count := comm.allreduce(int(np.count_nonzero(inside))):
@@ -154,9 +156,9 @@ def name_rows(comm, parts, files, label, row):
             f"{files['dofs']}: {count} rows are the incompatible modes of elements of the type C3D8I, which "
             "belong to no node"
         )
-    parts.nodes, parts.elements, parts.sets = mesh.nodes, mesh.elements, mesh.sets
-    parts.properties = mesh.properties
-    parts.warnings += mesh.remarks
+    # the mesh, and what its boundary holds
+    parts.nodes = mesh.nodes
+    parts.take_mesh(mesh, mesh.remarks)
     parts.row_labels = label, row
     if "input" not in files:
         hold_nodes_without_rows(comm, parts, files["results"], files["dofs"])
@@ -196,6 +198,7 @@ def _with_expanded_nodes(comm, path, label, mesh):
 
     The rows of such a node are those of several nodes of solids, one behind the other, which .dof names alike.
     """
+    # rows of nodes of shells and beams; those of others are given once, in order
     flat = [nodes.ravel() for kind, nodes in mesh.elements.items() if kind in FLAT]
     flat = np.unique(sort_over_ranks(comm, np.concatenate([NO_NODES, *flat]))[0])
     node, direction = node_and_direction(label)
@@ -206,12 +209,14 @@ def _with_expanded_nodes(comm, path, label, mesh):
     _require_order(comm, path, label[~mine])
     if not comm.allreduce(int(mine.sum())):
         return label, mesh.nodes, (0, True)
+    # a made node begins where the direction does not ascend; its number is above all others
     again = repeated_key(comm, label[mine])
     ends = comm.allgather(label[-1:].tolist())
     before = np.array([-1, *(end for part in ends[: comm.rank] for end in part)][-1:] + label.tolist())[:-1]
     first = mine & ((before // STRIDE != node) | (label <= before))  # rows with which a node of a solid begins
     behind = comm.allreduce(max(int(part.max(initial=0)) for part in (mesh.nodes.label, node)), op=MPI.MAX) + 1
     number = behind + (comm.exscan(int(first.sum())) or 0) + np.cumsum(first) - 1
+    # places of the made nodes, through the thickness as far as it is known
     there, places = look_up(comm, mesh.nodes.label, list(mesh.nodes.position.T), node[first])
     if not all(comm.allgather(bool(there.all()))):
         raise Unnamed("nodes of shells and beams have no coordinates")

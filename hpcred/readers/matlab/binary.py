@@ -262,12 +262,14 @@ class _Level5:
         kind, is_complex, is_logical = int(flags[0]) & 0xFF, *(bool(int(flags[0]) & bit) for bit in (COMPLEX, LOGICAL))
         if kind in (FUNCTION, OPAQUE):  # hold no matrix of their own, and have no shape; whoever called knows their end
             return
+        # shape and name
         shape = tuple(int(number) for number in self._small((5,), 8 * 32))
         own = self._small((1, 2), 2**16).astype(np.uint8).tobytes().decode("latin-1")
         if len(shape) < 2 or min(shape) < 0:
             raise self._wrong(f"a matrix of shape {shape}")
         self._require_names([own])
         name, items = name or own, int(np.prod(shape, dtype=object))
+        # the content by its class
         if kind in NUMERIC:
             runs = [self._run() for _ in range(1 + is_complex)]
             if any(run.count != items for run in runs):

@@ -13,6 +13,7 @@ from ...files.text import LARGEST_LABEL, first_bytes
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import require_once
+from ...parallel.shares import row_range
 from ..base import Reader
 from ..entries import Entries, label_name, label_of
 from ..nodes.table import LARGEST_COORDINATE, NodeTable
@@ -231,8 +232,7 @@ def _forms(name, item) -> list[str]:
 def _share(path, comm, variable, form):
     """Return the first node or row of this rank, and its numbers (share, width), of an array."""
     across = FORMS[form][0] < 0
-    count = variable.shape[across]
-    first, last = count * comm.rank // comm.size, count * (comm.rank + 1) // comm.size
+    first, last = row_range(comm, variable.shape[across])
     return first, _reader(path).table_of(path, variable, first, last, across)
 
 

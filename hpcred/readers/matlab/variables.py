@@ -36,6 +36,7 @@ def entries_of(path, variable, numbers, rank, size) -> tuple[np.ndarray, np.ndar
     parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
     if variable.place is None or not rows or not columns:
         return parts[0]
+    # columns of a dense matrix, some at a time
     if not variable.sparse:
         step = max(1, NUMBERS_AT_A_TIME // rows)
         for low in range(first, last, step):
@@ -43,6 +44,7 @@ def entries_of(path, variable, numbers, rank, size) -> tuple[np.ndarray, np.ndar
             there = np.flatnonzero(values)
             parts.append((there % rows, low + there // rows, values[there]))
         return tuple(map(np.concatenate, zip(*parts, strict=True)))
+    # columns of a sparse one: where they begin, and what is in them
     starts = numbers("starts", first, last + 1).astype(np.int64)
     count, low, high = variable.nonzeros, int(starts[0]), int(starts[-1])
     begins_well, ends_well = first > 0 or low == 0, last < columns or high == count
@@ -54,6 +56,7 @@ def entries_of(path, variable, numbers, rank, size) -> tuple[np.ndarray, np.ndar
     v = numbers("values", low, high).astype(float)
     if not len(i) == len(v) == high - low:
         raise damaged_file(path, f"rows of '{variable.name}' beyond its {rows}")
+    # rows ascend in each column
     ascends = np.diff(i) > 0
     ends = starts[1:-1] - low - 1  # the last entries of columns, but for the last column
     ascends[ends[(ends >= 0) & (ends < len(ascends))]] = True

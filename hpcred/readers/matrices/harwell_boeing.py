@@ -14,10 +14,10 @@ from ...files.text import Piece, first_bytes, open_unpacked, pieces
 from ...files.text_numbers import ragged, whole
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, agreed
+from ...parallel.shares import row_range
 from ..base import Reader
 from ..entries import Entries, both_triangles, require_sane
 from ..fixed_width import Field, fields_of_format, separated
-from .petsc_binary import row_share
 
 TYPE = re.compile(rb"^([RCPIQX])([USHZR])([AE])(?:\s|$)", re.IGNORECASE)
 FORMATS = re.compile(rb"\((?:[^()]|\([^()]*\))*\)")
@@ -108,6 +108,7 @@ def _read(path, comm):
 def _header(path):
     with open_unpacked(path) as file:
         lines = [file.readline(4096) for _ in range(LINES_OF_HEADER)]
+    # kind and size of the matrix
     cards, kind, counts = _counts(lines[1]), lines[2][:3].decode("latin-1").lower(), _counts(lines[2][3:])
     rutherford = len(cards) == 4
     if kind[0] == "p":
@@ -124,6 +125,7 @@ def _header(path):
     rows, columns, entries = counts[:3]
     if kind[1] in "sz" and rows != columns or not rows or not columns:
         raise InputError(f"{path}, line 3: found {rows} x {columns} for {kind.upper()}, expected a square matrix")
+    # formats of its lists
     formats = [*FORMATS.findall(lines[3]), b"", b"", b""]
     fields = [fields_of_format(item, f"{path}, line 4") for item in formats[:3]]
     for item, name, whole_numbers in zip(fields, SECTIONS, (True, True, kind[0] == "i"), strict=False):
@@ -131,6 +133,7 @@ def _header(path):
             raise InputError(f"{path}, line 4: found a format of {name} for other numbers, expected "
                              f"{'integers' if whole_numbers else 'floating-point numbers'}")  # fmt: skip
     numbers = [columns + 1, entries, entries, 0]
+    # right-hand sides, which line 5 describes
     total, *cards = cards + [0] * rutherford
     right, sides = cards[3], 0
     if right:
@@ -148,6 +151,7 @@ def _header(path):
             raise InputError(f"{path}, line 5: found right-hand sides of the type '{about}', expected F or M")
     else:
         fields.append([])
+    # lines of each list, and of all together
     for name, number, line, found in zip(SECTIONS, numbers, fields, cards, strict=True):
         if number is not None and line and found != -(-number // len(line)):
             raise InputError(
@@ -209,7 +213,7 @@ def _sections(piece, line, header):
 
 def _entries(path, comm, header, parts):
     """Return entries from the numbers of the sections, which meet where the share of an entry lies."""
-    shares = np.array([row_share(header.entries, rank, comm.size)[0] for rank in range(comm.size)])
+    shares = np.array(comm.allgather(row_range(comm, header.entries)[0]))
 
     def owner(entry):
         return np.clip(np.searchsorted(shares, entry, side="right") - 1, 0, comm.size - 1)
@@ -247,7 +251,7 @@ def _entries(path, comm, header, parts):
         if (np.diff(number[order]) != 1).any() or (np.diff(pointer[order]) < 0).any() or (
             len(number) and number.min() != before):  # fmt: skip
             raise _damaged(path, f"pointers that do not ascend from 1 to {header.entries + 1}")
-        low, high = row_share(header.entries, comm.rank, comm.size)
+        low, high = row_range(comm, header.entries)
         # the column of an entry is the last one that begins at or before it
         begun = np.bincount(pointer[pointer < high] - low, minlength=max(high - low, 0))
         columns = before + np.cumsum(begun)[: high - low] - 1

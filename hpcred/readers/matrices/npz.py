@@ -15,9 +15,9 @@ import numpy as np
 from ...files.system_errors import damaged_file, reading_from
 from ...parallel.failures import InputError, agreed
 from ...parallel.memory import MB, node_mb
+from ...parallel.shares import row_range
 from ..base import Reader
 from ..entries import Entries
-from .petsc_binary import row_share
 
 # what zipfile makes of damage: also places before the file, methods that do not exist, and passwords
 DAMAGES = (
@@ -91,13 +91,13 @@ def _read(path, archive, names, comm):
     if kind == "coo":
         for name in NEEDED[kind]:
             _require(path, name, _length(path, archive, name, "iu"), count)
-        low, high = row_share(count, comm.rank, comm.size)
+        low, high = row_range(comm, count)
         i, j = (_part(path, archive, name, low, high).astype(np.int64) for name in ("row", "col"))
     else:
         lines = shape[0] if kind == "csr" else shape[1]
         _require(path, "indices", _length(path, archive, "indices", "iu"), count)
         _require(path, "indptr", _length(path, archive, "indptr", "iu"), lines + 1)
-        first, last = row_share(lines, comm.rank, comm.size)
+        first, last = row_range(comm, lines)
         indptr = _part(path, archive, "indptr", first, last + 1).astype(np.int64)
         if (np.diff(indptr) < 0).any() or (first == 0 and indptr[0] != 0) or (last == lines and indptr[-1] != count):
             raise InputError(

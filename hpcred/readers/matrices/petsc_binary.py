@@ -7,6 +7,7 @@ import numpy as np
 from ...files.system_errors import damaged_file, read_numbers
 from ...files.text import first_bytes
 from ...parallel.failures import InputError, agreed
+from ...parallel.shares import row_range
 from ..base import Reader
 from ..entries import Entries
 
@@ -19,19 +20,13 @@ def _whole(start):
     return next((kind for kind in (">i4", ">i8") if start.startswith(np.array(CLASS_ID, kind).tobytes())), None)
 
 
-def row_share(rows: int, rank: int, ranks: int) -> tuple[int, int]:
-    """Return first and last row of a rank. Python's integers: 10^7 rows times 215 ranks does not fit 32 bits."""
-    rows, rank, ranks = int(rows), int(rank), int(ranks)
-    return rows * rank // ranks, rows * (rank + 1) // ranks
-
-
 def read(path, comm) -> Entries:
     """Read a real sparse matrix. Collective. Raises InputError."""
     with agreed(comm):
         whole = _whole(first_bytes(path))
         width = np.dtype(whole).itemsize
         rows, columns, count = _header(path, whole, width)
-        low, high = row_share(rows, comm.rank, comm.size)
+        low, high = row_range(comm, rows)
         lengths = read_numbers(path, whole, high - low, offset=width * (HEADER + low)).astype(np.int64)
         if (lengths < 0).any():
             raise damaged_file(path, f"a row of {lengths.min()} entries")

@@ -141,6 +141,7 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     `strict`: for cards that a program wrote: refused are also remarks that do not begin their line, what is behind the
     80th column, and other cards between those of one first field.
     """
+    # text without remarks and tabs, replicated cards in full
     plain = REMARK.sub(b"", piece.text).upper().replace(b"\r", b" ")
     if control := CONTROL.search(plain):
         raise piece.refusal(plain.count(b"\n", 0, control.start()), "a card, without control characters")
@@ -149,6 +150,7 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     origin = None
     if not strict and REPEATED.search(plain):
         plain, origin = in_full(piece, plain)
+    # lines with something in them; a letter begins a card
     text = np.frombuffer(plain if plain.endswith(b"\n") else plain + b"\n", np.uint8)
     stop = np.flatnonzero(text == ord("\n"))
     start = np.concatenate([[0], stop[:-1] + 1])
@@ -160,11 +162,13 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
     starts = (head[:, 0] >= ord("A")) & (head[:, 0] <= ord("Z"))
     card = np.cumsum(starts) - 1
     total = int(np.count_nonzero(starts))
+    # names of cards, and which of them are wanted
     ended = np.maximum.accumulate((head == ord(" ")) | (head == ord(",")) | (head == ord("*")), axis=1)
     names = np.where(ended, 0, head).astype(np.uint8)[starts].copy().view("S8").ravel()
     distinct, back = np.unique(names, return_inverse=True)
     fits = np.array([wanted.fullmatch(name) is not None for name in distinct], bool)[back] if len(names) else []
     mine = (card >= 0) & np.asarray(fits, bool)[card] if len(names) else np.zeros(len(card), bool)
+    # lines that belong to no card, or to another than that above
     stray = (card < 0) | (~starts & ~np.isin(head[:, 0], np.frombuffer(b" +*,", np.uint8)))
     stray &= (card < 0) | mine | (head[:, 0] != ord("="))  # cards that are not wanted may be repeated
     piece.require(~stray, number, "a card, or a line that continues one")
@@ -176,6 +180,7 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
         place = np.searchsorted(number, k, side="right") - 1  # of the line itself, or the last in front of a remark
         if place >= 0 and mine[place]:
             raise piece.refusal(k, "a card without a remark behind it")
+    # the wanted cards alone
     card, start, stop, number, head, starts = (part[mine] for part in (card, start, stop, number, head, starts))
     if strict:
         piece.require(visible[stop] <= visible[np.minimum(start + 80, stop)], number, "a card of at most 80 columns")
@@ -216,6 +221,7 @@ def _is_large(head):
 
 def _fields(piece, text, start, stop, head, number):
     """Return number of data fields (lines,) and the fields (lines, 8) without blanks around."""
+    # fields of fixed width, from the first of data on
     commas = np.concatenate([[0], np.cumsum(text == ord(","))])
     free = commas[stop] > commas[start]
     star = _is_large(head)
@@ -223,6 +229,7 @@ def _fields(piece, text, start, stop, head, number):
     width = np.where(star, 16, 8)
     low = start[:, None] + 8 + width[:, None] * np.arange(SMALL)
     high = np.minimum(low + width[:, None], stop[:, None])
+    # in free form commas tell where they begin and end
     if free.any():
         at = np.flatnonzero(text == ord(","))
         line = np.searchsorted(start, at, side="right") - 1
@@ -236,6 +243,7 @@ def _fields(piece, text, start, stop, head, number):
         visible = np.concatenate([[0], np.cumsum(text > ord(" "))])
         inside = (place <= count[line]) | (visible[end] <= visible[np.minimum(at + 1, end)])
         piece.require(inside, number[line], f"at most {SMALL + 2} fields a line")
+    # without blanks in front and behind
     low, high = np.minimum(low, stop[:, None]), np.maximum(high, np.minimum(low, stop[:, None]))
     last = len(text) - 1
     while (blank := (low < high) & (text[np.minimum(low, last)] == ord(" "))).any():  # in front

@@ -299,13 +299,11 @@ def _without_empty_rows(comm, matrices, warnings):
     first = comm.exscan(len(kept)) or 0
     result = {}
     for key, item in matrices.items():
-        ends = []
-        for name in (item.rows, item.columns):
-            distinct, back = np.unique(name, return_inverse=True)
-            found, (new,) = look_up(comm, kept, [first + np.arange(len(kept))], distinct)
-            ends.append((found[back], new[back]))
-        there = ends[0][0] & ends[1][0]
-        result[key] = Entries((count, count), ends[0][1][there], ends[1][1][there], item.values[there])
+        asked = np.unique(np.concatenate([item.rows, item.columns]))
+        found, (new,) = look_up(comm, kept, [first + np.arange(len(kept))], asked)
+        i, j = (np.searchsorted(asked, end) for end in (item.rows, item.columns))
+        there = found[i] & found[j]
+        result[key] = Entries((count, count), new[i[there]], new[j[there]], item.values[there])
     return result, kept
 
 
@@ -334,8 +332,7 @@ def _finish(comm, parts, rows, turn, mask):
     points = rows.points
     parts.nodes = NodeTable.as_given(comm, points.label, points.position)
     if rows.deck is not None:
-        parts.elements, parts.properties, parts.sets = rows.deck.elements, rows.deck.properties, rows.deck.sets
-        parts.warnings += rows.deck.remarks
+        parts.take_mesh(rows.deck, rows.deck.remarks)
     held = points.there() & ~mask & (points.marks & HELD > 0)
     label = points.local_labels()
     for low in (0, 3):
@@ -402,8 +399,7 @@ def turn_rows(comm, parts, points, path):
         return
     own = points.local_labels()
     if isinstance(parts.matrices["K"], LabelledEntries):
-        labels = np.concatenate([end for item in parts.matrices.values() for end in (item.rows, item.columns)])
-        turn = turn_of(points, present(comm, points, labels), own, by_label=True)
+        turn = turn_of(points, present(comm, points, np.concatenate(parts.ends)), own, by_label=True)
     else:
         label, row = parts.row_labels or labels_in_order(comm, parts.nodes, common_size(parts), parts.files["K"])
         there, (number,) = look_up(comm, label, [row], own.ravel())
@@ -438,8 +434,7 @@ def _label_entries(comm, parts, deck, lacking, path):
     """Label entries in x, y, z as far as they go, with the nodes of an input file; `lacking`: see dmig."""
     points = bulk.points_of(deck, comm)
     _name_scalars(comm, parts, points)
-    labels = np.concatenate([end for item in parts.matrices.values() for end in (item.rows, item.columns)])
-    mask = present(comm, points, labels)
+    mask = present(comm, points, np.concatenate(parts.ends))
     reason = mark_sets(deck, comm, points)
     if lacking is not None:
         _require_whole_set(comm, parts, deck, points, mask, lacking, reason)

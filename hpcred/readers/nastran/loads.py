@@ -59,7 +59,8 @@ def read_loads(path, sid: int, comm) -> DeckLoads:
                 if name in ("FORCE", "MOMENT"):
                     _forces(loads, name, piece, table, lines, scale, systems)
                 elif name == "GRAV":
-                    _gravity(loads, piece, table, lines, scale, systems)
+                    size = reals(piece, table[:, 2], lines, "an acceleration") * scale
+                    loads.acceleration += size @ _vectors(piece, table, lines, systems, 1, 3, "a component")
                 else:
                     pressed.append(_pressures(piece, table, lines, scale))
     # a set without cards would be a load of zero
@@ -156,12 +157,6 @@ def _forces(loads, name, piece, table, lines, scale, systems):
     both = np.zeros((len(node), 6))
     both[:, 3 * (name == "MOMENT") :][:, :3] = vectors
     loads.nodal.append((node, both))
-
-
-def _gravity(loads, piece, table, lines, scale, systems):
-    size = reals(piece, table[:, 2], lines, "an acceleration") * scale
-    vectors = _vectors(piece, table, lines, systems, 1, 3, "a component")
-    loads.acceleration = loads.acceleration + size @ vectors
 
 
 def _pressures(piece, table, lines, scale):

@@ -14,6 +14,7 @@ from ...files.text import LARGEST_LABEL, first_bytes
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, repeated_key
+from ...parallel.shares import row_range
 from .op4_matrix import COMPLEX, DOUBLE, Op4Matrix, matrix_of, real_values
 from .points import DEPENDENT, HELD, OMITTED, SUPPORTED, Points, System
 
@@ -171,6 +172,7 @@ def walk(path):
     with mapped(path) as data:
         chain = _Chain(data, path, order, size)
         while not chain.ended:
+            # what one run wrote begins with a header and ends with 0
             words = chain.key()
             if words == 0:  # the end of what one run wrote
                 continue
@@ -178,6 +180,7 @@ def walk(path):
                 chain.pieces(3)
                 chain.pass_key(0, "end of the header")
                 continue
+            # a block: name, trailer, and records of a table or columns of a matrix
             name = chain.name(words)
             chain.pass_key(7, "trailer of 7 words")
             place, _ = chain.pieces(7)[0]
@@ -210,17 +213,19 @@ def _points(path, comm, group):
         return InputError(f"{path}: found {what} in the table {table.name}; the file is damaged or of a kind that is "
                           "not read")  # fmt: skip
 
+    # how many points there are, and how long each is
     with agreed(comm):
         total, width = _form(table, group.get("EQEXIN"), damaged)
     if width is None:
         return None
     with agreed(comm):
-        first, last = (total * rank // comm.size for rank in (comm.rank, comm.rank + 1))
+        first, last = row_range(comm, total)
         data = table.bytes(0, first * width, last * width)
     is_long = width != 4 * table.size
     many, size = ((6,), 8) if is_long else ((1,), table.size)
     rows = data.view(np.dtype([("words", f"{table.order}i{table.size}", many), ("place", f"{table.order}f{size}", 3)]))
     position, words = rows["place"].astype(float), rows["words"].astype(np.int64)
+    # numbers and kinds of points, from the table itself or from EQEXIN
     numbered = _numbered(comm, group["EQEXIN"], first, len(rows), damaged) if "EQEXIN" in group else None
     if is_long:  # has numbers and kinds itself
         system, dof, label, code = words[:, :4].T
@@ -237,6 +242,7 @@ def _points(path, comm, group):
             raise damaged("numbers of points or dofs that are not positive")
         if not np.isfinite(position).all():
             raise damaged("places that are no numbers")
+        # dofs follow each other, also from rank to rank
         dofs = np.where(scalar, 1, 6)
         before = dof[0] if len(dof) else 0
         if (dof != before + np.cumsum(dofs) - dofs).any():
@@ -248,6 +254,7 @@ def _points(path, comm, group):
     with agreed(comm):
         if len(dof) and before != 1 + sum(counts[: comm.rank]):
             raise damaged("dofs that do not follow each other")
+        # sets of the dofs
         marks = np.zeros((len(label), 6), np.uint8)
         if "USET" in group:
             uset = group["USET"]
@@ -283,7 +290,7 @@ def _numbered(comm, numbers, first, count_here, damaged):
     """Return number, first dof and whether scalar of the points `first` and so on, by EQEXIN. Collective."""
     with agreed(comm):
         count = numbers.length(0) // (2 * numbers.size)
-        low, high = (count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
+        low, high = row_range(comm, count)
         # number and place in the order; number, and 10 times the dof plus the kind
         pairs = numbers.integers(0, 2 * low, 2 * high).reshape(-1, 2)
         codes = numbers.integers(1, 2 * low, 2 * high).reshape(-1, 2)
@@ -348,24 +355,23 @@ def _matrix(path, block):
 
 def read(path, comm, matrix: Op2Matrix) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Return rows and columns (from 0) and values of the shares of this rank. Collective. Raises InputError."""
-    shares = len(matrix.starts) - 1
-    low, high = shares * comm.rank // comm.size, shares * (comm.rank + 1) // comm.size
     with agreed(comm), mapped(path) as data:
-        return [_decode(path, data, matrix, k) for k in range(low, high)]
+        return [_decode(path, data, matrix, k) for k in range(*row_range(comm, len(matrix.starts) - 1))]
 
 
 def _decode(path, data, matrix, share):
     """Return rows and columns (from 0) and values of a share of columns."""
     order, size = matrix.layout
+    # strings of each column: first row, then values
     number = size if size == 8 else 8 if matrix.kind in DOUBLE else 4  # bytes
     width = number * (2 if matrix.kind in COMPLEX else 1)
     rows, values, counts, columns = [], [], [], []
     chain = _Chain(data, path, order, size)
     chain.at = matrix.starts[share]
     for column in range(matrix.columns[share], matrix.columns[share + 1]):
-        kind, count = chain.next_record()
+        kind, words = chain.next_record()
         last = 0
-        for place, count in chain.pieces(count, kind):
+        for place, count in chain.pieces(words, kind):
             first = int(np.frombuffer(data, f"{order}i{size}", 1, place)[0])
             length, rest = divmod(count - size, width)
             if rest or length < 1 or first <= last or first + length - 1 > matrix.shape[0]:
@@ -378,6 +384,7 @@ def _decode(path, data, matrix, share):
             columns.append(column)
             counts.append(length)
             values.append(np.array(np.frombuffer(data, f"{order}f{number}", (count - size) // number, place + size)))
+    # rows and columns of all values
     counts = np.array(counts, np.int64)
     values = real_values(path, matrix, np.concatenate([np.zeros(0), *values]))
     i = np.repeat(np.array(rows, np.int64) - (np.cumsum(counts) - counts), counts) + np.arange(len(values))

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...files.system_errors import damaged_file, mapped, read_bytes, read_numbers
 from ...parallel.failures import InputError, agreed
+from ...parallel.shares import row_range
 from .op4_matrix import COMPLEX, DOUBLE, SMALL, Op4Matrix, matrix_of, real_values
 
 SHARE = 2**22  # bytes of a file decoded at a time
@@ -42,12 +43,14 @@ def contents(path, order: str, size: int) -> list[Op4Matrix]:
                     f"{path}: found no header of a matrix at byte {at} of {end}, behind "
                     f"{matrices[-1].name if matrices else 'the start'}; the file is damaged or cut off"
                 )
+            # the header
             numbers = struct.unpack_from(order + ("4i" if size == 4 else "4q"), data, at + 4)
             name = data[at + 4 + 4 * size : at + 4 + 6 * size]
             if size == 8 and not (name[4:8] + name[12:]).strip():
                 name = name[:4] + name[8:12]  # four letters a word
             columns = numbers[0]
             at += whole
+            # records of columns, up to that of a column behind the last
             starts, column, mark = [at], 0, at + SHARE
             while column <= columns:
                 if at + 12 > end:
@@ -78,10 +81,8 @@ def contents(path, order: str, size: int) -> list[Op4Matrix]:
 def read(path, comm, matrix: Op4Matrix) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Return rows and columns (from 0) and values of the shares of this rank. Collective. Raises InputError."""
     starts = matrix.starts
-    shares = len(starts) - 1
-    low, high = shares * comm.rank // comm.size, shares * (comm.rank + 1) // comm.size
     with agreed(comm):
-        return [_decode(path, matrix, starts[k], starts[k + 1]) for k in range(low, high)]
+        return [_decode(path, matrix, starts[k], starts[k + 1]) for k in range(*row_range(comm, len(starts) - 1))]
 
 
 class _Words:
@@ -108,6 +109,7 @@ def _decode(path, matrix, low, high):
     def damaged(what):
         return damaged_file(path, f"{what} in the matrix {matrix} between the bytes {low} and {high}")
 
+    # records: column, first row, number of words
     begin = _records(path, order, low, high)
     words = _Words(path, order, size, low, high)
     length = words.markers(begin)
@@ -122,6 +124,7 @@ def _decode(path, matrix, low, high):
     dense = first > 0
     if (first < 0).any() or (column < 1).any() or (column > columns).any():
         raise damaged("a column or row that does not exist")
+    # strings of numbers, of a whole column or as their headers say, in the order of the file
     number = size if size == 8 else 8 if matrix.kind in DOUBLE else 4  # bytes
     width = number // 4 * (2 if matrix.kind in COMPLEX else 1)  # words of 4 bytes of an entry
     at = head[dense] + 3 * step
@@ -137,6 +140,7 @@ def _decode(path, matrix, low, high):
         raise damaged("whole columns beside columns of strings")
     if ((column[1:] == column[:-1]) & (row[1:] < (row + entries)[:-1])).any():
         raise damaged("strings of numbers that do not ascend in their column")
+    # the words of numbers are those in strings
     change = np.zeros(len(words.raw) + 1, np.int8)
     np.add.at(change, at, 1)
     np.add.at(change, stop, -1)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...parallel.failures import InputError
+from ...parallel.shares import row_range
 from ..entries import Entries, both_triangles, joined, sides
 
 DIAGONAL, SYMMETRIC, IDENTITY = 3, 6, 8
@@ -70,7 +71,7 @@ def completed(path, comm, matrix: Op4Matrix, parts) -> Entries:
     if matrix.form == DIAGONAL and columns == 1 < rows:  # the diagonal as one column
         return Entries((rows, rows), i, i.copy(), v)
     if matrix.form == IDENTITY and not comm.allreduce(len(v)) and rows == columns:
-        mine = np.arange(rows * comm.rank // comm.size, rows * (comm.rank + 1) // comm.size)
+        mine = np.arange(*row_range(comm, rows))
         return Entries(matrix.shape, mine, mine.copy(), np.ones(len(mine)))
     if matrix.form == SYMMETRIC:
         below, above = sides(comm, i, j)

@@ -59,15 +59,10 @@ def read(path, comm) -> NodeTable:
         return labels(piece, table[:, 0], lines), table[:, 1:]
 
     label, position, place = read_lines(path, comm, decode)
-    require_nodes(comm, label, path, "expected lines of node, x, y, z", "one line a node")
-    return NodeTable(label, position, place)
-
-
-def require_nodes(comm, label, path, without: str, expected: str):
-    """Raise InputError where there are no nodes, or one has a second place. Collective."""
     if not comm.allreduce(len(label)):
-        raise InputError(f"{path}: found no nodes, {without}")
-    require_once(comm, label, lambda node: f"{path}: found the node {node} more than once, expected {expected}")
+        raise InputError(f"{path}: found no nodes, expected lines of node, x, y, z")
+    require_once(comm, label, lambda node: f"{path}: found the node {node} more than once, expected one line a node")
+    return NodeTable(label, position, place)
 
 
 def in_ranges(numbers, ranges) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import require_once
+from ...parallel.shares import row_range
 from ..nastran.op2 import Block, walk
 from .means import means_at_nodes
 from .nastran_punch import CORNERS
@@ -41,7 +42,7 @@ class Entries(NamedTuple):
 
     def words(self, comm) -> tuple[np.ndarray, np.ndarray]:
         """Return the share (c, width) of this rank, as whole numbers and as floating-point ones."""
-        low, high = (self.count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
+        low, high = row_range(comm, self.count)
         size = self.table.size
         data = self.table.bytes(self.record, low * self.width * size, high * self.width * size)
         whole, real = (data.view(f"{self.table.order}{kind}{size}").reshape(-1, self.width) for kind in "if")
