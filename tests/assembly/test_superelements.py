@@ -295,3 +295,26 @@ def test_ranks_read_the_same_superelement(comm):
     assert np.array_equal(found.K, alone.K) and found.input_names == alone.input_names
     with pytest.raises(hpcred.InputError, match="no such file"):
         read_superelement(folder / "nothing.mtx", comm)
+
+
+def test_rows_of_zeros_are_directions_of_their_nodes(tmp_path, monkeypatch):
+    """A spring in one direction, whose others are rows of zeros: joined in all directions it holds what one of three
+    stiffnesses holds, and beside its direction it may be loose, but neither pushed nor looked at."""
+    monkeypatch.chdir(tmp_path)
+    write_run(substructure(np.kron([[1.0, -1.0], [-1.0, 1.0]], np.diag([2e5, 0.0, 0.0])), nodes=(1, 2),
+                           lines=("1, 2, 3",)), NODES[:2])  # fmt: skip
+    spring = read("sub.mtx")
+    assert spring.reduced.input_names == tuple(f"{node}:{d}" for node in (1, 2) for d in "xyz")
+    write_run(substructure(np.diag([1e4, 2e4, 3e4]), 2.0 * np.eye(3), nodes=(1,), lines=("1, 2, 3",)))
+    mass = read("sub.mtx")
+    bodies = [MachineBody(name="low", result=mass), MachineBody(name="high", result=mass, position=(0.5, 0.0, 0.0)),
+              MachineBody(name="s", result=spring)]  # fmt: skip
+    shown = {"inputs": ["high.1"], "outputs": ["high.1"]}
+    squares = np.sort([1e4, 1e4 + 4e5, 2e4, 2e4, 3e4, 3e4]) / 2.0
+    for directions in ("xyz", "x"):
+        joints = [RigidJoint(bodies=(f"{name}.1", f"s.{k}"), directions=directions)
+                  for k, name in ((1, "low"), (2, "high"))]  # fmt: skip
+        made = hpcred.assemble(bodies, joints, **shown)
+        assert made.reduced.frequencies == pytest.approx(np.sqrt(squares) / (2 * np.pi))
+    with pytest.raises(hpcred.InputError, match="has 4 motions with neither mass nor stiffness, to which inputs"):
+        hpcred.assemble(bodies, joints)
