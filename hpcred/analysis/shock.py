@@ -183,4 +183,5 @@ def require_size(reduced: ReducedModel, count: float, step: float):
     most = min(STATES // (2 * max(reduced.size, 1)), MOST)
     if count > most:
         raise InputError(f"times: {count:.3g} equal steps of {step:.3g} s are needed, expected at most {most}; leave "
-                         "out instants that follow each other more closely than others, or begin the band higher")  # fmt: skip
+                         "out instants that follow each other more closely than others, or begin the band higher"
+                         )  # fmt: skip

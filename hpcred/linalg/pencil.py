@@ -20,7 +20,7 @@ def with_masses(K: np.ndarray, M: np.ndarray, tau: float) -> tuple[np.ndarray, n
     """Return X (m, m) with X^T (M + tau^2 K) X = I that makes both matrices diagonal, with these diagonals of K,
     ascending, and of M."""
     G = M + tau**2 * K
-    scale = 1 / np.sqrt(np.diag(G))
+    scale = 1 / np.sqrt(np.where(np.diag(G) > 0, np.diag(G), 1.0))
     factor = np.linalg.inv(np.linalg.cholesky(G * np.outer(scale, scale))).T * scale[:, None]
     inner = factor.T @ K @ factor
     stiffnesses, vectors = np.linalg.eigh((inner + inner.T) / 2)

@@ -163,6 +163,6 @@ def test_shock_refused(arguments, message):
 
 def test_time_response_of_too_many_instants():
     """Nothing is begun that would take for ever."""
-    many = np.broadcast_to(0.0, (20_000_000, 2))
-    with pytest.raises(hpcred.InputError, match="equal steps of 1 s are needed, expected at most 10000000"):
-        time_response(chain(), np.arange(len(many), dtype=np.float32), many)
+    many = np.broadcast_to(0.0, (10_000_001, 2))
+    with pytest.raises(hpcred.InputError, match="equal steps of 1 s are needed, expected at most 10000000;"):
+        time_response(chain(), np.arange(len(many)), many)

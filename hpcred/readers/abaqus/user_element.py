@@ -60,7 +60,9 @@ def read(path, comm) -> Parts:
     scalars = label_of(node.max() + np.cumsum(modal), np.full(len(node), SCALAR))
     label = np.where(modal, scalars, label_of(node, found.dof - 1))
     for key, matrix in matrices.items():
-        i, j = np.nonzero(matrix) if comm.rank == 0 else (np.zeros(0, np.int64),) * 2
+        # rows of zeros are rows: of a spring in one direction, other directions too
+        there = (matrix != 0) | np.eye(len(matrix), dtype=bool)
+        i, j = np.nonzero(there) if comm.rank == 0 else (np.zeros(0, np.int64),) * 2
         parts.matrices[key] = LabelledEntries(label[i], label[j], matrix[i, j])
     return parts
 
