@@ -1,5 +1,6 @@
 """Fixtures, and the plugin that runs the tests marked mpi on several ranks."""
 
+import gc
 import logging
 import os
 import shutil
@@ -38,6 +39,16 @@ def runs_with_kernels(item):
     return item.path.parent.name in NUMERICAL and not any(word in item.nodeid.lower() for word in OTHERS)
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Thousands of items and modules that stay to the end: no garbage is looked for among them, now or later."""
+    gc.disable()
+    result = yield
+    gc.freeze()
+    gc.enable()
+    return result
+
+
 def pytest_collection_modifyitems(config, items):
     share, elsewhere = config.getoption("share"), config.getoption("but_share")
     left = [item for item in items if not share or is_in(item, share)]
@@ -70,10 +81,20 @@ def comm():
 
 @pytest.fixture(scope="session", autouse=True)
 def coarse_pictures():
-    """Pictures with few dots: tests look at what is drawn, not at how finely."""
+    """Pictures with few dots and margins as they come: tests look at what is drawn, not at how finely or where."""
     from hpcred.report import figures, mode_pictures, set_pictures
 
+    load = figures._matplotlib
+
+    def without_layout():
+        found = load()
+        from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+        ConstrainedLayoutEngine.execute = lambda *_: None  # half of the time of a figure
+        return found
+
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures, "_matplotlib", without_layout)
         for module in (figures, mode_pictures, set_pictures):
             patch.setattr(module, "DOTS", 60)
         patch.setattr(mode_pictures, "MOVING_DOTS", 40)

@@ -1,10 +1,29 @@
 """How tests start jobs of their own: the environment of mpiexec, and whether there are two PETSc builds."""
 
+import atexit
 import os
+import shutil
+import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
 
 from hpcred.parallel import startup
 
 TWO_BUILDS = startup.can_choose() and not os.environ.get("HPCRED_SCALAR")  # asked before PETSc is loaded
+
+
+@cache
+def patient_ranks():
+    """The variable by which ranks that wait sleep (patient_ranks.c); nothing where there is no compiler."""
+    if "LD_PRELOAD" in os.environ or shutil.which("gcc") is None:
+        return {}
+    folder = tempfile.mkdtemp(prefix="hpcred-tests-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    library = f"{folder}/patient_ranks.so"
+    source = Path(__file__).with_name("patient_ranks.c")
+    subprocess.run(["gcc", "-O2", "-shared", "-fPIC", source, "-o", library], check=True)
+    return {"LD_PRELOAD": library}
 
 
 def mpi_environment(**more):
@@ -13,6 +32,7 @@ def mpi_environment(**more):
     Ranks that wait give way: other tests have the cores too, and a rank that keeps one waits for the other's turn.
     """
     return {
+        **patient_ranks(),
         "OMPI_MCA_pml": "ob1",
         "OMPI_MCA_btl": "^tcp",
         "OMPI_MCA_mpi_yield_when_idle": "1",

@@ -15,9 +15,9 @@ while the inner one goes on. A failure on one rank ends the inner session, as do
 HPCRED_TEST_TIMEOUT seconds, or a crash; the items after it go to a new one. `mpiexec -n 4 python -m pytest -m mpi` runs
 the items on the ranks that it was given.
 
-With `--beside` inner sessions go on beside the other items where the machine has cores for all their ranks, and the
-items of one rank are in an inner session too. Where cores are left, the last half of the other items that remain goes
-to a further one. What is shown, and in which order, does not change.
+With `--beside` inner sessions go on beside the other items where the machine has cores for all their ranks but AWAIT,
+and the items of one rank are in an inner session too. Where a core is left, the last half of the other items that
+remain goes to a further one, which comes first. What is shown, and in which order, does not change.
 """
 
 import json
@@ -46,6 +46,7 @@ HERE = "1-rank"
 LAUNCHED = {HERE: (1, ""), "1-rank-complex": (1, "complex"), "2-ranks": (2, ""), "3-ranks": (3, ""),
             "2-ranks-complex": (2, "complex")}  # fmt: skip  # suffix: ranks, build
 MORE = ["2-ranks"] * 4 + ["2-ranks-complex"] * 3 + ["3-ranks"]
+AWAIT = 2  # of the processes of sessions beside each other, those that wait for others at any time
 CASES = 3  # of so many cases of a test, but for the first, one runs on more ranks
 if not (TWO_BUILDS or INNER):
     LAUNCHED = {suffix: job for suffix, job in LAUNCHED.items() if not job[1]}
@@ -274,14 +275,14 @@ def start_beside(item):
     """Start the inner sessions for which there are cores beside this item and what runs."""
     busy = sum(session.ranks for session in sessions.values() if not session.ended()) + (suffix_of(item) is None)
     cores = len(os.sched_getaffinity(0))
-    for suffix in list(waiting):
-        ranks = LAUNCHED[suffix][0]
-        if busy + ranks <= cores + (ranks == 1):  # of items on one rank, some always wait for what they started
-            busy += start_session(suffix, item.session.items).ranks
-    if suffix_of(item) is None and busy <= cores and (half := last_half(item)):
+    if suffix_of(item) is None and busy < cores and (half := last_half(item)):
         suffix = f"part {len(sessions)}"
         handed.update((other.nodeid, suffix) for other in half)
-        start_session(suffix, half)
+        busy += start_session(suffix, half).ranks
+    for suffix in list(waiting):
+        ranks = LAUNCHED[suffix][0]
+        if busy + ranks <= cores + AWAIT:
+            busy += start_session(suffix, item.session.items).ranks
 
 
 def last_half(item, few=20):

@@ -1,7 +1,7 @@
 """Runs a page: its files are written, its commands run in order, and what they print is put in the page.
 
 A block ```toml title="job.toml" (or of any other language with a title) is a file. A block ```console has commands
-behind "$ " and below each what it prints. A folder with the name of the page has scripts and meshes that its commands
+behind "$ " and below each what it prints. A folder with the name of the page has scripts, meshes and jobs that its commands
 take, and its pictures, which are taken over from the folder of the run. From the root of the repository, with gmsh and
 CalculiX for the first, the third and the fourth tutorial, Exudyn for the third, and chromium for the gallery:
 
@@ -37,11 +37,11 @@ class Failed(Exception):
 
 
 def run_page(text: str, folder: Path, beside: Path | None = None) -> str:
-    """The text of the page with what its commands print when they run in the folder, with scripts and meshes of another
+    """The text of the page with what its commands print when they run in the folder, with scripts, meshes and jobs of another
     folder `beside` them. Raises Failed."""
     environment = _environment(folder)
     for name in beside.glob("*") if beside is not None else ():
-        if name.suffix in (".py", ".geo"):
+        if name.suffix in (".py", ".geo", ".toml"):
             shutil.copy(name, folder)
 
     def replaced(found):

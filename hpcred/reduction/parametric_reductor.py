@@ -85,7 +85,7 @@ class ParametricBasisReductor(AtReference, BasisReductor):
 
 @dataclass(frozen=True, kw_only=True)
 class ParametricReductor(AtReference, ToleranceReductor):
-    """Reduce until eps(f) <= tolerance is proven over the band and the ranges of the parameters (see greedy)."""
+    """Reduce until eps(f) <= tolerance is verified over the band and the ranges of the parameters (see greedy)."""
 
     parameter_search: ParameterSearch = ParameterSearch()
 

@@ -33,7 +33,7 @@ ROOM_WITHOUT_FACTORS = 192  # the same by multigrid, whose points have more bloc
 
 @dataclass(frozen=True, kw_only=True)
 class ToleranceReductor(BasisReductor):
-    """Reduce until eps(f) <= tolerance over the band is proven (see search). Components of a basis come first.
+    """Reduce until eps(f) <= tolerance over the band is verified (see search). Components of a basis come first.
 
     `goal`: the tolerance, the band, and what may be taken for it.
     """

@@ -1,4 +1,4 @@
-"""Compute the frequency response of a model file over a band to a tolerance, with its proof, into files."""
+"""Compute the frequency response of a model file over a band to a tolerance, with its verification, into files."""
 
 from __future__ import annotations
 

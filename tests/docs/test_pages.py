@@ -472,10 +472,14 @@ TYPED = {  # pages whose commands run here, on small models of these names
     "report.md": ["result.h5", "coarse.h5", "fine.h5"],
     "response.md": [],
     "store.md": ["job.toml"],
+    "parameters.md": [],  # which makes its own
+    "sweeps.md": [],
 }
+LONG = ("report.md", "parameters.md", "sweeps.md")
+
 TYPED_ELSEWHERE = {  # why the commands of a page do not run here
     **dict.fromkeys(
-        ("README.md", "gallery.md", "tutorial/1-lever.md", "tutorial/2-crank.md", "tutorial/3-stress.md",
+        ("README.md", "bearings.md", "gallery.md", "tutorial/1-lever.md", "tutorial/2-crank.md", "tutorial/3-stress.md",
          "tutorial/4-machine.md"),
         "test_tutorials runs them, and compares what they print",
     ),
@@ -485,7 +489,6 @@ TYPED_ELSEWHERE = {  # why the commands of a page do not run here
         "take files of other programs; tests/readers has small ones",
     ),
     "assembly.md": "takes files of other programs; tests/assembly has them",
-    "bearings.md": "is a command of the gallery",
     "campbell.md": "takes results over a speed; tests/workflows/test_campbell.py has them",
     "cluster.md": "plans a cube of 10^7 dofs; tests/workflows/test_plan.py runs them",
     "driven.md": "takes a body on a base, and tables of loads; tests/workflows/test_driven.py runs them",
@@ -497,11 +500,9 @@ TYPED_ELSEWHERE = {  # why the commands of a page do not run here
     "geometric-stiffness.md": "takes bodies of solids under load; tests/body has them",
     "install.md": "only says what is installed",
     "large.md": "takes up to 10^6 dofs",
-    "parameters.md": "takes results with parameters; tests/workflows has them",
     "recover.md": "takes simulations and CalculiX; the third tutorial runs the same",
     "reduce.md": "takes jobs with other bases; the first block is that of README",
     "solvers.md": "only says what is installed",
-    "sweeps.md": "runs many jobs; tests/workflows/test_sweep.py reads the example",
 }  # fmt: skip
 
 
@@ -530,14 +531,55 @@ def small_results(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize(
-    "page", [pytest.param(name, marks=[pytest.mark.slow] * (name == "report.md")) for name in TYPED]
-)
+def make_a_turning_bar():
+    """model.h5, job.toml and result.h5 of a clamped bar in the frame that turns with it, over its speed."""
+    with hpcred.solid((6, 1, 1), (0.3, 0.02, 0.016), 3) as bar:
+        hpcred.write_model("model.h5", bar)
+    terms = "".join(
+        f'[[term]]\nkind = "{kind}"\naxis = "x"\nfactor = "{factor}"\n'
+        for kind, factor in (("coriolis", "omega"), ("spin_softening", "omega^2"))
+    )
+    head = 'model = "model.h5"\noutput = "result.h5"\nband = [5.0, 300.0]\ntolerance = 1e-2\n'
+    range_of = '[[parameter]]\nname = "omega"\nrange = [0.0, 400.0]\nunit = "rad/s"\n'
+    Path("job.toml").write_text(head + range_of + terms)
+    assert hpcred.cli.main.run(["reduce", "job.toml", "--quiet"]) == 0
+
+
+@pytest.mark.parametrize("page", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in TYPED])
 def test_commands_of_a_page_run(tmp_path, monkeypatch, small_results, page):
+    """Of files with a title, too, such as sweep.toml."""
     monkeypatch.chdir(tmp_path)
     for name in ("model.h5", *TYPED[page]):
         made = small_results / {"job.toml": "result.toml"}.get(name, name)
         shutil.copy(made if made.exists() else small_results / "modes.h5", name)
+    for name, text in tutorial.FILE.findall((DOCS / page).read_text()):
+        Path(name).write_text(text)
+    if page == "parameters.md":
+        make_a_turning_bar()
     lines = [line for line, whole in commands_in((DOCS / page).read_text()) if whole]
     failed = {line for line in lines if hpcred.cli.main.run([*shlex.split(line)[1:], "--quiet"]) != 0}
     assert lines and failed == set()
+
+
+def test_targets_of_make_are_those_of_the_makefile():
+    """Each that a page names is there, and CONTRIBUTING names each test."""
+    targets = set(re.findall(r"^([a-z][\w-]*):", (ROOT / "Makefile").read_text(), re.M))
+    guide = (ROOT / "CONTRIBUTING.md").read_text()
+    texts = [guide, *(page.read_text() for page in PAGES)]
+    named = {name for text in texts for name in re.findall(r"(?:^    |`)make ([a-z][\w-]*)", text, re.M)}
+    assert len(named) > 15 and named <= targets
+    helpers = {"test-packages", "test-cuda", "test-debian12"}  # of others, of a GPU, and named beside Debian 13
+    assert {name for name in targets if name.startswith("test")} - named <= helpers
+
+
+def test_the_house_on_the_page_for_developers_is_that_of_the_code():
+    """Its rooms, and the files and folders of the sources that it and CONTRIBUTING name."""
+    page = (DOCS / "developers.md").read_text()
+    (house,) = re.findall(r"```text\n(.*?)```", page, re.S)
+    rooms = {path.name for path in (ROOT / "hpcred").iterdir() if (path / "__init__.py").exists()}
+    assert set(re.findall(r"^(\w+)/", house, re.M)) == rooms
+    below = {path.name for path in (ROOT / "hpcred" / "reduction").iterdir() if (path / "__init__.py").exists()}
+    assert set(re.findall(r"^  (\w+)/", house, re.M)) == below
+    texts = page + (ROOT / "CONTRIBUTING.md").read_text()
+    named = re.findall(r"`((?:docs|examples|jobs|tests|hpcred|benchmarks|packaging)/[\w./-]+)`", texts)
+    assert len(named) > 20 and [name for name in named if not (ROOT / name).exists()] == []

@@ -32,6 +32,7 @@ def said(text):
         pytest.param(DOCS / "tutorial" / "3-stress.md", marks=[pytest.mark.ccx, needs_programs, needs_exudyn]),
         pytest.param(DOCS / "tutorial" / "4-machine.md", marks=[pytest.mark.ccx, needs_programs]),
         pytest.param(DOCS / "gallery.md", marks=[pytest.mark.slow, pytest.mark.chromium, needs_browser]),
+        DOCS / "bearings.md",
         ROOT / "README.md",
     ],
     ids=lambda page: page.stem,

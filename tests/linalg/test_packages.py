@@ -79,7 +79,7 @@ def test_models_are_those_of_mumps(comm, package, name, kind):
         accuracy = record.accuracy
         assert accuracy.reached and len(accuracy.proofs) == (1 if counts else 2)
         assert (accuracy.points[0].modes_below is not None) == counts
-        assert ("a second proof stands for that" in accuracy.measured) == (not counts)
+        assert ("a second verification replaces the count" in accuracy.measured) == (not counts)
 
 
 @pytest.mark.mpi

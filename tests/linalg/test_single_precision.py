@@ -68,7 +68,7 @@ def test_models_are_those_of_full_factors(comm, basis):
     assert {item.precision for item in record.factorisations} <= {"single"}
     assert max((item.residual for item in record.factorisations), default=0.0) < 1e-10
     if record.accuracy is not None:
-        assert record.accuracy.reached and "a second proof stands for that" in record.accuracy.measured
+        assert record.accuracy.reached and "a second verification replaces the count" in record.accuracy.measured
 
 
 @pytest.mark.mpi

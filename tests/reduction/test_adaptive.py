@@ -188,7 +188,7 @@ def test_same_points_and_size_on_any_number_of_ranks_and_in_both_builds(name, co
     points = [(round(point.frequency, 6), point.columns, point.modes_below) for point in accuracy.points]
     if is_complex():
         assert all(point[2] is None for point in points)
-        assert "second proof" in accuracy.measured
+        assert "second verification" in accuracy.measured
         middle = sum(CASES[name]().band) / 2
         assert any(proof.frequency <= middle for proof in accuracy.proofs)
         return

@@ -135,7 +135,7 @@ def test_without_a_count_none_is_claimed(comm, monkeypatch):
     accuracy = reduced(comm, [], (0.0, 30.0))[0].accuracy
     assert accuracy.reached and len(accuracy.proofs) > 1
     assert accuracy.missing_modes is None and accuracy.counted is None
-    assert accuracy.modes_in_words == "modes not counted" and "a second proof stands for that" in accuracy.measured
+    assert accuracy.modes_in_words == "modes not counted" and "a second verification replaces the count" in accuracy.measured
 
 
 class TestStores:
@@ -189,7 +189,7 @@ def test_factors_that_are_too_rough_to_count_need_a_second_proof(comm, monkeypat
     monkeypatch.setattr("hpcred.linalg.solvers.base.refinement_converges", lambda *_: False)
     accuracy = reduced(comm, [], (0.0, 30.0))[0].accuracy
     assert accuracy.reached and len(accuracy.proofs) > 1 and accuracy.counted is None
-    assert "a second proof stands for that" in accuracy.measured
+    assert "a second verification replaces the count" in accuracy.measured
     with hpcred.solid((3, 2, 2), inputs=1, comm=comm) as model:
         report = hpcred.inspect(model, [1e4], band_top=1e4, factoring=Factoring())
     assert report["elastic_modes_below_hz"] == [[1e4, None], [2e4, None]] and "size_hint" not in report

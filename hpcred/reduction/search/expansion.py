@@ -59,7 +59,7 @@ class Expansion:
         found, eta = self._measured, self.projections.damping.eta
         if not self.solver.counts or (self.is_at_end and not self.is_counted):
             rough = f" by such factors ({self.run.solvers.source.in_words})" if self.solver.counts else ""
-            found += f"; modes cannot be counted here{rough}, a second proof stands for that"
+            found += f"; modes cannot be counted here{rough}, a second verification replaces the count"
         if eta == self._asked_damping.eta:
             return found
         leave = f"{self.run.model.added.plural} leave" if self.run.model.added else "damping matrix leaves"

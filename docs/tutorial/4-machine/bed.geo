@@ -1,0 +1,15 @@
+SetFactory("OpenCASCADE");
+Box(1) = {0, 0, 0, 1.0, 0.6, 0.15};
+Box(2) = {0, 0, -0.03, 0.12, 0.12, 0.03};      Box(3) = {0.88, 0, -0.03, 0.12, 0.12, 0.03};
+Box(4) = {0, 0.48, -0.03, 0.12, 0.12, 0.03};   Box(5) = {0.88, 0.48, -0.03, 0.12, 0.12, 0.03};
+Box(6) = {0.55, 0.1, 0.15, 0.3, 0.08, 0.02};   Box(7) = {0.55, 0.42, 0.15, 0.3, 0.08, 0.02};
+BooleanUnion(8) = { Volume{1}; Delete; }{ Volume{2, 3, 4, 5, 6, 7}; Delete; };
+Physical Volume("PART") = {8};
+Physical Surface("FOOT_1") = Surface In BoundingBox {-0.01, -0.01, -0.031, 0.13, 0.13, -0.029};
+Physical Surface("FOOT_2") = Surface In BoundingBox {0.87, -0.01, -0.031, 1.01, 0.13, -0.029};
+Physical Surface("FOOT_3") = Surface In BoundingBox {-0.01, 0.47, -0.031, 0.13, 0.61, -0.029};
+Physical Surface("FOOT_4") = Surface In BoundingBox {0.87, 0.47, -0.031, 1.01, 0.61, -0.029};
+Physical Surface("LEFT") = Surface In BoundingBox {0.5, 0.09, 0.169, 0.9, 0.19, 0.171};
+Physical Surface("RIGHT") = Surface In BoundingBox {0.5, 0.41, 0.169, 0.9, 0.51, 0.171};
+Mesh.MeshSizeMax = 0.09;  Mesh.ElementOrder = 2;
+Mesh.SaveGroupsOfElements = 0;  Mesh.SaveGroupsOfNodes = 1;

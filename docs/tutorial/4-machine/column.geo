@@ -1,0 +1,14 @@
+SetFactory("OpenCASCADE");
+Box(1) = {0, 0, 0, 0.3, 0.4, 0.8};
+Box(2) = {0, 0, -0.02, 0.3, 0.08, 0.02};       Box(3) = {0, 0.32, -0.02, 0.3, 0.08, 0.02};
+Box(4) = {-0.02, 0.15, 0.45, 0.02, 0.1, 0.08}; Box(5) = {-0.02, 0.15, 0.65, 0.02, 0.1, 0.08};
+Box(6) = {0.04, 0.04, 0.1, 0.22, 0.32, 0.6};
+BooleanUnion(7) = { Volume{1}; Delete; }{ Volume{2, 3, 4, 5}; Delete; };
+BooleanDifference(8) = { Volume{7}; Delete; }{ Volume{6}; Delete; };
+Physical Volume("PART") = {8};
+Physical Surface("LEFT") = Surface In BoundingBox {-0.01, -0.01, -0.021, 0.31, 0.09, -0.019};
+Physical Surface("RIGHT") = Surface In BoundingBox {-0.01, 0.31, -0.021, 0.31, 0.41, -0.019};
+Physical Surface("LOWER") = Surface In BoundingBox {-0.021, 0.1, 0.44, -0.019, 0.3, 0.54};
+Physical Surface("UPPER") = Surface In BoundingBox {-0.021, 0.1, 0.64, -0.019, 0.3, 0.74};
+Mesh.MeshSizeMax = 0.09;  Mesh.ElementOrder = 2;
+Mesh.SaveGroupsOfElements = 0;  Mesh.SaveGroupsOfNodes = 1;

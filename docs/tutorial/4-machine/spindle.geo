@@ -1,0 +1,11 @@
+SetFactory("OpenCASCADE");
+Box(1) = {0, -0.07, -0.07, 0.4, 0.14, 0.14};
+Cylinder(2) = {0.4, 0, 0, 0.12, 0, 0, 0.035};
+Box(3) = {0.05, -0.05, 0.07, 0.08, 0.1, 0.02}; Box(4) = {0.25, -0.05, 0.07, 0.08, 0.1, 0.02};
+BooleanUnion(5) = { Volume{1}; Delete; }{ Volume{2, 3, 4}; Delete; };
+Physical Volume("PART") = {5};
+Physical Surface("UPPER") = Surface In BoundingBox {0.04, -0.06, 0.089, 0.14, 0.06, 0.091};
+Physical Surface("LOWER") = Surface In BoundingBox {0.24, -0.06, 0.089, 0.34, 0.06, 0.091};
+Physical Surface("TOOL") = Surface In BoundingBox {0.519, -0.04, -0.04, 0.521, 0.04, 0.04};
+Mesh.MeshSizeMax = 0.05;  Mesh.ElementOrder = 2;
+Mesh.SaveGroupsOfElements = 0;  Mesh.SaveGroupsOfNodes = 1;
