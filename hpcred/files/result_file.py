@@ -163,7 +163,8 @@ class Result:
                 "FMU or matrices"
             )  # fmt: skip
             raise InputError(f"{self.path}: no floating-frame quantities: {why}")
-        if self.values and self._mass_differs():
+        Me = self.floating_frame.Me
+        if self.values and np.abs(Me - self.reduced.M).max() > 1e-6 * np.abs(Me).max():
             raise InputError(
                 f"{self.path}: the mass depends on parameters, and the floating-frame quantities are those at the "
                 "reference values; leave the values out, or take a format without nodes, such as a state space or FMU"
@@ -208,10 +209,6 @@ class Result:
     def at_reference(self) -> Result:
         """The result as it is in the file, with a reduced model that has no parameters."""
         return replace(self, reduced=getattr(self.reduced, "base", self.reduced))
-
-    def _mass_differs(self):
-        Me = self.floating_frame.Me
-        return np.abs(Me - self.reduced.M).max() > 1e-6 * np.abs(Me).max()
 
     def at_preload(self, preload: Preload) -> Result:
         """Return the result under a constant load, by its geometric stiffness. The states of the preload are in K then,

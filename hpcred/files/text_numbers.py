@@ -102,6 +102,12 @@ def parse_fortran(text: bytes) -> np.ndarray | None:
     return parse(BARE_EXPONENT.sub(b"e", with_e(text)))
 
 
+def number_in(text: str, parse=parse_fortran) -> float | None:
+    """The finite number that a text is to its last character; None for others."""
+    values = parse(text.encode()) if text.isascii() else None
+    return float(values[0]) if values is not None and len(values) == 1 and np.isfinite(values[0]) else None
+
+
 def parse(text):
     """All numbers of a text, or None if something else is in it."""
     if not text.strip():

@@ -14,7 +14,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up, number_over_ranks, sort_over_ranks
 from ..parallel.memory import MB, give_back, node_mb
 from ..parallel.shares import row_range
-from .entries import LARGEST_VALUE, STRIDE, Entries, LabelledEntries, node_and_direction, require_sane, sides
+from .entries import LARGEST_VALUE, STRIDE, Entries, LabelledEntries, node_and_direction, refuse_one_side, require_sane
 from .matrices import harwell_boeing
 from .matrix_formats import read_entries
 from .parts import Parts, common_size, labels_in_order
@@ -56,7 +56,8 @@ def assemble(
     for key in ("K", "M"):
         if not comm.allreduce(int(np.count_nonzero(parts.matrices[key].values))):
             raise InputError(f"{parts.files[key]}: found no number other than zero in {key}, expected a matrix")
-        _refuse_half(comm, key, parts)
+        refuse_one_side(comm, parts.matrices[key], parts.files[key],
+                        f"both triangles of {key}; write it whole, or as a symmetric Matrix Market file")  # fmt: skip
     entries = sum(comm.allreduce(len(item.values)) for item in parts.matrices.values())
     if size > entries:  # before anything has its length: a damaged header may say any size
         raise InputError(
@@ -122,18 +123,6 @@ def _on_repeats(comm, parts, repeats) -> list[str]:
                 "up, as an assembly of elements means it"
             )
     return found
-
-
-def _refuse_half(comm, key, parts):
-    """Refuse a stiffness or mass of which one triangle is given, where the file does not say so. Collective."""
-    item = parts.matrices[key]
-    there = item.values != 0
-    below, above = sides(comm, item.rows[there], item.columns[there])
-    if above != below:
-        raise InputError(
-            f"{parts.files[key]}: found entries {'above' if above else 'below'} the diagonal only, expected both "
-            f"triangles of {key}; write it whole, or as a symmetric Matrix Market file"
-        )
 
 
 def number_rows(comm, parts):

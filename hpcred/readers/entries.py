@@ -133,6 +133,16 @@ def sides(comm, i, j) -> tuple[bool, bool]:
     return tuple(any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
 
 
+def refuse_one_side(comm, entries, file, expected: str):
+    """Raise InputError for entries on one side of the diagonal only, which are nearly always half of a matrix.
+    Collective."""
+    there = entries.values != 0
+    below, above = sides(comm, entries.rows[there], entries.columns[there])
+    if above != below:
+        side = "above" if above else "below"
+        raise InputError(f"{file}: found entries {side} the diagonal only, expected {expected}")
+
+
 def joined(parts: list[tuple], kinds: tuple) -> list[np.ndarray]:
     """Return arrays of several pieces end to end; `kinds`: types of the arrays, for a rank without pieces."""
     if not parts:

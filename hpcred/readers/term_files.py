@@ -13,7 +13,7 @@ from ..parallel.failures import InputError, agreed
 from ..parallel.lookup import look_up
 from ..parallel.petsc import PETSc
 from .assembly import owned, read_columns
-from .entries import Entries, LabelledEntries, label_name, label_of, require_sane, sides
+from .entries import Entries, LabelledEntries, label_name, label_of, refuse_one_side, require_sane
 from .matrix_formats import matrix_reader, read_entries
 
 
@@ -50,15 +50,10 @@ def read_term_matrix(model, of: str, path, variable=None, units=None) -> tuple[P
             f"{path}: found {entries.shape[0]} x {entries.shape[1]}, expected {model.size} x {model.size}, as the "
             f"matrices of {model.name} have"
         )
-    # entries on one side of the diagonal are nearly always half of a matrix
-    there = entries.values != 0
-    below, above = sides(comm, entries.rows[there], entries.columns[there])
-    if above != below and not (of == "K" and model.may_be_unsymmetric(of)):
+    if not (of == "K" and model.may_be_unsymmetric(of)):
         more = f"; {SAY_SO}, as of a force that acts one way" if of == "K" else ""
-        raise InputError(
-            f"{path}: found entries {'above' if above else 'below'} the diagonal only, expected both triangles; write "
-            f"it whole, or as a symmetric or skew-symmetric Matrix Market file{more}"
-        )
+        refuse_one_side(comm, entries, path, "both triangles; write it whole, or as a symmetric or skew-symmetric "
+                        f"Matrix Market file{more}")  # fmt: skip
     # the matrix in the model's layout and units
     first, last = model.K.getOwnershipRange()
     i, j, v = owned(comm, model.row_starts, entries)

@@ -23,7 +23,8 @@ class Canvas:
         corners = points[triangles]
         low = np.ceil(corners[..., 1].min(axis=1)).clip(0).astype(int)
         rows = (np.floor(corners[..., 1].max(axis=1)).clip(max=self.height - 1).astype(int) - low + 1).clip(0)
-        rows[np.abs(_double_area(corners)) < 1e-12] = 0
+        (ax, ay), b, c = corners[:, 0, :2].T, corners[:, 1, :2].T, corners[:, 2, :2].T
+        rows[np.abs((b[0] - ax) * (c[1] - ay) - (b[1] - ay) * (c[0] - ax)) < 1e-12] = 0  # without area
         wide = np.ptp(corners[..., 0], axis=1).clip(max=self.width) + 2
         step = (np.cumsum(rows * wide) // AT_ONCE).astype(int)  # a bound of the pixels
         for part in np.split(np.arange(len(triangles)), np.flatnonzero(np.diff(step)) + 1):
@@ -104,11 +105,6 @@ def _ramp(counts):
     """Return 0, 1, ... counts - 1 for each count, end to end."""
     ends = np.cumsum(counts)
     return np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - counts, counts)
-
-
-def _double_area(corners):
-    a, b, c = (corners[:, k, :2] for k in range(3))
-    return (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
 
 
 def _weights(corners, x, y):

@@ -21,12 +21,6 @@ def _position(position):
     return ",".join(f"{value:.16g}" for value in position)
 
 
-def _matrix_market(matrix):
-    """A dense matrix, column by column."""
-    head = f"%%MatrixMarket matrix array real general\n{len(matrix)} {len(matrix)}\n"
-    return head + "".join(f"{value:.16e}\n" for value in matrix.ravel(order="F"))
-
-
 class Matrix50(SuperelementWriter):
     """Superelements of ANSYS."""
 
@@ -68,7 +62,10 @@ class Matrix50(SuperelementWriter):
         modal = np.unique(labels[6 * len(element.interfaces) :, 0]).tolist()
         lines += [f"N,{node},{_position(element.centre)}  ! modal coordinates" for node in modal]
         lines += ["TYPE,HPC_T", f"SE,{stem}", "FINISH"]
-        files = {f"_{key}.mtx": _matrix_market(matrix) for key, (_, matrix) in matrices.items()}
+        # dense matrices, column by column
+        head = f"%%MatrixMarket matrix array real general\n{element.size} {element.size}\n"
+        files = {f"_{key}.mtx": head + "".join(f"{value:.16e}\n" for value in matrix.ravel(order="F"))
+                 for key, (_, matrix) in matrices.items()}  # fmt: skip
         return "\n".join(lines) + "\n", files, [
             *element.remark_on_modal_points(modal),
             "the input follows the manuals and was not tried in the program: compare SELIST and a first modal analysis",

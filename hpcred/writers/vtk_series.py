@@ -16,8 +16,11 @@ from ..files.hdf5 import atomic_output
 from ..files.result_points import Points
 from ..files.system_errors import open_input, writing_to
 from ..parallel.failures import InputError, agreed
-from .vtk import TYPES
 
+TYPES = {  # of cells in VTK, whose nodes have the order of model.elements
+    "vertex": 1, "line": 3, "triangle": 5, "quad": 9, "tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14,
+    "line3": 21, "triangle6": 22, "quad8": 23, "tetra10": 24, "hexahedron20": 25, "wedge15": 26,
+}  # fmt: skip
 KINDS = {"<f8": "Float64", "<f4": "Float32", "<i8": "Int64", "<i4": "Int32", "|u1": "UInt8"}
 BEGIN = (b'<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
          b'header_type="UInt64">\n<UnstructuredGrid>\n')  # fmt: skip
@@ -72,12 +75,12 @@ def series(path, points: Points, t, comm, dtype):
     digits, done = len(str(len(t))), 0
     names = [f"{folder.name}_{i:0{digits}d}.vtu" for i in range(len(t))]
     with atomic_folder(folder, comm, is_of_series) as made, atomic_output(path, comm) as temporary:
-        mesh = _mesh(points, comm, dtype)
+        mesh = mesh_rows(points, comm)
 
         def put(fields):
             nonlocal done
             count = len(next(iter(fields.values())))
-            _write([made / name for name in names[done : done + count]], mesh, points, fields, comm, dtype)
+            write_instants([made / name for name in names[done : done + count]], mesh, points, fields, comm, dtype)
             done += count
 
         yield put
@@ -90,8 +93,8 @@ def series(path, points: Points, t, comm, dtype):
 def single(path, points: Points, comm, dtype):
     """Write a .vtu of one instant. The block gets a function that takes its fields (1, k, ...); collective."""
     with atomic_output(path, comm) as temporary:
-        mesh = _mesh(points, comm, dtype)
-        yield lambda fields: _write([temporary], mesh, points, fields, comm, dtype)
+        mesh = mesh_rows(points, comm)
+        yield lambda fields: write_instants([temporary], mesh, points, fields, comm, dtype)
 
 
 def _write_collection(path, t, names):
@@ -102,7 +105,7 @@ def _write_collection(path, t, names):
     ElementTree.ElementTree(file).write(path, encoding="utf-8", xml_declaration=True)
 
 
-def _mesh(points, comm, dtype) -> list[Rows]:
+def mesh_rows(points: Points, comm) -> list[Rows]:
     """Return what is the same in all files: cells, and numbers of nodes. Collective."""
     cells = {kind: nodes for kind, nodes in points.cells.items() if comm.allreduce(len(nodes))}
     if not cells:
@@ -121,8 +124,8 @@ def _rows(name, group, local, comm):
     return Rows(name, group, local, comm.exscan(len(local)) or 0, comm.allreduce(len(local)))
 
 
-def _write(paths, mesh, points, fields, comm, dtype):
-    """Write one file an instant, all ranks their rows. Collective."""
+def write_instants(paths, mesh, points: Points, fields, comm, dtype):
+    """Write one file an instant, all ranks their rows of the fields (instants, k, ...). Collective."""
     places = fields.get("place")
     for i, path in enumerate(paths):
         arrays = {name: ("PointData", values[i]) for name, values in fields.items() if name != "place"}

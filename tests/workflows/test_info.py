@@ -75,7 +75,7 @@ WORDS = {
     "body_mbsim.hdf5": ["MBSim", "stiffness matrix 9 x 9"],
     "body.fmu": ["FMI 2.0", "model body", "inputs force_left_x, force", "states 18", "platforms linux64"],
     "body.uff": ["universal file", "nodes 84", "elements hexahedron 36", "shapes pseudo-mode 1: 25680.7 Hz, p"],
-    "body.vtu": ["points 84", "cells hexahedron 36", "pseudo_mode_1_25680.7_Hz"],
+    "body.vtu": ["points 84", "cells 36", "pseudo_mode_1_25680.7_Hz"],
     "body.npz": ["NumPy arrays", "phi 2 x 3 x 9", "mass 1,"], "body_exudyn.npz": ["NumPy arrays"],
     "body_statespace.npz": ["A 18 x 18"], "body_statespace.mat": ["A 18 x 18"],
     "body.gif": ["GIF picture", "pixels", "frames 24"], "body.webp": ["WEBP picture", "frames 24"],

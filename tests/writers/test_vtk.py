@@ -16,6 +16,7 @@ from hpcred.cli.main import run
 from hpcred.fe.elements import NODES
 from hpcred.workflows.export import export_result
 from hpcred.writers import vtk
+from hpcred.writers.vtk_series import TYPES
 
 JOB = """
 model = "model.h5"
@@ -36,7 +37,7 @@ def test_shapes_of_the_linkage(tmp_path, monkeypatch):
     hpcred.reduce_job("job.toml")
     names = export_result("result.h5", "vtk")["shapes"]
     mesh = vtu_reading.read("result.vtu")
-    assert [(code, nodes.shape) for code, nodes in mesh.cells] == [(vtk.TYPES["line"], (19, 2))]
+    assert [(code, nodes.shape) for code, nodes in mesh.cells] == [(TYPES["line"], (19, 2))]
     with h5py.File("result.h5") as file:
         V, node, direction = file["basis/V"][...], file["dofs/node"][...], file["dofs/direction"][...]
     assert mesh.point_data["node"].tolist() == list(range(1, 21))
@@ -88,7 +89,7 @@ def test_a_motion_for_paraview(linkage_folder):
         with h5py.File("model.h5") as file:
             undeformed = file["dofs/position"][::6]
         assert np.linalg.norm(stiff[0] - stiff[19]) == pytest.approx(np.linalg.norm(undeformed[0] - undeformed[19]))
-        assert [(code, nodes.shape) for code, nodes in mesh.cells] == [(vtk.TYPES["line"], (19, 2))]
+        assert [(code, nodes.shape) for code, nodes in mesh.cells] == [(TYPES["line"], (19, 2))]
 
 
 @pytest.mark.mpi(costly=True)
@@ -143,7 +144,7 @@ def test_every_kind_of_element_and_every_digit(tmp_path):
              "pyramid": 14, "wedge": 13, "wedge15": 26, "hexahedron": 12, "hexahedron20": 25}  # fmt: skip
     assert [code for code, _ in mesh.cells] == [codes[kind] for kind in NODES]
     assert all(np.array_equal(a, b) for (_, a), b in zip(mesh.cells, shapes.cells.values(), strict=True))
-    cells = {kind: len(nodes) for kind, nodes in shapes.cells.items()}
+    cells = sum(map(len, shapes.cells.values()))
     assert vtk.describe(tmp_path / "a.vtu") == {
         "points": 30, "cells": cells, "point_data": ["mode_1_1.5_Hz", "mode_2", "node"]}  # fmt: skip
 
@@ -157,22 +158,13 @@ FOREIGN = """<?xml version="1.0"?><VTKFile type="UnstructuredGrid" {head}><Unstr
 TEXT = {"head": "", "types": 'format="ascii"> 5 42 ', "place": 'format="ascii"', "end": "</VTKFile>"}
 APPENDED = {"head": 'compressor="vtkZLibDataCompressor"', "types": 'format="appended" offset="0">',
             "place": 'format="appended" offset="8"', "end": '<AppendedData encoding="raw">_\x00&<\xff'}  # fmt: skip
-LARGE = {**TEXT, "head": 'byte_order="BigEndian"', "types": 'format="binary">AAAACAAAAAUAAAAq'}
-CUT = {**TEXT, "types": 'format="binary">BAAAAAUA'}  # a length of 4 and two bytes
 
 
 def test_files_of_other_programs(tmp_path):
     path = tmp_path / "a.vtu"
-    kinds = {"triangle": 1, "of type 42": 1}
-    for parts, cells in ((TEXT, kinds), (LARGE, kinds), (APPENDED, 2)):
+    for parts in (TEXT, APPENDED):
         path.write_bytes(FOREIGN.format(**parts).encode("latin-1"))
-        assert vtk.describe(path) == {"points": 3, "cells": cells, "point_data": ["u", "v"]}
-    path.write_text(FOREIGN.format(**CUT))
-    with pytest.raises(ValueError, match="types: found 2 bytes, expected 4"):
-        vtk.describe(path)
-    path.write_text(FOREIGN.format(**{**TEXT, "types": 'format="ascii"> 5 '}))
-    with pytest.raises(ValueError, match="types: found 1, expected 2"):
-        vtk.describe(path)
+        assert vtk.describe(path) == {"points": 3, "cells": 2, "point_data": ["u", "v"]}
     path.write_text('<?xml version="1.0"?><VTKFile type="PolyData"><PolyData><Piece /></PolyData></VTKFile>')
     with pytest.raises(InputError, match="found a VTK file of the type PolyData, expected UnstructuredGrid"):
         vtk.describe(path)

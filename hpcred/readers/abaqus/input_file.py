@@ -33,7 +33,7 @@ from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, sort_over_ranks
 from ..nodes.table import LARGEST_COORDINATE, NodeTable, elements_of, finite
-from .materials import materials_of, names_of, properties_of
+from .materials import materials_of, names_of, number_of, properties_of
 from .sets import GROUP, read_sets, scopes_of
 
 KEYWORD = re.compile(rb"(?m)^[ \t]*\*(?!\*)")
@@ -284,18 +284,14 @@ def data_lines(section):
 
 def _numbers(section, fields, count):
     """Return `count` numbers of a data line; what is left out is zero."""
-    fields = [item.lower().replace("d", "e") for item in fields]
     while fields and not fields[-1]:
-        fields.pop()
-    try:
-        if len(fields) > count or not all(item.isascii() and "_" not in item for item in fields):
-            raise ValueError
-        values = np.array([float(item or 0.0) for item in fields] + [0.0] * (count - len(fields)))
-    except ValueError as error:
-        raise section.refusal(f"found the data line '{', '.join(fields)}', expected {count} numbers") from error
-    if not (np.abs(values) <= LARGEST_COORDINATE).all():
-        raise section.refusal(f"found the data line '{', '.join(fields)}', expected finite numbers, of a body's size")
-    return values
+        fields = fields[:-1]
+    values = [number_of(item) if item else 0.0 for item in fields]
+    if len(fields) > count or None in values:
+        raise section.refusal(f"found the data line '{', '.join(fields)}', expected {count} numbers")
+    if any(abs(value) > LARGEST_COORDINATE for value in values):
+        raise section.refusal(f"found the data line '{', '.join(fields)}', expected numbers of a body's size")
+    return np.array(values + [0.0] * (count - len(fields)))
 
 
 def _blocks(path, sections, calculix):

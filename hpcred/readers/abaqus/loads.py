@@ -123,18 +123,9 @@ def _check(section):
 
 def _check_boundary(section):
     for fields in input_file.data_lines(section):
-        value = _number(fields[3]) if len(fields) > 3 and fields[3] else 0.0
+        value = input_file.number_of(fields[3]) if len(fields) > 3 and fields[3] else 0.0
         if value is None or value:
             raise section.refusal("found a displacement that is prescribed, which is no load; take it out of the step")
-
-
-def _number(text) -> float | None:
-    """Return a finite number of a field, None for others."""
-    try:
-        value = float(text.lower().replace("d", "e")) if text.isascii() and "_" not in text else np.inf
-    except ValueError:
-        return None
-    return value if abs(value) < np.inf else None
 
 
 class _Reading:
@@ -193,7 +184,7 @@ class _Reading:
                         continue
                     quoted = QUOTED.fullmatch(fields[0])
                     target, label = quoted[2] if quoted else "", (fields[1:2] or [""])[0].upper() if labels else ""
-                    values = tuple(_number(text) for text in fields[1 + labels :])
+                    values = tuple(input_file.number_of(text) for text in fields[1 + labels :])
                     fits = width[0] <= len(fields) <= width[1] and None not in values
                     fits = fits and (target or (label in WHOLE and not fields[0]))
                     if not fits or (target.isdecimal() and not 1 <= int(target) <= LARGEST_LABEL):

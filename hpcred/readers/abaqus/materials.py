@@ -5,6 +5,7 @@ a reason. Constants that depend on temperature count with their first line.
 """
 
 from ...fe.materials import MATERIAL, ElementProperties, Material, material_of
+from ...files.text_numbers import number_in, parse, with_e
 from ...parallel.lookup import look_up
 from ..parts import used_properties
 
@@ -49,12 +50,12 @@ def _add(section, name, known, reasons, remarks, data_lines):
         return
     lines = data_lines(section)
     fields = lines[0] if lines else []
-    try:
-        known |= {key: _number(fields[place]) for place, key in enumerate(keys)}
-    except (IndexError, ValueError):
+    values = [number_of(field) if field else 0.0 for field in fields[: len(keys)]]
+    if len(values) < len(keys) or None in values:
         if keyword == "elastic":
             reasons.append(f"found *Elastic with '{', '.join(fields)}', expected Young's modulus and Poisson's ratio")
         return
+    known |= dict(zip(keys, values, strict=True))
     if len(lines) > 1:
         remarks.append(
             f"{section.path}: *{keyword.capitalize()} of the material '{name}' has {len(lines)} lines, such as for "
@@ -62,11 +63,9 @@ def _add(section, name, known, reasons, remarks, data_lines):
         )
 
 
-def _number(field) -> float:
-    """Return a number of a data line; nothing is 0."""
-    if "_" in field:
-        raise ValueError
-    return float(field.lower().replace("d", "e") or 0.0)
+def number_of(field: str) -> float | None:
+    """Return the finite number of a field of a data line, None where there is something else."""
+    return number_in(field, lambda text: parse(with_e(text)))
 
 
 def _material(name, known, reasons) -> Material:

@@ -15,7 +15,7 @@ import numpy as np
 from ...fe.materials import ElementProperties, Material, material_of
 from ...files.system_errors import open_input, read_bytes
 from ...files.text import LARGEST_LABEL, Piece, line_number, pieces, require_file, shown
-from ...files.text_numbers import labels, numbers, parse_fortran, ragged, whole
+from ...files.text_numbers import labels, number_in, numbers, ragged, whole
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import sort_over_ranks
@@ -337,11 +337,11 @@ def material_and_options(commands) -> tuple[dict[int, Material], dict[int, dict[
         elif label in ORTHOTROPIC:
             reason.append(f"found {label}")
         elif key := CONSTANTS.get(label):
-            values = parse_fortran(value.encode()) if value else None
-            if values is None or len(values) != 1:
+            constant = number_in(value)
+            if constant is None:
                 reason.append(f"found {label} '{value}', expected a number")
             elif not (many and key in given):
-                given[key] = float(values[0])
+                given[key] = constant
             if many:
                 tables.setdefault(int(number), set()).add(label)
     remarks = [f"{', '.join(sorted(labels))} of the material {number} have several temperatures; the first one counts"

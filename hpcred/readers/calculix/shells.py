@@ -8,6 +8,7 @@ import numpy as np
 
 from ...parallel.lookup import look_up, sort_over_ranks
 from ..abaqus.input_file import data_lines
+from ..abaqus.materials import number_of
 
 SIDES = {"S1": -1, "SNEG": -1, "S2": 1, "SPOS": 1}
 LEVELS = {"corner": (-1.0, 0.0, 1.0), "edge": (-1.0, 1.0), "linear": (-1.0, 1.0)}
@@ -73,10 +74,7 @@ def _thickness(comm, mesh) -> dict:
             continue
         plain = set(section.parameters) <= {"elset", "material", "orientation"}
         lines = data_lines(section) if plain else []
-        try:
-            value = float(lines[0][0]) if lines else 0.0
-        except ValueError:
-            value = 0.0
+        value = (number_of(lines[0][0]) if lines else None) or 0.0
         numbers = mesh.element_sets.get(section.parameters.get("elset", "").lower(), np.zeros(0, np.int64))
         for kind, thickness in of_elements.items():
             thickness[look_up(comm, numbers, [], mesh.keys[kind])[0]] = value

@@ -6,6 +6,7 @@ which are few, are collected on all ranks.
 """
 
 import re
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -18,12 +19,11 @@ from ...files.included import Included
 from ...files.system_errors import open_input, read_bytes
 from ...files.text import Piece, first_bytes, first_line, line_number, records, refuse_packed, require_file
 from ...parallel.failures import InputError, agreed
-from ...parallel.lookup import require_once, sort_over_ranks
-from ..nodes.table import LARGEST_COORDINATE, elements_of
+from ...parallel.lookup import look_up, require_once, sort_over_ranks
+from ..nodes.table import LARGEST_COORDINATE, elements_of, in_ranges
 from ..nodes.table import VERTICAL_FIRST as VTK
 from ..parts import used_properties
 from .cards import CARD, Card, components, lines_of, reals, wholes
-from .point_sets import read_point_sets, sets_of_case
 from .points import CYLINDRICAL, HELD, RECTANGULAR, SPHERICAL, Points, System
 
 START = re.compile(
@@ -56,6 +56,13 @@ WITH_NODES = {"CONM2": (1,), "CONM1": (1,), "CELAS1": (2, 4), "CELAS2": (2, 4), 
               "CDAMP2": (2, 4), "CMASS1": (2, 4), "CMASS2": (2, 4), "CVISC": (2, 3)}  # fmt: skip
 ANY_ELEMENT = re.compile(rb"C(?!ORD[12][RCS]$|SET1?$|SUPER$|REEP$|LOAD$|YJOIN$)[A-Z]+[0-9]*")
 GRID = re.compile(rb"GRID")
+SET_CARDS = {"SET1": 1, "SET3": 2, "SET": 2}  # of sets, and where their numbers begin
+SET = re.compile(rb"(?mi)^[ \t]*SET[ \t]+(?P<number>\d{1,9})[ \t]*=(?P<list>(?:[^\n]*,[ \t\r]*\n)*[^\n]*)")
+OF_ELEMENTS = re.compile(
+    rb"(?mi)^[ \t]*(?:STRE|STRESS|STRA|STRAIN|ELST|ELSTRESS|ELFO|ELFORCE|FORC|FORCE|GPFORCE|GPSTRESS|GPSTRAIN|ESE|EKE|"
+    rb"EDE|FLUX)[ \t]*(?:\([^)\n]*\)[ \t]*)?=[ \t]*(?P<number>\d{1,9})[ \t\r]*$"
+)
+NUMBER = re.compile("[0-9]{1,10}")
 FLUID = -1
 SAME = 1e-2  # relative difference of G and E / (2 (1 + NU)) that rounding explains
 
@@ -501,3 +508,85 @@ def _material(card, mass_unit) -> Material:
     if not young or poisson is None:
         return material_of(name, **rest, reason="found a MAT1 without two of E, G and NU")
     return material_of(name, young=young, poisson=poisson, **rest)
+
+
+# Sets of points have numbers in place of names. SET of the case control is "SET 5", the cards SET1, SET3 and SET (of
+# OptiStruct) are "SET1 5", "SET3 5" and "SET 5". SET3 and OptiStruct's SET say what their numbers are; other sets are
+# of points if each that is listed by itself is a point of the file, and if the case control does not ask for results
+# of elements in them.
+
+
+class PointSet(NamedTuple):
+    """A set as it is written: the numbers that are listed by themselves, and all ranges."""
+
+    name: str
+    single: list[int]
+    ranges: list[tuple[int, int]]
+
+
+def read_point_sets(path, comm, label, cards, of_case) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return numbers of points by name of the set, each once over all ranks, and remarks. Collective.
+
+    `label`: points of this rank; `cards` and sets `of_case` control are the same on all ranks.
+    """
+    given = [*of_case, *_of_cards(cards)]
+    names, sets, left = Counter(item.name for item in given), {}, []
+    label = np.unique(sort_over_ranks(comm, label)[0])
+    for item in given:
+        there, _ = look_up(comm, label, [], np.array(item.single, np.int64))
+        if names[item.name] > 1 or not item.ranges or not there.all():
+            left.append(item.name)
+            continue
+        inside = label[in_ranges(label, item.ranges)]
+        if comm.allreduce(len(inside)):
+            sets[item.name] = inside
+    left = list(dict.fromkeys(left))
+    remark = (f"{path}: {', '.join(left[:5])}{', ...' * (len(left) > 5)}: no sets of points alone, or more than one of "
+              "that number; they are left out")  # fmt: skip
+    return sets, [remark] if left else []
+
+
+def sets_of_case(text: bytes) -> list[PointSet]:
+    """Return the sets of a case control but for those of elements and of all; without ranges where one is no list of
+    numbers."""
+    text = re.sub(rb"\$[^\n]*", b"", text)
+    asked = {int(match["number"]) for match in OF_ELEMENTS.finditer(text)}
+    sets = [(int(match["number"]), match["list"].decode("latin-1")) for match in SET.finditer(text)]
+    return [PointSet(f"SET {number}", *_numbers_of_set(re.split(r"[,\s]+", words.strip(", \t\r\n"))))
+            for number, words in sets if number not in asked and words.strip().upper() != "ALL"]  # fmt: skip
+
+
+def _of_cards(cards):
+    for card in cards:
+        if card.name in SET_CARDS and (card.name == "SET1" or card.text(1) == "GRID"):
+            first = SET_CARDS[card.name] + (card.name == "SET" and card.text(2) == "LIST")
+            words = [word for word in card.fields[first:] if word]
+            yield PointSet(f"{card.name} {card.text(0)}", *_numbers_of_set(words))
+
+
+def _numbers_of_set(words) -> tuple[list[int], list[tuple[int, int]]]:
+    """Return numbers by themselves and ranges of a list with THRU and EXCEPT, whose numbers end with one that is not in
+    the range before it; nothing of what is no such list."""
+    single, ranges, excepted = [], [], 0
+    words = [word.upper() for word in reversed(words)]
+    while words:
+        word = words.pop()
+        if word == "EXCEPT" and ranges:
+            excepted = ranges[-1][1]
+            continue
+        if not NUMBER.fullmatch(word):
+            return [], []
+        first = last = int(word)
+        if words[-1:] == ["THRU"]:
+            if len(words) < 2 or not NUMBER.fullmatch(words[-2]) or int(words[-2]) < first:
+                return [], []
+            last = int(words[-2])
+            del words[-2:]
+        if excepted and ranges[-1][0] <= first and last <= excepted:
+            low, high = ranges.pop()
+            ranges += [(low, first - 1), (last + 1, high)]
+            continue
+        excepted = 0
+        single += [first] if first == last else []
+        ranges.append((first, last))
+    return single, [item for item in ranges if item[0] <= item[1]]

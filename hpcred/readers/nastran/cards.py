@@ -10,7 +10,7 @@ from decimal import Decimal
 import numpy as np
 
 from ...files.text import CONTROL, LARGEST_LABEL, Piece, line_number
-from ...files.text_numbers import parse_fortran
+from ...files.text_numbers import number_in, parse_fortran
 from ...parallel.failures import InputError
 
 CARD = re.compile(rb"(?m)^[A-Za-z]")
@@ -269,8 +269,7 @@ def reals(piece: Piece, fields: np.ndarray, lines: np.ndarray, what: str, empty=
     values = parse_fortran(b"\n".join(filled.tolist()))
     if values is None or len(values) != len(fields) or not np.isfinite(values).all():
         for field, line in zip(filled.tolist(), lines, strict=True):
-            value = parse_fortran(field)
-            if value is None or len(value) != 1 or not np.isfinite(value).all():
+            if number_in(field.decode("latin-1")) is None:
                 raise piece.refusal(int(line), f"{what}, a number")
     return values
 
@@ -310,10 +309,10 @@ def components(piece, fields, lines, what) -> np.ndarray:
 def number_of(field: str, where, what: str, empty=None) -> float:
     """Return the number in a field of one of few cards. Raises InputError, by `where` from a sentence."""
     text = field or ("" if empty is None else str(empty))
-    value = parse_fortran(text.encode())
-    if not text or value is None or len(value) != 1 or not np.isfinite(value[0]):
+    value = number_in(text)
+    if value is None:
         raise where(f"found '{field}' for {what}, expected a number")
-    return float(value[0])
+    return value
 
 
 def whole_of(field: str, where, what: str, empty=None) -> int:
