@@ -56,8 +56,8 @@ SPARE = 1.2  # memory that is asked for, over that which is expected
 
 # as in jobs/reduce.slurm
 LAUNCHER = (
-    'if srun --mpi=list 2>&1 | grep -qw pmix; then launcher="srun --mpi=pmix"; '
-    'else launcher="mpiexec -n $SLURM_NTASKS"; fi'
+    'launcher="mpiexec -n $SLURM_NTASKS"',
+    'if srun --mpi=list 2>&1 | grep -qw pmix; then launcher="srun --mpi=pmix"; fi',
 )
 
 
@@ -258,8 +258,9 @@ def _script(way: Way, path, job, ranks, nodes):
         "#SBATCH --cpus-per-task=1",
         f"#SBATCH --mem={ceil(SPARE * way.memory / nodes / GB + 1)}G",
         f"#SBATCH --time={minutes // 60}:{minutes % 60:02}:00",
-        "export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 HDF5_USE_FILE_LOCKING=FALSE PYTHONUNBUFFERED=1",
+        "export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1",
+        "export HDF5_USE_FILE_LOCKING=FALSE PYTHONUNBUFFERED=1",
         "# Where SLURM has no PMIx, srun would start as many programs of one rank.",
-        LAUNCHER,
+        *LAUNCHER,
         f"$launcher hpcred reduce {name}{store}{option}",
     ])  # fmt: skip
