@@ -62,7 +62,11 @@ def convert(
     if list_formats:
         from ..readers.registry import READERS
 
-        show_table("Formats, each told by what the file begins with", hpcred.workflows.list_formats())
+        rows = hpcred.workflows.list_formats()
+        columns = {"a whole model": ("format", "told by", "with it"), "a matrix": ("format", "told by")}
+        for holds, title in (("a whole model", "Whole models, by their main file"),
+                             ("a matrix", "Matrices, by -K, -M and others, with --nodes and --dofs")):  # fmt: skip
+            show_table(title, [{key: row[key] for key in columns[holds]} for row in rows if row["holds"] == holds])
         session.warn(READERS.broken)
         return
     # the last name is the model file, where -o does not give it
