@@ -15,12 +15,14 @@ from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike
 
 from ..model.outputs.rates import combined
+from ..parallel.as_html import as_html
 from ..parallel.failures import ComputationError, InputError
 from ..reduction.result.reduced_model import ReducedModel, require_finite
 from .frequency_response import frequencies_to_draw, resonances_of
 
 SEMIDEFINITE = 1e-6  # of the coherence matrix: eigenvalues down to minus this are digits of a file
 UNDAMPED = 1e-10  # damping ratio below which a resonance has no finite response
+SHOWN = 20  # outputs that are listed
 EXACT, ROUNDS = 1e-8, 40  # relative error of mean squares, and bisections until it is reached
 TOGETHER = 2**20  # numbers of the states that are computed in one call
 NODES, WEIGHTS = (np.concatenate(parts, axis=-1) for parts in zip(*[  # of Gauss' rules of 15 and of 7 nodes
@@ -52,6 +54,22 @@ class RandomResponse:
     names: tuple[str, ...]
     psd: np.ndarray
     rms: np.ndarray
+
+    @property
+    def _title(self) -> str:
+        return f"response to random loads, {self.frequencies[0]:.6g} to {self.frequencies[-1]:.6g} Hz"
+
+    def __repr__(self):
+        """Return the band, and the root mean squares of the first outputs."""
+        shown = ", ".join(f"{name} {value:.6g}" for name, value in zip(self.names[:SHOWN], self.rms, strict=False))
+        return f"<{self._title}: RMS of {shown}{', ...' * (len(self.names) > SHOWN)}>"
+
+    def _repr_html_(self):
+        """Return the same as a table for notebooks."""
+        shown = zip(self.names[:SHOWN], self.rms.tolist(), strict=False)
+        rows = [{"output": name, "RMS": value} for name, value in shown]
+        more = [f"and {len(self.names) - SHOWN} more outputs"] * (len(self.names) > SHOWN)
+        return as_html(self._title, {}, rows, more)
 
 
 def random_response(

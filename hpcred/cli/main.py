@@ -12,7 +12,7 @@ import hpcred
 
 from ..parallel.failures import InputError
 from ..parallel.messages import printable
-from ..report.tables import show_table
+from ..report.tables import say, show_table
 from . import session
 from .assemble import assemble
 from .bench import bench, paper
@@ -100,7 +100,7 @@ def demo(context: typer.Context, version: Annotated[bool, typer.Option("--versio
         session.write_json(json, rows)
         timing = progress.timing()
         effort = f"{timing.elapsed:.3g} s, at most {max(timing.memory_mb_per_rank):.0f} MB a rank"
-        print(f"model of row 0 written to {printable(output)}; {effort}")
+        say(f"model of row 0 written to {printable(output)}; {effort}")
         print(NEXT)
 
 
