@@ -23,7 +23,9 @@ import numpy as np
 from ..fe.dofs import DIRECTIONS, target_of
 from ..parallel.declared import nearest
 from ..parallel.failures import InputError
-from .text import require_file
+from ..parallel.ranges import ANYTHING, within
+from .text import is_cut_line, require_file
+from .text_numbers import parse
 
 G = 9.80665  # m/s^2
 HEAD = re.compile(r"(?P<name>.*?)(?:\s+(?P<part>coherence|phase|re|im))?\s*\[(?P<unit>[^\]]*)\]")
@@ -124,6 +126,8 @@ def read_drive_table(path, reduced, kind: str) -> DriveTable:
 def _read(path, expected, least):
     """Return the heads but the first, the first column (n,), and the others (n, k), of at least so many lines."""
     require_file(path)
+    if is_cut_line(path):
+        raise InputError(f"{path}: found no line break at its end; the file is cut off: write it again")
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)
@@ -152,14 +156,14 @@ def _numbers(path, heads, line, row):
     if len(row) != len(heads):
         raise InputError(f"{path}: line {line}: found {len(row)} cells below {len(heads)} heads, expected a number "
                          "below each")  # fmt: skip
+    found = []
     for head, cell in zip(heads, row, strict=True):
-        try:
-            finite = np.isfinite(float(cell))
-        except ValueError:
-            finite = False
-        if not finite:
+        values = parse(cell)  # as in other tables, where 1_0 and digits of other scripts are no numbers
+        if values is None or len(values) != 1:
             raise InputError(f"{path}: line {line}: {head}: found '{cell.strip()[:40]}', expected a finite number")
-    return [float(cell) for cell in row]
+        within(f"{path}: line {line}: {head}", float(values[0]), ANYTHING)
+        found.append(values[0])
+    return found
 
 
 def _parsed(path, head):

@@ -133,7 +133,8 @@ def _instants(reduced, over, spectrum, q) -> np.ndarray:
         decay = 2 * np.pi * max((at * ratios).min(), spectrum[0] * damping_ratio(q))
         after = np.log(1 / AT_REST) / decay + 1 / at.min()
     step = min(np.diff(over).min(), 1 / (32 * spectrum[-1]))
-    count = np.ceil((over[-1] - over[0] + after) / step) + 2
+    with np.errstate(over="ignore"):
+        count = np.ceil((over[-1] - over[0] + after) / step) + 2
     if 2 * reduced.size * count > MOST:
         raise InputError(f"t [s]: {count:.3g} equal steps of {step:.3g} s are needed, expected at most "
                          f"{MOST // (2 * reduced.size)}; leave out instants that follow each other more closely than "

@@ -84,10 +84,14 @@ def test_response_after_a_shock(folder, monkeypatch):
         ("f [Hz];base:z [g^2/Hz]\n1;1\n", "separated by commas"), ("f [Hz],base:z [g^2/Hz]\n", "found 0 lines"),
         ("f [Hz],base:z [g^2/Hz]\n1,1\n", "found 1 lines of numbers, expected 2 or more"),
         ("f [Hz],base:z [g^2/Hz]\n1,1\n\n2\n", "line 4: found 1 cells below 2 heads"),
-        ("f [Hz],base:z [g^2/Hz]\n1,nan\n2,1\n", "line 2: base:z [g^2/Hz]: found 'nan'"),
+        ("f [Hz],base:z [g^2/Hz]\n1,nan\n2,1\n", "line 2: base:z [g^2/Hz]: found nan, expected a finite number"),
         ("f [Hz],base:z [g^2/Hz]\n1,one\n2,1\n", "line 2: base:z [g^2/Hz]: found 'one'"),
         ("f [Hz],base:z [g^2/Hz]\n-1,1\n2,1\n", "found -1, expected frequencies of 0 or more"),
         ("f [Hz],base:z [g^2/Hz]\n1,-1\n2,1\n", "base:z [g^2/Hz]: found -1 at 1 Hz"),
+        ("f [Hz],base:z [g^2/Hz]\n1,1_0\n2,1\n", "line 2: base:z [g^2/Hz]: found '1_0'"),
+        ("f [Hz],base:z [g^2/Hz]\n1,\u0661\n2,1\n", "line 2: base:z [g^2/Hz]: found '\u0661'"),
+        ("f [Hz],base:z [g^2/Hz]\n1,1e31\n2,1\n", "found 1e+31, expected -1e+30 to 1e+30"),
+        ("f [Hz],base:z [g^2/Hz]\n1,10\n2,1", "found no line break at its end; the file is cut off"),
     ],
 )  # fmt: skip
 def test_refused(folder, monkeypatch, capsys, text, message):
