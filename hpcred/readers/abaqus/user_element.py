@@ -106,7 +106,7 @@ def _content(path):
         else:
             matrices["D"] = _beside(path, name, *inputs[name], labels)
     remarks += [f"{path}: *MATRIX INPUT, NAME={name} was not read, as no *MATRIX ASSEMBLE has it"
-                for name in inputs.keys() - {name for _, name in assembled}]  # fmt: skip
+                for name in sorted(inputs.keys() - {name for _, name in assembled})]  # fmt: skip
     if "K" not in matrices:
         raise InputError(f"{path}: found no *MATRIX, TYPE=STIFFNESS, expected one; ask for STIFFNESS=YES in "
                          "*SUBSTRUCTURE MATRIX OUTPUT")  # fmt: skip
