@@ -182,6 +182,8 @@ def test_the_way_to_a_zero_of_responses():
     assert way.slope == pytest.approx(10, rel=1e-6)
     beside = np.sort([point[0] for point in way.points(np.array([0.0, 0.01, 0.5]))])
     assert beside == pytest.approx([1 / 3 - 0.02, 1 / 3, 1 / 3, 1 / 3 + 0.02, 4 / 3], abs=1e-5)
+    back = zeros._Way(projections, (2.0,), (0.5,), lambda point: (1 / 3 - point[0]) * v)
+    assert back.zero is None and [back.at(t) for t in (0.0, 0.5, 1.0)] == [(2.0,), (1.25,), (0.5,)]
     for low, high in ((1.0, 2.0), (0.0, 0.2)):
         assert zeros._Way(projections, (low,), (high,), lambda point: (point[0] - 1 / 3) * v).zero is None
 
@@ -192,7 +194,7 @@ def test_points_on_both_sides_of_a_zero_are_the_nearest():
     v = np.array([[1.0, 2.0], [3.0j, 0.0], [5.0, 1.0]])
     values = np.array([s * v for s in (1.0, 2.0, -1.0, -0.5, 0.0)])
     values[1, 0] *= -1  # one of three frequencies says otherwise
-    assert zeros._opposite(places, values) == [(1, 2)]
+    assert zeros._opposite(places, values) == zeros._opposite(places, 1e-6 * values) == [(1, 2)]
     assert zeros._median(np.array([[1.0, -3.0], [2.0j, 0.0], [0.0, 7.0]])) == 3.0
     few = zeros._few(np.ones((2, zeros.FEW))), zeros._few(np.vstack([np.ones(9), 2 * np.ones(9)]))
     assert few[0].shape == few[1].shape == (2, 8) and (few[0] == 1).all() and np.array_equal(2 * few[1][0], few[1][1])
@@ -248,6 +250,19 @@ def test_responses_over_a_band():
     assert all(np.allclose(one, two, rtol=1e-9) for one, two in zip((output, *inputs), other, strict=True))
 
 
+def test_poles_and_negative_eigenvalues_in_a_band():
+    """Infinite responses count as 0, and an unstable mode by the size of its eigenvalue."""
+    f, model = np.linspace(*BAND, zeros.COARSE), two_modes([[1.0, 2.0]])
+    for first in ((2 * np.pi * f[20]) ** 2, -1e6):
+        other = replace(model, eigenvalues=np.array([first, 9e4]), damping=Proportional())
+        projections = SimpleNamespace(at=lambda _, other=other: SimpleNamespace(model=lambda: other))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = zeros._over_band(projections, BAND, (0.0,))
+        assert all(np.isfinite(each).all() and each.any() for each in found)
+        if first > 0:
+            assert not any(each[20].any() for each in found)
+
+
 def family(outputs):
     """Models over p from 0 to 1 of outputs (r, 2) that depend on it."""
     parametric = SimpleNamespace(parameters=line(0.0, 1.0), comm=MPI.COMM_SELF)
@@ -258,17 +273,18 @@ def family(outputs):
 def test_points_beside_a_zero_of_a_static_response():
     """Where it is so much of the median over the band, on both sides; none without a zero, or a response."""
     still = np.array([[1e4, -9e4]])  # whose static response to (1, 1) is zero
-    model = family(lambda p: 2e4 * (p - 0.4) * np.array([[1.0, 0.0]]) + still)
+    along = np.array([[1.0, 0.0]])
+    model = family(lambda p: 2e4 * (p**2 - 0.16) * along + still)
 
     def response(p, f):
-        H, drive = by_hand(2e4 * (p - 0.4) * np.array([[1.0, 0.0]]) + still, f)
+        H, drive = by_hand(2e4 * (p**2 - 0.16) * along + still, f)
         return np.abs(H[:, 0, :1] / np.sqrt(np.abs(drive[:, :1])))
 
     one = SimpleNamespace(form=model.form, at=lambda point: SimpleNamespace(model=lambda: one_input(model, point)))
     found = zeros._beside(one, BAND, (0.0,), (1.0,), 0)
     median = np.median(response(0.4, np.linspace(*BAND, UNIFORM)))
     shares = [response(p, [0.0])[0, 0] / (STATIC * median) for (p,) in found]
-    assert np.sort(shares) == pytest.approx(np.repeat(np.sort(zeros.BESIDE), 2), rel=1e-3)
+    assert np.sort(shares) == pytest.approx(np.repeat(np.sort(zeros.BESIDE), 2), rel=3e-2)
     assert sum(p < 0.4 for (p,) in found) == 3
     assert zeros._beside(one, BAND, (0.5,), (1.0,), 0) == []
     ways = zeros.beside_zeros(one, [(0.0,), (1.0,)], BAND)
@@ -297,7 +313,7 @@ def test_points_around_a_zero_of_most_responses():
     width = np.median(np.abs(at_zero[:, 0, 0]) / size) / np.median(np.abs(change[:, 0, 0]) / size)
     expected = np.unique(np.concatenate([zero - width * np.array(zeros.AROUND), zero + width * np.array(zeros.AROUND)]))
     assert np.unique([p for (p,) in points[0.01]]) == pytest.approx(expected, abs=1e-5)
-    assert points[2.0] == []
+    assert points[2.0] == [] and min(abs(p - zero) for (p,) in points[0.01]) < 1e-5
 
 
 def test_factors_of_loads_and_outputs_at_a_point():
