@@ -201,9 +201,7 @@ def _checked(reduced, frequencies, density):
     own = np.einsum("fpp->fp", density)
     if (own.real < 0).any() or own.imag.any():
         raise InputError("density: found one below 0, expected none")
-    root = np.sqrt(own.real)
-    scaled = np.divide(density, root[:, :, None] * root[:, None, :], out=np.zeros(density.shape, complex),
-                       where=(root[:, :, None] * root[:, None, :]) > 0)  # fmt: skip
+    scaled = _coherence(density, np.sqrt(own.real))
     lost = (density != 0) & (scaled == 0)
     skew = np.abs(scaled - scaled.conj().transpose(0, 2, 1)).max(axis=(1, 2))
     least = np.linalg.eigvalsh(scaled).min(axis=1)
@@ -212,6 +210,13 @@ def _checked(reduced, frequencies, density):
         raise InputError(f"density: the cross spectra at {over[wrong[0]]:g} Hz are not Hermitian and positive "
                          "semidefinite, as of a coherence above 1; expected ones that loads can have")  # fmt: skip
     return over, density
+
+
+def _coherence(density, root):
+    """Return densities (N, p, p) over the roots (N, p) of the own ones; zero beside one that is zero."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # one after the other: their product may be below all numbers
+        found = density / root[:, :, None] / root[:, None, :]
+    return np.where((root[:, :, None] > 0) & (root[:, None, :] > 0), found, 0.0)
 
 
 def _rows(reduced, stress):
@@ -260,10 +265,8 @@ def _interpolated(f, over, density):
     with np.errstate(divide="ignore", invalid="ignore"):
         log = (np.log(f / a) / np.log(b / a))[:, None] if (a > 0).all() else np.where(
             (a > 0)[:, None], (np.log(f / a) / np.log(b / a))[:, None], share)  # fmt: skip
-        found = np.where(both, low * (high / low) ** log, low + share * (high - low))
-    root = np.sqrt(own)
-    scale = root[:, :, None] * root[:, None, :]
-    coherence = np.divide(density, scale, out=np.zeros(density.shape, complex), where=scale > 0)
+        found = np.where(both, low ** (1 - log) * high**log, low + share * (high - low))
+    coherence = _coherence(density, np.sqrt(own))
     coherence = coherence[place] + share[:, :, None] * (coherence[place + 1] - coherence[place])
     coherence[:, np.arange(len(own[0])), np.arange(len(own[0]))] = 1.0
     root = np.sqrt(found)

@@ -3,6 +3,7 @@
 import gzip
 import re
 import shutil
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -71,13 +72,14 @@ def test_superelements_of_one_run_put_together_are_its_residual_structure(folder
 def test_an_external_superelement_is_written_as_one_of_ours(folder, kind):
     """And read again: the same matrices, nodes and places, of EXTSEOUT with all digits."""
     first = read("inboard.op4")
+    first = replace(first, reduced=replace(first.reduced, D=1e-4 * first.reduced.K + 2.0 * first.reduced.M))
     assert [item.node for item in first.reduced.interfaces] == [3, 11, 19, 27]
     assert first.reduced.record.frame.kind == "buckens" and first.reduced.rigid_size == 6
     Path("again").mkdir()
     hpcred.write_result("again/body.h5", first.reduced, nodes=first.nodes)
     again = read(hpcred.export("again/body.h5", kind)["output"])
     digits = {"nastran-op4": 1e-14, "nastran": 1e-9, "abaqus": 1e-12}[kind]
-    for key in "MK":
+    for key in "MKD":
         one, other = (getattr(item.reduced, key) for item in (first, again))
         assert np.abs(one - other).max() < digits * np.abs(one).max()
     assert again.reduced.input_names == first.reduced.input_names
@@ -235,6 +237,8 @@ def test_only_rigid_motions_that_the_rows_know_have_frequency_zero(tmp_path, mon
     assert found.frequencies == pytest.approx(np.sqrt(1e4 / 2.0 * np.array([0.0, 1.0, 3.0])) / (2 * np.pi), rel=1e-9)
 
 
+DAMPING = "*MATRIX INPUT, NAME=DV, TYPE=SYMMETRIC\n1, 1, 1, 1, 3.0\n1, 1, 1, 3, 2.0D-1\n"
+VISCOUS = DAMPING + "*MATRIX ASSEMBLE, VISCOUS DAMPING=DV\n"
 ONE = substructure(np.eye(3), np.eye(3), nodes=(1,), lines=("1, 2, 3",))
 
 
@@ -250,12 +254,41 @@ ONE = substructure(np.eye(3), np.eye(3), nodes=(1,), lines=("1, 2, 3",))
     (ONE.replace("1.0000000000000000e+00", "nan", 1), "nan"),
     (ONE.replace("1.0000000000000000e+00", "1.0x", 1), "the file is damaged"),
     (ONE.replace("** 1\n", "** 77\n"), "none of them a direction of a node"),
+    (ONE.replace("1.0000000000000000e+00", "1_0", 1), "STIFFNESS: found something else than numbers"),
+    (ONE + VISCOUS.replace("1, 3, 2", "1, 3"), "found 9 numbers of *MATRIX INPUT, NAME=DV"),
+    (ONE + VISCOUS.replace("1, 3, 2", "2, 3, 2"), "NAME=DV that the user element has not"),
 ])  # fmt: skip
 def test_bad_superelements_are_refused_in_one_sentence(tmp_path, monkeypatch, capsys, text, words):
     monkeypatch.chdir(tmp_path)
     write_run(text)
     message = refused(capsys, "convert", "sub.mtx", "body.h5", "--superelement")
     assert words in message and "Traceback" not in message and not Path("body.h5").exists()
+
+
+def test_damping_beside_a_user_element(tmp_path, monkeypatch):
+    """One triangle or both of *MATRIX INPUT; what is not assembled as viscous damping is told of."""
+    monkeypatch.chdir(tmp_path)
+    both = VISCOUS.replace("SYMMETRIC", "UNSYMMETRIC").replace("*MATRIX A", "1, 3, 1, 1, 0.2\n*MATRIX A")
+    for text in (VISCOUS, both):
+        write_run(ONE + text)
+        assert np.array_equal(read("sub.mtx").reduced.D, [[3.0, 0.0, 0.2], [0.0, 0.0, 0.0], [0.2, 0.0, 0.0]])
+    for text, told in (
+        (DAMPING, "*MATRIX INPUT, NAME=DV was not read, as no *MATRIX ASSEMBLE has it"),
+        (VISCOUS.replace("VISCOUS", "STRUCTURAL"), "*MATRIX ASSEMBLE, STRUCTURAL DAMPING=DV was not read"),
+    ):
+        write_run(ONE + text)
+        found = read("sub.mtx").reduced
+        assert not found.D.any() and f"sub.mtx: {told}" in found.record.warnings
+
+
+def test_a_negative_stiffness_without_mass(tmp_path, monkeypatch):
+    """A negative stiffness without mass is no matter of roots and quotients."""
+    monkeypatch.chdir(tmp_path)
+    write_run(substructure(np.diag([1.0, -1.0, 1.0]), np.diag([1.0, 0, 0]), nodes=(1,), lines=("1, 2, 3",)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = read("sub.mtx").reduced
+    assert np.array_equal(found.K, np.diag([1.0, -1.0, 1.0])) and not found.frequencies.any()
 
 
 def test_a_superelement_has_no_full_model(tmp_path, monkeypatch, capsys):

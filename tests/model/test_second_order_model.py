@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse
-from helpers import dense_model, to_dense
+from helpers import dense_model, to_dense, with_columns
 
 import hpcred
 from hpcred import Dofs, InputError, SecondOrderModel
@@ -197,3 +197,16 @@ def test_symmetry_is_free_of_units_and_of_the_mesh(comm):
             with hpcred.SecondOrderModel.from_scipy(np.eye(n), np.eye(n), each, comm=comm) as model:
                 assert symmetry_defect(model.D, skew=skew < 0) == pytest.approx(expected, rel=1e-9, abs=1e-14)
                 assert skew < 0 or model.is_symmetric("D") == (matrix is symmetric)
+
+
+def test_digests_of_loads_have_about_seven_digits(solid):
+    """Of the size of a column, and of its large entries beside it."""
+    B = np.outer(np.linspace(0.5, 0.9, solid.size), [3.0, 1e6])
+
+    def digest(change):
+        with with_columns(solid, "input", B * change) as model:
+            return model.digest_of("B")
+
+    entry = np.eye(1, solid.size, 7).T
+    for change in (np.ones((1, 1)), entry):
+        assert digest(1 + 1e-12 * change) == digest(np.ones((1, 1))) != digest(1 + 1e-6 * change)

@@ -101,6 +101,10 @@ def test_response_after_a_shock(folder, monkeypatch):
         ("f [Hz],base:z [g^2/Hz]\n1,one\n2,1\n", "line 2: found '1,one', expected 2 numbers a line"),
         ("f [Hz],base:z [g^2/Hz]\n-1,1\n2,1\n", "found -1, expected frequencies of 0 or more"),
         ("f [Hz],base:z [g^2/Hz]\n1,-1\n2,1\n", "base:z [g^2/Hz]: found -1 at 1 Hz"),
+        ("f [Hz],base:z [g^2/Hz]\n1,1_0\n2,1\n", "line 2: found '1,1_0'"),
+        ("f [Hz],base:z [g^2/Hz]\n1,\u0661\n2,1\n", "line 2: found"),
+        ("f [Hz],base:z [g^2/Hz]\n1,1e31\n2,1\n", "found 1e+31 in the 1. line of numbers, expected finite ones"),
+        ("f [Hz],base:z [g^2/Hz]\n1,10\n2,1", "found no line break at its end; the file is cut off"),
     ],
 )  # fmt: skip
 def test_refused(folder, monkeypatch, capsys, text, message):
