@@ -360,7 +360,7 @@ RUN = {  # pages whose programs run here, one after the other, and words that th
     "parameters.md": ["parameters k 0.1 to 10; terms of K (k)"],
     "campbell.md": ["unstable from 1152.6"],
 }
-SLOW = ("parameters.md", "campbell.md")
+SLOW = ("campbell.md",)
 ELSEWHERE = {  # why the programs of a page do not run here
     "component.md": "is examples/component.py, which tests/examples runs",
     "dolfinx.md": "takes matrices of DOLFINx; tests/examples/test_dolfinx.py has them",
