@@ -210,3 +210,12 @@ def test_digests_of_loads_have_about_seven_digits(solid):
     entry = np.eye(1, solid.size, 7).T
     for change in (np.ones((1, 1)), entry):
         assert digest(1 + 1e-12 * change) == digest(np.ones((1, 1))) != digest(1 + 1e-6 * change)
+
+
+def test_all_directions_of_a_node_ascend_whatever_the_order_of_its_rows(comm):
+    dofs = hpcred.Dofs(np.ones(3, int), np.array([2, 0, 1]), np.zeros((3, 3)))
+    K = np.diag([3.0, 1.0, 2.0])
+    with hpcred.SecondOrderModel.from_scipy(K, np.eye(3), comm=comm, dofs=dofs) as model:
+        named = model.with_inputs([(1, "all")])
+        assert named.input_names == ("1:x", "1:y", "1:z")
+        assert np.array_equal(dense_model(named)[2], np.eye(3)[[2, 0, 1]])

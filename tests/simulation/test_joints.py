@@ -285,6 +285,23 @@ def test_rotation_vectors_go_on_beyond_pi(axis, steps):
     assert np.array_equal(continuous(short[:below]), short[:below])
 
 
+def test_one_node_of_many_turns():
+    """From the instants on at which it is beyond pi."""
+    angles = np.zeros((20, 10))
+    angles[:, 9] = np.arange(20)
+    exact = angles[:, :, None] * [0.0, 0.0, 1.0]
+    short = vector_of(Rotation.from_rotvec(exact.reshape(-1, 3)).as_matrix()).reshape(exact.shape)
+    assert continuous(short) == pytest.approx(exact, abs=1e-9)
+
+
+@pytest.mark.parametrize(("axis", "able"), [((1, 1, 0), (1, 1, 1)), ((-1, 1, 0), (1, 1, 1)), ((1, 0, 0), (0, 1, 1))])
+def test_moments_that_a_revolute_joint_can_transmit(axis, able):
+    """In all directions that are not along its axis, whatever the signs of those that it holds."""
+    axis = tuple(map(float, axis))
+    (hold,) = holds_of([Joint(7, kind="revolute", axis=axis)], (), {7: (shape(), np.zeros(3), np.eye(3))})
+    assert np.array_equal(hold.components(), [1, 1, 1, *able])
+
+
 def test_rotation_vectors_beside_a_full_turn():
     """A wobble about another axis has no vector near there at a full turn; the turns are counted on behind it."""
     angle = np.linspace(0, 4 * np.pi, 41)
