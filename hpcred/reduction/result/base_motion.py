@@ -5,6 +5,8 @@ becomes that of an acceleration of the same coordinates, and an absolute acceler
 beside a base keep their responses, by a second set of the same coordinates.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +18,7 @@ from ...parallel.failures import InputError
 
 
 def with_base_motion(reduced, quantity: str):
-    """Return a ReducedModel with other motions of its bases as inputs: see ReducedModel.driven_by."""
+    """Return the model with other motions of its bases as inputs: see ReducedModel.driven_by."""
     if quantity not in QUANTITIES:
         raise InputError(f"quantity: found '{quantity}', expected one of {', '.join(QUANTITIES)}")
     moves = motions_of(reduced.record.loads) if reduced.record is not None else []
