@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -14,21 +13,17 @@ from ..body.rotations import continuous, quaternion, rotation, vector_of
 from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError
 from ..parallel.petsc import MPI
-from ..parallel.progress import Progress, in_time
+from ..parallel.progress import Progress
 from ..parallel.ranges import Node, Number, Range, Vector
 from ..reduction.result.maxwell_states import maxwell_states
 from .drives import AnyDrive
 from .equations_of_motion import FlexibleBody, node_motion
+from .integration import integrate
 from .joints import AXES, Joint, holds_of
 from .loads import AnyForce, AnyInputLoad, AnyMoment, load_of, push_of
 from .springs import ZERO, AnySpring, element_of
 from .warnings import Limits, first_frequency, note_on_steps, warnings_of_inputs, warnings_of_places
 
-MOST_STEPS = 1e8  # that a simulation may need; they take weeks
-FIRST_STEP = 1e-4  # of the longest; one that the integrator guesses may be so short that round-off ends it
-STEPS_OF_A_TURN = 8
-FEW_EVALUATIONS, MOST_EVALUATIONS = 5000, 3e9  # of the equations of motion, 30 a step
-FEW_STEPS = 5000  # by which the pace of the integrator is known
 OUTPUTS = Range(1, 10_000_000)  # output intervals, all of which are kept in memory
 SAMPLES = 200  # instants at which loads are looked at
 SPEED = Range(-3e8, 3e8, "m/s")
@@ -36,7 +31,6 @@ ENERGIES = ("kinetic", "elastic", "gravity", "springs")
 LARGE_GRAVITY = 1e3  # m/s^2: above what is asked for in earnest, below 9810
 POWERS = ("work", "drives", "dissipated")
 FASTEST = 1e9  # rad/s, of a motion that diverges
-MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
 
 
 def _more_than_0(key, value):
@@ -316,9 +310,9 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         notes.append(told)
     limits = Limits(body, system, first_frequency(system, r, p, q), progress.warn)
     with np.errstate(all="ignore"):  # a step in which numbers overflow is tried again, shorter; the motion is checked
-        t, states, rates, factorisations = _integrate(system, setup, y0, yp0, limits, progress)
+        t, states, rates, solver = integrate(system, setup, y0, yp0, limits, progress)
         motion = Motion(
-            t=t, notes=notes, warnings=warnings, factorisations=factorisations, **_motion(system, t, states),
+            t=t, notes=notes, warnings=warnings, factorisations=solver.nlu, **_motion(system, t, states),
             **_nodes(body, undeformed, t, states, system), **_rates_of_nodes(body, system, states, rates),
             **_outputs(body.reduced, system, t, states, rates), **_reactions(body, system, t, states, rates),
             **_springs(body, setup, system, t, states),
@@ -386,99 +380,6 @@ def _spins_twice(body, setup) -> list[str]:
         f"load '{item.name}': a body that turns has its centrifugal forces without it; these are added to them"
         for item in setup.load if item.name in known and known[item.name].spins
     ]  # fmt: skip
-
-
-def _integrate(system, setup, y0, yp0, limits, progress):
-    try:
-        from scipy_dae.integrate import solve_dae
-    except ImportError as error:
-        raise InputError("a simulation needs scipy_dae: pip install 'hpcred[simulate]'") from error
-
-    shown, begun, pace = -1, time.perf_counter(), _Pace(setup.end)
-
-    def residual(t, y, yp):
-        nonlocal shown
-        pace.evaluated()
-        if int(20 * t / setup.end) > shown:
-            shown = int(20 * t / setup.end)
-            passed = time.perf_counter() - begun
-            left = f", {pace.steps} steps, about {in_time(passed * (setup.end / t - 1))} left" if shown > 0 else ""
-            progress.say(f"t = {t:.4g} s of {setup.end:g} s{left}", minor=True)
-        return system.residual(t, y, yp)
-
-    # impulses begin at zero, and their rates, the forces, have round-off relative to their own size
-    tolerance = np.full(len(y0), setup.absolute_tolerance)
-    forces = system.split(yp0)[4]
-    system.split(tolerance)[4][:] *= max(1.0, np.abs(forces).max(initial=0.0))
-    # those of dashpots are L^T q
-    system.split(tolerance)[6][:] *= np.linalg.norm(system.elements.L, axis=0)
-    # a pulse must not be stepped over
-    moving = (*setup.force, *setup.moment, *setup.load, *setup.drive)
-    longest = min([setup.end / 20, *(item.longest_step(setup.end) for item in moving)])
-    for steps, what in ((setup.end / longest, "the fastest load or drive"), (_steps_of_turns(setup), "its turns")):
-        if steps > MOST_STEPS:
-            raise _too_many(f"end = {setup.end:g} s takes {steps:.1e} steps of {what}", "leave out what is so fast")
-    solution = solve_dae(
-        residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
-        first_step=FIRST_STEP * longest,
-        rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
-        events=[_twists(system), pace.stepped, limits],
-    )  # fmt: skip
-    if not solution.success:
-        last = solution.t[-1] if len(solution.t) else 0.0
-        stopped = (
-            f"the integrator stopped at t = {last:.4g} s: {solution.message.rstrip('.')}; look for loads, drives and "
-            "velocities that are too large, loosen the tolerances, or leave out pseudo-modes far above the band "
-            "(drop_above)"
-        )
-        raise ComputationError("; ".join([*limits.warnings, stopped]))
-    return solution.t, solution.y, solution.yp, int(solution.nlu)
-
-
-def _steps_of_turns(setup) -> float:
-    """Return about how many steps rotations take: those of the drives, and that of a body on which nothing else
-    acts."""
-    turned = sum(drive.travel(setup.end) for drive in setup.drive if drive.about is not None)
-    if not (setup.constraint or setup.drive):
-        turned += float(np.linalg.norm(setup.angular_velocity)) * setup.end
-    return STEPS_OF_A_TURN * turned / (2 * np.pi)
-
-
-def _too_many(what: str, advice: str, most=MOST_STEPS) -> InputError:
-    return InputError(f"{what}, expected at most {most:.0e}; end earlier, or {advice}")
-
-
-class _Pace:
-    """Refuses a simulation whose steps stay so short, or fail so often, that it takes far too many.
-
-    `stepped` is an event of the integrator, at each step that it takes; `evaluated` counts all residuals, also those of
-    steps that it tries in vain.
-    """
-
-    def __init__(self, end):
-        self.end, self.t = end, 0.0
-        self.steps, self.evaluations, self.last = 0, 0, {}
-
-    def stepped(self, t, y, yp):
-        self.steps, self.t = self.steps + 1, t
-        self._check(self.steps, FEW_STEPS, "steps", MOST_STEPS)
-        return 1.0
-
-    def evaluated(self):
-        self.evaluations += 1
-        self._check(self.evaluations, FEW_EVALUATIONS, "evaluations of the equations", MOST_EVALUATIONS)
-
-    def _check(self, count, few, what, most):
-        if count % few:
-            return
-        passed, self.last[what] = self.t - self.last.get(what, 0.0), self.t
-        left = (self.end - self.t) * few / max(passed, 1e-300)
-        if left > most:
-            raise _too_many(
-                f"t = {self.t:.4g} s was reached in {count} {what}, the last {few} of which took {passed:.1e} s, so "
-                f"that end = {self.end:g} s takes {left:.1e} more", "look for loads, gravity and velocities that are "
-                "too large, or damp what vibrates so fast (drop_above leaves it out)", most,
-            )  # fmt: skip
 
 
 def _steps(system, t, states):
@@ -584,29 +485,6 @@ def _reactions(body, system, t, states, rates):
     return {
         "constraint_names": names[0], "constraint_force": force, "moment_names": names[1], "constraint_moment": moment
     }  # fmt: skip
-
-
-def _twists(system):
-    """Return an event of the integrator that refuses bushings which a step twists too far, also between output times.
-
-    Rotation vectors go round at pi: one that a step takes beyond comes back from the other side.
-    """
-    last = [np.zeros(3)] * len(system.springs)
-
-    def watch(t, y, yp):
-        r, p, q, *_ = system.split(y)
-        motions = system.node_motions(r, rotation(p), q)
-        for k, spring in enumerate(system.springs):
-            twist = spring.twist(motions[spring.shape.node].R)
-            if max(np.linalg.norm(twist), np.linalg.norm(twist - last[k])) > MOST_TWIST:
-                raise ComputationError(
-                    f"spring: the bushing at node {spring.shape.label} was twisted by more than {MOST_TWIST:g} rad at "
-                    f"t = {t:.4g} s, and knows no larger rotations; stiffen it, or load it less"
-                )
-            last[k] = twist
-        return 1.0
-
-    return watch
 
 
 def _springs(body, setup, system, t, states):

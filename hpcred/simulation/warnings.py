@@ -152,7 +152,7 @@ def note_on_steps(system, setup, y0, yp0) -> str | None:
 
 
 class Limits:
-    """An event of the integrator that tells at which steps a motion leaves what the equations describe.
+    """Tells at which steps of the integrator a motion leaves what the equations describe.
 
     `first`: see first_frequency; `tell` takes each sentence while the simulation runs.
     """
@@ -166,7 +166,7 @@ class Limits:
         self._system, self._tell = system, tell
         self._largest, self._found = dict.fromkeys(UNITS, 0.0), {}
 
-    def __call__(self, t, y, yp):
+    def __call__(self, t, y):
         _, _, q, z, *_ = self._system.split(y)
         frame = self._system.floating_frame
         moved = np.append(np.linalg.norm(self._phi @ q, axis=1), np.sqrt(max(q @ frame.Me @ q, 0.0) / frame.mass))
@@ -181,7 +181,6 @@ class Limits:
                     t=t, value=values[key], scale=scale, hz=scale / (2 * np.pi), where=where
                 )
                 self._tell(self._found[item])
-        return 1.0
 
     @property
     def warnings(self) -> list[str]:
