@@ -18,7 +18,7 @@ from ..parallel.failures import ComputationError, InputError
 from ..parallel.progress import in_time
 
 MOST_STEPS = 1e8  # that a simulation may need; they take weeks
-FIRST_STEP = 1e-4  # of the longest; one that the integrator guesses may be so short that round-off ends it
+FIRST_STEP = 1e-2  # of the longest; one that the integrator guesses may be so short that round-off ends it
 STEPS_OF_A_TURN = 8
 FEW_EVALUATIONS, MOST_EVALUATIONS = 5000, 3e9  # of the equations of motion, 30 a step
 FEW_STEPS = 5000  # by which the pace of the integrator is known
