@@ -45,8 +45,8 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def of_vector(vector) -> np.ndarray:
-    """Return the rotation matrix exp(skew(vector)) of a rotation vector (3,), exactly (Rodrigues)."""
-    return exponential(vector)[0]
+    """Return the rotation matrix exp(skew(vector)) of a rotation vector (3,), exactly; (k, 3, 3) of (k, 3)."""
+    return exponential(vector)[0] if np.ndim(vector) == 1 else _scipy().from_rotvec(vector).as_matrix()
 
 
 def vector_of(matrix) -> np.ndarray:
@@ -114,8 +114,8 @@ def _coefficients(vector):
 
 
 def rate_derivative(vector, moment) -> np.ndarray:
-    """Return the derivative (3, 3) of J(vector)^T moment by the vector, with J = rate_matrix; of J(vector) y it is minus
-    that at -vector."""
+    """Return the derivative (3, 3) of J(vector)^T moment by the vector, with J = rate_matrix; that of J(vector) y is
+    minus it at -vector."""
     _, first, second, first_slope, second_slope = _coefficients(vector)
     W, T = skew(vector), skew(moment)
     turned = W @ moment

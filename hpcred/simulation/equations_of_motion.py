@@ -34,6 +34,7 @@ from ..parallel.failures import ComputationError, InputError
 from ..reduction.result.maxwell_states import MaxwellStates
 
 ROUND_OFF = 1e-14
+CHUNK = 100  # times whose energies are computed at once
 
 
 def _moved(r, p, q, step):
@@ -123,9 +124,8 @@ class FlexibleBody:
         """Return the generalised force (6 + m,) of gravity."""
         if not self.gravity.any():
             return np.zeros(6 + self.size)
-        g, Ct = self.gravity @ A, self.floating_frame.translations(q)
-        moment = self.floating_frame.mc + q @ (self.floating_frame.Ct + Ct) / 2
-        return np.concatenate([self.mass * g, cross(moment, g), Ct @ g])
+        body, g = self.floating_frame, self.gravity @ A
+        return np.concatenate([self.mass * g, cross(body.first_moment(q), g), body.translations(q) @ g])
 
     def applied(self, t, A, q, z, motions):
         """Return generalised forces of gravity, loads and springs (6 + m,); powers of loads and of springs' dampers."""
@@ -235,8 +235,8 @@ class FlexibleBody:
         return dy, dyp
 
     def tangents(self, t, r, A, q, z, zp, multipliers):
-        """Return the derivatives (6 + m, 6 + m) of the equations of motion by displacements in the coordinates of (v, w,
-        u), and by z; those (c, 6 + m) of G z - rates by displacements; and G."""
+        """Return the derivatives (6 + m, 6 + m) of the equations of motion by displacements in the coordinates of
+        (v, w, u), and by z; those (c, 6 + m) of G z - rates by displacements; and G."""
         motions = self.node_motions(r, A, q)
         by_place, by_z = self._tangents_of_inertia(A, q, z, zp)
         G, _ = self.constraints(t, motions)
@@ -456,14 +456,27 @@ class FlexibleBody:
         total[6:] -= self.K @ q
         return total
 
-    def energies(self, r, p, q, z, dashpots=()):
-        """Return Kinetic, elastic, gravity and springs' energy in J; elastic energy is also in the springs of Maxwell
-        elements."""
-        A = rotation(p)
-        kinetic = 0.5 * z @ self.floating_frame.mass_matrix(q) @ z
-        moment = self.mass * r + A @ self.floating_frame.first_moment(q)
-        motions = self.node_motions(r, A, q)
-        nodes = [motions[spring.shape.node] for spring in self.springs]
-        springs = sum(spring.energy(node.x, node.R) for spring, node in zip(self.springs, nodes, strict=True))
-        elastic = q @ self.K @ q + self.elements.factors @ (self.elements.L.T @ q - dashpots) ** 2
-        return kinetic, 0.5 * elastic, -self.gravity @ moment, springs
+    def energies(self, r, A, q, z, dashpots):
+        """Return kinetic, elastic and gravity's energy (nt, 3) in J at many times; the elastic one is also that of
+        Maxwell elements."""
+        body, found = self.floating_frame, np.empty((len(q), 3))
+        v, w, u = np.split(z, [3, 6], axis=1)
+        for first in range(0, len(q), CHUNK):
+            part = slice(first, first + CHUNK)
+            change = body.varied(q[part])
+            couplings = np.concatenate([body.Ct, body.Cr], axis=1) + change[:, :, :6]
+            centre = body.mc + np.einsum("tk,tki->ti", q[part], body.Ct + change[:, :, :3] / 2)
+            inertia = body.J + np.einsum("tk,tki->ti", q[part], body.dJ.reshape(-1, 9) + change[:, :, 9:] / 2).reshape(
+                -1, 3, 3
+            )
+            found[part, 0] = (
+                self.mass * (v[part] ** 2).sum(axis=1) / 2 + (w[part] * np.cross(centre, v[part])).sum(axis=1)
+                + np.einsum("ti,tij,tj->t", w[part], inertia, w[part]) / 2
+                + np.einsum("tk,tki,ti->t", u[part], couplings, z[part, :6])
+            )  # fmt: skip
+            found[part, 2] = -(self.mass * r[part] @ self.gravity + np.einsum("ti,tij,j->t", centre, A[part].transpose(
+                0, 2, 1), self.gravity))  # fmt: skip
+        found[:, 0] += np.einsum("ti,ij,tj->t", u, body.Me, u) / 2
+        stretch = q @ self.elements.L - dashpots
+        found[:, 1] = (np.einsum("ti,ij,tj->t", q, self.K, q) + stretch**2 @ self.elements.factors) / 2
+        return found

@@ -23,7 +23,8 @@ STEPS_OF_A_TURN = 8
 FEW_EVALUATIONS, MOST_EVALUATIONS = 5000, 3e9  # of the equations of motion, 30 a step
 FEW_STEPS = 5000  # by which the pace of the integrator is known
 MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
-ANY_ERROR = 1e9  # of the tolerance, which steps of a given length may have
+ANY_ERROR = 1e6  # times the tolerance, which steps of a given length may have
+NEWTON = 1e-3  # of the tolerance, to which their equations are solved
 
 
 def integrate(system, setup, y0, yp0, limits, progress):
@@ -82,10 +83,43 @@ def _solver(system, setup, y0, yp0, pace):
     system.split(tolerance)[4][:] *= max(1.0, np.abs(forces).max(initial=0.0))
     # those of dashpots are L^T q
     system.split(tolerance)[6][:] *= np.linalg.norm(system.elements.L, axis=0)
-    return RadauDAE(
-        residual, 0.0, y0, yp0, setup.end, jac=system.jacobians, max_step=longest, first_step=FIRST_STEP * longest,
-        rtol=setup.relative_tolerance, atol=tolerance,
+    first, any_error = FIRST_STEP * longest, 1.0
+    if setup.damp_above is not None:
+        first = longest = min(longest, step_of(setup.damp_above))
+        if setup.end / longest > MOST_STEPS:
+            raise _too_many(f"damp_above = {setup.damp_above:g} takes {setup.end / longest:.1e} steps", "lower it")
+        any_error = ANY_ERROR
+    solver = RadauDAE(
+        residual, 0.0, y0, yp0, setup.end, jac=system.jacobians, max_step=longest, first_step=first,
+        rtol=setup.relative_tolerance * any_error, atol=tolerance * any_error,
     )  # fmt: skip
+    if setup.damp_above is not None:
+        solver.newton_tol = NEWTON / any_error
+    return solver
+
+
+def step_of(frequency: float) -> float:
+    """Return the step (s) that follows vibrations up to a frequency (Hz) and damps those above: omega times it is 1.
+
+    The method multiplies an amplitude in a step by 0.99986 there, 0.993 at twice, 0.83 at four times and 0.32 at ten
+    times the frequency; see `amplification`.
+    """
+    return 1 / (2 * np.pi * frequency)
+
+
+def amplification(z):
+    """Return R(z) of Radau IIA of order 5, the factor of a step of length h for y' = lambda y with z = lambda h."""
+    return (1 + 2 * z / 5 + z**2 / 20) / (1 - 3 * z / 5 + 3 * z**2 / 20 - z**3 / 60)
+
+
+def note_on_damping(setup) -> str:
+    """Return a sentence on what `damp_above` does."""
+    lost = [100 * (1 - abs(amplification(1j * times)) ** (2 * np.pi / times)) for times in (1, 2, 4)]
+    return (
+        f"damp_above: steps of {step_of(setup.damp_above):.3g} s whatever their error, by which a vibration loses "
+        f"{lost[0]:.1g} % of its amplitude a period at {setup.damp_above:g} Hz, {lost[1]:.1g} % at twice and "
+        f"{lost[2]:.2g} % at four times that frequency"
+    )
 
 
 def _steps_of_turns(setup) -> float:

@@ -208,7 +208,7 @@ class Hold:
             angle = (mine @ other - self.cross[0] @ self.cross[1]) / np.linalg.norm(np.cross(*self.cross))
             return np.append(away, angle)
         if len(self.rotations) == 2:
-            axis = np.cross(*self.rotations)
+            axis = cross(*self.rotations)
             turned = cross(G @ axis, R @ self.turned.T @ axis)
         elif len(self.rotations):
             turned = vector_of(R @ self.turned.T @ G.T)

@@ -9,16 +9,16 @@ import numpy as np
 
 from ..body.body import Body, check_moving, has_no_inertia, remarks
 from ..body.preload import Preload, warning_of_basis
-from ..body.rotations import continuous, quaternion, rotation, vector_of
+from ..body.rotations import continuous, of_vector, quaternion, rotation, vector_of
 from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError
 from ..parallel.petsc import MPI
 from ..parallel.progress import Progress
-from ..parallel.ranges import Node, Number, Range, Vector
+from ..parallel.ranges import FREQUENCY, Node, Number, Range, Vector
 from ..reduction.result.maxwell_states import maxwell_states
 from .drives import AnyDrive
-from .equations_of_motion import FlexibleBody, node_motion
-from .integration import integrate
+from .equations_of_motion import FlexibleBody, NodeMotion, node_motion
+from .integration import integrate, note_on_damping
 from .joints import AXES, Joint, holds_of
 from .loads import AnyForce, AnyInputLoad, AnyMoment, load_of, push_of
 from .springs import ZERO, AnySpring, element_of
@@ -34,7 +34,7 @@ FASTEST = 1e9  # rad/s, of a motion that diverges
 
 
 def _more_than_0(key, value):
-    if not 0 < value < np.inf:
+    if value is not None and not 0 < value < np.inf:
         raise InputError(f"{key}: found {value:g}, expected a finite number of more than 0")
 
 
@@ -66,7 +66,10 @@ class Simulation:
     observe : sequence of int or str, default ()
         Nodes whose motion is computed, beside those of the tables below.
     relative_tolerance, absolute_tolerance : float, default 1e-5 and 1e-8
-        Tolerances of the integrator.
+        Tolerances of a step of the integrator; the error of a velocity counts by the displacement that it makes in it.
+    damp_above : float, optional
+        Frequency in Hz above which vibrations are damped numerically in place of followed, by steps of a given length
+        in place of those that the tolerances ask for; by default none.
     force, moment : sequence of loads, default ()
         Forces and moments at nodes.
     load : sequence of ConstantLoad, SineLoad or TableLoad, default ()
@@ -98,6 +101,7 @@ class Simulation:
     observe: tuple[Node, ...] = ()
     relative_tolerance: Annotated[float, _more_than_0, Range(1e-14, 0.5)] = 1e-5
     absolute_tolerance: Annotated[float, _more_than_0, Range(1e-30, 1.0)] = 1e-8
+    damp_above: Annotated[float | None, _more_than_0, FREQUENCY] = None
     force: tuple[AnyForce, ...] = ()
     moment: tuple[AnyMoment, ...] = ()
     load: tuple[AnyInputLoad, ...] = ()
@@ -305,17 +309,18 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     y0, yp0, change = system.start(r, p, q, z)
     if change > 1e-10 * max(1.0, np.abs(z).max()):
         notes.append(f"the initial velocities did not fit the constraints and were projected (change {change:.2g})")
-    if told := note_on_steps(system, setup, y0, yp0):  # before they are taken
+    if setup.damp_above is not None:
+        notes.append(note_on_damping(setup))
+    elif told := note_on_steps(system, setup, y0, yp0):  # before they are taken
         progress.tell(f"note: {told}")
         notes.append(told)
     limits = Limits(body, system, first_frequency(system, r, p, q), progress.warn)
     with np.errstate(all="ignore"):  # a step in which numbers overflow is tried again, shorter; the motion is checked
         t, states, rates, solver = integrate(system, setup, y0, yp0, limits, progress)
         motion = Motion(
-            t=t, notes=notes, warnings=warnings, factorisations=solver.nlu, **_motion(system, t, states),
-            **_nodes(body, undeformed, t, states, system), **_rates_of_nodes(body, system, states, rates),
-            **_outputs(body.reduced, system, t, states, rates), **_reactions(body, system, t, states, rates),
-            **_springs(body, setup, system, t, states),
+            t=t, notes=notes, warnings=warnings, factorisations=solver.nlu,
+            **_at_outputs(body, setup, system, undeformed, t, states, rates),
+            **_rates_of_nodes(body, system, states, rates), **_outputs(body.reduced, system, t, states, rates),
         )  # fmt: skip
     numbers = [*motion.energies.values(), *(value for value in vars(motion).values() if isinstance(value, np.ndarray))]
     if not all(np.isfinite(value).all() for value in numbers):
@@ -382,53 +387,82 @@ def _spins_twice(body, setup) -> list[str]:
     ]  # fmt: skip
 
 
-def _steps(system, t, states):
-    """Return Time, r, A, q and z, one output time after the other."""
-    r, p, q, z, *_ = (part.T for part in system.split(states))
-    return zip(t, r, rotation(p), q, z, strict=True)
-
-
 def _names(body) -> dict:
     """Return the name of each node, or its number where it has none, by number."""
     return {shape.node: shape.label for shape in body.nodes}
 
 
-def _motion(system, t, states):
-    """Return the fields of a Motion on the body frame, elastic coordinates, energies and errors."""
+def _at_outputs(body, setup, system, undeformed, t, states, rates):
+    """Return the fields of a Motion that follow from the places of nodes, in one pass over the output times."""
     r, p, q, z, _, powers, dashpots = (part.T for part in system.split(states))
     p = p / np.linalg.norm(p, axis=1)[:, None]
-    stored = np.array([system.energies(*state) for state in zip(r, p, q, z, dashpots, strict=True)])
+    A, multipliers, springs = rotation(p), system.split(rates)[4].T, np.zeros((len(t), len(system.springs), 7))
+    # all nodes at all times, then joints and springs one time after the other
+    places, turned = np.zeros((len(t), len(body.nodes), 3)), np.zeros((len(t), len(body.nodes), 3, 3))
+    for k, shape in enumerate(body.nodes):
+        places[:, k], turned[:, k] = _placed(shape, body.floating_frame.origin, r, A, q)
+    column = {shape.node: k for k, shape in enumerate(body.nodes)}
+    held = {hold.shape.node: column[hold.shape.node] for hold in system.holds}
+    gaps, reactions = np.zeros((len(t), system.multipliers)), []
+    for i, now in enumerate(t):
+        motions = {node: NodeMotion(places[i, k], turned[i, k], None) for node, k in held.items()}
+        gaps[i] = system.gaps(now, motions)
+        reactions.append(system.reactions(now, motions, multipliers[i]))
+        for k, spring in enumerate(system.springs):
+            node = node_motion(spring.shape, body.floating_frame.origin, r[i], A[i], q[i])
+            springs[i, k, :6] = spring.wrench(node.x, node.R, *np.split(node.B @ z[i], 2))
+            springs[i, k, 6] = spring.energy(node.x, node.R)
+    stored = np.column_stack([system.energies(r, A, q, z, dashpots), springs[:, :, 6].sum(axis=1)])
+    return {
+        "position": r, "quaternion": p, "velocity": z[:, :3], "angular_velocity": z[:, 3:6], "elastic": q,
+        "elastic_velocity": z[:, 6:], **_energies(stored, powers), **_drifts(system, gaps),
+        **_nodes(body, undeformed, places, turned), **_reactions(body, system, reactions),
+        "spring_names": [f"{k + 1}:{_names(body)[item.node]}" for k, item in enumerate(setup.spring)],
+        "spring_force": springs[:, :, :3], "spring_moment": springs[:, :, 3:6], "spring_energy": springs[:, :, 6],
+    }  # fmt: skip
+
+
+def _placed(shape, origin, r, A, q):
+    """Return places (nt, 3) and rotations (nt, 3, 3) of a node at all times."""
+    bent, turned = q @ shape.phi.T, q @ shape.psi.T
+    if shape.phi1 is not None:
+        bent, turned = (linear + np.einsum("ijk,tj,tk->ti", second, q, q) / 2
+                        for linear, second in ((bent, shape.phi1), (turned, shape.psi1)))  # fmt: skip
+    places = r + np.einsum("tij,tj->ti", A, shape.position - origin + bent)
+    return places, A @ of_vector(turned) if shape.rotates else A
+
+
+def _energies(stored, powers):
+    """Return the fields of a Motion on energies (nt, 4) and works and losses (nt, 3)."""
     energies = {**dict(zip(ENERGIES, stored.T, strict=True)), **dict(zip(POWERS, powers.T, strict=True))}
     defect = stored.sum(axis=1) - stored[0].sum() - powers @ [1, 1, -1]
     from_start = stored - stored[0] * [0, 0, 1, 0]  # where gravity is zero is nobody's choice
     scale = max(np.abs(from_start).max(), np.abs(powers).max(), np.finfo(float).tiny)
-    gaps = np.array([system.gaps(now, system.node_motions(*state)) for now, *state, _ in _steps(system, t, states)])
+    return {"energies": energies, "balance": float(np.abs(defect).max() / scale)}
+
+
+def _drifts(system, gaps):
+    """Return the fields of a Motion on errors (nt, c) of the constraints."""
     turned = np.concatenate([[False] * len(hold.translations) + [True] * (len(hold) - len(hold.translations))
                              for hold in system.holds] or [np.zeros(0, dtype=bool)])  # fmt: skip
     return {
-        "position": r, "quaternion": p, "velocity": z[:, :3], "angular_velocity": z[:, 3:6], "elastic": q,
-        "elastic_velocity": z[:, 6:], "energies": energies, "balance": float(np.abs(defect).max() / scale),
         "drift": float(np.abs(gaps[:, ~turned]).max(initial=0.0)),
         "rotation_drift": float(np.abs(gaps[:, turned]).max(initial=0.0)),
-    }  # fmt: skip
+    }
 
 
-def _nodes(body, undeformed, t, states, system):
-    """Return the fields of a Motion on nodes."""
-    origin = body.floating_frame.origin
-    steps = [state for _, *state, _ in _steps(system, t, states)]
-    moved = [[node_motion(shape, origin, *state) for shape in body.nodes] for state in steps]
-    shape = (len(t), len(body.nodes), 3)
-    places = np.array([[node.x for node in nodes] for nodes in moved]).reshape(shape)
+def _nodes(body, undeformed, places, turned):
+    """Return the fields of a Motion on nodes from their places (nt, k, 3) and rotations (nt, k, 3, 3)."""
     first = [undeformed[item.node] for item in body.nodes]
-    turned = [node.R @ start.R.T for nodes in moved for node, start in zip(nodes, first, strict=True)]
-    rotations = vector_of(np.array(turned)).reshape(shape) if turned else np.zeros(shape)
+    starts = np.array([start.R for start in first]).reshape(-1, 3, 3)
+    turned = turned @ starts.transpose(0, 2, 1)
+    rotations = vector_of(turned.reshape(-1, 3, 3)).reshape(places.shape) if turned.size else np.zeros(places.shape)
     return {
         "nodes": [item.node for item in body.nodes],
         "node_names": list(_names(body).values()),
         "node_rotates": [item.rotates for item in body.nodes],
         "node_position": places,
-        "node_displacement": places - np.array([start.x for start in first]).reshape(shape[1:]),
+        "node_displacement": places - np.array([start.x for start in first]).reshape(-1, 3),
         "node_rotation": continuous(rotations),
     }
 
@@ -444,11 +478,15 @@ def _rates_of_nodes(body, system, states, rates):
     (v, w, u), (dv, dw, du) = (np.split(part, [3, 6], axis=1) for part in (z, dz))
     found = [np.zeros((len(q), len(body.nodes), 3)) for _ in range(2)]
     for k, shape in enumerate(body.nodes):
-        moved, _, phi, _ = (np.array(part) for part in zip(*map(shape.motion, q), strict=True))
-        arm = shape.position - origin + moved
-        speed, bent = (np.einsum("tij,tj->ti", phi, part) for part in (u, du))
+        moved, speed, bent = (part @ shape.phi.T for part in (q, u, du))
         if shape.phi1 is not None:
-            bent = bent + np.einsum("ijk,tj,tk->ti", shape.phi1, u, u)
+            by_q, by_u = (np.einsum("ijk,tk->tij", shape.phi1, part) for part in (q, u))
+            moved, speed, bent = (
+                part + np.einsum("tij,tj->ti", matrix, other)
+                for part, matrix, other in ((moved, by_q / 2, q), (speed, by_q, u), (bent, by_q, du))
+            )
+            bent = bent + np.einsum("tij,tj->ti", by_u, u)
+        arm = shape.position - origin + moved
         a = v + np.cross(w, arm) + speed
         rate = np.cross(w, a) + dv + np.cross(dw, arm) + np.cross(w, speed) + bent
         for array, value in zip(found, (a, rate), strict=True):
@@ -466,13 +504,9 @@ def _outputs(reduced, system, t, states, rates):
     return {"output_names": list(reduced.output_names), "outputs": y}
 
 
-def _reactions(body, system, t, states, rates):
-    """Return the fields of a Motion on forces and moments of constraints: the components that joints can transmit."""
-    multipliers = system.split(rates)[4].T
-    found = [
-        system.reactions(now, system.node_motions(*state), mine)
-        for (now, *state, _), mine in zip(_steps(system, t, states), multipliers, strict=True)
-    ]
+def _reactions(body, system, found):
+    """Return the fields of a Motion on forces and moments of constraints, of those {number: (6,)} at each time: the
+    components that joints can transmit."""
     able = {}
     for hold in system.holds:
         able[hold.shape.node] = able.get(hold.shape.node, False) | hold.components()
@@ -481,23 +515,7 @@ def _reactions(body, system, t, states, rates):
         for i in np.flatnonzero(components):
             names[i // 3].append(f"{names_of[node]}:{'r' * (i // 3)}{AXES[i % 3]}")
             columns[i // 3].append([reaction[node][i] for reaction in found])
-    force, moment = (np.array(part).reshape(-1, len(t)).T for part in columns)
+    force, moment = (np.array(part).reshape(-1, len(found)).T for part in columns)
     return {
         "constraint_names": names[0], "constraint_force": force, "moment_names": names[1], "constraint_moment": moment
-    }  # fmt: skip
-
-
-def _springs(body, setup, system, t, states):
-    """Return the fields of a Motion on springs."""
-    names_of, count = _names(body), len(system.springs)
-    wrenches, energies = np.zeros((len(t), count, 6)), np.zeros((len(t), count))
-    for i, (_, r, A, q, z) in enumerate(_steps(system, t, states)):
-        motions = system.node_motions(r, A, q)
-        for k, spring in enumerate(system.springs):
-            node = motions[spring.shape.node]
-            wrenches[i, k] = spring.wrench(node.x, node.R, *np.split(node.B @ z, 2))
-            energies[i, k] = spring.energy(node.x, node.R)
-    return {
-        "spring_names": [f"{k + 1}:{names_of[item.node]}" for k, item in enumerate(setup.spring)],
-        "spring_force": wrenches[:, :, :3], "spring_moment": wrenches[:, :, 3:], "spring_energy": energies,
     }  # fmt: skip

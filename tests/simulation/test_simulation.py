@@ -179,6 +179,7 @@ def test_progress_and_warnings_are_told(linkage_body):
     simulate(linkage_body, Simulation(end=0.5, elastic=elastic, steps=5), progress)
     times = [int(20 * float(re.match(r"t = ([\d.e+-]+) s of 0.5 s", text)[1]) / 0.5) for text in said]
     assert times == sorted(set(times)) and times[0] == 0 and len(times) > 15
+    assert all(re.search(r", [\d,]+ steps, about .* left$", text) for text in said[1:])
     found = simulate(linkage_body, Simulation(end=1e-4, gravity=(0.0, 0.0, -9810.0), steps=2), progress)
     assert told == ["gravity: found 9810 m/s^2; in SI it is 9.81"] and found.warnings == told
 
