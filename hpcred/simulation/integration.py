@@ -23,7 +23,7 @@ STEPS_OF_A_TURN = 8
 FEW_EVALUATIONS, MOST_EVALUATIONS = 5000, 3e9  # of the equations of motion, 30 a step
 FEW_STEPS = 5000  # by which the pace of the integrator is known
 MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
-ANY_ERROR = 1e6  # times the tolerance, which steps of a given length may have
+ANY_ERROR = 1e20  # times the tolerance, which steps of a given length may have
 NEWTON = 1e-3  # of the tolerance, to which their equations are solved
 
 
