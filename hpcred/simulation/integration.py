@@ -1,10 +1,10 @@
-"""Integrate the equations of motion in time by Radau IIA of order 5 (Hairer and Wanner), with steps of its own choice
-or of a given length.
+"""Integrate the equations of motion in time by Radau IIA of order 5, with steps of its own choice or of a given length.
 
-The error of a velocity counts by the displacement that it makes in a step, as Hairer and Wanner scale variables of
-higher index: in a stiff mode of frequency omega a displacement below the tolerance comes with a velocity omega times
-as large, which would bring about the shortest steps of all. Vibrations with displacements below the tolerance are not
-followed but damped numerically, since the method is L-stable.
+The error of a velocity counts by the displacement that it makes in a step: in a stiff mode of frequency omega a
+displacement below the tolerance comes with a velocity omega times as large, which would ask for the shortest steps of
+all. Vibrations below the tolerance are not followed but damped numerically, since the method is L-stable. Source: E.
+Hairer and G. Wanner, Solving Ordinary Differential Equations II, Springer, 1996, IV.8 and VII.4 (variables of higher
+index are scaled by powers of the step).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ NEWTON = 1e-3  # of the tolerance, to which their equations are solved
 
 
 def integrate(system, setup, y0, yp0, limits, progress):
-    """Return output times (nt,), states and rates (size, nt), and the integrator, which has counts of its work.
+    """Return output times (nt,), states and rates (size, nt), and the fields of a Motion on the integrator's work.
 
     `limits` (t, y) is called at each step.
     """
@@ -53,11 +53,12 @@ def integrate(system, setup, y0, yp0, limits, progress):
     if solver.status == "failed":
         stopped = (
             f"the integrator stopped at t = {solver.t:.4g} s: {reason.rstrip('.')}; look for loads, drives and "
-            "velocities that are too large, loosen the tolerances, or leave out pseudo-modes far above the band "
-            "(drop_above)"
+            "velocities that are too large, loosen the tolerances, damp vibrations above the band (damp_above), or "
+            "leave out pseudo-modes far above it (drop_above of the reduction)"
         )
         raise ComputationError("; ".join([*limits.warnings, stopped]))
-    return outputs, np.hstack(states), np.hstack(rates), solver
+    work = {"integrator_steps": pace.steps, "factorisations": int(solver.nlu)}
+    return outputs, np.hstack(states), np.hstack(rates), work
 
 
 def _solver(system, setup, y0, yp0, pace):
@@ -170,7 +171,8 @@ class Pace:
             raise _too_many(
                 f"t = {self.t:.4g} s was reached in {count} {what}, the last {few} of which took {passed:.1e} s, so "
                 f"that end = {self.end:g} s takes {left:.1e} more", "look for loads, gravity and velocities that are "
-                "too large, or damp what vibrates so fast (drop_above leaves it out)", most,
+                "too large, or damp what vibrates so fast (damp_above; drop_above of the reduction leaves it out)",
+                most,
             )  # fmt: skip
 
 

@@ -187,8 +187,8 @@ class Motion:
         What was changed or approximated.
     warnings : list of str
         Settings that look wrong, and motions beyond what the equations describe, such as those that diverge.
-    factorisations : int
-        Number of factorisations of Newton matrices.
+    integrator_steps, factorisations : int
+        Numbers of steps, and of factorisations of Newton matrices.
     """
 
     t: np.ndarray
@@ -222,6 +222,7 @@ class Motion:
     balance: float
     notes: list
     warnings: list
+    integrator_steps: int
     factorisations: int
 
 
@@ -316,9 +317,9 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         notes.append(told)
     limits = Limits(body, system, first_frequency(system, r, p, q), progress.warn)
     with np.errstate(all="ignore"):  # a step in which numbers overflow is tried again, shorter; the motion is checked
-        t, states, rates, solver = integrate(system, setup, y0, yp0, limits, progress)
+        t, states, rates, work = integrate(system, setup, y0, yp0, limits, progress)
         motion = Motion(
-            t=t, notes=notes, warnings=warnings, factorisations=solver.nlu,
+            t=t, notes=notes, warnings=warnings, **work,
             **_at_outputs(body, setup, system, undeformed, t, states, rates),
             **_rates_of_nodes(body, system, states, rates), **_outputs(body.reduced, system, t, states, rates),
         )  # fmt: skip
