@@ -25,7 +25,8 @@ from hpcred.simulation import (
     SineDrive,
     SineMoment,
 )
-from hpcred.simulation.simulation import POWERS, _integrate, simulate
+from hpcred.simulation.integration import integrate
+from hpcred.simulation.simulation import POWERS, simulate
 
 FINE = {"relative_tolerance": 1e-7, "absolute_tolerance": 1e-10}
 GRAVITY = (0.0, 0.0, -9.81)
@@ -77,13 +78,13 @@ def test_drift_and_balance_are_the_largest_of_all_times(stiff, monkeypatch, sign
     """Of a pendulum that is moved and turned out of its joint afterwards, more and more, and back at the end."""
 
     def out_of_the_joint(*arguments):
-        t, states, *others = _integrate(*arguments)
+        t, states, *others = integrate(*arguments)
         states = np.array(states)
         states[:3] += sign * 1e-3 * np.sin(3 * t / t[-1])
         states[4] += sign * 1e-3 * np.sin(3 * t / t[-1])  # of the quaternion
         return t, states, *others
 
-    monkeypatch.setattr("hpcred.simulation.simulation._integrate", out_of_the_joint)
+    monkeypatch.setattr("hpcred.simulation.simulation.integrate", out_of_the_joint)
     revolute = Joint(1, kind="revolute", axis=(0.0, 1.0, 0.0))
     motion = simulate(stiff, Simulation(end=0.1, gravity=GRAVITY, steps=20, constraint=(revolute,)))
     held = motion.nodes.index(1)
