@@ -281,6 +281,7 @@ def test_results_beside_each_other_leave_out_what_feels_nothing(comm):
         for anew in (False, True):
             errors = errors_of(measured, f, full, found, drive, anew=anew)
             assert errors.eps.max() < 1e-3 and errors.measure.silent == (1,)
+            assert [item.largest < 1e-3 for item in errors.directions if item.output == rom.output_names[0]] == [True]
         with pytest.raises(hpcred.InputError, match="^measure: found 'papr', expected 'directions' or 'paper'"):
             errors_of(measured, f, full, found, drive, "papr")
 

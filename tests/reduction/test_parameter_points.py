@@ -151,7 +151,7 @@ def test_responses_are_infinite_where_inputs_push_and_outputs_see_the_motion():
     pushed, seen, other = e[:, 1:], e[:, :1], np.zeros((2, 1))
     for inputs, outputs, infinite in ((pushed, seen, True), (seen, seen, False), (pushed, pushed, False),
                                       (other, seen, False), (1e-9 * pushed + seen, seen, False),
-                                      (1e-7 * pushed + seen, seen, True)):  # fmt: skip
+                                      (1e-7 * pushed + seen, seen, True), (1e-12 * pushed, 1e12 * seen, True)):
         assert singular._is_infinite(resisting(K, inputs, outputs)) == infinite
 
 
@@ -180,8 +180,13 @@ def test_the_way_to_a_zero_of_responses():
     way = zeros._Way(projections, (0.0,), (2.0,), lambda point: (point[0] - 1 / 3) * v)
     assert way.zero == pytest.approx(1 / 6, abs=1e-7) and way.change == pytest.approx(2 * 5)
     assert way.slope == pytest.approx(10, rel=1e-6)
-    beside = np.sort([point[0] for point in way.points(np.array([0.0, 0.01, 0.5]))])
+    beside = np.sort([point[0] for point in way.points(np.array([0.0, 0.01, 0.5, 0.9]))])
     assert beside == pytest.approx([1 / 3 - 0.02, 1 / 3, 1 / 3, 1 / 3 + 0.02, 4 / 3], abs=1e-5)
+    close = [abs(point[0] - 1 / 3) for point in way.points(np.array([1e-8, 0.5])) if point[0] < 1]
+    assert close == pytest.approx([2e-8, 2e-8], rel=0.3)
+    still = np.vstack([v, np.zeros((1, 2))])  # a frequency at which nothing responds
+    way = zeros._Way(projections, (0.0,), (2.0,), lambda point: (point[0] - 1 / 3) * still)
+    assert way.zero == pytest.approx(1 / 6)
     back = zeros._Way(projections, (2.0,), (0.5,), lambda point: (1 / 3 - point[0]) * v)
     assert back.zero is None and [back.at(t) for t in (0.0, 0.5, 1.0)] == [(2.0,), (1.25,), (0.5,)]
     for low, high in ((1.0, 2.0), (0.0, 0.2)):
@@ -195,6 +200,7 @@ def test_points_on_both_sides_of_a_zero_are_the_nearest():
     values = np.array([s * v for s in (1.0, 2.0, -1.0, -0.5, 0.0)])
     values[1, 0] *= -1  # one of three frequencies says otherwise
     assert zeros._opposite(places, values) == zeros._opposite(places, 1e-6 * values) == [(1, 2)]
+    assert zeros._opposite(places[:2], np.array([[[1.0, 0.0]], [[0.6, 0.8]]])) == []
     assert zeros._median(np.array([[1.0, -3.0], [2.0j, 0.0], [0.0, 7.0]])) == 3.0
     few = zeros._few(np.ones((2, zeros.FEW))), zeros._few(np.vstack([np.ones(9), 2 * np.ones(9)]))
     assert few[0].shape == few[1].shape == (2, 8) and (few[0] == 1).all() and np.array_equal(2 * few[1][0], few[1][1])
@@ -261,6 +267,8 @@ def test_poles_and_negative_eigenvalues_in_a_band():
         assert all(np.isfinite(each).all() and each.any() for each in found)
         if first > 0:
             assert not any(each[20].any() for each in found)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                assert not any(each.any() for each in zeros._responses(other, f[[20]]))
 
 
 def family(outputs):
@@ -287,6 +295,9 @@ def test_points_beside_a_zero_of_a_static_response():
     assert np.sort(shares) == pytest.approx(np.repeat(np.sort(zeros.BESIDE), 2), rel=3e-2)
     assert sum(p < 0.4 for (p,) in found) == 3
     assert zeros._beside(one, BAND, (0.5,), (1.0,), 0) == []
+    small = family(lambda p: 1e-6 * (2e4 * (p**2 - 0.16) * along + still))
+    few = SimpleNamespace(form=model.form, at=lambda point: SimpleNamespace(model=lambda: one_input(small, point)))
+    assert np.array(zeros._beside(few, BAND, (0.0,), (1.0,), 0)) == pytest.approx(np.array(found), abs=1e-9)
     ways = zeros.beside_zeros(one, [(0.0,), (1.0,)], BAND)
     assert set(found) <= set(ways) and not set(found) & set(zeros.beside_zeros(one, [(0.0,), (1.0,)], (5.0, 60.0)))
 
@@ -299,6 +310,8 @@ def one_input(model, point):
 def test_points_around_a_zero_of_most_responses():
     """Half widths of the range in which the rest is more than what depends on p; none where points see the range."""
     points = {}
+    large = family(lambda p: 1e6 * (p - 0.4) * np.array([[1.0, 0.5]]))
+    assert zeros._around(large, BAND, (0.5,), (1.0,), 0) == []
     for rest in (0.01, 2.0):
         model = family(lambda p, rest=rest: (p - 0.4) * np.array([[1.0, 0.5]]) + rest * np.array([[0.3, -1.0]]))
         one = SimpleNamespace(form=model.form, at=lambda point, model=model: SimpleNamespace(
