@@ -36,6 +36,7 @@ class ExportCommand(typer.core.TyperCommand):
                 formatter.write_paragraph()
                 formatter.write_text(f"{title}: {', '.join(names)}")
 
+
 def _few(names) -> str:
     """Return the first names in a list; --json - has all."""
     more = f", and {len(names) - MOST} more" if len(names) > MOST else ""
