@@ -19,6 +19,8 @@ from ..writers.registry import PROGRAMS, WRITERS
 from . import session
 from .options import JsonFile, command
 
+MOST = 12  # names that are listed: all directions of two interfaces
+
 
 class ExportCommand(typer.core.TyperCommand):
     """Export with a help that ends with the formats of some models only, and those of other packages."""
@@ -33,6 +35,12 @@ class ExportCommand(typer.core.TyperCommand):
             if names:
                 formatter.write_paragraph()
                 formatter.write_text(f"{title}: {', '.join(names)}")
+
+
+def _few(names) -> str:
+    """Return the first names in a list; --json - has all."""
+    more = f", and {len(names) - MOST} more" if len(names) > MOST else ""
+    return ", ".join(map(str, names[:MOST])) + more
 
 
 @command
@@ -68,10 +76,9 @@ def export(
         base=base, progress=session.progress(),
     )  # fmt: skip
     if "shapes" in report:
-        say(f"{printable(report['output'])}: {', '.join(report['shapes'])}")
+        say(f"{printable(report['output'])}: {_few(report['shapes'])}")
     else:
-        ends = ", ".join(f"{key} {', '.join(map(str, report[key]))}" for key in ("nodes", "inputs", "outputs")
-                         if key in report)  # fmt: skip
+        ends = ", ".join(f"{key} {_few(report[key])}" for key in ("nodes", "inputs", "outputs") if key in report)
         say(f"{printable(report['output'])}: {report['coordinates']} coordinates, {ends}")
         for name in report.get("files", ()):
             say(f"with {name}")
