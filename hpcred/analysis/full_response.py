@@ -361,7 +361,7 @@ def _seen(search, outer):
 def _evaluate(search, frequencies, models):
     """Return response and estimated error at the frequencies, and the accuracy over the band."""
     outer = models.pair.outer
-    if models.damping == UNDAMPED and outer.is_diagonal:
+    if models.damping == UNDAMPED and outer.is_diagonal and outer.D is None:
         squares = squared_frequencies(outer.eigenvalues, outer.masses, outer.tau)
         squared = squares / (2 * np.pi) ** 2  # below zero where K is indefinite: no poles at a frequency
         gap = np.abs(frequencies[:, None] ** 2 - squared).min(axis=1, initial=np.inf)

@@ -516,3 +516,14 @@ def test_masses_at_one_node(comm, linkage):
             f = np.linspace(0.0, 0.09, 7)
             H = [np.linalg.inv(K - (2 * np.pi * x) ** 2 * M)[load - 1, load - 1] for x in f]
             assert rom.size == size and np.allclose(rom.transfer_function(2j * np.pi * f)[:, 0, 0], H, rtol=1e-9)
+
+
+@pytest.mark.mpi
+def test_a_small_damped_model_is_taken_whole(comm):
+    """Blocks would be dearer: the first point has all coordinates, and the model is compressed from the exact one."""
+    K, M = chain(40)
+    D = 0.05 * np.diag(np.random.default_rng(2).uniform(size=40)) + 1e-4 * K
+    case = Case("damped", K, M, unit(40, 3, 22), up_to(K, M, 20), D=D, damping=GivenDamping())
+    accuracy, size = checked(case, 1e-4, comm)
+    assert accuracy.reached and accuracy.missing_modes in (0, None) and size < 40  # complex builds count none
+    assert accuracy.uncompressed_size == accuracy.points[0].columns == 40

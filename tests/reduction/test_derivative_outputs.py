@@ -116,3 +116,23 @@ def test_state_space_has_a_feed_through():
         assert np.abs(D[0]).max() > 0 and not D[1].any()
         s = 2j * np.pi * 3.3
         assert np.allclose(C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D, reduced.transfer_function(s), rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["displacements", "velocities", "others"])
+def test_outputs_where_inputs_act_are_measured_as_one_with_them(comm, kind):
+    """Velocities there have the states of the inputs; a mixed output, or one elsewhere, has others."""
+    n = 12
+    K, M = am.chain(n)
+    B = am.unit(n, 3, 9) * [1.0, 1e-3]
+    rows = B.T if kind != "others" else am.unit(n, 3, 8).T
+    C, Cv = (rows, None) if kind == "displacements" else (None, rows)
+    model = hpcred.SecondOrderModel(M, 0.5 * M + 1e-4 * K, K, B, C, Cv=Cv, comm=comm)
+    with model, hpcred.reduce(model, tolerance=1e-4, band=(0.0, 12.0)) as rom:
+        accuracy = rom.record.accuracy
+        exact = dense(M, 0.5 * M + 1e-4 * K, K, B, *(np.zeros((2, n)) if rows is None else rows for rows in (C, Cv)),
+                      np.zeros((2, n)), FREQUENCIES)  # fmt: skip
+        assert accuracy.reached and (accuracy.measure.drive == (0, 1)) == (kind != "others")
+        error = np.abs(rom.transfer_function(2j * np.pi * FREQUENCIES) - exact)
+        # over drive points: 1 and 1e-3 are the sizes of the two loads
+        scale = np.outer([1.0, 1e-3], [1.0, 1e-3]) if kind != "others" else np.array([[1.0, 1e-3]] * 2)
+        assert (error / scale).max() < 2e-4 * (np.abs(exact) / scale).max()

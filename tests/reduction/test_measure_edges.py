@@ -352,3 +352,35 @@ def test_random_models(kind, seed):
         accuracy = rom.record.accuracy
         assert accuracy.reached
         assert case.largest_error(rom, np.random.default_rng(seed))[0] <= 1.02 * case.tolerance
+
+
+def test_models_are_kept_until_what_they_are_made_of_changes(comm):
+    """Each kept one has the response of one that is made anew."""
+    K, M = chain(20)
+    D = np.diag(np.linspace(1.0, 3.0, 20))
+    S = np.linspace(0.1, 5.0, 30)
+    with Owned(comm) as owned:
+        given = {"inputs": unit(20, 2), "outputs": unit(20, 9), "comm": comm}
+        model = owned.owns(hpcred.SecondOrderModel.from_scipy(K, M, D, **given))
+        run = owned.owns(Run(apply_frame(model), Progress(comm, show=False), 1e-9))
+        basis, rows = run.new_basis(20), slice(model.first_row, model.first_row + model.local_rows)
+        columns = np.random.default_rng(3).normal(size=(20, 12))
+        projections = Projections(run, basis, Proportional(), damped=True)
+
+        def anew(which):
+            made = Projections(run, basis, projections.damping, damped=True)
+            made.io = projections.io
+            return made.model(which)
+
+        projections.extend(columns[rows, :4])
+        first = projections.model()
+        assert projections.model() is first and projections.model(np.arange(4)) is first
+        projections.extend(columns[rows, 4:8])
+        assert projections.model(np.arange(4)) is first and len(projections.model()) == 8
+        projections.note_silent((), quiet=True)
+        assert projections.model().io is projections.io
+        for change in (lambda: projections.add_loss_factor(0.1), lambda: projections.extend(columns[rows, 8:]),
+                       lambda: projections.rotate(np.linalg.qr(columns[:12])[0])):  # fmt: skip
+            change()
+            for which in (np.arange(4), np.array([0, 2, 5]), None):
+                assert np.allclose(projections.model(which).response(S), anew(which).response(S), rtol=1e-10, atol=0.0)

@@ -200,3 +200,27 @@ def test_responses_are_computed_once_at_each_frequency(monkeypatch):
     sent = pickle.loads(pickle.dumps(model))  # without what it has computed
     assert model.memory and not sent.memory and not replace(model, tau=0.0).memory
     assert np.array_equal(sent.response(first), model.response(first))
+
+
+@pytest.mark.parametrize("coupling, is_modal", [(0.0, True), (1e-7, False)])
+def test_a_given_damping_of_the_modes_leaves_the_matrices_diagonal(coupling, is_modal):
+    """Also of a double eigenvalue; a coupling of 1e-7 of the damping of two modes is none of round-off."""
+    K, L, _ = matrices()
+    values, q = np.linalg.eigh(K)
+    values[4] = values[3]
+    ratios = np.diag(2 * np.array([0.002, 0.01, 0.03] * 4) * np.sqrt(values))
+    ratios[4, 4] = ratios[3, 3]
+    ratios[0, 1] = ratios[1, 0] = coupling * ratios[0, 0]
+    K, D = q * values @ q.T, q @ ratios @ q.T
+    for damping in DAMPINGS.values():
+        model = diagonalised(K, L, D, damping)
+        assert model.is_diagonal == is_modal == (model.poles is None)
+        exact = dense_response(K, L, D, damping, model.io)
+        assert relative(model.response(F) - exact, exact, None).max() < 1e-11
+        assert relative(model.quick_response(F) - exact, exact, None).max() < 1e-11
+        states = model.solve(F, model.L)
+        assert np.abs(model.multiply(F, states) - model.L).max() < 1e-10 * np.abs(model.L).max()
+        inner, embedding = model.restricted(np.linalg.qr(np.random.default_rng(1).standard_normal((12, 5)))[0])
+        exact_difference = exact - inner.response(F)
+        found = difference(inner, model, embedding, F)
+        assert np.abs(found - exact_difference).max() < 1e-11 * np.abs(exact).max()

@@ -7,7 +7,7 @@ import pytest
 from adaptive_models import Case, chain, dashpots, estimated_and_true, fresh, unit, up_to
 
 import hpcred
-from hpcred.model.operator import Operator
+from hpcred.model.operator import Operator, Power, Term
 from hpcred.model.outputs.rates import Rates
 from hpcred.reduction.result.measure import MEASURES
 from hpcred.reduction.small import refinement
@@ -60,6 +60,21 @@ def test_derivatives_are_differences(kind, fixed):
     for of in (np.abs(at.errors) >= 0, np.abs(at.errors) > np.median(np.abs(at.errors))):
         found = errors.derivative(at, N, of) @ d.ravel()
         assert np.abs(found - differences[of]).max() < 1e-7 * np.abs(differences).max()
+
+
+def test_the_terms_of_a_model_add_up_to_its_matrices():
+    """With massless coordinates, a loss factor, a D, a skew part of K and an added term."""
+    rng = np.random.default_rng(4)
+    K, D, N, Kv = (rng.standard_normal((8, 8)) for _ in range(4))
+    added = Operator.of(added=[Term(Kv @ Kv.T, Power(3), "Kv")]).added
+    masses = np.diag([*np.ones(7), 0.0])
+    damping = Proportional(0.2, 1e-3, 0.05)
+    model = diagonalised(K @ K.T + N - N.T, np.eye(8)[:, :2], D @ D.T, damping, None, added, False, masses, 0.1)
+    terms = model.terms()
+    assert np.allclose(terms.summed(model.factors(S)), model.matrices(S), rtol=1e-12, atol=1e-9)
+    wide = np.linalg.qr(rng.standard_normal((8, 5)))[0]
+    exact = wide.T @ model.matrices(S) @ wide
+    assert np.allclose(terms.projected(wide).summed(model.factors(S)), exact, rtol=1e-12, atol=1e-9)
 
 
 @pytest.mark.parametrize("fixed", [0, 2])

@@ -37,6 +37,14 @@ class Rates:
             return orders_of(self.parts) if self else None
         return np.where(self.direct.any(axis=1), MIXED, orders_of(self.parts))
 
+    @property
+    def are_columns(self) -> bool:
+        """Whether outputs, as `measured` has them, are the columns one by one."""
+        if not self:
+            return True
+        same = self.parts.shape[1] == self.parts.shape[2] and MIXED not in self.orders
+        return same and np.array_equal(self.parts.sum(axis=0), np.eye(self.parts.shape[1]))
+
     def count(self, columns: int) -> int:
         """Return the number of outputs of so many columns."""
         return self.parts.shape[1] if self else columns

@@ -11,6 +11,7 @@ from ...parallel.failures import InputError
 from ..small.pseudo_modal import InputsOutputs
 
 GONE = ONLY_RIGID  # of the norm of a load: what is left without its rigid-body part is round-off
+SAME = 1e-14  # of a column: differences up to it are round-off of its coefficients
 DEPENDENT = 1e-13  # of the squared norm of a load: what others leave of it, below which it is a combination of them
 
 
@@ -20,10 +21,19 @@ def independent_loads(run):
     model = run.model
     blocks = [from_dense(mat) for mat in (model.B, model.Ct) if mat is not None]
     L, (Lb, *Lc) = independent_columns(model, run.rigid, blocks)
+    if Lc and _are_same(Lb, Lc[0]):
+        Lc = []
     for columns_of, what in ((Lb, "input loads"), ((Lc or [Lb])[0], "output measures")):
         if not columns_of.any():
             raise InputError(f"{model.name}: no {what} the elastic dofs of the model; the response is zero")
     return L, InputsOutputs(Lb, Lc[0] if Lc else Lb, model.rates)
+
+
+def _are_same(columns, others):
+    """Test whether columns are the same ones but for round-off, each beside its own size."""
+    if columns.shape != others.shape:
+        return False
+    return bool((np.linalg.norm(columns - others, axis=0) <= SAME * np.linalg.norm(columns, axis=0)).all())
 
 
 def independent_columns(model, rigid, both):

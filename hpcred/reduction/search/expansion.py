@@ -23,6 +23,7 @@ from .search_checks import check_massless, check_support, extend_by_random, is_s
 from .silent_outputs import silent_columns
 
 BLOCK = 16  # columns of a block that is made from residuals
+WHOLE = 150  # dofs up to which the basis is the whole space where blocks would be: one is dearer than all coordinates
 FEW_BELOW = 0.1  # of the upper end of a band: a lower end up to it leaves few modes below the band
 HOPELESS = 300  # modes in the band, beyond which a search that may have fewer columns is not begun
 MANY, LARGE_PART = 30, 0.2  # modes in the band, and of all modes: beyond both the band looks wrong
@@ -51,6 +52,7 @@ class Expansion:
         coupled = self.projections.is_damped or not self.projections.symmetric
         self.by_mass = not coupled and inputs <= BLOCK
         self._width = min(4 * inputs if coupled else inputs, BLOCK)
+        self._whole = coupled and not self.solver.multigrid and run.model.size <= min(WHOLE, settings.columns)
         self._accounted = len(run.factorisations)  # those that belong to a point, or to what was before the search
 
     @property
@@ -195,6 +197,8 @@ class Expansion:
         if sequence is not None:
             place, vectors = sequence.advance(), sequence.vectors
             return projections.extend(vectors.columns_between(*place), vectors.mass_images_between(*place))
+        if self._whole and first and not projections.basis.size:
+            return self.solver.extend_by_all_dofs()
         by_residuals = not first or (
             self.judge.candidate is not None and (not self.by_mass or (self.solver.multigrid and not f))
         )

@@ -235,6 +235,16 @@ class PointSolver:
         """extend_by() a load that is made from the basis."""
         return self.extend_by(self._history() | rule, make_load, rough)
 
+    def extend_by_all_dofs(self) -> int:
+        """Add all coordinates of a small model, beside rigid-body motion; returns how many columns are new."""
+        model, rigid = self.run.model, self.run.rigid
+        block = create_block(model.K, model.size)
+        with local_rows(block) as rows:
+            rows[...] = np.eye(model.size)[model.first_row : model.first_row + len(rows)]
+        if rigid is not None:
+            rigid.project(block)
+        return self.projections.extend(block)
+
     def extend_by_residuals(self, f, width) -> int:
         """extend_by() `width` directions of what the basis leaves of the loads over the band and at f (Hz)."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ...linalg.basis import Basis
@@ -103,7 +105,8 @@ class Projections(Projected):
 
     def note_silent(self, columns: tuple[int, ...], quiet: bool):
         """Keep which columns of C^T have responses that are round-off, and whether others are quiet; local."""
-        self.io = self.io._replace(silent=columns, quiet=quiet)
+        if (columns, quiet) != (self.io.silent, self.io.quiet):
+            self.io = self.io._replace(silent=columns, quiet=quiet)
 
     def rotate(self, turn):
         """Replace the basis by its combinations `turn` (m, m), orthonormal like itself, and project on these."""
@@ -119,9 +122,13 @@ class Projections(Projected):
 
     def restart(self):
         self._starts = [0]
+        # models by their columns: those that were asked for since the basis grew last, and of the time before
+        self._models: dict[tuple[int, ...], PseudoModal] = {}
+        self._earlier: dict[tuple[int, ...], PseudoModal] = {}
         super().restart()
 
     def project_new(self):
+        self._models, self._earlier = {}, self._models
         with self.run.progress.stage("project"):
             super().project_new()
 
@@ -156,9 +163,17 @@ class Projections(Projected):
         return K + mass * (np.eye(len(K)) if M is None else M)
 
     def model(self, columns=None) -> PseudoModal:
-        """Return the model of `columns` (places) of the basis, by default of all; local."""
+        """Return the model of `columns` (places) of the basis, by default of all; it is kept while the basis grows by
+        less than two blocks. Local."""
         k = np.arange(self.basis.size) if columns is None else columns
-        return self.model_of(self.operator.map(lambda matrix: matrix[np.ix_(k, k)]), self.L[k])
+        key = tuple(k.tolist())
+        made = self._models.get(key) or self._earlier.get(key)
+        if made is None or made.damping != self.damping:
+            made = self.model_of(self.operator.map(lambda matrix: matrix[np.ix_(k, k)]), self.L[k])
+        elif made.io is not self.io:
+            made = replace(made, io=self.io)
+        self._models[key] = made
+        return made
 
     def model_of(self, operator: Operator, L: np.ndarray) -> PseudoModal:
         """Return the model of a small operator and its loads L, with the damping and the outputs of these; local."""

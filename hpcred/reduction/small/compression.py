@@ -22,12 +22,12 @@ TIE = 0.01  # by how much the first input or output counts less than the last, s
 
 
 def snapshots(model: PseudoModal, frequencies, measure: Measure) -> np.ndarray:
-    """Return states A^-1 L Lb / g and A^-T L Lc / h with the scales of a measure, (S, m, p + r); with C = B^T and
-    symmetric A only the first."""
+    """Return states A^-1 L Lb / g and A^-T L Lc / h with the scales of a measure, (S, m, p + r); where outputs are
+    measured as C = B^T and A is symmetric only the first."""
     right = model.solve(frequencies, model.B)
     h, g = measure.scales(*model.responses(frequencies))
     right *= _inverse(g)[:, None, :]
-    if model.is_reciprocal and not model.io.rates:
+    if model.is_reciprocal and model.io.measured_are_same:
         return right
     left = model.io.rates.transposed(2j * np.pi * frequencies, model.solve(frequencies, model.Ct, transposed=True))
     left *= _inverse(h)[:, None, :]
@@ -162,9 +162,10 @@ def fewest(snapshots, goal: float, rounds=8, most=None) -> np.ndarray:
     fixed, even = snapshots.fixed, snapshots.leading()
     if most is not None:
         return joined(fixed, even[:, : max(most - fixed.shape[1], 0)])
-    best = _first(snapshots, even, goal)
-    while best.shape[1] > 1 and (fewer := _weighted(snapshots, best.shape[1] - 1, goal, rounds)) is not None:
-        best = fewer
+    best, balances = _first(snapshots, even, goal), [*snapshots.balances]
+    while best.shape[1] > 1 and (found := _weighted(snapshots, best.shape[1] - 1, goal, rounds, balances)) is not None:
+        best, balance = found
+        balances.sort(key=lambda other: other != balance)  # what had success comes first
     return joined(fixed, best)
 
 
@@ -177,15 +178,15 @@ def _first(snapshots, directions, goal):
     return directions[:, :high]
 
 
-def _weighted(snapshots, count, goal, rounds):
-    """Return so many columns whose error is within the goal, by snapshots weighted where it is large; None without
-    success."""
-    for balance in snapshots.balances:
+def _weighted(snapshots, count, goal, rounds, balances):
+    """Return so many columns whose error is within the goal, by snapshots weighted where it is large, and the balance
+    of these; None without success."""
+    for balance in balances:
         snapshots.reset(balance)
         for _ in range(rounds):
             U = snapshots.leading()[:, :count]
             if snapshots.error(U) <= goal:
-                return U
+                return U, balance
             snapshots.weight(snapshots.largest_part())
     return None
 

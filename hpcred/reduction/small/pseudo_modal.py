@@ -19,6 +19,7 @@ In a richer basis Q the difference H_Q - H_V is r^T A_Q^-1 r with r = L_Q - A_Q 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ from ...model.outputs.rates import Rates
 ROUGH = 1e-9  # accuracy of solves for r^T A^-1 r, on which their errors have no effect of first order
 NEARLY_ZERO = 1e-12  # eigenvalue, relative to the largest, that round-off may have made of zero
 PUSHED = 1e-11  # of the norm of a load, or of a damping matrix: less on a motion is round-off
+COUPLED = 1e-12  # of the damping of two motions: less between them is round-off
 MIXED = 1e-8  # lowest eigenvalue, relative to the highest, that combinations of both have few digits of
 NUMBERS_AT_A_TIME = 2**22  # complex numbers of states held at a time
 NUMBERS_IN_CACHE = 2**16  # the same where each is passed over several times for little arithmetic
@@ -92,6 +94,12 @@ class InputsOutputs(NamedTuple):
     def are_same(self) -> bool:
         """Whether C = B^T."""
         return self.inputs is self.outputs
+
+    @property
+    def measured_are_same(self) -> bool:
+        """Whether what errors are measured of has C = B^T: outputs are displacements where inputs act, or rates of
+        these."""
+        return self.are_same and self.rates.are_columns
 
 
 class Poles(NamedTuple):
@@ -168,10 +176,11 @@ class PseudoModal(Keeping):
         """Whether C = B^T and A(s) is symmetric."""
         return self.io.are_same and self.N is None and (self.D is None or np.array_equal(self.D, self.D.T))
 
-    @property
+    @cached_property
     def is_diagonal(self) -> bool:
-        """Whether A(s) is diagonal."""
-        return self.N is None and not self.operator
+        """Whether A(s) is diagonal, as it is also with a D of modal damping."""
+        D = self.D
+        return self.N is None and not self.added and (D is None or np.count_nonzero(D) == np.count_nonzero(np.diag(D)))
 
     @property
     def idle(self) -> np.ndarray:
@@ -224,7 +233,7 @@ class PseudoModal(Keeping):
         by inverses, which are kept as there is room, and by elimination beyond that.
         """
         if self.is_diagonal:
-            return right / self._diagonal(frequencies)[:, :, None]
+            return right / self._diagonal_with_D(frequencies)[:, :, None]
         right = np.broadcast_to(right, (len(frequencies), *right.shape[-2:]))
         states, wrong = np.zeros(right.shape, dtype=complex), np.arange(len(frequencies))
         if (nearly := self._nearly_inverse(frequencies, transposed)) is not None:
@@ -254,6 +263,18 @@ class PseudoModal(Keeping):
         matrices[:, np.arange(m), np.arange(m)] += self._diagonal(frequencies)
         return matrices
 
+    def terms(self) -> Operator:
+        """Return A(s) but for powers of a Caughey series as a sum of terms: of M, of K, and what there is beside."""
+        mass = np.eye(len(self)) if self.masses is None else np.diag(self.masses)
+        K = np.diag(self.eigenvalues) if self.N is None else np.diag(self.eigenvalues) + self.N
+        return Operator.of(mass, self.D, K, self.added)
+
+    def factors(self, frequencies) -> np.ndarray:
+        """Return the factors (terms, S) of these at frequencies (S,) in Hz."""
+        a, b, s = self.damping.coefficients(frequencies)
+        of = dict(zip("MKD", (b, a, s), strict=True))
+        return np.array([of[key] if key in of else term.law.coefficient(s) for key, term in self.terms().terms.items()])
+
     def _nearly_inverse(self, frequencies, transposed):
         """Return a function that takes columns (S, m, l) to A(s)^-1 times these, but for round-off; or None."""
         if self.added:
@@ -268,10 +289,7 @@ class PseudoModal(Keeping):
         factor = _reciprocal(s[:, None, None] - inverse.values[:, None])
         # coordinates that have no poles there, which only residuals push, are diagonal
         idle = np.flatnonzero(self.idle)
-        own = self._diagonal(frequencies)[:, idle]
-        if self.D is not None:
-            own += s[:, None] * np.diag(self.D)[idle]
-        own = _reciprocal(own)[:, :, None]
+        own = _reciprocal(self._diagonal_with_D(frequencies)[:, idle])[:, :, None]
 
         def nearly(columns):
             same = columns.strides[0] == 0  # at all frequencies
@@ -300,6 +318,8 @@ class PseudoModal(Keeping):
 
     def multiply(self, frequencies: np.ndarray, states: np.ndarray, transposed=False) -> np.ndarray:
         """A(s) states (S, m, l), or A(s)^T states."""
+        if self.is_diagonal:
+            return self._diagonal_with_D(frequencies)[:, :, None] * states
         result = self._diagonal(frequencies)[:, :, None] * states
         a, _, s = self.damping.coefficients(frequencies)
         if self.N is not None:
@@ -315,6 +335,13 @@ class PseudoModal(Keeping):
         found = a[:, None] * self.eigenvalues + b[:, None] * (1.0 if self.masses is None else self.masses)
         if damping.higher:
             found += s[:, None] * (damping.at(self.eigenvalues) - damping.alpha - damping.beta * self.eigenvalues)
+        return found
+
+    def _diagonal_with_D(self, frequencies):
+        """The diagonal (S, m) of A(s) without added terms."""
+        found = self._diagonal(frequencies)
+        if self.D is not None:
+            found += self.damping.coefficients(frequencies)[2][:, None] * np.diag(self.D)
         return found
 
     def parts_of(self, frequencies: np.ndarray) -> list[np.ndarray]:
@@ -355,7 +382,7 @@ class PseudoModal(Keeping):
             # each mode adds c b^T over its own number, for all frequencies in one product
             products = (left.T[:, :, None] * right[:, None, :]).reshape(len(self), -1)
             for chunk in self.parts_of(frequencies):
-                inverse = 1 / self._diagonal(chunk)
+                inverse = 1 / self._diagonal_with_D(chunk)
                 rows = _times_real(inverse, products).reshape(len(chunk), len(left), right.shape[1])
                 H.append(self.io.rates.responses(2j * np.pi * chunk, rows))
                 drive.append(_times_real(inverse, right**2))
@@ -414,7 +441,7 @@ def diagonalised(
         return _free_of_round_off(own.T, still, size).T
 
     N = None if symmetric else turned((K - K.T) / 2)
-    rest = Operator.of(D=D, added=added).map(turned)
+    rest = Operator.of(D=D if D is None else _free_of_couplings(turned(D)), added=added.map(turned))
     model = PseudoModal(eigenvalues, L, vectors, io, damping, rest, N=N, masses=masses, tau=tau)
     if added or model.is_diagonal:
         return model
@@ -422,6 +449,13 @@ def diagonalised(
         return replace(model, poles=poles_of(model))
     except np.linalg.LinAlgError:
         return model
+
+
+def _free_of_couplings(D):
+    """Return D (m, m), diagonal where its couplings are round-off: those of modal damping."""
+    size = np.sqrt(np.abs(np.diag(D)))
+    couplings = D - np.diag(np.diag(D))
+    return D if (np.abs(couplings) > COUPLED * np.outer(size, size)).any() else np.diag(np.diag(D))
 
 
 def _free_of_round_off(rows, still, size):

@@ -30,12 +30,15 @@ POWER = 6  # of the errors whose sum is to fall
 STEPS = 50  # of a number of columns that is tried
 FIRST_DAMPING = 1e-2  # of the diagonal of the normal equations
 WORK = 5e8  # multiplications for the normal equations of a step, above which fewer columns are not tried
+EACH = 3  # of the frequencies, at which columns are turned first
+HOPELESS = 2.0  # times the goal: what is left at few frequencies, after which all of them are not tried
 NOTICED = 0.05  # of the largest error: smaller ones weigh less than 1e-5 of it in the normal equations
 
 
 def is_for(model: PseudoModal) -> bool:
-    """Return whether columns of a model are to be refined: where A(s) is not diagonal, and its projection a model."""
-    return not model.is_diagonal and not model.damping.higher
+    """Return whether columns of a model are to be refined: where damping is not proportional, or K has a skew part, and
+    its projection is a model."""
+    return (bool(model.operator) or model.N is not None) and not model.damping.higher
 
 
 def refined(snapshots, wide, best, goal: float) -> np.ndarray:
@@ -49,13 +52,20 @@ def refined(snapshots, wide, best, goal: float) -> np.ndarray:
     if len(states.frequencies) * w * w > NUMBERS_AT_A_TIME:
         return best
     errors = Errors(states.pair, states.frequencies, wide, kept)
+    few = Errors(states.pair, states.frequencies[::EACH], wide, kept)
     for count in range(best.shape[1] - 1, kept, -1):
         if not errors.are_finite or errors.count * ((w - count) * (count - kept)) ** 2 > WORK:
             break
-        found = _turned(errors, np.eye(w)[:, :count], goal)
-        if found is None or snapshots.error((wide @ found)[:, kept:]) > goal:
+        # at few frequencies, which ask for less, and at all of them from there, or from the start
+        start = np.eye(w)[:, :count]
+        begun = _turned(few, start, goal)
+        if begun.largest > HOPELESS * goal:
             break
-        best = wide @ found
+        found = _turned(errors, begun.U, goal) if begun.largest <= goal else begun
+        found = _turned(errors, start, goal) if found.largest > goal else found
+        if found.largest > goal or snapshots.error((wide @ found.U)[:, kept:]) > goal:
+            break
+        best = wide @ found.U
     return best
 
 
@@ -79,18 +89,17 @@ class Errors:
     def __init__(self, pair, frequencies, wide, fixed=0):
         outer, s = pair.outer, 2j * np.pi * frequencies
         self.fixed, self._measure = fixed, pair.measure
-        self._same = outer.is_reciprocal and not outer.io.rates
-        chunks = [wide.T @ outer.matrices(chunk) @ wide for chunk in outer.parts_of(frequencies)]
-        self._A = np.concatenate(chunks)
-        # U is real: two real products in place of a complex one
-        self._halves = self._A.real.reshape(-1, wide.shape[1]), self._A.imag.reshape(-1, wide.shape[1])
+        self._same = outer.is_reciprocal and outer.io.measured_are_same
+        # A(s) is a sum of few terms: products with U are made of theirs, which do not depend on s
+        self._terms = outer.terms().projected(wide)
+        self._factors = outer.factors(frequencies)
         self._B = np.broadcast_to(wide.T @ outer.B, (len(s), wide.shape[1], outer.B.shape[1]))
         columns = np.broadcast_to(wide.T @ outer.Ct, (len(s), wide.shape[1], outer.Ct.shape[1]))
         self._Ct = outer.io.rates.transposed(s, columns)
         h, g = pair.measure.scales(*outer.responses(frequencies))
         scale = h[:, :, None] * g[:, None, :]
         self._scale = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
-        self._X = _solved(self._A, self._B)
+        self._X = _solved(self._terms.summed(self._factors), self._B)
         self._rest = pair.within(wide).difference(frequencies)
         # responses of reciprocal models come in equal pairs
         every = np.indices(scale.shape[1:]).reshape(2, -1)
@@ -99,7 +108,7 @@ class Errors:
     @property
     def count(self) -> int:
         """How many real numbers the errors are."""
-        return 2 * len(self._A) * len(self._of[0])
+        return 2 * len(self._B) * len(self._of[0])
 
     @property
     def are_finite(self) -> bool:
@@ -108,19 +117,22 @@ class Errors:
 
     def at(self, U) -> Iterate:
         """Return the model on orthonormal columns U (w, k)."""
-        AU = np.empty((*self._A.shape[:2], U.shape[1]), dtype=complex)
-        AU.real, AU.imag = ((half @ U).reshape(AU.shape) for half in self._halves)
-        A = times(U.T, AU)
+        A = self._terms.projected(U).summed(self._factors)
         y = _solved(A, U.T @ self._B)
-        r = self._B - AU @ y
+        r = self._B - self._applied(lambda T: T @ U, y)
         z, l = y, r
         if not self._same:
             z = _solved(A.transpose(0, 2, 1), U.T @ self._Ct)
-            l = self._Ct - self._A.transpose(0, 2, 1) @ (U @ z)
+            l = self._Ct - self._applied(lambda T: T.T @ U, z)
         # H - H_U without its cancellation
         E = (self._rest + l.transpose(0, 2, 1) @ (self._X - U @ y)) * self._scale
         j, i = self._of
         return Iterate(U, E[:, j, i], float(self._measure.total(np.abs(E)).max()), y, r, z, l)
+
+    def _applied(self, product, states) -> np.ndarray:
+        """Return the sum of the terms, as `product` makes them of matrices, times states (S, k, l)."""
+        return sum(factor[:, None, None] * times(product(term.matrix), states)
+                   for factor, term in zip(self._factors, self._terms, strict=True))  # fmt: skip
 
     def derivative(self, at: Iterate, N, of) -> np.ndarray:
         """Return the derivative (e, (w - k) (k - fixed)) of the errors that a mask `of` (S, q) takes, for changes N d
@@ -133,15 +145,16 @@ class Errors:
 
 
 def _turned(errors: Errors, start, goal):
-    """Return columns (w, k) with errors within a goal, by steps from those to start with; None without success."""
+    """Return the model on columns (w, k) with errors within a goal, by steps from those to start with, or the best that
+    was found."""
     here, damping, growth, system = errors.at(start), FIRST_DAMPING, 2.0, None
     for _ in range(STEPS):
         if here.largest <= goal:
-            return here.U
+            break
         if system is None:
             top = np.abs(here.errors).max()
             if not np.isfinite(top):
-                return None
+                break
             N = np.linalg.qr(here.U, mode="complete")[0][:, here.U.shape[1] :]
             noticed = np.abs(here.errors) > NOTICED * top
             system = _normal_equations(here.errors[noticed] / top, errors.derivative(here, N, noticed) / top)
@@ -159,7 +172,7 @@ def _turned(errors: Errors, start, goal):
             here, growth, system = there, 2.0, None
         else:
             damping, growth = damping * growth, 2 * growth
-    return here.U if here.largest <= goal else None
+    return here
 
 
 def _sum_of_powers(at: Iterate, top):
@@ -172,8 +185,10 @@ def _normal_equations(e, J) -> tuple[np.ndarray, np.ndarray]:
     derivatives of e: p - 1 times as stiff along e as across it."""
     size = np.abs(e)
     along = J * (size ** (POWER / 2 - 1) * np.exp(-1j * np.angle(e)))[:, None]
-    real, imaginary = along.real.copy(), along.imag.copy()  # contiguous: the BLAS makes half of a symmetric product
-    return (POWER - 1) * (real.T @ real) + imaginary.T @ imaginary, real.T @ size ** (POWER / 2)
+    gradient = along.real.T @ size ** (POWER / 2)
+    # in single precision, as a step is tried before it is taken; contiguous: the BLAS makes half of a symmetric product
+    real, imaginary = along.real.astype(np.float32), along.imag.astype(np.float32)
+    return ((POWER - 1) * (real.T @ real) + imaginary.T @ imaginary).astype(float), gradient
 
 
 def _solved(A, right):
