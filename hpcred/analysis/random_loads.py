@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
 from ..model.outputs.rates import combined
 from ..parallel.failures import ComputationError, InputError
@@ -183,9 +184,7 @@ def _checked(reduced, frequencies, density):
     own = np.einsum("fpp->fp", density)
     if (own.real < 0).any() or own.imag.any():
         raise InputError("density: found one below 0, expected none")
-    root = np.sqrt(own.real)
-    scaled = np.divide(density, root[:, :, None] * root[:, None, :], out=np.zeros(density.shape, complex),
-                       where=(root[:, :, None] * root[:, None, :]) > 0)  # fmt: skip
+    scaled = _coherences(density)
     lost = (density != 0) & (scaled == 0)
     skew = np.abs(scaled - scaled.conj().transpose(0, 2, 1)).max(axis=(1, 2))
     least = np.linalg.eigvalsh(scaled).min(axis=1)
@@ -194,6 +193,13 @@ def _checked(reduced, frequencies, density):
         raise InputError(f"density: the cross spectra at {over[wrong[0]]:g} Hz are not Hermitian and positive "
                          "semidefinite, as of a coherence above 1; expected ones that loads can have")  # fmt: skip
     return over, density
+
+
+def _coherences(density):
+    """Return densities (F, p, p) over the roots of the own ones, 0 where one of these is."""
+    root = np.sqrt(np.einsum("fpp->fp", density).real)
+    scale = root[:, :, None] * root[:, None, :]
+    return np.divide(density, scale, out=np.zeros(density.shape, complex), where=scale > 0)
 
 
 def _rows(reduced, stress):
@@ -207,12 +213,7 @@ def _rows(reduced, stress):
         names += [f"{node}:{item}" for item in (*COMPONENTS, "mises")]
     one = np.zeros((7, 12))
     one[:6, :6], one[6, 6:] = np.eye(6), 1.0
-    count = len(squares)
-    whole = np.zeros((len(names), count + len(rows)))
-    whole[:count, :count] = squares
-    for k in range(len(of_nodes)):
-        whole[count + 7 * k : count + 7 * k + 7, count + 12 * k : count + 12 * k + 12] = one
-    return rows, tuple(names), whole
+    return rows, tuple(names), block_diag(squares, *[one] * len(of_nodes))
 
 
 def _psd(reduced, f, over, density, orders, rows, squares):
@@ -240,12 +241,9 @@ def _interpolated(f, over, density):
     low, high = own[place], own[place + 1]
     both = (low > 0) & (high > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        log = (np.log(f / a) / np.log(b / a))[:, None] if (a > 0).all() else np.where(
-            (a > 0)[:, None], (np.log(f / a) / np.log(b / a))[:, None], share)  # fmt: skip
+        log = np.where(a > 0, np.log(f / a) / np.log(b / a), share[:, 0])[:, None]
         found = np.where(both, low * (high / low) ** log, low + share * (high - low))
-    root = np.sqrt(own)
-    scale = root[:, :, None] * root[:, None, :]
-    coherence = np.divide(density, scale, out=np.zeros(density.shape, complex), where=scale > 0)
+    coherence = _coherences(density)
     coherence = coherence[place] + share[:, :, None] * (coherence[place + 1] - coherence[place])
     coherence[:, np.arange(len(own[0])), np.arange(len(own[0]))] = 1.0
     root = np.sqrt(found)
