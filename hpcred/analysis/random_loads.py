@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
 from ..model.outputs.rates import combined
 from ..parallel.as_html import as_html
@@ -201,7 +202,7 @@ def _checked(reduced, frequencies, density):
     own = np.einsum("fpp->fp", density)
     if (own.real < 0).any() or own.imag.any():
         raise InputError("density: found one below 0, expected none")
-    scaled = _coherence(density, np.sqrt(own.real))
+    scaled = _coherences(density)
     lost = (density != 0) & (scaled == 0)
     skew = np.abs(scaled - scaled.conj().transpose(0, 2, 1)).max(axis=(1, 2))
     least = np.linalg.eigvalsh(scaled).min(axis=1)
@@ -212,8 +213,9 @@ def _checked(reduced, frequencies, density):
     return over, density
 
 
-def _coherence(density, root):
-    """Return densities (N, p, p) over the roots (N, p) of the own ones; zero beside one that is zero."""
+def _coherences(density):
+    """Return densities (N, p, p) over the roots of the own ones, 0 where one of these is."""
+    root = np.sqrt(np.einsum("fpp->fp", density).real)
     with np.errstate(divide="ignore", invalid="ignore"):  # one after the other: their product may be below all numbers
         found = density / root[:, :, None] / root[:, None, :]
     return np.where((root[:, :, None] > 0) & (root[:, None, :] > 0), found, 0.0)
@@ -230,12 +232,7 @@ def _rows(reduced, stress):
         names += [f"{node}:{item}" for item in (*COMPONENTS, "mises")]
     one = np.zeros((7, 12))
     one[:6, :6], one[6, 6:] = np.eye(6), 1.0
-    count = len(squares)
-    whole = np.zeros((len(names), count + len(rows)))
-    whole[:count, :count] = squares
-    for k in range(len(of_nodes)):
-        whole[count + 7 * k : count + 7 * k + 7, count + 12 * k : count + 12 * k + 12] = one
-    return rows, tuple(names), whole
+    return rows, tuple(names), block_diag(squares, *[one] * len(of_nodes))
 
 
 def _psd(reduced, f, over, density, orders, rows, squares):
@@ -263,10 +260,9 @@ def _interpolated(f, over, density):
     low, high = own[place], own[place + 1]
     both = (low > 0) & (high > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        log = (np.log(f / a) / np.log(b / a))[:, None] if (a > 0).all() else np.where(
-            (a > 0)[:, None], (np.log(f / a) / np.log(b / a))[:, None], share)  # fmt: skip
+        log = np.where(a > 0, np.log(f / a) / np.log(b / a), share[:, 0])[:, None]
         found = np.where(both, low ** (1 - log) * high**log, low + share * (high - low))
-    coherence = _coherence(density, np.sqrt(own))
+    coherence = _coherences(density)
     coherence = coherence[place] + share[:, :, None] * (coherence[place + 1] - coherence[place])
     coherence[:, np.arange(len(own[0])), np.arange(len(own[0]))] = 1.0
     root = np.sqrt(found)
