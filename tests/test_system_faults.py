@@ -202,7 +202,7 @@ class Room:
         after, found = contents(folder), []
         left = after
         # Open MPI does not live without files and memory of its own, and says so before hpcred starts
-        silent = fault.kind in LIMITS and fault.ranks > 1 and not said and re.search("PMIX|mca_base|MPI_INIT", told)
+        silent = fault.kind in LIMITS and fault.ranks > 1 and not said and re.search("PMIX|mca_base|mca_btl|MPI_INIT", told)
         by_library = fault.kind in ("memory", "space") or (fault.kind == "size" and "libmpi" in told)
         killed = by_library and status in ABORTED and "internal error" not in told
         if status is None:
