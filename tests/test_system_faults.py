@@ -110,7 +110,7 @@ ERRORS = {
 }  # fmt: skip
 LIMITS = {"size": (1, 200_000), "space": (100, 1500)}  # of files in bytes, of addresses in MB, from the start on
 OUT_OF_MEMORY = "out of memory|more memory than this process may take"  # the latter where a library is being loaded
-LIMIT = 300  # seconds of a command on a busy machine
+LIMIT = 300  # seconds of a command on a busy machine, or five times what it took there without a fault
 ABORTED = (-6, -11, 134, 139, 157)  # exit status, also of mpiexec, of a process that a library ends: by SIGABRT,
 # by SIGSEGV, or SCOTCH by MPI_Abort where it gets no thread
 
@@ -135,7 +135,7 @@ class Room:
 
     def __init__(self, library, place, commands=None):
         self.library, self.base, self.copy = library, place / "base", place / "copy"
-        self.rescue, self.record, self.calls = place / "rescue", place / "record", {}
+        self.rescue, self.record, self.calls, self.limits = place / "rescue", place / "record", {}, {}
         for folder in (self.base, self.rescue):
             folder.mkdir()
         make_inputs(self.base)
@@ -143,7 +143,7 @@ class Room:
         for command in commands or COMMANDS:
             self.calls[command, 1] = self._counted(self.base, command, 1)
 
-    def run(self, folder, command, ranks, **environment):
+    def run(self, folder, command, ranks, limit=LIMIT, **environment):
         """Exit status (None where it hangs), lines of hpcred on stderr, and all of stderr."""
         launcher = ["mpiexec", "-n", str(ranks)] if ranks > 1 else []
         if environment:
@@ -154,7 +154,7 @@ class Room:
             env=mpi_environment(HPCRED_RESCUE_DIR=str(self.rescue), FAULTS_FOLDER=str(folder), **environment),
         )  # fmt: skip
         try:
-            told, status = job.communicate(timeout=LIMIT)[1], job.returncode
+            told, status = job.communicate(timeout=limit)[1], job.returncode
         except subprocess.TimeoutExpired:
             job.terminate()
             told, status = job.communicate()[1], None
@@ -181,7 +181,9 @@ class Room:
     def _counted(self, folder, command, ranks):
         """Run a command that must succeed, and count the calls of its last rank."""
         self.record.unlink(missing_ok=True)
-        status, _, told = self.run(folder, command, ranks, FAULTS_RANK=only(ranks, ranks - 1))
+        begun = time.monotonic()
+        status, _, told = self.run(folder, command, ranks, 10 * LIMIT, FAULTS_RANK=only(ranks, ranks - 1))
+        self.limits[command, ranks] = max(LIMIT, 5 * (time.monotonic() - begun))
         assert status == 0, (command, ranks, told)
         lines = self.record.read_text().splitlines() if self.record.exists() else []
         counts = Counter(line.split()[0] for line in lines)
@@ -192,8 +194,9 @@ class Room:
         """What is wrong after a fault, in words, and what was said."""
         folder = self.fresh(fault.command)
         before = contents(folder)
+        limit = self.limits.get((fault.command, fault.ranks), LIMIT)
         status, said, told = self.run(
-            folder, fault.command, fault.ranks, FAULTS_RANK=only(fault.ranks, fault.rank),
+            folder, fault.command, fault.ranks, limit, FAULTS_RANK=only(fault.ranks, fault.rank),
             FAULT=f"{fault.kind},{fault.number},{getattr(errno, fault.error)},{fault.name}",
         )  # fmt: skip
         if not self.record.exists():
@@ -202,13 +205,16 @@ class Room:
         after, found = contents(folder), []
         left = after
         # Open MPI does not live without files and memory of its own, and says so before hpcred starts
-        silent = fault.kind in LIMITS and fault.ranks > 1 and not said and re.search("PMIX|mca_base|MPI_INIT", told)
+        alone = re.search("PMIX|mca_(base|btl)|MPI_INIT", told)
+        silent = fault.kind in LIMITS and fault.ranks > 1 and not said and alone
         by_library = fault.kind in ("memory", "space") or (fault.kind == "size" and "libmpi" in told)
         killed = by_library and status in ABORTED and "internal error" not in told
         if status is None:
             found.append("hangs")
-        elif killed:  # by a library that does not live without memory, such as NumPy's buffers: the next run removes
-            status, _, told = self.run(folder, fault.command, fault.ranks)  # what it left, as after any other kill
+        elif killed:
+            # by a library that does not live without memory, such as NumPy's buffers: the next run removes what it
+            # left, as after any other kill
+            status, _, told = self.run(folder, fault.command, fault.ranks, limit)
             found += [f"exit status {status} of the next run: {told[-1500:]}"] if status else []
             left = contents(folder)
         elif status not in (0, 1, 2, Taken.exit_status, NoRoom.exit_status):

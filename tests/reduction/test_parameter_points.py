@@ -329,6 +329,31 @@ def test_points_around_a_zero_of_most_responses():
     assert points[2.0] == [] and min(abs(p - zero) for (p,) in points[0.01]) < 1e-5
 
 
+def test_points_at_which_poles_cross_the_ends_of_the_band():
+    """The first mode, at 100 sqrt(1 + 3 p) rad/s, crosses one at p = 0.3: a point at which it is still inside."""
+    mode = SimpleNamespace(form=family(None).form, at=lambda point: SimpleNamespace(model=lambda: replace(
+        two_modes([[1.0, 0.0]]), eigenvalues=np.array([1e4 * (1 + 3 * point[0]), 9e4]), damping=Proportional())))
+    end, points = 100 * 1.9**0.5 / (2 * np.pi), [(0.0,), (1.0,)]
+    ((below,),) = compression.at_ends_of_band(mode, points, (0.0, end))
+    ((above,),) = compression.at_ends_of_band(mode, points, (end, 100.0))
+    assert below <= 0.3 <= above and (below, above) == pytest.approx((0.3, 0.3), abs=5e-3)
+    assert compression.at_ends_of_band(mode, points, (0.0, 100.0)) == []
+
+
+@pytest.mark.parametrize("band, undamped", [((0.0, 20.0), True), ((15.0, 16.0), True), ((20.0, 40.0), False),
+                                            ((60.0, 99.0), False), ((0.0, 12.0), False)])  # fmt: skip
+def test_modes_without_damping_in_the_band_get_a_loss_factor(band, undamped):
+    """Those at 16 and 48 Hz, or a tenth beside the band; twice the damping ratio that is asked for."""
+    given, model = [], replace(two_modes([[1.0, 0.0]]), damping=Proportional())
+    search = SimpleNamespace(
+        comm=MPI.COMM_SELF, points=[(0.0,), (1.0,)], goal=SimpleNamespace(band=band, zeta0=0.01),
+        projections=SimpleNamespace(damping=Proportional(), at=lambda _: SimpleNamespace(model=lambda: model)),
+        first=SimpleNamespace(projections=SimpleNamespace(is_damped=True, add_loss_factor=given.append)),
+    )  # fmt: skip
+    greedy.Greedy._look_at_damping(search)
+    assert given == [0.02] * undamped and search.projections.damping.eta == 0.02 * undamped
+
+
 def test_factors_of_loads_and_outputs_at_a_point():
     """B_0 + p B_1 and C_0 + p^2 C_1 by their independent columns."""
     form = AffineForm.__new__(AffineForm)
