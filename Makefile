@@ -221,7 +221,7 @@ test-docs: .venv/.docs-ready
 .venv-peers/.ready: Makefile
 	/usr/bin/python3 -m venv --clear .venv-peers
 	.venv-peers/bin/python -m pip install -q numpy scipy==1.17.1 h5py pypardiso==0.4.7 pymor==2026.1.1 pyyeti==1.4.7 \
-	    ansys-mapdl-reader==0.56.0
+	    ansys-mapdl-reader==0.56.0 "exudyn==1.13.6; platform_machine == 'x86_64'"
 	@touch $@
 
 bench: install .venv-peers/.ready

@@ -27,3 +27,4 @@ compare ansys_full
 compare accuracy
 compare reading
 compare published
+compare simulations

@@ -6,11 +6,17 @@ nothing else of hpcred. A name is imported when it is first used, and PETSc when
 """
 
 import os
+import sys
 
 from .public_names import attached
 
-# One thread a rank: ranks are the parallelism, and threads of BLAS would share their cores. HDF5 has no use for
-# file locks on parallel file systems. Both must be known before numpy and h5py are imported.
+# One thread a rank: ranks are the parallelism, and threads of BLAS would share their cores. A BLAS reads its number of
+# threads when it is loaded, with numpy or SciPy; one that is loaded already has to be told.
+if "numpy" in sys.modules and not any(f"{_name}_NUM_THREADS" in os.environ for _name in ("OPENBLAS", "OMP", "MKL")):
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1, user_api="blas")
+# HDF5 has no use for file locks on parallel file systems, and must know so before h5py is imported.
 for _name, _value in {
     "OPENBLAS_NUM_THREADS": "1",
     "OMP_NUM_THREADS": "1",

@@ -5,7 +5,6 @@ import os
 import shutil
 import subprocess
 import tempfile
-from functools import cache
 from pathlib import Path
 
 from hpcred.parallel import startup
@@ -13,26 +12,24 @@ from hpcred.parallel import startup
 TWO_BUILDS = startup.can_choose() and not os.environ.get("HPCRED_SCALAR")  # asked before PETSc is loaded
 
 
-@cache
-def patient_ranks():
-    """The variable by which ranks that wait sleep (patient_ranks.c); nothing where there is no compiler."""
+def make_ranks_patient():
+    """Have ranks that wait sleep, of all jobs that this process starts (patient_ranks.c), where there is a compiler."""
     if "LD_PRELOAD" in os.environ or shutil.which("gcc") is None:
-        return {}
+        return
     folder = tempfile.mkdtemp(prefix="hpcred-tests-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     library = f"{folder}/patient_ranks.so"
     source = Path(__file__).with_name("patient_ranks.c")
     subprocess.run(["gcc", "-O2", "-shared", "-fPIC", source, "-o", library], check=True)
-    return {"LD_PRELOAD": library}
+    os.environ |= {"LD_PRELOAD": library, "OMPI_MCA_mpi_yield_when_idle": "1"}
 
 
 def mpi_environment(**more):
     """Open MPI refuses root and more ranks than cores unless told, and looks for networks unless told not to.
 
-    Ranks that wait give way: other tests have the cores too, and a rank that keeps one waits for the other's turn.
+    Ranks that wait give way (see make_ranks_patient): other tests have the cores too.
     """
     return {
-        **patient_ranks(),
         "OMPI_MCA_pml": "ob1",
         "OMPI_MCA_btl": "^tcp",
         "OMPI_MCA_mpi_yield_when_idle": "1",

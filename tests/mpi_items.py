@@ -34,7 +34,7 @@ from pathlib import Path
 from zlib import crc32
 
 import pytest
-from launch import TWO_BUILDS, mpi_environment
+from launch import TWO_BUILDS, make_ranks_patient, mpi_environment
 
 from hpcred.parallel import startup
 
@@ -65,6 +65,7 @@ def pytest_addoption(parser):
 def pytest_configure():
     if not INNER:
         signal.signal(signal.SIGTERM, lambda *_: pytest.exit("terminated", 143))  # ends the job as well
+        make_ranks_patient()
 
 
 # collection

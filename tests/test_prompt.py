@@ -82,7 +82,6 @@ def test_quiet_and_verbose(linkage_folder, capsys):
 
 
 def test_petsc_options_that_nothing_used_are_named(hpcred, linkage_folder):
-    Path("job.toml").write_text(JOB)
     found = hpcred("reduce", "job.toml", "--", "-shift_mat_mumps_icntl_14", "80", "-shift_nothing", "1", ranks=2)
     assert found.stdout.count("nothing used the PETSc option -shift_nothing 1;") == 1
     found = hpcred("--version", "--", "-nothing")

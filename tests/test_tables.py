@@ -1,4 +1,4 @@
-"""Tables of every command, on a terminal of 80 and of 120 columns and in a pipe."""
+"""Tables and lines of every command, on a terminal of 80 and of 120 columns."""
 
 import ast
 import io
@@ -13,6 +13,7 @@ from helpers import SIMULATION
 import hpcred
 from hpcred.cli import campbell, main, session
 from hpcred.examples.section5 import AUTOMATIC, TABLE_1, TABLE_2, table
+from hpcred.parallel import messages
 from hpcred.report import tables
 
 CLI = Path(main.__file__).parent
@@ -32,6 +33,16 @@ basis = [{kind = "modes", count = 3}]
 interface = [{name = "crank", nodes = {set = "BIG_EYE"}}]
 load = [{name = "weight", kind = "gravity", value = [0.0, 0.0, -9.81]}]
 '''
+BASE = """model = "crank.h5"
+output = "base.h5"
+band = [0.0, 4000.0]
+tolerance = 1e-3
+inputs = [["piston", "z"]]
+outputs = [["piston", "z"]]
+damping = {kind = "modal", ratio = 0.02}
+base = [{directions = ["z"], on = "crank", absolute = [["piston", "z"]]}]
+interface = [{name = "crank", nodes = {set = "BIG_EYE"}}, {name = "piston", nodes = {set = "SMALL_EYE"}}]
+"""
 SWEEP = """job = "job.toml"
 output = "runs"
 [[vary]]
@@ -55,10 +66,13 @@ def functions_with_tables():
 
 
 class Printed:
-    """Prints each table at both widths, and keeps what does not fit and who asked."""
+    """Prints each table and sentence at both widths, and keeps what does not fit and who asked."""
 
     def __init__(self, monkeypatch):
         self.faults, self.seen, self.show, self.patch = [], set(), tables.show_table, monkeypatch
+        self.fold = messages.folded
+        for module in (messages, tables):
+            monkeypatch.setattr(module, "folded", self.folded)
         for module in [tables, *(module for name, module in sys.modules.items() if name.startswith("hpcred.cli."))]:
             if hasattr(module, "show_table"):
                 monkeypatch.setattr(module, "show_table", self)
@@ -66,12 +80,22 @@ class Printed:
     def __call__(self, title, rows):
         code = sys._getframe(1).f_code
         self.seen |= {(Path(code.co_filename).stem, code.co_name)} if rows else set()
-        for width in (80, 120):
+        for width in (120, 80):
             self.patch.setenv("COLUMNS", str(width))
             with redirect_stdout(io.StringIO()) as out:
                 self.show(title, rows)
-            lines = out.getvalue().splitlines()
-            self.faults += [line for line in lines if len(line) > width or line != line.rstrip()]
+            self._look(out.getvalue(), width)
+
+    def folded(self, text):
+        for width in (120, 80):
+            self.patch.setenv("COLUMNS", str(width))
+            self._look(found := self.fold(text), width)
+        return found
+
+    def _look(self, text, width):
+        """Keep the lines that do not fit, but for a single word, such as a path."""
+        self.faults += [line for line in text.splitlines() if (len(line) > width and len(line.split()) > 1)
+                        or line != line.rstrip()]  # fmt: skip
 
 
 def test_tables_of_all_commands_fit_and_have_no_trailing_blanks(linkage_folder, monkeypatch, capsys):
@@ -82,6 +106,10 @@ def test_tables_of_all_commands_fit_and_have_no_trailing_blanks(linkage_folder, 
                        ("machine.toml", MACHINE)):  # fmt: skip
         Path(name).write_text(text)
     Path("simulation.toml").write_text(SIMULATION.replace("result.h5", "auto.h5"))
+    Path("base.toml").write_text(BASE)
+    Path("psd.csv").write_text("f [Hz],base:z [g^2/Hz]\n20,0.01\n2000,0.01\n")
+    Path("sine.csv").write_text("f [Hz],base:z [g]\n20,1\n2000,1\n")
+    Path("shock.csv").write_text("t [s],base:z [g]\n0,0\n0.005,50\n0.01,0\n")
     for line in (
         "convert --list-formats", "info model.h5", "info crank.h5", "bores crank.h5", "modes crank.h5 --count 8",
         "info", "modes model.h5 --count 8", "reduce job.toml --store store",
@@ -91,8 +119,13 @@ def test_tables_of_all_commands_fit_and_have_no_trailing_blanks(linkage_folder, 
         "assemble machine.toml", "evaluate auto.h5 other.h5 --full model.h5", "simulate simulation.toml",
         "recover auto.h5 simulation.h5 -o r.csv", "sweep sweep.toml", "collect sweep.toml",
         "response model.h5 --frame buckens --inputs 20:z --band 1,300 --points 11 --check 1",
+        "reduce base.toml", "response base.h5 --psd psd.csv", "response base.h5 --harmonic sine.csv",
+        "response base.h5 --srs shock.csv", "info base.h5 --details", "export auto.h5 --format sid",
+        "export auto.h5 --format statespace-mat", "export turning.h5 --format paraview", "example solid --dofs 100",
+        "report auto.h5",
     ):  # fmt: skip
         assert main.run(line.split()) == 0, (line, capsys.readouterr().err)
+        printed._look(capsys.readouterr().out, 80)  # lines to copy, which are not folded, too
     _of_long_commands(monkeypatch)
     assert printed.faults == []
     assert set(functions_with_tables()) <= printed.seen, set(functions_with_tables()) - printed.seen

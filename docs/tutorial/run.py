@@ -1,9 +1,9 @@
 """Runs a page: its files are written, its commands run in order, and what they print is put in the page.
 
 A block ```toml title="job.toml" (or of any other language with a title) is a file. A block ```console has commands
-behind "$ " and below each what it prints. A folder with the name of the page has scripts, meshes and jobs that its commands
-take, and its pictures, which are taken over from the folder of the run. From the root of the repository, with gmsh and
-CalculiX for the first, the third and the fourth tutorial, Exudyn for the third, and chromium for the gallery:
+behind "$ " and below each what it prints. A folder with the name of the page has scripts, meshes and jobs that its
+commands take, and its pictures, which are taken over from the folder of the run. From the root of the repository, with
+gmsh and CalculiX for the first, the third and the fourth tutorial, Exudyn for the third, and chromium for the gallery:
 
     python docs/tutorial/run.py docs/tutorial/1-lever.md
     python docs/tutorial/run.py docs/tutorial/2-crank.md
@@ -37,8 +37,8 @@ class Failed(Exception):
 
 
 def run_page(text: str, folder: Path, beside: Path | None = None) -> str:
-    """The text of the page with what its commands print when they run in the folder, with scripts, meshes and jobs of another
-    folder `beside` them. Raises Failed."""
+    """The text of the page with what its commands print when they run in the folder, with scripts, meshes and jobs
+    of another folder `beside` them. Raises Failed."""
     environment = _environment(folder)
     for name in beside.glob("*") if beside is not None else ():
         if name.suffix in (".py", ".geo", ".toml"):

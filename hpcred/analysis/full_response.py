@@ -22,7 +22,8 @@ from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.input_output_counts import FREQUENCIES, require_room
 from ..model.rigid_body.modes import RigidBodyModes
 from ..model.scales import in_usual_units, unscaled
-from ..model.second_order_model import SecondOrderModel, massless, require_model
+from ..model.second_order_model import SecondOrderModel, listed, massless, require_model
+from ..parallel.as_html import as_html
 from ..parallel.decisions import decided
 from ..parallel.declared import declared, spelled
 from ..parallel.failures import InputError, Owned
@@ -107,6 +108,24 @@ class FullResponse:
             f"{beyond}",
             *([self.check.sentence] if self.check else []),
         )
+
+    @property
+    def _facts(self) -> dict[str, str]:
+        f = self.frequencies
+        return {"frequencies": f"{len(f)}, {f[0]:.6g} to {f[-1]:.6g} Hz", "inputs": listed(self.input_names),
+                "outputs": listed(self.output_names)}  # fmt: skip
+
+    def __str__(self):
+        """Return the verdict, what it is of, and the warnings."""
+        facts = "; ".join(f"{key} {value}" for key, value in self._facts.items())
+        return "\n".join([*self.sentences, facts, *(f"warning: {text}" for text in self.warnings)])
+
+    __repr__ = __str__
+
+    def _repr_html_(self):
+        """Return the same for notebooks."""
+        first, *others = self.sentences
+        return as_html(first, self._facts, notes=[*others, *(f"warning: {text}" for text in self.warnings)])
 
     @property
     def reached(self) -> bool:

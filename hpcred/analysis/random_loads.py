@@ -15,12 +15,14 @@ from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike
 
 from ..model.outputs.rates import combined
+from ..parallel.as_html import as_html
 from ..parallel.failures import ComputationError, InputError
 from ..reduction.result.reduced_model import ReducedModel, require_finite
 from .frequency_response import frequencies_to_draw, resonances_of
 
 SEMIDEFINITE = 1e-6  # of the coherence matrix: eigenvalues down to minus this are digits of a file
 UNDAMPED = 1e-10  # damping ratio below which a resonance has no finite response
+SHOWN = 20  # outputs that are listed
 EXACT, ROUNDS = 1e-8, 40  # relative error of mean squares, and bisections until it is reached
 TOGETHER = 2**20  # numbers of the states that are computed in one call
 NODES, WEIGHTS = (np.concatenate(parts, axis=-1) for parts in zip(*[  # of Gauss' rules of 15 and of 7 nodes
@@ -52,6 +54,22 @@ class RandomResponse:
     names: tuple[str, ...]
     psd: np.ndarray
     rms: np.ndarray
+
+    @property
+    def _title(self) -> str:
+        return f"response to random loads, {self.frequencies[0]:.6g} to {self.frequencies[-1]:.6g} Hz"
+
+    def __repr__(self):
+        """Return the band, and the root mean squares of the first outputs."""
+        shown = ", ".join(f"{name} {value:.6g}" for name, value in zip(self.names[:SHOWN], self.rms, strict=False))
+        return f"<{self._title}: RMS of {shown}{', ...' * (len(self.names) > SHOWN)}>"
+
+    def _repr_html_(self):
+        """Return the same as a table for notebooks."""
+        shown = zip(self.names[:SHOWN], self.rms.tolist(), strict=False)
+        rows = [{"output": name, "RMS": value} for name, value in shown]
+        more = [f"and {len(self.names) - SHOWN} more outputs"] * (len(self.names) > SHOWN)
+        return as_html(self._title, {}, rows, more)
 
 
 def random_response(
@@ -183,9 +201,7 @@ def _checked(reduced, frequencies, density):
     own = np.einsum("fpp->fp", density)
     if (own.real < 0).any() or own.imag.any():
         raise InputError("density: found one below 0, expected none")
-    root = np.sqrt(own.real)
-    scaled = np.divide(density, root[:, :, None] * root[:, None, :], out=np.zeros(density.shape, complex),
-                       where=(root[:, :, None] * root[:, None, :]) > 0)  # fmt: skip
+    scaled = _coherence(density, np.sqrt(own.real))
     lost = (density != 0) & (scaled == 0)
     skew = np.abs(scaled - scaled.conj().transpose(0, 2, 1)).max(axis=(1, 2))
     least = np.linalg.eigvalsh(scaled).min(axis=1)
@@ -194,6 +210,13 @@ def _checked(reduced, frequencies, density):
         raise InputError(f"density: the cross spectra at {over[wrong[0]]:g} Hz are not Hermitian and positive "
                          "semidefinite, as of a coherence above 1; expected ones that loads can have")  # fmt: skip
     return over, density
+
+
+def _coherence(density, root):
+    """Return densities (N, p, p) over the roots (N, p) of the own ones; zero beside one that is zero."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # one after the other: their product may be below all numbers
+        found = density / root[:, :, None] / root[:, None, :]
+    return np.where((root[:, :, None] > 0) & (root[:, None, :] > 0), found, 0.0)
 
 
 def _rows(reduced, stress):
@@ -242,10 +265,8 @@ def _interpolated(f, over, density):
     with np.errstate(divide="ignore", invalid="ignore"):
         log = (np.log(f / a) / np.log(b / a))[:, None] if (a > 0).all() else np.where(
             (a > 0)[:, None], (np.log(f / a) / np.log(b / a))[:, None], share)  # fmt: skip
-        found = np.where(both, low * (high / low) ** log, low + share * (high - low))
-    root = np.sqrt(own)
-    scale = root[:, :, None] * root[:, None, :]
-    coherence = np.divide(density, scale, out=np.zeros(density.shape, complex), where=scale > 0)
+        found = np.where(both, low ** (1 - log) * high**log, low + share * (high - low))
+    coherence = _coherence(density, np.sqrt(own))
     coherence = coherence[place] + share[:, :, None] * (coherence[place + 1] - coherence[place])
     coherence[:, np.arange(len(own[0])), np.arange(len(own[0]))] = 1.0
     root = np.sqrt(found)

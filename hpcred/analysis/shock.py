@@ -37,6 +37,13 @@ class ShockSpectrum(NamedTuple):
     negative: np.ndarray
     maximax: np.ndarray
 
+    def __repr__(self):
+        """Return the frequencies, and where the spectrum is largest."""
+        at = int(np.argmax(self.maximax))
+        return (f"<shock spectrum at {len(self.frequencies)} frequencies, {self.frequencies[0]:.6g} to "
+                f"{self.frequencies[-1]:.6g} Hz: largest {self.maximax[at]:.6g} at {self.frequencies[at]:.6g} Hz>"
+                )  # fmt: skip
+
 
 def half_sine(amplitude: float, duration: float, samples: int = 400) -> tuple[np.ndarray, np.ndarray]:
     """Return times (n,) in s and values (n,) of a half-sine pulse.
@@ -183,4 +190,5 @@ def require_size(reduced: ReducedModel, count: float, step: float):
     most = min(STATES // (2 * max(reduced.size, 1)), MOST)
     if count > most:
         raise InputError(f"times: {count:.3g} equal steps of {step:.3g} s are needed, expected at most {most}; leave "
-                         "out instants that follow each other more closely than others, or begin the band higher")  # fmt: skip
+                         "out instants that follow each other more closely than others, or begin the band higher"
+                         )  # fmt: skip

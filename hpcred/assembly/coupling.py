@@ -33,6 +33,7 @@ from .joints import GROUND, SIX, BushingJoint, PointMass, RigidJoint, matrix_of
 from .parts import ROUND_OFF, UNDAMPED, Channels, Part, part_and_node
 
 REDUNDANT = 1e-9  # of a condition, what is left of it beside those before
+NOTHING = 1e-14  # of M + tau^2 K in scaled coordinates: motions that nothing resists
 STILL = 1e-13  # of the largest squared frequency of coordinates with mass: rigid-body motion, but for round-off
 FAINT = 1e-11  # of the same: modes below it have lost five digits of sixteen
 MASSLESS = 1e-12  # of the largest mass, in coordinates that are scaled
@@ -123,7 +124,7 @@ class Machine:
         (n, m) from them to the coordinates of all parts; `tau` (s): 1 / (2 pi f) of the frequencies that count. Raises
         InputError."""
         # the modes at the reference of what rigid conditions leave free
-        T = self._free(tau)
+        T = self._resisted(self._free(tau), tau)
         squares, X, without = self._modes_seen(T, tau)
         if (squares < 0).any():
             raise InputError(f"the machine is unstable at rest: {(squares < 0).sum()} of its modes have a negative "
@@ -142,6 +143,23 @@ class Machine:
         if terms:
             machine = ParametricReducedModel.of(machine, parameters=self.parameters, constant=constant, terms=terms)
         return machine, T
+
+    def _resisted(self, T, tau):
+        """Return coordinates T without the motions that have neither mass nor stiffness, as those of a spring across
+        its direction. Raises InputError where something acts on them."""
+        at = with_terms(*self._without_rigid(T)[:2], self.reference)
+        G = at["M"] + tau**2 * (at["K"] + at["K"].T) / 2
+        size = np.sqrt(np.where((own := np.abs(np.diag(G))) > 0, own, 1.0))
+        shares, X = np.linalg.eigh((G + G.T) / 2 / np.outer(size, size))
+        X /= size[:, None]
+        nothing = np.abs(shares) < NOTHING
+        rows = {"inputs": at["B"].T, "outputs": at["C"], "dampers": at["D"]}
+        acted = [what for what, matrix in rows.items()
+                 if (np.abs(matrix @ X[:, nothing]) > ROUND_OFF * (np.abs(matrix) @ np.abs(X[:, nothing]))).any()]
+        if acted:
+            raise InputError(f"the machine has {nothing.sum()} motions with neither mass nor stiffness, to which "
+                             f"{acted[0]} belong; join them, or leave these out of `{acted[0]}`")  # fmt: skip
+        return T @ X[:, ~nothing] if nothing.any() else T
 
     def _modes(self, T, tau):
         """Return what `_modes` does of the machine at the reference, in coordinates T."""

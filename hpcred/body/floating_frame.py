@@ -147,27 +147,29 @@ class FloatingFrame:
         """
         return self.Ct + q @ self.Ct1
 
-    def inertia(self, q) -> np.ndarray:
-        """Return J(q) (3, 3).
+    @cached_property
+    def _linear(self) -> np.ndarray:
+        """(m, 18 m): what q or its rate is multiplied by at each evaluation, side by side; see `varied`."""
+        m = len(self.Ct)
+        parts = self.Ct1, self.Cr1, self.Cr1 - self.Cr1.transpose(1, 0, 2), 2 * self.J2.reshape(m, m, 9)
+        return np.ascontiguousarray(np.concatenate(parts, axis=2).transpose(1, 0, 2).reshape(m, 18 * m))
+
+    def varied(self, vectors) -> np.ndarray:
+        """Return, for vectors (..., m) such as q and q', the changes (..., m, 18) of Ct (3 columns), of Cr (3), the
+        gyroscopic couplings Cr1 - Cr1^T (3), and the changes of dJ/dq (9).
 
         Parameters
         ----------
-        q : ndarray, shape (m,)
-            Elastic coordinates.
+        vectors : ndarray, shape (..., m)
         """
-        mean = (self.dJ + self.inertia_slopes(q)) / 2  # of the slopes at 0 and at q
-        return self.J + (q @ mean.reshape(len(q), 9)).reshape(3, 3)
+        return (vectors @ self._linear).reshape(*np.shape(vectors), 18)
 
-    def inertia_slopes(self, q) -> np.ndarray:
-        """Return dJ/dq_k (m, 3, 3) at q.
-
-        Parameters
-        ----------
-        q : ndarray, shape (m,)
-            Elastic coordinates.
-        """
-        m = len(q)
-        return self.dJ + 2 * (q @ self.J2.reshape(m, 9 * m)).reshape(m, 3, 3)
+    @cached_property
+    def _at_rest(self) -> np.ndarray:
+        """The parts of the mass matrix (6 + m, 6 + m) that do not change."""
+        M = np.zeros((6 + len(self.Ct),) * 2)
+        M[:3, :3], M[6:, 6:] = self.mass * np.eye(3), self.Me
+        return M
 
     def mass_matrix(self, q) -> np.ndarray:
         """Return the mass matrix M(q) (6 + m, 6 + m) of (13).
@@ -177,15 +179,13 @@ class FloatingFrame:
         q : ndarray, shape (m,)
             Elastic coordinates.
         """
-        m = len(self.Ct)
-        Ct, Cr = self.translations(q), self.Cr + q @ self.Cr1
-        M = np.zeros((6 + m, 6 + m))
-        M[:3, :3] = self.mass * np.eye(3)
-        M[3:6, :3] = skew(self.first_moment(q))
-        M[:3, 3:6] = M[3:6, :3].T
-        M[3:6, 3:6] = self.inertia(q)
-        M[6:, :3], M[6:, 3:6], M[6:, 6:] = Ct, Cr, self.Me
-        M[:3, 6:], M[3:6, 6:] = Ct.T, Cr.T
+        change, M = self.varied(q), self._at_rest.copy()
+        couplings = np.concatenate([self.Ct, self.Cr], axis=1) + change[:, :6]
+        moment = skew(self.mc + q @ (self.Ct + change[:, :3] / 2))
+        M[3:6, :3], M[:3, 3:6] = moment, -moment
+        slope = self.dJ.reshape(-1, 9) + change[:, 9:] / 2  # the mean of those at 0 and at q
+        M[3:6, 3:6] = self.J + (q @ slope).reshape(3, 3)
+        M[6:, :6], M[:6, 6:] = couplings, couplings.T
         return M
 
     def arrays(self) -> dict:

@@ -8,7 +8,7 @@ import typer
 
 import hpcred
 
-from ..report.tables import show_table
+from ..report.tables import say, show_table
 from . import session
 from .options import JsonFile
 
@@ -31,7 +31,7 @@ def assemble(
     if "size" in report:
         frequencies = report["pseudo_frequencies_hz"]
         lowest = ", ".join(f"{f:.6g}" for f in frequencies[:LOWEST])
-        print(f"{report['size']} coordinates; frequencies (Hz): {lowest}{', ...' * (len(frequencies) > LOWEST)}")
+        say(f"{report['size']} coordinates; frequencies (Hz): {lowest}{', ...' * (len(frequencies) > LOWEST)}")
     session.written(report["output"])
     session.warn(report["warnings"])
     session.write_json(json, report)

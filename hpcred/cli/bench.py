@@ -8,7 +8,7 @@ import typer
 
 import hpcred
 
-from ..report.tables import in_words, show_table, show_timing
+from ..report.tables import in_words, say, show_table, show_timing
 from ..settings import texts
 from . import session
 from .options import JsonFile
@@ -43,7 +43,7 @@ def paper(
     data = hpcred.paper(output, figures=chosen, show=_show_tables, progress=progress)
     show_table("Figure 5. u_y of node 20 in time, against all elastic modes", data.get("figure_5", ())[1:])
     drawn = f"figure{'s' * (len(chosen) > 1)} {', '.join(map(str, chosen))} (png, svg), " if chosen else ""
-    print(f"{drawn}section5.h5 and section5.json written to {output}")
+    say(f"{drawn}section5.h5 and section5.json written to {output}")
     show_timing(progress.timing())
     session.write_json(json, data)
 

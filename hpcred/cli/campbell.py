@@ -9,7 +9,7 @@ import typer
 import hpcred
 
 from ..parallel.declared import Option
-from ..report.tables import show_table
+from ..report.tables import say, show_table
 from ..settings import texts
 from ..workflows.keywords import At, Files, Speeds, Whirl
 from . import session
@@ -56,4 +56,4 @@ def _show_full(report):
         rows.append({report["parameter"]: value, "modes": len(there), "largest distance": worst["distance"],
                      "at (Hz)": worst["frequency"]})  # fmt: skip
     show_table("Full model: relative distance of its poles from the nearest of the reduced model", rows)
-    print(f"largest relative residual of the full eigenproblems {report['residual']:.1e}")
+    say(f"largest relative residual of the full eigenproblems {report['residual']:.1e}")

@@ -13,7 +13,7 @@ import hpcred
 from ..parallel.declared import Keywords
 from ..parallel.failures import InputError
 from ..parallel.messages import printable
-from ..report.tables import show_table
+from ..report.tables import say, show_table
 from ..settings.declared_terms import DeclaredTerms
 from ..workflows.keywords import FileUnits, InputsAndOutputs, Variables
 from . import session
@@ -62,7 +62,11 @@ def convert(
     if list_formats:
         from ..readers.registry import READERS
 
-        show_table("Formats, each told by what the file begins with", hpcred.workflows.list_formats())
+        rows = hpcred.workflows.list_formats()
+        columns = {"a whole model": ("format", "told by", "with it"), "a matrix": ("format", "told by")}
+        for holds, title in (("a whole model", "Whole models, by their main file"),
+                             ("a matrix", "Matrices, by -K, -M and others, with --nodes and --dofs")):  # fmt: skip
+            show_table(title, [{key: row[key] for key in columns[holds]} for row in rows if row["holds"] == holds])
         session.warn(READERS.broken)
         return
     # the last name is the model file, where -o does not give it
@@ -84,8 +88,8 @@ def convert(
     # the tables of what was made
     report = hpcred.convert(source, output, variables=variables, units=units, superelement=superelement,
                             progress=session.progress(), **ends.given, **terms.given)  # fmt: skip
+    session.warn(report["warnings"])  # first, as units that look wrong are those of the table
     show_report(output, {key: value for key, value in report.items() if key != "output"})
-    session.warn(report["warnings"])
     session.write_json(json, report)
 
 
@@ -119,4 +123,4 @@ def crank(
 def _example(name, output, **keywords):
     report = hpcred.example(name, output, progress=session.progress(), **keywords)
     known = "; ".join(f"{key} {', '.join(report[key])}" for key in ("inputs", "sets") if report[key])
-    print(f"{printable(output)}: {report['size']} dofs, {known}")
+    say(f"{printable(output)}: {report['size']} dofs, {known}")

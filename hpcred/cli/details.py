@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from ..reduction.result.directions import rows_of_directions
-from ..report.tables import in_words, show_table, show_timing
+from ..report.tables import in_words, say, show_table, show_timing
 from . import session
 from .options import DIRECTIONS
 
@@ -27,9 +27,9 @@ def show_report(file, report, details=False):
     sets = [{"node set": name, "nodes": count} for name, count in report.get("sets", {}).items()]
     show_table(None, sets[:MOST_SETS])
     if len(sets) > MOST_SETS:
-        print(f"and {len(sets) - MOST_SETS} more node sets; --json - lists all")
+        say(f"and {len(sets) - MOST_SETS} more node sets; --json - lists all")
     for sentence in report.get("sentences", []):
-        print(sentence)
+        say(sentence)
 
 
 def show_details(record):
@@ -49,10 +49,10 @@ def show_details(record):
              "estimate after it": in_words(item.estimate), "factor": item.factor_in_words} for item in accuracy.points
         ])  # fmt: skip
         show_table("Each new point checks the model before it", [asdict(item) for item in accuracy.proofs])
-        print(f"{accuracy.measured}; {accuracy.modes_in_words}; estimated {accuracy.largest:.1e}, round-off "
+        say(f"{accuracy.measured}; {accuracy.modes_in_words}; estimated {accuracy.largest:.1e}, round-off "
               f"{accuracy.noise:.0e}; {accuracy.uncompressed_size} columns before the compression")  # fmt: skip
     residual = max((item.residual for item in record.factorisations), default=0.0)
-    print(
+    say(
         f"max |V^T M V - I| = {record.orthonormality_defect:.1e}; "
         + (f"largest residual {residual:.1e}; " if residual else "")
         + f"{record.effort}; {record.scalar} PETSc {record.versions['petsc']}, {record.ranks} rank(s)"

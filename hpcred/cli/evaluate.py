@@ -11,7 +11,7 @@ import hpcred
 
 from ..parallel.failures import InputError
 from ..parallel.progress import counted
-from ..report.tables import show_table, show_timing
+from ..report.tables import say, show_table, show_timing
 from ..workflows.keywords import (
     At,
     Drive,
@@ -117,7 +117,7 @@ def _show_comparison(results, full, **keywords):
                report["rows"])  # fmt: skip
     show_table("lowest modes of the model", report["modes"])
     for note in report["notes"]:
-        print(note)
+        say(note)
     return report
 
 
@@ -126,7 +126,7 @@ def _show_estimate(result, **keywords):
     session.verdict(report["sentence"], report["reached"])
     show_table(result, report["rows"])
     show_table(DIRECTIONS, report["direction_rows"])
-    print(f"Q = {report['Q']:.6g}; {report['measured']}")
+    say(f"Q = {report['Q']:.6g}; {report['measured']}")
     session.warn([item for item in report["warnings"] if item != report["sentence"]])
     return report
 
@@ -135,7 +135,7 @@ def _show_check(result, full, count, **keywords):
     report = hpcred.workflows.check_result(result, full, count, **keywords)
     session.verdict(f"{report['sentence']}\n{report['claim']}", report["passed"])
     show_table(result, report["rows"])
-    print(report["measured"])
+    say(report["measured"])
     return report
 
 
@@ -146,16 +146,16 @@ def _show_responses(result, full, **keywords):
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
     if "pseudo_frequencies_hz" in report:
         found = ", ".join(f"{f:.6g}" for f in report["pseudo_frequencies_hz"])
-        print(f"pseudo-frequencies {'at the preload' if 'preload' in report else 'there'} (Hz): {found}")
+        say(f"pseudo-frequencies {'at the preload' if 'preload' in report else 'there'} (Hz): {found}")
     session.warn(report.get("warnings", ()))
     if full:
         show_table(DIRECTIONS, report["direction_rows"])
         paper = " (55)" if report["measure"] == "paper" else ""
-        print(f"Q = {report['Q']:.6g}, largest eps{paper} = {report['eps_max']:.6g}; {report['arithmetic']}")
+        say(f"Q = {report['Q']:.6g}, largest eps{paper} = {report['eps_max']:.6g}; {report['arithmetic']}")
     drawn = report.get("figures", ())
     session.list_all("drawn", drawn)
     if len(drawn) < report.get("responses", 0):
-        print(f"the {len(drawn)} largest of {report['responses']} responses are drawn; --pairs OUTPUT/INPUT,... "
+        say(f"the {len(drawn)} largest of {report['responses']} responses are drawn; --pairs OUTPUT/INPUT,... "
               "draws others")  # fmt: skip
     return report
 
@@ -203,7 +203,7 @@ def response(
     if fresh.check:
         show_table("Fresh frequencies", report["check"]["rows"])
     made = counted(report["factorisations"], "factorisation")
-    print(f"{len(report['frequencies_hz'])} frequencies from {made} and "
+    say(f"{len(report['frequencies_hz'])} frequencies from {made} and "
           f"{report['columns']} columns for {report['size']} dofs")  # fmt: skip
     session.written(files.output, files.figure)
     session.warn(report["warnings"])

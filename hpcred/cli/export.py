@@ -12,6 +12,7 @@ import hpcred
 from ..parallel.declared import Option
 from ..parallel.failures import InputError
 from ..parallel.messages import printable
+from ..report.tables import say
 from ..settings import texts
 from ..workflows.keywords import At, Load
 from ..writers.registry import PROGRAMS, WRITERS
@@ -67,12 +68,12 @@ def export(
         base=base, progress=session.progress(),
     )  # fmt: skip
     if "shapes" in report:
-        print(f"{printable(report['output'])}: {', '.join(report['shapes'])}")
+        say(f"{printable(report['output'])}: {', '.join(report['shapes'])}")
     else:
         ends = ", ".join(f"{key} {', '.join(map(str, report[key]))}" for key in ("nodes", "inputs", "outputs")
                          if key in report)  # fmt: skip
-        print(f"{printable(report['output'])}: {report['coordinates']} coordinates, {ends}")
+        say(f"{printable(report['output'])}: {report['coordinates']} coordinates, {ends}")
         for name in report.get("files", ()):
-            print(f"with {name}")
+            say(f"with {name}")
         session.list_all("note", report["remarks"])
     session.write_json(json, report)

@@ -11,7 +11,7 @@ import hpcred
 from ..parallel.declared import Option
 from ..parallel.failures import InputError
 from ..parallel.messages import printable
-from ..report.tables import show_table
+from ..report.tables import say, show_table
 from ..settings import texts
 from ..workflows.keywords import Load
 from . import session
@@ -50,11 +50,11 @@ def info(
         sets=names.split(",") if names else None, progress=session.progress(),
     )  # fmt: skip
     record = hpcred.read_result(file).reduced.record if details else None  # refuses other files before it prints
+    session.warn(report["warnings"])  # first, as units that look wrong are those of the table
     show_report(file, report, details)
     if record is not None:
         show_details(record)
     session.written(figure)
-    session.warn(report["warnings"])
     session.write_json(json, report)
 
 
@@ -73,9 +73,10 @@ def bores(
     ]  # fmt: skip
     if rows:
         show_table(f"{model}: holes (bore) and pins; m, turn in degrees", rows)
-        print(f"Lines for the job; give them names of your own, and leave out what is no bearing\n\n{report['job']}")
+        say("Lines for the job; give them names of your own, and leave out what is no bearing")
+        print(f"\n{report['job']}")
     else:
-        print(f"{printable(model)}: no cylinder of {turn:g} degrees or more on its surface; --turn takes less")
+        say(f"{printable(model)}: no cylinder of {turn:g} degrees or more on its surface; --turn takes less")
     session.written(figure)
     session.warn(report["warnings"])
     session.write_json(json, report)
@@ -111,13 +112,13 @@ def modes(
         share, factors = hpcred.workflows.tables_of_modes(report)
         show_table(f"{model}: effective masses in % of the mass along x, y, z and of the inertia about them", share)
         show_table("Participation factors (kg^(1/2); kg^(1/2) m)", factors)
-        print(hpcred.workflows.mass_in_words(report))
+        say(hpcred.workflows.mass_in_words(report))
     else:
         show_table(model, [{"mode": i, "f (Hz)": value} for i, value in enumerate(f[rigid:], rigid + 1)])
         if "masses" in report:
-            print(hpcred.workflows.mass_in_words(report))
+            say(hpcred.workflows.mass_in_words(report))
     moved = " at 0 Hz, which move all of the mass" if rigid == 6 else ""
-    print(f"{rigid} rigid-body modes{moved}; largest residual {report['residual']:.1e}")
+    say(f"{rigid} rigid-body modes{moved}; largest residual {report['residual']:.1e}")
     session.written(figure)
     session.warn(report["warnings"])
     session.write_json(json, report)

@@ -25,7 +25,7 @@ Overrides = Annotated[
 OutOfCore = Annotated[str | None, typer.Option(metavar="DIR", help="Keep the factors in files there.")]
 LowRank = Annotated[float | None, typer.Option(metavar="EPS", help="Block low rank factors, such as 1e-8.")]
 Details = Annotated[bool, typer.Option("--details", help="Show basis, points, time and memory too.")]
-DIRECTIONS = "Directions by themselves, the least accurate first (|H| in SI units: m/N, rad/(N m))"
+DIRECTIONS = "Directions, the least accurate first (|H| in SI units: m/N, rad/(N m))"
 
 
 def command(function: Callable[..., Any]) -> Callable[..., Any]:

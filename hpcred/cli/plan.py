@@ -10,7 +10,7 @@ import hpcred
 
 from ..parallel.messages import printable
 from ..parallel.progress import counted
-from ..report.tables import show_table
+from ..report.tables import say, show_table
 from . import session
 from .options import JsonFile
 
@@ -28,20 +28,20 @@ def plan(
     report = hpcred.plan(
         file, ranks=ranks, nodes=nodes, memory_gb=memory, gflops=gflops, analyse=analyse, progress=session.progress()
     )
-    print(f"{printable(report['model'])}: {report['dofs']} dofs, {report['nonzeros']} nonzeros")
-    print(f"a factor: {report['operations']:.1e} operations, {report['entries']:.1e} entries")
-    print(f"          {report['source']}")
-    print(f"{counted(report['factors'], 'factor')} {report['points']}")
+    say(f"{printable(report['model'])}: {report['dofs']} dofs, {report['nonzeros']} nonzeros")
+    say(f"a factor: {report['operations']:.1e} operations, {report['entries']:.1e} entries")
+    say(f"  {report['source']}")
+    say(f"{counted(report['factors'], 'factor')} {report['points']}")
     rows = report["rows"]
     shown = [key for key in rows[0] if key not in ("remark", "hours") and (key != "fits" or memory is not None)]
     title = f"{counted(report['ranks'], 'rank')} on {counted(nodes, 'node')}"
     show_table(title, [{key: row[key] for key in shown} for row in rows])
     for row in rows:
         if row["remark"]:
-            print(f"{row['way']}: {row['remark']}")
+            say(f"{row['way']}: {row['remark']}")
     if report["best"]:
         print(f"\nFor {report['best']}:\n{report['script']}")
     else:
-        print("nothing fits: take more nodes, or multigrid on fewer ranks")
+        say("nothing fits: take more nodes, or multigrid on fewer ranks")
     session.warn(report["warnings"])
     session.write_json(json, report)

@@ -12,7 +12,7 @@ import hpcred
 from ..parallel.declared import Keywords
 from ..parallel.failures import InputError
 from ..parallel.messages import printable
-from ..report.tables import show_table
+from ..report.tables import say, show_table
 from ..workflows.keywords import Motion, Recovered
 from ..writers.decks import DECKS
 from . import session
@@ -70,12 +70,12 @@ def recover(
     # a deck for stresses of the basis, the answers to it, or the motion
     if deck is not None:
         report = hpcred.workflows.write_deck(result, deck, original, output, **how)
-        print(f"{printable(report['folder'])}: {report['columns']} steps; run there {report['run']}")
+        say(f"{printable(report['folder'])}: {report['columns']} steps; run there {report['run']}")
         session.write_json(json, report)
         return
     if answers is not None:
         report = hpcred.workflows.add_stresses(result, answers, output, **how)
-        print(f"{printable(report['output'])}: stresses of {report['columns']} columns at {report['nodes']} nodes "
+        say(f"{printable(report['output'])}: stresses of {report['columns']} columns at {report['nodes']} nodes "
               f"({report['source']})")  # fmt: skip
         session.write_json(json, report)
         return

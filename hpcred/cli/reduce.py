@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from dataclasses import asdict
+from shutil import get_terminal_size
 from typing import Annotated
 
 import typer
@@ -15,7 +16,7 @@ from ..parallel.failures import InputError
 from ..parallel.progress import counted, in_time
 from ..reduction.result.accuracy import WORST
 from ..reduction.result.directions import rows_of_directions
-from ..report.tables import show_table
+from ..report.tables import say, show_table
 from ..settings import texts
 from ..settings.toml_file import check_file_names
 from . import session
@@ -51,9 +52,9 @@ def reduce(
     size, output = f"{found.size_in_words} for {record.size} dofs", os.path.normpath(found.output)
     verdict = size if accuracy is None else accuracy.sentence
     session.verdict(verdict, accuracy is None or accuracy.reached)
-    print(f"{'' if accuracy is None else f'{size}, '}{record.effort}, {in_time(record.timing.elapsed)}")
+    say(f"{'' if accuracy is None else f'{size}, '}{record.effort}, {in_time(record.timing.elapsed)}")
     if accuracy is not None:
-        print(accuracy.measured)
+        say(accuracy.measured)
     if accuracy is not None and accuracy.directions:
         show_table(f"Least accurate of {counted(len(accuracy.directions), 'direction')} (|H| in SI units)",
                    rows_of_directions(accuracy.directions[:WORST], accuracy.band))  # fmt: skip
@@ -87,9 +88,14 @@ def _show_next(found, output):
         del rows[2]
     if found.report:
         del rows[1]
-    width = max(len(command) for command, _ in rows)
+    # what a command is for stands beside it where that fits, below each other as far as it does
+    before, between = "next: hpcred ", "  # "
+    room = get_terminal_size().columns - len(before + between)
+    width = min(max(len(command) for command, _ in rows), room - max(len(what) for _, what in rows))
     for k, (command, what) in enumerate(rows):
-        print(f"{'next: ' if k == 0 else '      '}hpcred {command:{width}}  # {what}")
+        if len(command) + len(what) > room:
+            between = "\n      # "
+        print(f"{before if k == 0 else '      hpcred '}{command:{width}}{between}{what}")
 
 
 def store(
@@ -123,6 +129,6 @@ def store(
          **({} if prune else {"valid": "yes" if row["valid"] else f"no: {row['reason']}"})} for row in rows
     ])  # fmt: skip
     total = sum(row["bytes"] for row in rows)
-    print(f"{len(rows)} entries{' removed' if prune else ''}, {total / 1e6:.6g} MB")
+    say(f"{len(rows)} entries{' removed' if prune else ''}, {total / 1e6:.6g} MB")
     session.write_json(json, rows)
     return int(not prune and not all(row["valid"] for row in rows if ".tmp-" not in row["entry"]))

@@ -9,6 +9,7 @@ import typer
 import hpcred
 
 from ..parallel.messages import printable
+from ..report.tables import say
 from ..workflows.keywords import At, Band, Folders, FullFile, Shown
 from . import session
 from .options import JsonFile, SharedSolving, command
@@ -35,5 +36,5 @@ def report(
     session.list_all("note", told["notes"])
     for name in told["files"]:
         print(printable(str(name)))
-    print(f"{printable(told['output'])}: {told['megabytes']:.1f} MB")
+    say(f"{printable(told['output'])}: {told['megabytes']:.1f} MB")
     session.write_json(json, told)

@@ -17,6 +17,7 @@ from ..parallel.messages import LOGGER, printable
 from ..parallel.progress import Progress
 from ..report import tables
 from ..report.profile import show_profile, start_profile
+from ..report.tables import say
 
 
 class Session:
@@ -141,30 +142,30 @@ def warn(sentences):
         told = () if Session.quiet else tuple(Session.progress.warned)
         for sentence in sentences:
             if not sentence.startswith(told):  # at the end its largest value may follow
-                print(f"warning: {printable(sentence)}", file=sys.stderr if Session.quiet else sys.stdout)
+                say(f"warning: {printable(sentence)}", file=sys.stderr if Session.quiet else sys.stdout)
 
 
 def list_all(word, items):
     """Print each item behind a word."""
     for item in items:
-        print(f"{word}: {item}")
+        say(f"{word}: {item}")
 
 
 def written(*names):
     """Print the names of files that were asked for and are written now; None was not."""
     for name in names:
         if name is not None:
-            print(f"written to {printable(str(name))}")
+            say(f"written to {printable(str(name))}")
 
 
 def show_loads(rows):
     """Print the sums of loads, of very many the first ones."""
     tables.show_table("Loads, and their sums; moments about the origin", rows[:MOST_LOADS])
     if len(rows) > MOST_LOADS:
-        print(f"and {len(rows) - MOST_LOADS} more loads; --json - lists all")
+        say(f"and {len(rows) - MOST_LOADS} more loads; --json - lists all")
 
 
 def verdict(sentence, good):
     """Print the verdict; failures even with --quiet."""
     if not (Session.quiet and good) and Session.progress.comm.rank == 0:
-        print(sentence, file=sys.stderr if Session.quiet else sys.stdout)
+        say(sentence, file=sys.stderr if Session.quiet else sys.stdout)

@@ -8,7 +8,7 @@ import typer
 
 import hpcred
 
-from ..report.tables import show_table
+from ..report.tables import say, show_table
 from . import session
 from .options import JsonFile
 
@@ -26,7 +26,7 @@ def simulate(
     rows = [{"node": node, "largest displacement (m)": value}
             for node, value in report["largest_displacement_m"].items()]  # fmt: skip
     show_table(", ".join(report["output"]), rows)
-    print(f"constraint drift {report['constraint_drift_m']:.1e} m and {report['constraint_drift_rad']:.1e} rad, "
+    say(f"constraint drift {report['constraint_drift_m']:.1e} m and {report['constraint_drift_rad']:.1e} rad, "
           f"energy defect {report['energy_defect']:.1e}")  # fmt: skip
     session.list_all("note", report["notes"])
     session.warn(report["warnings"])

@@ -9,7 +9,7 @@ import typer
 import hpcred
 
 from ..parallel.failures import ComputationError, InputError
-from ..report.tables import show_table, told_apart
+from ..report.tables import say, show_table, told_apart
 from . import session
 from .options import JsonFile
 
@@ -37,7 +37,7 @@ def sweep(
         if dry_run or parallel is not None or index is not None or of is not None:
             raise InputError("--slurm, --pbs: a script is written and nothing runs; leave the other options out")
         report = hpcred.workflows.write_script(file, "slurm" if slurm else "pbs", store=store, submit=submit)
-        print(f"{report['script']} written; " + (report["said"] or f"submit it by: {report['command']}"))
+        say(f"{report['script']} written; " + (report["said"] or f"submit it by: {report['command']}"))
         session.write_json(json, report)
         return 0
     report = hpcred.sweep(
@@ -48,7 +48,7 @@ def sweep(
     for row in report["failed"]:
         session.verdict(f"FAILED {row['run']}: {row['sentence']}", False)
     if not dry_run:
-        print(f"{report['finished']} finished, {report['skipped']} skipped, {len(report['failed'])} failed; "
+        say(f"{report['finished']} finished, {report['skipped']} skipped, {len(report['failed'])} failed; "
               f"{report['factorisations']} factorisations made, {report['factorisations_saved']} saved")  # fmt: skip
     session.write_json(json, report)
     if report["failed"] and not dry_run:  # the log of a batch system may have no more than errors

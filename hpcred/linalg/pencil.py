@@ -18,9 +18,9 @@ def squared_frequencies(stiffnesses: np.ndarray, masses: np.ndarray | None, tau:
 
 def with_masses(K: np.ndarray, M: np.ndarray, tau: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return X (m, m) with X^T (M + tau^2 K) X = I that makes both matrices diagonal, with these diagonals of K,
-    ascending, and of M."""
+    ascending, and of M. Raises LinAlgError where that matrix is not positive definite."""
     G = M + tau**2 * K
-    scale = 1 / np.sqrt(np.diag(G))
+    scale = 1 / np.sqrt(np.where(np.diag(G) > 0, np.diag(G), 1.0))
     factor = np.linalg.inv(np.linalg.cholesky(G * np.outer(scale, scale))).T * scale[:, None]
     inner = factor.T @ K @ factor
     stiffnesses, vectors = np.linalg.eigh((inner + inner.T) / 2)

@@ -103,7 +103,8 @@ def spin_softening(model, omega) -> PETSc.Mat:
 
 def skew(v: np.ndarray) -> np.ndarray:
     """Return (3, 3): skew(v) u = v x u."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    x, y, z = v if isinstance(v, list) else np.asarray(v).tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def at_nodes(model, block: np.ndarray) -> PETSc.Mat:

@@ -266,7 +266,7 @@ class SecondOrderModel:
     def __getattr__(self, name):
         if name == "operator":
             raise InputError(f"{vars(self).get('name')}: this model was closed, and has no matrices any more")
-        raise AttributeError(f"a SecondOrderModel has no attribute '{name}'")
+        raise AttributeError(f"a SecondOrderModel has no attribute '{name}'", name=name, obj=self)
 
     def __repr__(self):
         """Return one line. Not collective, since notebooks and debuggers call it on one rank."""

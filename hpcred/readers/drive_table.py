@@ -20,6 +20,7 @@ import numpy as np
 from ..model.units import unit_of_input
 from ..parallel.declared import nearest
 from ..parallel.failures import InputError
+from ..parallel.ranges import ANYTHING
 from .motions.table import head_of, read_columns
 
 HEAD = re.compile(r"(?P<name>.*?)(?:\s+(?P<part>coherence|phase|re|im))?\s*\[(?P<unit>[^\]]*)\]")
@@ -146,10 +147,10 @@ def _read(path, expected, least):
     table = read_columns(path, start, len(heads))
     if len(table) < least:
         raise InputError(f"{path}: found {len(table)} lines of numbers, expected {least} or more")
-    if not np.isfinite(table).all():
-        line, column = np.argwhere(~np.isfinite(table))[0]
+    if (wrong := np.argwhere(~(np.abs(table) <= ANYTHING[1]))).size:  # NaN too
+        line, column = wrong[0]
         raise InputError(f"{path}: {heads[column]}: found {table[line, column]:g} in the {line + 1}. line of numbers, "
-                         "expected finite ones")  # fmt: skip
+                         f"expected finite ones of {ANYTHING[0]:g} to {ANYTHING[1]:g}")  # fmt: skip
     falls = np.flatnonzero(np.diff(table[:, 0]) <= 0)
     if len(falls):
         raise InputError(f"{path}: {heads[0]}: found {table[falls[0] + 1, 0]:g} after {table[falls[0], 0]:g}, expected "

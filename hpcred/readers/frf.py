@@ -16,10 +16,12 @@ from ..files.text import LARGEST_LABEL, first_bytes, require_file
 from ..parallel.failures import InputError
 from ..parallel.messages import printable
 from ..parallel.petsc import MPI
+from ..parallel.ranges import ANYTHING
 from .matlab import binary, hdf5
 from .matrices.npz import read_arrays
 from .nodes import uff
 
+LARGEST = ANYTHING.high  # of frequencies and responses
 NAMES = ("input_names", "output_names", "node_names")
 NUMBERS = {"frequencies": "fiu", "H": "fiuc", "nodes": "fiu", "positions": "fiu"}  # and their kinds
 FUNCTION, LINES_ABOVE = 58, 11  # the dataset of a function, and its lines above the numbers
@@ -48,8 +50,10 @@ def read_frf(path) -> Responses:
         shape = "none" if H is None else H.shape
         raise InputError(f"{path}: found responses {shape}, expected one for each of {len(F)} frequencies, "
                          f"{len(responses.output_names)} outputs and {len(responses.input_names)} inputs")  # fmt: skip
-    if not (np.isfinite(F).all() and np.isfinite(H).all()) or (np.diff(F) <= 0).any() or F[0] < 0:
-        raise InputError(f"{path}: found frequencies that do not ascend, or numbers that are not finite")
+    if not (np.abs(F) <= LARGEST).all() or (np.diff(F) <= 0).any() or F[0] < 0:
+        raise InputError(f"{path}: found frequencies that do not ascend from 0 or more, or are not finite")
+    if not (np.abs([H.real, H.imag]) <= LARGEST).all():
+        raise InputError(f"{path}: found responses that are not finite, or above {LARGEST:g}")
     return _displacements(responses, path)
 
 

@@ -72,8 +72,16 @@ class Parts:
         """Rows and columns of all matrices, numbers or labels."""
         return [end for item in self.matrices.values() for end in (item.rows, item.columns)]
 
-    def take_mesh(self, mesh, remarks=()):
-        """Take the elements, properties and sets of what a reader found, as far as it has them, and remarks."""
+    def take_mesh(self, mesh, remarks=()) -> None:
+        """Take the elements, properties and sets of what a reader found, as far as it has them, and remarks.
+
+        Parameters
+        ----------
+        mesh : object
+            With `elements`, `properties` and `sets`, or some of them.
+        remarks : tuple of str, optional
+            Sentences for the user.
+        """
         for key in ("elements", "properties", "sets"):
             setattr(self, key, getattr(mesh, key, getattr(self, key)))
         self.warnings += remarks

@@ -45,6 +45,8 @@ SUFFIXES = {
     ".xdb": ("results of Nastran", NASTRAN), ".dball": ("a database of Nastran", NASTRAN),
     ".master": ("a database of Nastran", NASTRAN),
     ".db": ("a database of ANSYS", "give the .full of a modal analysis (ANTYPE,MODAL with WRFULL,1)"),
+    ".sub": ("a substructure of ANSYS", "export its matrices by APDL Math (*DMAT, *EXPORT as DMIG), and give these by "
+             "-K and -M"),
     ".mnf": ("a modal neutral file", "give the matrices of the finite-element program"),
 }  # fmt: skip
 

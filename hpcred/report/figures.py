@@ -232,17 +232,17 @@ def driven_figure(path, frequencies, curves, title, kind="png"):
             by_unit[unit].append((label, values))
     turned = any(np.iscomplexobj(values) for *_, values in curves)
     rows = len(by_unit) + turned
-    figure = new_figure(figsize=(9.0, 1.2 + 2.8 * rows), layout="constrained")
+    figure, place = new_figure(figsize=(9.0, 1.2 + 2.8 * rows), layout="constrained"), 0
     panels = figure.subplots(rows, sharex=True, squeeze=False)[:, 0]
     for axes, (unit, mine) in zip(panels, by_unit.items(), strict=False):
-        for place, (label, values) in enumerate(mine):
+        for label, values in mine:
             style = _style(place, label, len(frequencies)) | ({"marker": "o"} if len(frequencies) == 1 else {})
-            axes.semilogy(frequencies, np.where(values != 0, np.abs(values), np.nan), label=label, **style)
             if turned:
-                panels[-1].plot(frequencies, np.angle(values, deg=True), **style)
+                draw_response(axes, panels[-1], frequencies, values, label, **style)
+            else:
+                axes.semilogy(frequencies, np.where(values != 0, values, np.nan), label=label, **style)
+            place += 1
         axes.set_ylabel(unit)
-    if turned:
-        panels[-1].set(ylabel="phase (degrees)", ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
     panels[0].set_title(title, fontsize=10)
     if frequencies[0] > 0:
         panels[-1].set_xscale("log")

@@ -2,17 +2,24 @@
 
 import json
 import math
+import re
 import shutil
 import sys
 import textwrap
 
 from ..files.hdf5 import atomic_output
 from ..parallel.failures import agreed
-from ..parallel.messages import printable
+from ..parallel.messages import folded, printable
 from ..parallel.petsc import MPI
 from ..parallel.progress import Timing
 
 NAMES = {"mumps": "MUMPS", "cudss": "cuDSS", "superlu_dist": "SuperLU_DIST", "petsc": "PETSc"}  # of packages
+NO_BREAK = "\N{NO-BREAK SPACE}"
+
+
+def say(text: str, file=None):
+    """Print sentences, a line each, folded to the width of the terminal. What is to be copied is printed as it is."""
+    print(folded(text), file=file)
 
 
 def show_table(title, rows: list[dict]):
@@ -76,8 +83,14 @@ def _numeric(column, rows):
 
 
 def _widest_word(column, rows) -> int:
-    """Return the length of the longest word of a column and its head."""
-    return max(map(len, " ".join([column, *(_cell(row[column]) for row in rows)]).split()), default=1)
+    """Return the length of the longest word of a column and its head, where a unit is one with its blanks."""
+    words = " ".join(_cell(row[column]) for row in rows).split()
+    return max(map(len, [*words, *_whole_units(column).split(" ")]), default=1)
+
+
+def _whole_units(head) -> str:
+    """Return a head whose texts in parentheses have blanks at which it is not parted."""
+    return re.sub(r"\([^()]*\)", lambda found: found[0].replace(" ", NO_BREAK), head)
 
 
 def _show(widths, rows):
@@ -89,7 +102,8 @@ def _show(widths, rows):
     for column, width in widths.items():
         blank = not table.columns  # before the first one, which rich forgets where padding collapses
         if _numeric(column, rows):
-            table.add_column(textwrap.fill(column, width), justify="right", width=width + blank)
+            head = textwrap.fill(_whole_units(column), width).replace(NO_BREAK, " ")
+            table.add_column(head, justify="right", width=width + blank)
         else:
             table.add_column(column, width=width + blank)
     for row in rows:
@@ -149,13 +163,13 @@ def show_timing(timing: Timing, factorisations=()):
     parts = sorted(timing.seconds.items(), key=lambda item: -item[1])
     total = timing.elapsed
     listed = ", ".join(f"{name} {value:.2f} s ({100 * value / total:.0f} %)" for name, value in parts if value > 0)
-    print(f"time {total:.2f} s: {listed}; at most {max(timing.memory_mb_per_rank):.0f} MB a rank")
+    say(f"time {total:.2f} s: {listed}; at most {max(timing.memory_mb_per_rank):.0f} MB a rank")
     # within these, multigrid
     rest = [item for item in factorisations if not item.direct]
     if rest:
         keys = ("factor_seconds", "solve_seconds")
         parts = [sum(getattr(item, key) for item in rest) for key in keys]
-        print(
+        say(
             f"multigrid {sum(parts):.2f} s of it ({100 * sum(parts) / total:.0f} %): levels {parts[0]:.2f} s, solves "
             f"{parts[1]:.2f} s for {sum(item.columns_solved for item in rest)} columns; levels of "
             f"{max(item.memory_mb_used_max_rank for item in rest)} MB a rank"
@@ -171,7 +185,7 @@ def show_timing(timing: Timing, factorisations=()):
         memory = f"; {used} MB {where}" if used else ""
         if last.package == "cudss" or last.gpu_failed:
             memory += f" ({last.package_because})" if last.package_because else ""
-        print(
+        say(
             f"{NAMES.get(last.package, last.package)} {sum(parts):.2f} s of it "
             f"({100 * sum(parts) / total:.0f} %): analysis {parts[0]:.2f} s, factorisations {parts[1]:.2f} s, solves "
             f"{parts[2]:.2f} s{memory}"

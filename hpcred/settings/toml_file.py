@@ -27,6 +27,7 @@ MACHINE = "a machine", "assemble"  # with a list of bodies
 CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)  # of the outermost dataclass, which hands it to those inside
 LONGEST_PATH, LONGEST_NAME = 4096, 255  # bytes, of Linux
 STRAY = re.compile("[\ud800-\udfff]")  # bytes of a command line that are no letters, as Python keeps them
+LONG_NUMBER = "a whole number of thousands of digits"  # for which Python has no text
 UNKNOWN = "unexpected_keyword_argument"
 
 
@@ -36,16 +37,28 @@ def read_table(path, overrides=()) -> dict:
     if not os.path.isfile(path):
         raise absent(path)
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))  # some editors put a mark in front
+        table = loads(path.read_text(encoding="utf-8-sig"))  # some editors put a mark in front
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: found a file that is no text, expected a text in TOML, such as job.toml") from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not a TOML file: {error}") from error
     for text in overrides:
         override(table, text)
     return table
+
+
+def loads(text: str) -> dict:
+    """The tables of a text in TOML. Raises tomllib.TOMLDecodeError, also for what Python gives up on."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        raise
+    except RecursionError as error:
+        raise tomllib.TOMLDecodeError("found lists or tables inside each other, thousands deep") from error
+    except ValueError as error:
+        raise tomllib.TOMLDecodeError(f"found {LONG_NUMBER}") from error
 
 
 def parse(kind, table: dict):
@@ -57,6 +70,8 @@ def parse(kind, table: dict):
         text = json.dumps(table, default=lambda date: [None])  # which no key takes
     except RecursionError as error:
         raise InputError("tables inside tables, thousands deep; expected a table of keys") from error
+    except ValueError as error:  # of one in base 16
+        raise InputError(f"found {LONG_NUMBER}, expected numbers of a few digits") from error
     try:
         settings = adapter_of(kind).validate_json(text, strict=True)
     except ValidationError as error:
@@ -85,7 +100,7 @@ def _refuse_blank(settings, where):
 def table_around(key, text: str, examples) -> dict:
     """Return {key: value} of the text of an option --key, a value in TOML. Raises InputError."""
     try:
-        return tomllib.loads(f"{key} = {text}")
+        return loads(f"{key} = {text}")
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"--{key}: found '{text[:80]}', expected a table such as {examples}") from error
 
@@ -246,7 +261,7 @@ def override(table, text):
     if not equals or not key.strip() or "\n" in text:
         raise InputError(f"--set: found {text!r}, expected key=value, such as basis.0.frequency=150.0")
     try:
-        value = tomllib.loads(f"value = {value}")["value"]
+        value = loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         value = value.strip()
     try:

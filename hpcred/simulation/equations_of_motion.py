@@ -20,12 +20,21 @@ import numpy as np
 
 from ..body.floating_frame import FloatingFrame
 from ..body.node_shapes import NodeShape
-from ..body.rotations import cross, of_vector, quaternion_rate, rate_matrix, rotation
+from ..body.rotations import (
+    cross,
+    exponential,
+    quaternion_rate,
+    rate_derivative,
+    rate_matrix,
+    rate_of_quaternion,
+    rotation,
+)
 from ..model.rotation import skew
 from ..parallel.failures import ComputationError, InputError
 from ..reduction.result.maxwell_states import MaxwellStates
 
 ROUND_OFF = 1e-14
+CHUNK = 100  # times whose energies are computed at once
 
 
 def _moved(r, p, q, step):
@@ -53,12 +62,13 @@ def node_motion(shape: NodeShape, origin, r, A, q) -> NodeMotion:
     moved, turned, phi, psi = shape.motion(q)
     arm = shape.position - origin + moved
     B = np.zeros((6, 6 + len(q)))
-    B[:3, :3], B[:3, 3:6], B[:3, 6:] = A, -A @ skew(arm), A @ phi
-    B[3:, 3:6] = A
+    B[:3, :3] = B[3:, 3:6] = A
+    B[:3, 3:6], B[:3, 6:] = A @ skew(-arm), A @ phi
     if not shape.rotates:
         return NodeMotion(r + A @ arm, A, B)
-    B[3:, 6:] = A @ rate_matrix(turned) @ psi
-    return NodeMotion(r + A @ arm, A @ of_vector(turned), B)
+    R, J = exponential(turned)
+    B[3:, 6:] = A @ J @ psi
+    return NodeMotion(r + A @ arm, A @ R, B)
 
 
 class FlexibleBody:
@@ -74,9 +84,12 @@ class FlexibleBody:
     ):  # fmt: skip
         self.floating_frame, self.K, self.D, self.pushes = floating_frame, np.asarray(K), np.asarray(D), pushes
         self._skew = (self.K - self.K.T) / 2  # which stores no energy
+        self._sizes_of_K = np.abs(self.K)
         self.gravity, self.loads, self.springs, self.holds = np.asarray(gravity, dtype=float), loads, springs, holds
         self.size, self.mass = len(floating_frame.Ct), floating_frame.mass
-        self.multipliers = sum(len(hold) for hold in holds)
+        ends = np.cumsum([0, *map(len, holds)]).tolist()
+        self.multipliers, rows = ends[-1], map(slice, ends[:-1], ends[1:])
+        self._rows_of_holds = list(zip(holds, rows, strict=True))
         ends = np.cumsum([0, 3, 4, self.size, 6 + self.size, self.multipliers, 3]).tolist()
         self._parts = [slice(first, last) for first, last in zip(ends, [*ends[1:], None], strict=True)]
         self.elements = elements or MaxwellStates(np.zeros((self.size, 0)), np.zeros(0), np.zeros(0))
@@ -96,24 +109,27 @@ class FlexibleBody:
     def inertia_forces(self, q, z, M):
         """Return M' z + (w x P_v, w x P_w + v x P_v, -dT/dq): what stands beside M z'."""
         v, w, u = z[:3], z[3:6], z[6:]
-        body, P = self.floating_frame, M @ z
-        slope = body.inertia_slopes(q)
-        Ct = body.translations(q)
-        flow = Ct.T @ u
-        gyroscopic = body.Cr1 @ w  # [i, k]: (integral of Phi_k x Phi_i) . w
-        h = np.zeros_like(z)
-        h[:3] = cross(w, flow) + u @ (u @ body.Ct1) + cross(w, P[:3])
-        h[3:6] = cross(flow, v) + u @ (slope @ w) + u @ (u @ body.Cr1)
-        h[3:6] += cross(w, P[3:6]) + cross(v, P[:3])
-        h[6:] = gyroscopic @ u - (Ct @ cross(v, w) + 0.5 * slope @ w @ w + gyroscopic.T @ u)
+        P, Ct = M @ z, M[6:, :3]
+        at_q, at_u = self.floating_frame.varied(np.stack([q, z[6:]]))
+        slope = self.floating_frame.dJ.reshape(-1, 9) + at_q[:, 9:]
+        flow, W, V = u @ Ct, skew(w), skew(v)
+        pushed = u @ at_u[:, :6]
+        h = np.empty_like(z)
+        h[:3] = pushed[:3] + W @ (P[:3] + flow)
+        h[3:6] = pushed[3:] + (u @ slope).reshape(3, 3) @ w + W @ P[3:6] + V @ (P[:3] - flow)
+        h[6:] = at_u[:, 6:9] @ w - Ct @ (V @ w) - slope @ np.outer(w, w / 2).ravel()
         return h
+
+    def _weight(self, A, q):
+        """Return the generalised force (6 + m,) of gravity."""
+        if not self.gravity.any():
+            return np.zeros(6 + self.size)
+        body, g = self.floating_frame, self.gravity @ A
+        return np.concatenate([self.mass * g, cross(body.first_moment(q), g), body.translations(q) @ g])
 
     def applied(self, t, A, q, z, motions):
         """Return generalised forces of gravity, loads and springs (6 + m,); powers of loads and of springs' dampers."""
-        body = self.floating_frame
-        g = A.T @ self.gravity
-        total = np.concatenate([self.mass * g, cross(body.first_moment(q), g), body.translations(q) @ g])
-        power = loss = 0.0
+        total, power, loss = self._weight(A, q), 0.0, 0.0
         for load in self.loads:
             node = motions[load.shape.node]
             force = load.wrench(t, node.R) @ node.B
@@ -132,13 +148,12 @@ class FlexibleBody:
 
     def constraints(self, t, motions):
         """Return G (c, 6 + m) and rates (c,): the constraints on velocity level are G z = rates."""
-        G, rates = [np.zeros((0, 6 + self.size))], [np.zeros(0)]
-        for hold in self.holds:
+        G, rates = np.empty((self.multipliers, 6 + self.size)), np.empty(self.multipliers)
+        for hold, rows in self._rows_of_holds:
             node = motions[hold.shape.node]
             N = hold.directions(t, node.R)
-            G.append(N @ node.B)
-            rates.append(N @ hold.velocity(t, node.x))
-        return np.concatenate(G), np.concatenate(rates)
+            G[rows], rates[rows] = N @ node.B, N @ hold.velocity(t, node.x)
+        return G, rates
 
     def gaps(self, t, motions):
         """Return how far (c,) the held nodes are from where they are to be, in m and rad."""
@@ -147,12 +162,10 @@ class FlexibleBody:
 
     def reactions(self, t, motions, multipliers) -> dict:
         """Return force and moment (6,) of the constraints on each held node, by number; inertial axes."""
-        wrenches, first = {}, 0
-        for hold in self.holds:
+        wrenches = {}
+        for hold, rows in self._rows_of_holds:
             node = hold.shape.node
-            mine = multipliers[first : first + len(hold)] @ hold.directions(t, motions[node].R)
-            wrenches[node] = wrenches.get(node, 0.0) + mine
-            first += len(hold)
+            wrenches[node] = wrenches.get(node, 0.0) + multipliers[rows] @ hold.directions(t, motions[node].R)
         return wrenches
 
     def residual(self, t, y, yp):
@@ -164,97 +177,167 @@ class FlexibleBody:
         motions = self.node_motions(r, A, q)
         total, power, loss = self.applied(t, A, q, z, motions)
         G, rates = self.constraints(t, motions)
-        damping = self.D @ z[6:]
-        force = total - self.inertia_forces(q, z, M) + G.T @ multipliers
-        parts = self.elements
-        stretch, per_time = parts.L.T @ q - dashpots, 1 / parts.times
-        force[6:] -= self.K @ q + damping + parts.L @ (parts.factors * stretch)
+        u = z[6:]
+        damping, pull, inertia = self.D @ u, multipliers @ G, M @ zp
+        stress = self.K @ q + damping
         # at rest the equations hold to round-off, in which Newton's method would look for convergence in vain
-        size = np.abs(total) + np.abs(G.T) @ np.abs(multipliers) + np.abs(M) @ np.abs(zp)
-        large = np.abs(parts.L.T) @ np.abs(q) + np.abs(dashpots)
-        size[6:] += np.abs(self.K) @ np.abs(q) + np.abs(parts.L) @ (parts.factors * large)
-        lost = loss + (damping + self._skew @ q) @ z[6:] + parts.factors @ (per_time * stretch**2)
-        return np.concatenate(
-            [
-                rp - A @ z[:3],
-                pp - quaternion_rate(p, z[3:6]) - (1 - p @ p) * p,
-                qp - z[6:],
-                _beyond_round_off(M @ zp - force, size),
-                _beyond_round_off(G @ z - rates, np.abs(G) @ np.abs(z) + np.abs(rates)),
-                powers - np.array([power, rates @ multipliers, lost]),
-                _beyond_round_off(dashpots_p - per_time * stretch, per_time * large),
-            ]
-        )
+        size = np.abs(total) + np.abs(multipliers) @ np.abs(G) + np.abs(M) @ np.abs(zp)
+        size[6:] += self._sizes_of_K @ np.abs(q)
+        stretch_p, lost = dashpots_p, loss + (damping + self._skew @ q) @ u
+        if self.elements.size:
+            parts = self.elements
+            stretch, per_time = parts.L.T @ q - dashpots, 1 / parts.times
+            stress += parts.L @ (parts.factors * stretch)
+            large = np.abs(parts.L.T) @ np.abs(q) + np.abs(dashpots)
+            size[6:] += np.abs(parts.L) @ (parts.factors * large)
+            lost += parts.factors @ (per_time * stretch**2)
+            stretch_p = _beyond_round_off(dashpots_p - per_time * stretch, per_time * large)
+        balance = inertia + self.inertia_forces(q, z, M) - total - pull
+        balance[6:] += stress
+        found = np.empty_like(y)
+        places = self.split(found)
+        places[0][:] = rp - A @ z[:3]
+        places[1][:] = pp - quaternion_rate(p, z[3:6]) - (1 - p @ p) * p
+        places[2][:] = qp - u
+        places[3][:] = _beyond_round_off(balance, size)
+        places[4][:] = _beyond_round_off(G @ z - rates, np.abs(G) @ np.abs(z) + np.abs(rates))
+        places[5][:] = powers
+        places[5][:] -= power, rates @ multipliers, lost
+        places[6][:] = stretch_p
+        return found
 
     def jacobians(self, t, y, yp):
-        """Return dF/dy and dF/dy' for the Newton steps, which need no exact ones.
-
-        The columns of r, the quaternion, v and w are differences; those of q and u hold stiffness and damping, which
-        outweigh the inertia forces there.
-        """
-        r, p, q, *_ = self.split(y)
-        m, c, n = self.size, self.multipliers, len(y)
-        motions = self.node_motions(r, rotation(p), q)
-        # known in closed form: tangents of springs and loads, mass matrix, constraints
-        G, _ = self.constraints(t, motions)
-        stiffness, damping = self._tangents(motions)
-        stiffness[6:, 6:] += self._stiffness_of_loads(t, y, yp, motions)
-        # where the blocks of coordinates, velocities, multipliers and Maxwell elements begin
-        at_q, at_z, at_m, at_e, at_d = 7, 7 + m, 13 + 2 * m, 13 + 2 * m + c, 16 + 2 * m + c
+        """Return dF/dy and dF/dy', but for the powers, which are integrals that nothing depends on."""
+        r, p, q, z, *_ = self.split(y)
+        _, _, _, zp, multipliers, *_ = self.split(yp)
+        A, m, n = rotation(p), self.size, len(y)
+        at_r, at_p, at_q, at_z, at_c, _, at_d = self._parts
+        by_place, by_z, rates_by_place, G = self.tangents(t, r, A, q, z, zp, multipliers)
         dy, dyp = np.zeros((n, n)), np.eye(n)
-        dyp[at_z:at_m, at_z:at_m] = self.floating_frame.mass_matrix(q)
-        dyp[at_m:at_e, at_m:at_e] = 0.0
-        base = self.residual(t, y, yp)
-        # by differences: places and quaternion of the frame, and its velocities
-        placed = range(3) if self.springs or any(hold.support.turns for hold in self.holds) else ()
-        for column in (*placed, *range(3, 7), *range(at_z, at_z + 6)):
-            step = 1e-7 * max(1.0, abs(y[column]))
-            moved = y.copy()
-            moved[column] += step
-            dy[:, column] = (self.residual(t, moved, yp) - base) / step
-        # the elastic coordinates, q' = v and M v' + D v + K q = ...
-        dy[at_q:at_z, at_z + 6 : at_m] = -np.eye(m)
-        dy[at_z:at_m, at_q:at_z] = stiffness[:, 6:]
-        dy[at_z:at_m, at_z + 6 : at_m] = damping[:, 6:]
-        # Maxwell elements and constraint forces
+        # a change of r moves the body by A^T dr in its axes, one of p turns it by 2 Q^T dp
+        Q = rate_of_quaternion(p)
+        turned = 2 * Q.T / (p @ p)
+        for rows, part in ((at_z, by_place), (at_c, rates_by_place)):
+            dy[rows, at_r], dy[rows, at_p], dy[rows, at_q] = part[:, :3] @ A.T, part[:, 3:6] @ turned, part[:, 6:]
+        dy[at_z, at_z], dy[at_c, at_z] = by_z, G
+        dyp[at_z, at_z], dyp[at_z, at_c], dyp[at_c, at_c] = self.floating_frame.mass_matrix(q), -G.T, 0.0
+        # kinematics: r' = A v, p' = Q(p) w / 2 = W p / 2, q' = u
+        v, w = at_z.start, at_z.start + 3
+        W = np.zeros((4, 4))
+        W[0, 1:], W[1:, 0], W[1:, 1:] = -z[3:6], z[3:6], -skew(z[3:6])
+        dy[at_r, at_p], dy[at_r, v:w] = A @ skew(z[:3]) @ turned, -A
+        dy[at_p, at_p] = 2 * np.outer(p, p) - (1 - p @ p) * np.eye(4) - W / 2
+        dy[at_p, w : w + 3], dy[at_q, w + 3 : w + 3 + m] = -Q / 2, -np.eye(m)
+        # Maxwell elements
         parts = self.elements
-        pull, follow = parts.factors * parts.L, parts.L.T / parts.times[:, None]
-        dy[at_z + 6 : at_m, at_q:at_z] += pull @ parts.L.T
-        dy[at_z + 6 : at_m, at_d:] = -pull
-        dy[at_d:, at_q:at_z], dy[at_d:, at_d:] = -follow, np.diag(1 / parts.times)
-        dyp[at_z:at_m, at_m:at_e] = -G.T
-        dy[at_m:at_e, at_z:at_m] = G
+        dy[w + 3 : w + 3 + m, at_d] = -parts.factors * parts.L
+        dy[at_d, at_q], dy[at_d, at_d] = -parts.L.T / parts.times[:, None], np.diag(1 / parts.times)
         return dy, dyp
 
-    def _stiffness_of_loads(self, t, y, yp, motions):
-        """Return the stiffness (m, m) of inertia forces, loads and reactions on displacements of second order."""
-        _, p, _, z, *_ = self.split(y)
-        _, _, _, zp, multipliers, *_ = self.split(yp)
-        body, A = self.floating_frame, rotation(p)
-        v, w = z[:3], z[3:6]
-        products = np.concatenate([w * w, [w[0] * w[1], w[1] * w[2], w[0] * w[2]]])
-        stiffness = body.Ct1 @ (zp[:3] + cross(w, v) - A.T @ self.gravity) + body.Cr1 @ zp[3:6] + body.Oe1 @ products
+    def tangents(self, t, r, A, q, z, zp, multipliers):
+        """Return the derivatives (6 + m, 6 + m) of the equations of motion by displacements in the coordinates of
+        (v, w, u), and by z; those (c, 6 + m) of G z - rates by displacements; and G."""
+        motions = self.node_motions(r, A, q)
+        by_place, by_z = self._tangents_of_inertia(A, q, z, zp)
+        G, _ = self.constraints(t, motions)
+        rates_by_place = np.zeros_like(G)
+        parts = self.elements
+        by_place[6:, 6:] += self.K + (parts.factors * parts.L) @ parts.L.T
+        by_z[6:, 6:] += self.D
         wrenches = self.reactions(t, motions, multipliers)
-        for item in (*self.loads, *self.springs):
-            node, x = item.shape.node, motions[item.shape.node]
-            wrench = item.wrench(t, x.R) if item in self.loads else item.wrench(x.x, x.R, *np.split(x.B @ z, 2))
-            wrenches[node] = wrenches.get(node, 0.0) + wrench
-        for node, wrench in wrenches.items():
-            shape = self._shapes[node]
-            if shape.phi1 is not None:
-                stiffness -= np.tensordot(wrench[:3] @ A, shape.phi1, axes=1)
-                stiffness -= np.tensordot(wrench[3:] @ A, shape.psi1, axes=1)
-        return stiffness
+        for node, motion in motions.items():
+            shape, B = self._shapes[node], motion.B
+            velocity, by_motion = B @ z, self._velocity_by_place(shape, A, q, z)
+            stiffness, damping, wrench = np.zeros((6, 6)), np.zeros((6, 6)), wrenches.get(node, 0.0) + np.zeros(6)
+            # forces that change with place, rotation and velocity of the node
+            for load in self.loads:
+                if load.shape.node == node:
+                    own = load.wrench(t, motion.R)
+                    wrench += own
+                    if load.follows:
+                        stiffness[:3, 3:] += skew(own[:3])
+                        stiffness[3:, 3:] += skew(own[3:])
+            for spring in self.springs:
+                if spring.shape.node == node:
+                    wrench += spring.wrench(motion.x, motion.R, *np.split(velocity, 2))
+                    for total, part in zip((stiffness, damping), spring.tangents(motion.x, motion.R, velocity[:3]),
+                                           strict=True):  # fmt: skip
+                        total += part
+            for hold, rows in self._rows_of_holds:
+                if hold.shape.node == node:
+                    N, turns = hold.directions(t, motion.R), hold.support.state(t)[3]
+                    rates_by_place[rows] = N @ by_motion - N[:, :3] @ skew(turns) @ B[:3]
+                    if (turned := hold.cross_by_rotation(t, motion.R)) is not None:
+                        stiffness[3:, 3:] -= multipliers[rows][-1] * turned
+                        rates_by_place[rows.stop - 1] += (velocity[3:] - turns) @ turned @ B[3:]
+            by_place += B.T @ (stiffness @ B + damping @ by_motion) - self._turned_wrench(shape, A, q, B, wrench)
+            by_z += B.T @ damping @ B
+        return by_place, by_z, rates_by_place, G
 
-    def _tangents(self, motions):
-        """Return stiffness and damping (6 + m, 6 + m) of the elastic coordinates and of the springs."""
-        stiffness, damping = np.zeros((6 + self.size,) * 2), np.zeros((6 + self.size,) * 2)
-        stiffness[6:, 6:], damping[6:, 6:] = self.K, self.D
-        for spring in self.springs:
-            node = motions[spring.shape.node]
-            for total, part in zip((stiffness, damping), spring.tangents(node.x, node.R), strict=True):
-                total += node.B.T @ part @ node.B
-        return stiffness, damping
+    def _tangents_of_inertia(self, A, q, z, zp):
+        """Return the derivatives (6 + m, 6 + m) of M z' + inertia forces - weight by displacements and by z."""
+        body, M, m = self.floating_frame, self.floating_frame.mass_matrix(q), self.size
+        v, w, u = z[:3], z[3:6], z[6:]
+        at_q, at_u, at_up = body.varied(np.stack([q, u, zp[6:]]))
+        Ct, P, W, V = M[6:, :3], M @ z, skew(w), skew(v)
+        slope = (body.dJ.reshape(-1, 9) + at_q[:, 9:]).reshape(m, 3, 3)
+
+        def slopes(a, change):
+            """Return the derivatives of M a by q (6 + m, m)."""
+            moved = skew(a[3:6]) @ Ct.T + change[:, :3].T
+            turned = (slope @ a[3:6] + change[:, 3:6] - change[:, 6:9]).T - skew(a[:3]) @ Ct.T
+            return np.concatenate([moved, turned, body.Ct1 @ a[:3] + body.Cr1 @ a[3:6]])
+
+        by_q, flow = slopes(z, at_u), skew(u @ Ct)
+        # M' and the derivatives of M' z - dT/dq, and of the gyroscopic terms
+        by_z = np.zeros_like(M)
+        by_z[3:6, :3], by_z[:3, 3:6], by_z[3:6, 3:6] = flow, -flow, np.tensordot(u, slope, axes=1)
+        by_z[6:, :6], by_z[:6, 6:] = at_u[:, :6], at_u[:, :6].T
+        by_z[:, 6:] += by_q
+        by_z[6:] -= by_q.T
+        by_z[:3] += W @ M[:3]
+        by_z[3:6] += W @ M[3:6] + V @ M[:3]
+        by_z[:3, 3:6] -= skew(P[:3])
+        by_z[3:6, :3] -= skew(P[:3])
+        by_z[3:6, 3:6] -= skew(P[3:6])
+        # by q also the second derivatives of M; by rotations only the weight changes
+        by_place = np.zeros_like(M)
+        by_place[:, 6:] = slopes(zp, at_up)
+        by_place[:3, 6:] += W @ (by_q[:3] + at_u[:, :3].T)
+        by_place[3:6, 6:] += W @ by_q[3:6] + V @ (by_q[:3] - at_u[:, :3].T) + (at_u[:, 9:].reshape(m, 3, 3) @ w).T
+        g = self.gravity @ A
+        by_place[6:, 6:] -= body.Ct1 @ (V @ w + g) + body.J2.reshape(m, m, 9) @ np.outer(w, w).ravel()
+        weight = skew(g)
+        by_place[:, 3:6] -= M[:, :3] @ weight
+        by_place[3:6, 6:] += weight @ Ct.T
+        return by_place, by_z
+
+    def _velocity_by_place(self, shape, A, q, z):
+        """Return the derivative (6, 6 + m) of the velocities of a node by displacements, in inertial axes."""
+        moved, turned, phi, psi = shape.motion(q)
+        w, u, J = z[3:6], z[6:], rate_matrix(turned)
+        speed = z[:3] + cross(w, shape.position - self.floating_frame.origin + moved) + phi @ u
+        found = np.zeros((6, 6 + self.size))
+        found[:3, 3:6], found[3:, 3:6] = -skew(speed), -skew(w + J @ (psi @ u))
+        found[:3, 6:], found[3:, 6:] = skew(w) @ phi, -rate_derivative(-turned, psi @ u) @ psi
+        if shape.phi1 is not None:
+            found[:3, 6:] += shape.phi1 @ u
+            found[3:, 6:] += J @ (shape.psi1 @ u)
+        found[:3], found[3:] = A @ found[:3], A @ found[3:]
+        return found
+
+    def _turned_wrench(self, shape, A, q, B, wrench):
+        """Return the derivative (6 + m, 6 + m) of B^T wrench by displacements, for a wrench (6,) in inertial axes."""
+        _, turned, phi, psi = shape.motion(q)
+        force, moment = wrench[:3] @ A, wrench[3:] @ A
+        found = np.zeros((6 + self.size,) * 2)
+        found[:, 3:6] = B[:3].T @ A @ skew(force) + B[3:].T @ A @ skew(moment)
+        found[3:6, 6:] = -skew(force) @ phi
+        found[6:, 6:] = psi.T @ rate_derivative(turned, moment) @ psi
+        if shape.phi1 is not None:
+            found[6:, 6:] += np.tensordot(force, shape.phi1, axes=1)
+            found[6:, 6:] += np.tensordot(moment @ rate_matrix(turned), shape.psi1, axes=1)
+        return found
 
     def assemble(self, r, p, q):
         """Return r, p, q after the least rigid motion that brings the held nodes to their places, and whether it moved.
@@ -348,17 +431,15 @@ class FlexibleBody:
         """Return r, p, q at rest under gravity, loads and drives at t = 0. Raises InputError where a rigid motion is
         free."""
         m, c, q = self.size, self.multipliers, np.zeros(self.size)
-        multipliers = np.zeros(c)
+        multipliers, still = np.zeros(c), np.zeros(6 + m)
         for _ in range(50):
             motions = self.node_motions(r, rotation(p), q)
             G, _ = self.constraints(0.0, motions)
             self._check_rank(G)
             self._check_held(G, motions)
             force = self._static_force(r, p, q, multipliers)
-            system = np.block([[self._tangents(motions)[0], -G.T], [G, np.zeros((c, c))]])
-            for column, step in enumerate(1e-6 * np.eye(6 + m)[:6]):  # with the stiffness of weight and reactions
-                sides = [self._static_force(*_moved(r, p, q, sign * step), multipliers) for sign in (1, -1)]
-                system[: 6 + m, column] = (sides[1] - sides[0]) / 2e-6
+            stiffness = self.tangents(0.0, r, rotation(p), q, still, still, multipliers)[0]
+            system = np.block([[stiffness, -G.T], [G, np.zeros((c, c))]])
             step = np.linalg.solve(system, np.concatenate([force, -self.gaps(0.0, motions)]))
             r, p, q = _moved(r, p, q, step[: 6 + m])
             multipliers = multipliers + step[6 + m :]
@@ -375,14 +456,27 @@ class FlexibleBody:
         total[6:] -= self.K @ q
         return total
 
-    def energies(self, r, p, q, z, dashpots=()):
-        """Return Kinetic, elastic, gravity and springs' energy in J; elastic energy is also in the springs of Maxwell
-        elements."""
-        A = rotation(p)
-        kinetic = 0.5 * z @ self.floating_frame.mass_matrix(q) @ z
-        moment = self.mass * r + A @ self.floating_frame.first_moment(q)
-        motions = self.node_motions(r, A, q)
-        nodes = [motions[spring.shape.node] for spring in self.springs]
-        springs = sum(spring.energy(node.x, node.R) for spring, node in zip(self.springs, nodes, strict=True))
-        elastic = q @ self.K @ q + self.elements.factors @ (self.elements.L.T @ q - dashpots) ** 2
-        return kinetic, 0.5 * elastic, -self.gravity @ moment, springs
+    def energies(self, r, A, q, z, dashpots):
+        """Return kinetic, elastic and gravity's energy (nt, 3) in J at many times; the elastic one is also that of
+        Maxwell elements."""
+        body, found = self.floating_frame, np.empty((len(q), 3))
+        v, w, u = np.split(z, [3, 6], axis=1)
+        for first in range(0, len(q), CHUNK):
+            part = slice(first, first + CHUNK)
+            change = body.varied(q[part])
+            couplings = np.concatenate([body.Ct, body.Cr], axis=1) + change[:, :, :6]
+            centre = body.mc + np.einsum("tk,tki->ti", q[part], body.Ct + change[:, :, :3] / 2)
+            inertia = body.J + np.einsum("tk,tki->ti", q[part], body.dJ.reshape(-1, 9) + change[:, :, 9:] / 2).reshape(
+                -1, 3, 3
+            )
+            found[part, 0] = (
+                self.mass * (v[part] ** 2).sum(axis=1) / 2 + (w[part] * np.cross(centre, v[part])).sum(axis=1)
+                + np.einsum("ti,tij,tj->t", w[part], inertia, w[part]) / 2
+                + np.einsum("tk,tki,ti->t", u[part], couplings, z[part, :6])
+            )  # fmt: skip
+            found[part, 2] = -(self.mass * r[part] @ self.gravity + np.einsum("ti,tij,j->t", centre, A[part].transpose(
+                0, 2, 1), self.gravity))  # fmt: skip
+        found[:, 0] += np.einsum("ti,ij,tj->t", u, body.Me, u) / 2
+        stretch = q @ self.elements.L - dashpots
+        found[:, 1] = (np.einsum("ti,ij,tj->t", q, self.K, q) + stretch**2 @ self.elements.factors) / 2
+        return found

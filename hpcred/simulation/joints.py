@@ -117,11 +117,15 @@ def _complement(rows):
 
 @dataclass
 class Support:
-    """The support of a node: `shifts` and `turns` are drives, the latter about one axis through `centre` (3,)."""
+    """The support of a node: `shifts` and `turns` are drives, the latter about one axis through `centre` (3,).
+
+    It keeps its last state, for which several functions ask at the same time.
+    """
 
     shifts: tuple[Drive, ...] = ()
     turns: tuple[Drive, ...] = ()
     centre: np.ndarray | None = None
+    _last: tuple = field(default=(None, None), init=False, repr=False)
 
     @property
     def axis(self):
@@ -129,6 +133,11 @@ class Support:
 
     def state(self, t):
         """Return displacement (3,), its rate (3,), rotation G (3, 3) and angular velocity (3,) in inertial axes."""
+        if self._last[0] != (time := t if self.shifts or self.turns else 0.0):
+            self._last = time, self._state(time)
+        return self._last[1]
+
+    def _state(self, t):
         moved = np.array([np.outer(drive(t), drive.direction) for drive in self.shifts]).reshape(-1, 2, 3).sum(axis=0)
         if not self.turns:
             return *moved, np.eye(3), np.zeros(3)
@@ -173,6 +182,14 @@ class Hold:
             N[k, 3:] = cross(other, mine) / np.linalg.norm(np.cross(*self.cross))
         return N
 
+    def cross_by_rotation(self, t, R):
+        """Return the derivative (3, 3) of the direction that a universal joint holds by the rotation of the node; None
+        of other joints."""
+        if self.cross is None:
+            return None
+        mine, other = self._cross(R, self.support.state(t)[2])
+        return (np.outer(other, mine) - (mine @ other) * np.eye(3)) / np.linalg.norm(np.cross(*self.cross))
+
     def velocity(self, t, x):
         """Return velocity and angular velocity (6,) of the support at the position x (3,) of the node."""
         shift, rate, _, omega = self.support.state(t)
@@ -191,7 +208,7 @@ class Hold:
             angle = (mine @ other - self.cross[0] @ self.cross[1]) / np.linalg.norm(np.cross(*self.cross))
             return np.append(away, angle)
         if len(self.rotations) == 2:
-            axis = np.cross(*self.rotations)
+            axis = cross(*self.rotations)
             turned = cross(G @ axis, R @ self.turned.T @ axis)
         elif len(self.rotations):
             turned = vector_of(R @ self.turned.T @ G.T)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -10,25 +9,21 @@ import numpy as np
 
 from ..body.body import Body, check_moving, has_no_inertia, remarks
 from ..body.preload import Preload, warning_of_basis
-from ..body.rotations import continuous, quaternion, rotation, vector_of
+from ..body.rotations import continuous, of_vector, quaternion, rotation, vector_of
 from ..parallel.declared import as_declared
 from ..parallel.failures import ComputationError, InputError
 from ..parallel.petsc import MPI
-from ..parallel.progress import Progress, in_time
-from ..parallel.ranges import Node, Number, Range, Vector
+from ..parallel.progress import Progress
+from ..parallel.ranges import FREQUENCY, Node, Number, Range, Vector
 from ..reduction.result.maxwell_states import maxwell_states
 from .drives import AnyDrive
-from .equations_of_motion import FlexibleBody, node_motion
+from .equations_of_motion import FlexibleBody, NodeMotion, node_motion
+from .integration import integrate, note_on_damping
 from .joints import AXES, Joint, holds_of
 from .loads import AnyForce, AnyInputLoad, AnyMoment, load_of, push_of
 from .springs import ZERO, AnySpring, element_of
 from .warnings import Limits, first_frequency, note_on_steps, warnings_of_inputs, warnings_of_places
 
-MOST_STEPS = 1e8  # that a simulation may need; they take weeks
-FIRST_STEP = 1e-4  # of the longest; one that the integrator guesses may be so short that round-off ends it
-STEPS_OF_A_TURN = 8
-FEW_EVALUATIONS, MOST_EVALUATIONS = 5000, 3e9  # of the equations of motion, 30 a step
-FEW_STEPS = 5000  # by which the pace of the integrator is known
 OUTPUTS = Range(1, 10_000_000)  # output intervals, all of which are kept in memory
 SAMPLES = 200  # instants at which loads are looked at
 SPEED = Range(-3e8, 3e8, "m/s")
@@ -36,11 +31,10 @@ ENERGIES = ("kinetic", "elastic", "gravity", "springs")
 LARGE_GRAVITY = 1e3  # m/s^2: above what is asked for in earnest, below 9810
 POWERS = ("work", "drives", "dissipated")
 FASTEST = 1e9  # rad/s, of a motion that diverges
-MOST_TWIST = 3.0  # rad; rotation vectors go round at pi
 
 
 def _more_than_0(key, value):
-    if not 0 < value < np.inf:
+    if value is not None and not 0 < value < np.inf:
         raise InputError(f"{key}: found {value:g}, expected a finite number of more than 0")
 
 
@@ -72,7 +66,10 @@ class Simulation:
     observe : sequence of int or str, default ()
         Nodes whose motion is computed, beside those of the tables below.
     relative_tolerance, absolute_tolerance : float, default 1e-5 and 1e-8
-        Tolerances of the integrator.
+        Tolerances of a step of the integrator; the error of a velocity counts by the displacement that it makes in it.
+    damp_above : float, optional
+        Frequency in Hz above which vibrations are damped numerically in place of followed, by steps of a given length
+        in place of those that the tolerances ask for; by default none.
     force, moment : sequence of loads, default ()
         Forces and moments at nodes.
     load : sequence of ConstantLoad, SineLoad or TableLoad, default ()
@@ -104,6 +101,7 @@ class Simulation:
     observe: tuple[Node, ...] = ()
     relative_tolerance: Annotated[float, _more_than_0, Range(1e-14, 0.5)] = 1e-5
     absolute_tolerance: Annotated[float, _more_than_0, Range(1e-30, 1.0)] = 1e-8
+    damp_above: Annotated[float | None, _more_than_0, FREQUENCY] = None
     force: tuple[AnyForce, ...] = ()
     moment: tuple[AnyMoment, ...] = ()
     load: tuple[AnyInputLoad, ...] = ()
@@ -195,8 +193,8 @@ class Motion:
         What was changed or approximated.
     warnings : list of str
         Settings that look wrong, and motions beyond what the equations describe, such as those that diverge.
-    factorisations : int
-        Number of factorisations of Newton matrices.
+    integrator_steps, factorisations : int
+        Numbers of steps, and of factorisations of Newton matrices.
     """
 
     t: np.ndarray
@@ -230,6 +228,7 @@ class Motion:
     balance: float
     notes: list
     warnings: list
+    integrator_steps: int
     factorisations: int
 
 
@@ -317,17 +316,18 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     y0, yp0, change = system.start(r, p, q, z)
     if change > 1e-10 * max(1.0, np.abs(z).max()):
         notes.append(f"the initial velocities did not fit the constraints and were projected (change {change:.2g})")
-    if told := note_on_steps(system, setup, y0, yp0):  # before they are taken
+    if setup.damp_above is not None:
+        notes.append(note_on_damping(setup))
+    elif told := note_on_steps(system, setup, y0, yp0):  # before they are taken
         progress.tell(f"note: {told}")
         notes.append(told)
     limits = Limits(body, system, first_frequency(system, r, p, q), progress.warn)
     with np.errstate(all="ignore"):  # a step in which numbers overflow is tried again, shorter; the motion is checked
-        t, states, rates, factorisations = _integrate(system, setup, y0, yp0, limits, progress)
+        t, states, rates, work = integrate(system, setup, y0, yp0, limits, progress)
         motion = Motion(
-            t=t, notes=notes, warnings=warnings, factorisations=factorisations, **_motion(system, t, states),
-            **_nodes(body, undeformed, t, states, system), **_rates_of_nodes(body, system, states, rates),
-            **_outputs(body.reduced, system, t, states, rates), **_reactions(body, system, t, states, rates),
-            **_springs(body, setup, system, t, states),
+            t=t, notes=notes, warnings=warnings, **work,
+            **_at_outputs(body, setup, system, undeformed, t, states, rates),
+            **_rates_of_nodes(body, system, states, rates), **_outputs(body.reduced, system, t, states, rates),
         )  # fmt: skip
     numbers = [*motion.energies.values(), *(value for value in vars(motion).values() if isinstance(value, np.ndarray))]
     if not all(np.isfinite(value).all() for value in numbers):
@@ -394,146 +394,82 @@ def _spins_twice(body, setup) -> list[str]:
     ]  # fmt: skip
 
 
-def _integrate(system, setup, y0, yp0, limits, progress):
-    try:
-        from scipy_dae.integrate import solve_dae
-    except ImportError as error:
-        raise InputError("a simulation needs scipy_dae: pip install 'hpcred[simulate]'") from error
-
-    shown, begun, pace = -1, time.perf_counter(), _Pace(setup.end)
-
-    def residual(t, y, yp):
-        nonlocal shown
-        pace.evaluated()
-        if int(20 * t / setup.end) > shown:
-            shown = int(20 * t / setup.end)
-            passed = time.perf_counter() - begun
-            left = f", {pace.steps} steps, about {in_time(passed * (setup.end / t - 1))} left" if shown > 0 else ""
-            progress.say(f"t = {t:.4g} s of {setup.end:g} s{left}", minor=True)
-        return system.residual(t, y, yp)
-
-    # impulses begin at zero, and their rates, the forces, have round-off relative to their own size
-    tolerance = np.full(len(y0), setup.absolute_tolerance)
-    forces = system.split(yp0)[4]
-    system.split(tolerance)[4][:] *= max(1.0, np.abs(forces).max(initial=0.0))
-    # those of dashpots are L^T q
-    system.split(tolerance)[6][:] *= np.linalg.norm(system.elements.L, axis=0)
-    # a pulse must not be stepped over
-    moving = (*setup.force, *setup.moment, *setup.load, *setup.drive)
-    longest = min([setup.end / 20, *(item.longest_step(setup.end) for item in moving)])
-    for steps, what in ((setup.end / longest, "the fastest load or drive"), (_steps_of_turns(setup), "its turns")):
-        if steps > MOST_STEPS:
-            raise _too_many(f"end = {setup.end:g} s takes {steps:.1e} steps of {what}", "leave out what is so fast")
-    solution = solve_dae(
-        residual, (0.0, setup.end), y0, yp0, method="Radau", jac=system.jacobians, max_step=longest,
-        first_step=FIRST_STEP * longest,
-        rtol=setup.relative_tolerance, atol=tolerance, t_eval=np.linspace(0, setup.end, setup.steps + 1),
-        events=[_twists(system), pace.stepped, limits],
-    )  # fmt: skip
-    if not solution.success:
-        last = solution.t[-1] if len(solution.t) else 0.0
-        stopped = (
-            f"the integrator stopped at t = {last:.4g} s: {solution.message.rstrip('.')}; look for loads, drives and "
-            "velocities that are too large, loosen the tolerances, or leave out pseudo-modes far above the band "
-            "(drop_above)"
-        )
-        raise ComputationError("; ".join([*limits.warnings, stopped]))
-    return solution.t, solution.y, solution.yp, int(solution.nlu)
-
-
-def _steps_of_turns(setup) -> float:
-    """Return about how many steps rotations take: those of the drives, and that of a body on which nothing else
-    acts."""
-    turned = sum(drive.travel(setup.end) for drive in setup.drive if drive.about is not None)
-    if not (setup.constraint or setup.drive):
-        turned += float(np.linalg.norm(setup.angular_velocity)) * setup.end
-    return STEPS_OF_A_TURN * turned / (2 * np.pi)
-
-
-def _too_many(what: str, advice: str, most=MOST_STEPS) -> InputError:
-    return InputError(f"{what}, expected at most {most:.0e}; end earlier, or {advice}")
-
-
-class _Pace:
-    """Refuses a simulation whose steps stay so short, or fail so often, that it takes far too many.
-
-    `stepped` is an event of the integrator, at each step that it takes; `evaluated` counts all residuals, also those of
-    steps that it tries in vain.
-    """
-
-    def __init__(self, end):
-        self.end, self.t = end, 0.0
-        self.steps, self.evaluations, self.last = 0, 0, {}
-
-    def stepped(self, t, y, yp):
-        self.steps, self.t = self.steps + 1, t
-        self._check(self.steps, FEW_STEPS, "steps", MOST_STEPS)
-        return 1.0
-
-    def evaluated(self):
-        self.evaluations += 1
-        self._check(self.evaluations, FEW_EVALUATIONS, "evaluations of the equations", MOST_EVALUATIONS)
-
-    def _check(self, count, few, what, most):
-        if count % few:
-            return
-        passed, self.last[what] = self.t - self.last.get(what, 0.0), self.t
-        left = (self.end - self.t) * few / max(passed, 1e-300)
-        if left > most:
-            raise _too_many(
-                f"t = {self.t:.4g} s was reached in {count} {what}, the last {few} of which took {passed:.1e} s, so "
-                f"that end = {self.end:g} s takes {left:.1e} more", "look for loads, gravity and velocities that are "
-                "too large, or damp what vibrates so fast (drop_above leaves it out)", most,
-            )  # fmt: skip
-
-
-def _steps(system, t, states):
-    """Return Time, r, A, q and z, one output time after the other."""
-    r, p, q, z, *_ = (part.T for part in system.split(states))
-    return zip(t, r, rotation(p), q, z, strict=True)
-
-
 def _names(body) -> dict:
     """Return the name of each node, or its number where it has none, by number."""
     return {shape.node: shape.label for shape in body.nodes}
 
 
-def _motion(system, t, states):
-    """Return the fields of a Motion on the body frame, elastic coordinates, energies and errors."""
+def _at_outputs(body, setup, system, undeformed, t, states, rates):
+    """Return the fields of a Motion that follow from the places of nodes, in one pass over the output times."""
     r, p, q, z, _, powers, dashpots = (part.T for part in system.split(states))
     p = p / np.linalg.norm(p, axis=1)[:, None]
-    stored = np.array([system.energies(*state) for state in zip(r, p, q, z, dashpots, strict=True)])
+    A, multipliers, springs = rotation(p), system.split(rates)[4].T, np.zeros((len(t), len(system.springs), 7))
+    # all nodes at all times, then joints and springs one time after the other
+    places, turned = np.zeros((len(t), len(body.nodes), 3)), np.zeros((len(t), len(body.nodes), 3, 3))
+    for k, shape in enumerate(body.nodes):
+        places[:, k], turned[:, k] = _placed(shape, body.floating_frame.origin, r, A, q)
+    column = {shape.node: k for k, shape in enumerate(body.nodes)}
+    held = {hold.shape.node: column[hold.shape.node] for hold in system.holds}
+    gaps, reactions = np.zeros((len(t), system.multipliers)), []
+    for i, now in enumerate(t):
+        motions = {node: NodeMotion(places[i, k], turned[i, k], None) for node, k in held.items()}
+        gaps[i] = system.gaps(now, motions)
+        reactions.append(system.reactions(now, motions, multipliers[i]))
+        for k, spring in enumerate(system.springs):
+            node = node_motion(spring.shape, body.floating_frame.origin, r[i], A[i], q[i])
+            springs[i, k, :6] = spring.wrench(node.x, node.R, *np.split(node.B @ z[i], 2))
+            springs[i, k, 6] = spring.energy(node.x, node.R)
+    stored = np.column_stack([system.energies(r, A, q, z, dashpots), springs[:, :, 6].sum(axis=1)])
+    return {
+        "position": r, "quaternion": p, "velocity": z[:, :3], "angular_velocity": z[:, 3:6], "elastic": q,
+        "elastic_velocity": z[:, 6:], **_energies(stored, powers), **_drifts(system, gaps),
+        **_nodes(body, undeformed, places, turned), **_reactions(body, system, reactions),
+        "spring_names": [f"{k + 1}:{_names(body)[item.node]}" for k, item in enumerate(setup.spring)],
+        "spring_force": springs[:, :, :3], "spring_moment": springs[:, :, 3:6], "spring_energy": springs[:, :, 6],
+    }  # fmt: skip
+
+
+def _placed(shape, origin, r, A, q):
+    """Return places (nt, 3) and rotations (nt, 3, 3) of a node at all times."""
+    bent, turned = q @ shape.phi.T, q @ shape.psi.T
+    if shape.phi1 is not None:
+        bent, turned = (linear + np.einsum("ijk,tj,tk->ti", second, q, q) / 2
+                        for linear, second in ((bent, shape.phi1), (turned, shape.psi1)))  # fmt: skip
+    places = r + np.einsum("tij,tj->ti", A, shape.position - origin + bent)
+    return places, A @ of_vector(turned) if shape.rotates else A
+
+
+def _energies(stored, powers):
+    """Return the fields of a Motion on energies (nt, 4) and works and losses (nt, 3)."""
     energies = {**dict(zip(ENERGIES, stored.T, strict=True)), **dict(zip(POWERS, powers.T, strict=True))}
     defect = stored.sum(axis=1) - stored[0].sum() - powers @ [1, 1, -1]
     from_start = stored - stored[0] * [0, 0, 1, 0]  # where gravity is zero is nobody's choice
     scale = max(np.abs(from_start).max(), np.abs(powers).max(), np.finfo(float).tiny)
-    gaps = np.array([system.gaps(now, system.node_motions(*state)) for now, *state, _ in _steps(system, t, states)])
+    return {"energies": energies, "balance": float(np.abs(defect).max() / scale)}
+
+
+def _drifts(system, gaps):
+    """Return the fields of a Motion on errors (nt, c) of the constraints."""
     turned = np.concatenate([[False] * len(hold.translations) + [True] * (len(hold) - len(hold.translations))
                              for hold in system.holds] or [np.zeros(0, dtype=bool)])  # fmt: skip
     return {
-        "position": r, "quaternion": p, "velocity": z[:, :3], "angular_velocity": z[:, 3:6], "elastic": q,
-        "elastic_velocity": z[:, 6:], "energies": energies, "balance": float(np.abs(defect).max() / scale),
         "drift": float(np.abs(gaps[:, ~turned]).max(initial=0.0)),
         "rotation_drift": float(np.abs(gaps[:, turned]).max(initial=0.0)),
-    }  # fmt: skip
+    }
 
 
-def _nodes(body, undeformed, t, states, system):
-    """Return the fields of a Motion on nodes."""
-    origin = body.floating_frame.origin
-    steps = [state for _, *state, _ in _steps(system, t, states)]
-    moved = [[node_motion(shape, origin, *state) for shape in body.nodes] for state in steps]
-    shape = (len(t), len(body.nodes), 3)
-    places = np.array([[node.x for node in nodes] for nodes in moved]).reshape(shape)
+def _nodes(body, undeformed, places, turned):
+    """Return the fields of a Motion on nodes from their places (nt, k, 3) and rotations (nt, k, 3, 3)."""
     first = [undeformed[item.node] for item in body.nodes]
-    turned = [node.R @ start.R.T for nodes in moved for node, start in zip(nodes, first, strict=True)]
-    rotations = vector_of(np.array(turned)).reshape(shape) if turned else np.zeros(shape)
+    starts = np.array([start.R for start in first]).reshape(-1, 3, 3)
+    turned = turned @ starts.transpose(0, 2, 1)
+    rotations = vector_of(turned.reshape(-1, 3, 3)).reshape(places.shape) if turned.size else np.zeros(places.shape)
     return {
         "nodes": [item.node for item in body.nodes],
         "node_names": list(_names(body).values()),
         "node_rotates": [item.rotates for item in body.nodes],
         "node_position": places,
-        "node_displacement": places - np.array([start.x for start in first]).reshape(shape[1:]),
+        "node_displacement": places - np.array([start.x for start in first]).reshape(-1, 3),
         "node_rotation": continuous(rotations),
     }
 
@@ -549,11 +485,15 @@ def _rates_of_nodes(body, system, states, rates):
     (v, w, u), (dv, dw, du) = (np.split(part, [3, 6], axis=1) for part in (z, dz))
     found = [np.zeros((len(q), len(body.nodes), 3)) for _ in range(2)]
     for k, shape in enumerate(body.nodes):
-        moved, _, phi, _ = (np.array(part) for part in zip(*map(shape.motion, q), strict=True))
-        arm = shape.position - origin + moved
-        speed, bent = (np.einsum("tij,tj->ti", phi, part) for part in (u, du))
+        moved, speed, bent = (part @ shape.phi.T for part in (q, u, du))
         if shape.phi1 is not None:
-            bent = bent + np.einsum("ijk,tj,tk->ti", shape.phi1, u, u)
+            by_q, by_u = (np.einsum("ijk,tk->tij", shape.phi1, part) for part in (q, u))
+            moved, speed, bent = (
+                part + np.einsum("tij,tj->ti", matrix, other)
+                for part, matrix, other in ((moved, by_q / 2, q), (speed, by_q, u), (bent, by_q, du))
+            )
+            bent = bent + np.einsum("tij,tj->ti", by_u, u)
+        arm = shape.position - origin + moved
         a = v + np.cross(w, arm) + speed
         rate = np.cross(w, a) + dv + np.cross(dw, arm) + np.cross(w, speed) + bent
         for array, value in zip(found, (a, rate), strict=True):
@@ -571,13 +511,9 @@ def _outputs(reduced, system, t, states, rates):
     return {"output_names": list(reduced.output_names), "outputs": y}
 
 
-def _reactions(body, system, t, states, rates):
-    """Return the fields of a Motion on forces and moments of constraints: the components that joints can transmit."""
-    multipliers = system.split(rates)[4].T
-    found = [
-        system.reactions(now, system.node_motions(*state), mine)
-        for (now, *state, _), mine in zip(_steps(system, t, states), multipliers, strict=True)
-    ]
+def _reactions(body, system, found):
+    """Return the fields of a Motion on forces and moments of constraints, of those {number: (6,)} at each time: the
+    components that joints can transmit."""
     able = {}
     for hold in system.holds:
         able[hold.shape.node] = able.get(hold.shape.node, False) | hold.components()
@@ -586,46 +522,7 @@ def _reactions(body, system, t, states, rates):
         for i in np.flatnonzero(components):
             names[i // 3].append(f"{names_of[node]}:{'r' * (i // 3)}{AXES[i % 3]}")
             columns[i // 3].append([reaction[node][i] for reaction in found])
-    force, moment = (np.array(part).reshape(-1, len(t)).T for part in columns)
+    force, moment = (np.array(part).reshape(-1, len(found)).T for part in columns)
     return {
         "constraint_names": names[0], "constraint_force": force, "moment_names": names[1], "constraint_moment": moment
-    }  # fmt: skip
-
-
-def _twists(system):
-    """Return an event of the integrator that refuses bushings which a step twists too far, also between output times.
-
-    Rotation vectors go round at pi: one that a step takes beyond comes back from the other side.
-    """
-    last = [np.zeros(3)] * len(system.springs)
-
-    def watch(t, y, yp):
-        r, p, q, *_ = system.split(y)
-        motions = system.node_motions(r, rotation(p), q)
-        for k, spring in enumerate(system.springs):
-            twist = spring.twist(motions[spring.shape.node].R)
-            if max(np.linalg.norm(twist), np.linalg.norm(twist - last[k])) > MOST_TWIST:
-                raise ComputationError(
-                    f"spring: the bushing at node {spring.shape.label} was twisted by more than {MOST_TWIST:g} rad at "
-                    f"t = {t:.4g} s, and knows no larger rotations; stiffen it, or load it less"
-                )
-            last[k] = twist
-        return 1.0
-
-    return watch
-
-
-def _springs(body, setup, system, t, states):
-    """Return the fields of a Motion on springs."""
-    names_of, count = _names(body), len(system.springs)
-    wrenches, energies = np.zeros((len(t), count, 6)), np.zeros((len(t), count))
-    for i, (_, r, A, q, z) in enumerate(_steps(system, t, states)):
-        motions = system.node_motions(r, A, q)
-        for k, spring in enumerate(system.springs):
-            node = motions[spring.shape.node]
-            wrenches[i, k] = spring.wrench(node.x, node.R, *np.split(node.B @ z, 2))
-            energies[i, k] = spring.energy(node.x, node.R)
-    return {
-        "spring_names": [f"{k + 1}:{names_of[item.node]}" for k, item in enumerate(setup.spring)],
-        "spring_force": wrenches[:, :, :3], "spring_moment": wrenches[:, :, 3:], "spring_energy": energies,
     }  # fmt: skip

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from ..body.node_shapes import NodeShape
-from ..body.rotations import rate_matrix, vector_of
+from ..body.rotations import rate_derivative, rate_matrix, vector_of
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from ..parallel.ranges import Node, Number, Vector, not_negative
@@ -115,14 +115,15 @@ class LineElement:
         tension = self.stiffness * (length - self.length) + self.damping * line @ v
         return np.concatenate([-tension * line, np.zeros(3)])
 
-    def tangents(self, x, R):
-        """Return stiffness and damping (6, 6): minus the derivatives of the wrench by displacement and velocity at
-        rest."""
+    def tangents(self, x, R, v):
+        """Return stiffness and damping (6, 6): minus the derivatives of the wrench by displacement and velocity."""
         line, length = self._line(x)
         K, C = np.zeros((6, 6)), np.zeros((6, 6))
         along = np.outer(line, line)
-        across = 1 - self.length / (length or 1.0)
-        K[:3, :3] = self.stiffness * (along + across * (np.eye(3) - along))
+        across, speed = np.eye(3) - along, line @ v
+        tension = self.stiffness * (length - self.length) + self.damping * speed
+        K[:3, :3] = self.stiffness * along + (
+            tension * across + self.damping * np.outer(line, across @ v)) / (length or 1.0)  # fmt: skip
         C[:3, :3] = self.damping * along
         return K, C
 
@@ -164,9 +165,13 @@ class BushingElement:
         force[3:] = np.linalg.solve(rate_matrix(away[3:]).T, force[3:])
         return force - self.damping * np.concatenate([v, omega])
 
-    def tangents(self, x, R):
-        """Return stiffness and damping (6, 6) for small rotations."""
-        return np.diag(self.stiffness), np.diag(self.damping)
+    def tangents(self, x, R, v):
+        """Return stiffness and damping (6, 6): minus the derivatives of the wrench by displacement and velocity."""
+        turned, K = self._deflection(x, R)[3:], np.diag(self.stiffness)
+        inverse = np.linalg.inv(rate_matrix(turned))
+        moment = inverse.T @ (self.stiffness[3:] * turned)
+        K[3:, 3:] = inverse.T @ (K[3:, 3:] - rate_derivative(turned, moment)) @ inverse
+        return K, np.diag(self.damping)
 
     def energy(self, x, R):
         """In J."""

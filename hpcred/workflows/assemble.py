@@ -28,6 +28,7 @@ from ..model.damping import GivenDamping
 from ..model.frames import NoFrame
 from ..model.interfaces.nodes import InterfaceNode
 from ..parallel import startup
+from ..parallel.as_html import as_html
 from ..parallel.failures import InputError, agreed
 from ..parallel.progress import Progress
 from ..readers.frf import read_frf
@@ -157,6 +158,15 @@ class Assembly:
                        for row in self.budget)  # fmt: skip
         return "\n".join([f"machine of {', '.join(self.machine.parts)}: {size}", self.sentence,
                           *([f"errors of the bodies: {of}"] * bool(of))])  # fmt: skip
+
+    __repr__ = __str__
+
+    def _repr_html_(self):
+        """Return what is known of the error, and the errors of the bodies, for notebooks."""
+        size = "responses of measured bodies" if self.reduced is None else f"{self.reduced.size} coordinates"
+        rows = [{key: "not known" if value is None else value for key, value in row.items()} for row in self.budget]
+        notes = [f"warning: {text}" for text in self.warnings]
+        return as_html(self.sentence, {"machine of": ", ".join(self.machine.parts), "size": size}, rows, notes)
 
 
 @workflow

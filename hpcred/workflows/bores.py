@@ -63,6 +63,7 @@ def lines_of_job(bore: Bore) -> str:
     at = [float(f"{part:.9g}") for part in interface.at]
     return (
         f'[[interface]]\nname  = "{interface.name}"\n'
-        f"nodes = {{{key} = [{list(start)}, {list(end)}, {radius}]}}    # ends of the axis, radius; m\n"
+        "# ends of the axis, radius; m\n"
+        f"nodes = {{{key} = [{list(start)}, {list(end)}, {radius}]}}\n"
         f"at    = {at}\n"
     )

@@ -157,7 +157,8 @@ def _instants(reduced, over, spectrum, q) -> np.ndarray:
         decay = 2 * np.pi * max((at * ratios).min(), spectrum[0] * damping_ratio(q))
         after = np.log(1 / AT_REST) / decay + 1 / at.min()
     step = min(np.diff(over).min(), 1 / (32 * spectrum[-1]))
-    count = np.ceil((over[-1] - over[0] + after) / step) + 2
+    with np.errstate(over="ignore"):
+        count = np.ceil((over[-1] - over[0] + after) / step) + 2
     require_size(reduced, count, step)
     return over[0] + step * np.arange(int(count))
 

@@ -14,8 +14,9 @@ from ..files.checksums import content_of
 from ..files.model_file import read_model
 from ..linalg.solvers.settings import PACKAGES, Factoring, LinearSolver
 from ..model.damping import Damping, NoDamping
+from ..model.interfaces.nodes import Interface
 from ..model.loads.base import Base
-from ..model.loads.kinds import motions_of
+from ..model.loads.kinds import AnyLoad, motions_of
 from ..model.operator import ADDED
 from ..model.outputs.cuts import cut_output_of
 from ..model.outputs.motions import motion_output_of
@@ -32,7 +33,14 @@ from ..reduction.reduce import reduce
 from ..reduction.result.parameter_accuracy import in_words
 from ..reduction.result.record import Record, difference_of
 from ..settings.term_table import TermTable
-from .model_of_job import with_bases, with_interfaces, with_matrices_of_record, with_targets, with_terms
+from .model_of_job import (
+    with_bases,
+    with_interfaces,
+    with_loads,
+    with_matrices_of_record,
+    with_targets,
+    with_terms,
+)
 
 WORDS = {
     "B": "inputs differ", "Ct": "outputs differ", RATES: "outputs differ", "dofs": "nodes differ",
@@ -99,21 +107,37 @@ def _model_of_record(path, record, result, at, comm):
     reduced."""
     record.require_model(result)
     model = read_model(path, comm)
-    bases = adapter_of(tuple[Base, ...]).validate_python((record.job or {}).get("base", ()))
+    # what the job adds to a model file that does not have it
+    given = record.job or {}
+    bases = adapter_of(tuple[Base, ...]).validate_python(given.get("base", ()))
     moved = [name for item in bases for name in item.input_names]
     if set(moved) <= {*motions_of(model.loads)}:
         bases = ()  # they are in the file
+    loads = adapter_of(tuple[AnyLoad, ...]).validate_python(given.get("load", ()))
+    loads = [item for item in loads if item.name not in model.input_names]
     if not bases and model.size != record.size:  # before interfaces are looked for, which another model does not have
         with model:
             raise InputError(f"{path}: has {model.size} dofs, and the model that {result} was reduced from has "
                              f"{record.size}; take that model, or reduce this one again")  # fmt: skip
+    # in the order of a job
     model = with_matrices_of_record(model, record)
-    model = with_interfaces(model, record.interfaces)
-    for key, names in (("input", record.inputs), ("output", record.outputs)):
-        if bases:
-            names = tuple(name for name in names if name not in moved and not name.startswith(ABSOLUTE))
-        if names or not bases:
-            model = _as_recorded(model, key, names, record, path)
+    interfaces = record.interfaces
+    if bases:  # of which one may move an interface
+        interfaces = adapter_of(tuple[Interface, ...]).validate_python(given.get("interface", ()))
+    model = with_interfaces(model, interfaces)
+    inputs, outputs = record.inputs, record.outputs
+    if bases:
+        inputs, outputs = (
+            tuple(name for name in names if name not in moved and not name.startswith(ABSOLUTE))
+            for names in (inputs, outputs)
+        )
+    added = [item.name for item in loads]
+    forces = tuple(name for name in inputs if name not in added)
+    if forces or not (bases or loads):
+        model = _as_recorded(model, "input", forces, record, path)
+    model = with_loads(model, loads)
+    if outputs or not bases:
+        model = _as_recorded(model, "output", outputs, record, path)
     model = with_bases(model, bases, factoring_of(record))
     parametric = with_terms_of_record(model, record)
     if parametric is not None:

@@ -27,7 +27,7 @@ from ..parallel.failures import HpcredError, InputError, agreed
 from ..parallel.petsc import is_complex
 from ..parallel.plugins import OWN, blamed
 from ..parallel.progress import Progress
-from ..parallel.ranges import FREQUENCY, within
+from ..parallel.ranges import FREQUENCY, positive, within
 from ..readers.abaqus import input_file as abaqus_input
 from ..readers.abaqus.matrices import Triplets
 from ..readers.calculix import matrix_storage as calculix
@@ -122,10 +122,10 @@ def describe_file(
         if kind != MODEL and figure is not None:
             raise InputError(f"--figure: {path} is no model file and no job, whose sets can be drawn; convert it first")
     if kind == MODEL:
-        if (band_top is not None and band_top <= 0) or any(f <= 0 for f in frequencies):
-            raise InputError("info: frequencies must be positive")
-        within("--below", frequencies, FREQUENCY)
-        within("--band-top", band_top, FREQUENCY)
+        for key, given in (("--below", frequencies), ("--band-top", () if band_top is None else (band_top,))):
+            for frequency in given:
+                positive(key, frequency)
+            within(key, tuple(given), FREQUENCY)
         if modes is not None and modes < 1:
             raise InputError(f"--modes: found {modes}, expected at least 1")
         with progress.stage("read", str(path)):

@@ -27,10 +27,7 @@ def model_of_job(job: Job, comm):
     model = with_interfaces_of_job(job, comm)
     for key in ("input", "output"):
         model = with_targets(model, key, getattr(job, key + "s"))
-    if job.load:
-        with model:
-            loaded = model.with_loads(job.load)
-        model = loaded
+    model = with_loads(model, job.load)
     model = with_bases(model, job.base, job.factoring)
     if model.B is None:
         with model:
@@ -146,6 +143,14 @@ def with_interfaces(model, interfaces):
             interfaces = [replace(item, nodes=read_node_numbers(item.nodes)) if isinstance(item.nodes, str) else item
                           for item in interfaces]  # fmt: skip
         return interface_motion.with_interfaces(model, interfaces)
+
+
+def with_loads(model, loads):
+    """Return the model with loads as further inputs; `model` is closed. Collective. Raises InputError."""
+    if not loads:
+        return model
+    with model:
+        return model.with_loads(loads)
 
 
 def with_bases(model, bases, factoring=None):

@@ -56,8 +56,8 @@ SPARE = 1.2  # memory that is asked for, over that which is expected
 
 # as in jobs/reduce.slurm
 LAUNCHER = (
-    'if srun --mpi=list 2>&1 | grep -qw pmix; then launcher="srun --mpi=pmix"; '
-    'else launcher="mpiexec -n $SLURM_NTASKS"; fi'
+    'launcher="mpiexec -n $SLURM_NTASKS"',
+    'if srun --mpi=list 2>&1 | grep -qw pmix; then launcher="srun --mpi=pmix"; fi',
 )
 
 
@@ -73,6 +73,10 @@ class Way:
     seconds: float
     remark: str = ""
     on_gpu: bool = False
+
+    def on_node(self, ranks, nodes) -> float:
+        """Return the bytes of a node with the most of the ranks, which share them."""
+        return self.memory * ceil(ranks / nodes) / ranks
 
 
 @workflow
@@ -123,7 +127,7 @@ def plan_file(
     ways = _ways(size, ranks, gflops, factors, job)
     room = float("inf") if memory_gb is None else memory_gb * GB / SPARE
     chosen = [way for way in ways if way.job] or [way for way in ways if not way.on_gpu]
-    best = next((way for way in chosen if way.memory / nodes <= room), None)
+    best = next((way for way in chosen if way.on_node(ranks, nodes) <= room), None)
     return {
         "model": model.K if isinstance(model, Source) else os.path.normpath(model), "ranks": ranks, "nodes": nodes,
         "dofs": size.dofs, "nonzeros": size.nonzeros, "operations": size.flops, "entries": size.entries,
@@ -231,9 +235,10 @@ def _ways(size: Size, ranks, gflops, factors, job: Job | None) -> list[Way]:
 
 def _row(way: Way, ranks, nodes, room) -> dict:
     """Return a row of the table; `room`: bytes of a node, None where they are not known."""
-    fits = "not known" if room is None or way.on_gpu else "yes" if way.memory / nodes <= room else "no"
+    node = way.on_node(ranks, nodes)
+    fits = "not known" if room is None or way.on_gpu else "yes" if node <= room else "no"
     return {
-        "way": way.name, "GB a rank": _two(way.memory / ranks / GB), "GB a node": _two(way.memory / nodes / GB),
+        "way": way.name, "GB a rank": _two(way.memory / ranks / GB), "GB a node": _two(node / GB),
         "GB in all": _two(way.memory / GB), "time": in_time(way.seconds), "hours": _two(way.seconds / 3600),
         "fits": fits, "remark": way.remark,
     }  # fmt: skip
@@ -256,10 +261,12 @@ def _script(way: Way, path, job, ranks, nodes):
         f"#SBATCH --ntasks={ranks}",
         f"#SBATCH --ntasks-per-node={ceil(ranks / nodes)}",
         "#SBATCH --cpus-per-task=1",
-        f"#SBATCH --mem={ceil(SPARE * way.memory / nodes / GB + 1)}G",
+        *["#SBATCH --gpus-per-node=1"] * way.on_gpu,
+        f"#SBATCH --mem={ceil(SPARE * way.on_node(ranks, nodes) / GB + 1)}G",
         f"#SBATCH --time={minutes // 60}:{minutes % 60:02}:00",
-        "export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 HDF5_USE_FILE_LOCKING=FALSE PYTHONUNBUFFERED=1",
+        "export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1",
+        "export HDF5_USE_FILE_LOCKING=FALSE PYTHONUNBUFFERED=1",
         "# Where SLURM has no PMIx, srun would start as many programs of one rank.",
-        LAUNCHER,
+        *LAUNCHER,
         f"$launcher hpcred reduce {name}{store}{option}",
     ])  # fmt: skip

@@ -9,7 +9,7 @@ from ..model.units import unit_of_response
 from ..reduction.result.accuracy import WORST
 from ..reduction.result.directions import rows_of_directions
 from ..reduction.result.parameter_accuracy import in_words as values_in_words
-from ..reduction.result.record import version_of
+from ..reduction.result.record import MACHINE, version_of
 from ..report.figures import UNKNOWN
 from ..report.page import packed
 from ..report.tables import in_words
@@ -32,7 +32,7 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
         "title": ", ".join(sheet.name for sheet in sheets),
         "made": f"hpcred {version_of('hpcred')}; " + ", ".join(str(sheet.result.path) for sheet in sheets)
                 + (f"; full model {full}" if full else ""),
-        "facts": list(results[0]["facts"]),
+        "facts": list(dict.fromkeys(key for result in results for key in result["facts"])),
         "results": results,
         "notes": list(dict.fromkeys(note for sheet in sheets for note in sheet.notes)),
         "response_notes": [f"{name}: responses and errors are {words}" for name, words in whose.items()],
@@ -73,7 +73,7 @@ def _drawn(sheet, pairs):
         "points": [] if accuracy is None else [
             {"frequency": point.frequency, "estimate": _finite(point.estimate)} for point in accuracy.points
         ],
-        "tolerance": None if accuracy is None else accuracy.tolerance,
+        "tolerance": accuracy.tolerance if accuracy is not None and accuracy.asked else None,
         "seconds": sheet.record.timing.seconds,
         "shape": sheet.body,
         "motion": sheet.motion,
@@ -105,7 +105,8 @@ def _shown(sheet):
     return {
         "name": sheet.name,
         "sentence": accuracy.sentence if accuracy is not None else "",
-        "reached": accuracy is not None and accuracy.reached,
+        "claim": "" if accuracy is None or not accuracy.asked else
+        "reached" if accuracy.reached and not accuracy.warnings else "missed",
         "alarms": list(accuracy.warnings) if accuracy is not None and accuracy.reached else [],
         "directions": directions_of(sheet),
         "facts": _facts(sheet),
@@ -174,6 +175,7 @@ def frequency_rows(sheet) -> list[dict]:
 
 def _facts(sheet):
     record, reduced, frame = sheet.record, sheet.reduced, sheet.result.floating_frame
+    machine = record.model.startswith(MACHINE)  # of which no model was reduced
     # the rigid body: mass, centre, inertia
     body = dict.fromkeys(("mass (kg)", "centre of mass (m)", "inertia about the centre of mass (kg m^2)"), "not known")
     if frame is not None and frame.mass > 0:
@@ -188,6 +190,8 @@ def _facts(sheet):
                  "yz": about[1, 2]}
             ),
         }  # fmt: skip
+    elif machine:
+        body = {}
     # the nodes that inputs and outputs name
     interface = sorted({target[0] for name in (*record.inputs, *record.outputs)
                         if isinstance(target := target_of(named_quantity(name)[1]), tuple)},
@@ -205,12 +209,15 @@ def _facts(sheet):
         "inputs": in_words(list(record.inputs)),
         "outputs": in_words(list(record.outputs)),
         "interface nodes": in_words(interface),
-        "basis": "; ".join(kind_in_words(item) for item in record.basis) or "chosen to a tolerance",
-        "modes of the band": "not counted" if record.accuracy is None else record.accuracy.modes_in_words,
+        **({} if machine else {
+            "basis": "; ".join(kind_in_words(item) for item in record.basis) or "chosen to a tolerance",
+            "modes of the band": "not counted" if record.accuracy is None else record.accuracy.modes_in_words,
+        }),
         "pseudo-frequencies (Hz)": f"{reduced.frequencies[0]:.6g} to {reduced.frequencies[-1]:.6g}",
         "band (Hz)": f"{sheet.band[0]:g} to {sheet.band[1]:g}",
-        "max |V^T M V - I|": f"{record.orthonormality_defect:.1e}",
-        "factorisations": record.effort,
+        **({} if machine else {
+            "max |V^T M V - I|": f"{record.orthonormality_defect:.1e}", "factorisations": record.effort,
+        }),
         "made": f"{record.date}, {record.scalar} PETSc {record.versions['petsc']}, hpcred {record.versions['hpcred']}, "
                 f"{record.ranks} rank(s)",
     }  # fmt: skip

@@ -122,6 +122,7 @@ def _figures(motion):
         "constraint_drift_m": motion.drift,
         "constraint_drift_rad": motion.rotation_drift,
         "energy_defect": motion.balance,
+        "integrator_steps": motion.integrator_steps,
         "factorisations": motion.factorisations,
         "largest_displacement_m": {
             name: float(np.linalg.norm(motion.node_displacement[:, i], axis=-1).max())

@@ -72,7 +72,13 @@ class ExportSource:
         return self.driven(self.result.reduced)
 
     def driven(self, reduced: ReducedModel) -> ReducedModel:
-        """Return a model with the inputs that were asked for. Raises InputError."""
+        """Return a model with the inputs that were asked for. Raises InputError.
+
+        Parameters
+        ----------
+        reduced : ReducedModel
+            With the accelerations of its bases as inputs.
+        """
         return reduced if self.base is None else reduced.driven_by(self.base)
 
     @cached_property

@@ -105,10 +105,22 @@ def test_grooves_and_chamfers(comm):
         radius, angle = inner + (0.5 - inner) * unit[:, 0], 2 * np.pi * unit[:, 1]
         return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
 
-    for around in (8, 24):
-        bore, pin = bores_of(*mapped_block(1, around, 4, chamfered), comm)
-        assert (bore.radius, round(bore.start[2], 6), round(bore.end[2], 6)) == (0.3, 0.05, 0.35)
-        assert len(bore.nodes) == 3 * around and pin.length == pytest.approx(0.4)
+    for around, size in ((8, 1.0), (24, 1.0), (24, 1e-3)):
+        points, cells = mapped_block(1, around, 4, chamfered)
+        bore, pin = bores_of(size * points, cells, comm)
+        ends = [bore.radius / size, bore.start[2] / size, bore.end[2] / size, pin.length / size]
+        assert ends == pytest.approx([0.3, 0.05, 0.35, 0.4], abs=1e-6) and len(bore.nodes) == 3 * around
+
+
+def test_a_rough_hole_is_one(comm):
+    """Nodes up to 2e-4 of the radius off the cylinder, and places with six digits far from the origin."""
+    points, cells = ring(0.3, 0.5, 0.4, (1, 24, 3))
+    off = 1 + np.random.default_rng(3).uniform(-2e-4, 2e-4, (len(points), 1))
+    rough, far = points * np.hstack([off, off, np.ones_like(off)]), np.round(points + [9000.0, 0.0, 0.0], 2)
+    for found, near in ((rough, 1e-4), (far, 1e-2)):
+        bore, pin = bores_of(found, cells, comm)
+        assert (bore.radius, pin.radius) == (pytest.approx(0.3, rel=near), pytest.approx(0.5, rel=near))
+        assert len(bore.nodes) == len(pin.nodes) == 4 * 24
 
 
 def ball(unit):

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import h5py
@@ -299,7 +300,9 @@ def test_responses_without_rigid_body_motions_are_warned_of(machine, capsys):
     assert run(["assemble", "alone.toml"]) == 0
     assert run(["evaluate", "alone.h5", "--frequencies", "1000,2000", "-o", "r.npz"]) == 0
     assert "is without" not in capsys.readouterr().out
-    assert str(hpcred.assemble([MachineBody(name="t", result="free.h5")])).startswith("machine of t: ")
+    found = hpcred.assemble([MachineBody(name="t", result="free.h5")])
+    assert repr(found) == str(found) and str(found).startswith("machine of t: ")
+    assert escape(found.sentence) in found._repr_html_() and "<td>t</td>" in found._repr_html_()
 
 
 def test_a_free_machine_has_no_response_at_rest_and_no_full_model(machine, capsys):

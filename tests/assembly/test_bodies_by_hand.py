@@ -15,6 +15,7 @@ from hpcred.assembly.joints import MachineBody
 from hpcred.assembly.parts import part_of
 from hpcred.files.machine_basis import _turned
 from hpcred.settings.machine_file import MachineJob
+from hpcred.workflows.assemble import _assembled
 
 
 def result(M, K, names, frame=None, **more):
@@ -246,6 +247,11 @@ def test_units_that_are_known_are_not_doubted():
     assert "interfaces 60 m apart" in machine(found).warnings[0]
     found.reduced.record.units = "mm,t,s"
     assert not machine(found).warnings
+    # beside it a body of which nothing is known
+    bodies = [MachineBody(name=name, result="-") for name in ("b", "other")]
+    results = [found, result(np.eye(2), np.eye(2), ("a:x", "b:x"))]
+    told = _assembled(bodies, results, [], [], None, None, None, None).warnings
+    assert "body 'other': the units of its model are not known, and are taken for SI" in told
 
 
 @pytest.mark.mpi

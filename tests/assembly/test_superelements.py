@@ -3,6 +3,7 @@
 import gzip
 import re
 import shutil
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -71,13 +72,14 @@ def test_superelements_of_one_run_put_together_are_its_residual_structure(folder
 def test_an_external_superelement_is_written_as_one_of_ours(folder, kind):
     """And read again: the same matrices, nodes and places, of EXTSEOUT with all digits."""
     first = read("inboard.op4")
+    first = replace(first, reduced=replace(first.reduced, D=1e-4 * first.reduced.K + 2.0 * first.reduced.M))
     assert [item.node for item in first.reduced.interfaces] == [3, 11, 19, 27]
     assert first.reduced.record.frame.kind == "buckens" and first.reduced.rigid_size == 6
     Path("again").mkdir()
     hpcred.write_result("again/body.h5", first.reduced, nodes=first.nodes)
     again = read(hpcred.export("again/body.h5", kind)["output"])
     digits = {"nastran-op4": 1e-14, "nastran": 1e-9, "abaqus": 1e-12}[kind]
-    for key in "MK":
+    for key in "MKD":
         one, other = (getattr(item.reduced, key) for item in (first, again))
         assert np.abs(one - other).max() < digits * np.abs(one).max()
     assert again.reduced.input_names == first.reduced.input_names
@@ -97,6 +99,46 @@ def test_several_superelements_of_one_punch_file_are_chosen_by_their_matrices(fo
         found = read("both.pch", variables={"K": f"K{name}X", "M": f"M{name}X"}).reduced
         assert [item.node for item in found.interfaces] == [3 + more, 11 + more, 19 + more, 27 + more]
         assert np.abs(found.K - first.reduced.K).max() < 1e-9 * np.abs(found.K).max()
+
+
+def test_sections_of_one_punch_file_are_superelements_of_their_own(folder, capsys):
+    """With the same names of matrices and the same numbers of nodes, at other places: chosen by place, and refused
+    without; of an OP4 that says the numbers of its superelements, the section of the same number has the nodes."""
+    first, text = read("inboard.op4"), ""
+    for number, factor in ((101, 1.0), (202, 2.0)):
+        scaled = first.reduced.operator.map(lambda matrix, by=factor: by * matrix)
+        places = [replace(node, position=factor * node.position) for node in first.nodes]
+        nodes = tuple(replace(item, position=tuple(factor * x for x in item.position))
+                      for item in first.reduced.interfaces)  # fmt: skip
+        hpcred.write_result("one.h5", replace(first.reduced, operator=scaled, interfaces=nodes), nodes=places)
+        text += f"BEGIN SUPER={number}\n" + Path(hpcred.export("one.h5", "nastran", "one.pch")["output"]).read_text()
+    Path("both.pch").write_text(text)
+    K, M = (next(iter(re.findall(rf"DMIG\*? +({key}AAX)", text))) for key in "KM")
+    for place in (1, 2):
+        found = read("both.pch", variables={"K": f"{K}:{place}", "M": f"{M}:{place}"})
+        assert np.abs(found.reduced.K - place * first.reduced.K).max() < 1e-8 * np.abs(found.reduced.K).max()
+        for node, other in zip(found.nodes, first.nodes, strict=True):
+            assert np.allclose(node.position, place * other.position)
+    told = refused(capsys, "convert", "both.pch", "b.h5", "--superelement")
+    assert "found matrices of the superelements 101, 202, expected those of one" in told
+    told = refused(capsys, "convert", "both.pch", "b.h5", "--superelement", "--variables", f"K={K}:1,M={M}:2")
+    assert "found K and M in two sections BEGIN SUPER" in told
+    # beside an OP4: the outer one has 22 modes, and is moved here
+    section = Path("inboard.pch").read_text()
+    modes, names = range(1995001, 1995023), re.findall(r"(?m)^(?:ASET|SPOINT|) +2995.*\n", section)
+    for k, line in enumerate(names):
+        word, more = line.split(" ")[0], list(modes) * (k in (0, 2, 4))
+        step, zero = (8, "") if word == "SPOINT" else (4, f"{0:8d}")
+        section_of_modes = "".join(
+            f"{word:8}" + "".join(f"{node:8d}{zero}" for node in more[at : at + step]) + "\n"
+            for at in range(0, len(more), step))  # fmt: skip
+        section = section.replace(line, section_of_modes, 1)
+    outer = section.replace("      102", "      101").replace("0.600000000E+03", "0.900000000E+03")
+    Path("nas2cam.op2").unlink()
+    Path("nas2cam.pch").write_text(outer + Path("inboard.pch").read_text())
+    for place, x in ((1, 900.0), (2, 600.0)):
+        found = read("nas2cam.op4", variables={"K": f"KAA:{place}", "M": f"MAA:{place}"})
+        assert found.nodes[0].node == 3 and found.nodes[0].position[0] == x
 
 
 def substructure(K, M=None, lines=("1, 2, 3", "3, 1, 2, 3, 4, 5, 6"), nodes=(1, 2, 3, 9001), kind=", LINEAR", **more):
@@ -195,6 +237,8 @@ def test_only_rigid_motions_that_the_rows_know_have_frequency_zero(tmp_path, mon
     assert found.frequencies == pytest.approx(np.sqrt(1e4 / 2.0 * np.array([0.0, 1.0, 3.0])) / (2 * np.pi), rel=1e-9)
 
 
+DAMPING = "*MATRIX INPUT, NAME=DV, TYPE=SYMMETRIC\n1, 1, 1, 1, 3.0\n1, 1, 1, 3, 2.0D-1\n"
+VISCOUS = DAMPING + "*MATRIX ASSEMBLE, VISCOUS DAMPING=DV\n"
 ONE = substructure(np.eye(3), np.eye(3), nodes=(1,), lines=("1, 2, 3",))
 
 
@@ -210,12 +254,41 @@ ONE = substructure(np.eye(3), np.eye(3), nodes=(1,), lines=("1, 2, 3",))
     (ONE.replace("1.0000000000000000e+00", "nan", 1), "nan"),
     (ONE.replace("1.0000000000000000e+00", "1.0x", 1), "the file is damaged"),
     (ONE.replace("** 1\n", "** 77\n"), "none of them a direction of a node"),
+    (ONE.replace("1.0000000000000000e+00", "1_0", 1), "STIFFNESS: found something else than numbers"),
+    (ONE + VISCOUS.replace("1, 3, 2", "1, 3"), "found 9 numbers of *MATRIX INPUT, NAME=DV"),
+    (ONE + VISCOUS.replace("1, 3, 2", "2, 3, 2"), "NAME=DV that the user element has not"),
 ])  # fmt: skip
 def test_bad_superelements_are_refused_in_one_sentence(tmp_path, monkeypatch, capsys, text, words):
     monkeypatch.chdir(tmp_path)
     write_run(text)
     message = refused(capsys, "convert", "sub.mtx", "body.h5", "--superelement")
     assert words in message and "Traceback" not in message and not Path("body.h5").exists()
+
+
+def test_damping_beside_a_user_element(tmp_path, monkeypatch):
+    """One triangle or both of *MATRIX INPUT; what is not assembled as viscous damping is told of."""
+    monkeypatch.chdir(tmp_path)
+    both = VISCOUS.replace("SYMMETRIC", "UNSYMMETRIC").replace("*MATRIX A", "1, 3, 1, 1, 0.2\n*MATRIX A")
+    for text in (VISCOUS, both):
+        write_run(ONE + text)
+        assert np.array_equal(read("sub.mtx").reduced.D, [[3.0, 0.0, 0.2], [0.0, 0.0, 0.0], [0.2, 0.0, 0.0]])
+    for text, told in (
+        (DAMPING, "*MATRIX INPUT, NAME=DV was not read, as no *MATRIX ASSEMBLE has it"),
+        (VISCOUS.replace("VISCOUS", "STRUCTURAL"), "*MATRIX ASSEMBLE, STRUCTURAL DAMPING=DV was not read"),
+    ):
+        write_run(ONE + text)
+        found = read("sub.mtx").reduced
+        assert not found.D.any() and f"sub.mtx: {told}" in found.record.warnings
+
+
+def test_a_negative_stiffness_without_mass(tmp_path, monkeypatch):
+    """A negative stiffness without mass is no matter of roots and quotients."""
+    monkeypatch.chdir(tmp_path)
+    write_run(substructure(np.diag([1.0, -1.0, 1.0]), np.diag([1.0, 0, 0]), nodes=(1,), lines=("1, 2, 3",)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = read("sub.mtx").reduced
+    assert np.array_equal(found.K, np.diag([1.0, -1.0, 1.0])) and not found.frequencies.any()
 
 
 def test_a_superelement_has_no_full_model(tmp_path, monkeypatch, capsys):
@@ -255,3 +328,26 @@ def test_ranks_read_the_same_superelement(comm):
     assert np.array_equal(found.K, alone.K) and found.input_names == alone.input_names
     with pytest.raises(hpcred.InputError, match="no such file"):
         read_superelement(folder / "nothing.mtx", comm)
+
+
+def test_rows_of_zeros_are_directions_of_their_nodes(tmp_path, monkeypatch):
+    """A spring in one direction, whose others are rows of zeros: joined in all directions it holds what one of three
+    stiffnesses holds, and beside its direction it may be loose, but neither pushed nor looked at."""
+    monkeypatch.chdir(tmp_path)
+    write_run(substructure(np.kron([[1.0, -1.0], [-1.0, 1.0]], np.diag([2e5, 0.0, 0.0])), nodes=(1, 2),
+                           lines=("1, 2, 3",)), NODES[:2])  # fmt: skip
+    spring = read("sub.mtx")
+    assert spring.reduced.input_names == tuple(f"{node}:{d}" for node in (1, 2) for d in "xyz")
+    write_run(substructure(np.diag([1e4, 2e4, 3e4]), 2.0 * np.eye(3), nodes=(1,), lines=("1, 2, 3",)))
+    mass = read("sub.mtx")
+    bodies = [MachineBody(name="low", result=mass), MachineBody(name="high", result=mass, position=(0.5, 0.0, 0.0)),
+              MachineBody(name="s", result=spring)]  # fmt: skip
+    shown = {"inputs": ["high.1"], "outputs": ["high.1"]}
+    squares = np.sort([1e4, 1e4 + 4e5, 2e4, 2e4, 3e4, 3e4]) / 2.0
+    for directions in ("xyz", "x"):
+        joints = [RigidJoint(bodies=(f"{name}.1", f"s.{k}"), directions=directions)
+                  for k, name in ((1, "low"), (2, "high"))]  # fmt: skip
+        made = hpcred.assemble(bodies, joints, **shown)
+        assert made.reduced.frequencies == pytest.approx(np.sqrt(squares) / (2 * np.pi))
+    with pytest.raises(hpcred.InputError, match="has 4 motions with neither mass nor stiffness, to which inputs"):
+        hpcred.assemble(bodies, joints)

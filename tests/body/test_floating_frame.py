@@ -117,7 +117,8 @@ def test_dependence_on_the_elastic_coordinates(block, lumped):
             mass.destroy()
     assert found.integrals == ("lumped" if lumped else "consistent")
     change, turned = (new - old for new, old in zip(deformed, at_rest, strict=True))
-    assert np.abs(system.floating_frame.inertia(q) - found.J - change).max() < 1e-10 * np.abs(change).max()
+    inertia = system.floating_frame.mass_matrix(q)[3:6, 3:6]
+    assert np.abs(inertia - found.J - change).max() < 1e-10 * np.abs(change).max()
     assert np.abs(np.tensordot(found.Cr1, q, axes=(1, 0)) - turned).max() < 1e-10 * np.abs(turned).max()
     for k, slope in enumerate(found.dJ):
         block_k = found.Gr[:, 3 * k : 3 * k + 3]

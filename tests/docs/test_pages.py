@@ -130,7 +130,7 @@ def test_messages_are_those_of_the_program():
     """Each message that the page explains is said somewhere, word for word."""
     quoted = re.findall(r"^`([^`]+)`.*\n:   ", (DOCS / "troubleshooting.md").read_text(), re.M)
     known = set(sentences_of_the_program())
-    assert len(quoted) > 35
+    assert len(quoted) > 30
     assert [text for text in quoted if not any(says(item, text.split("…")) for item in known)] == []
 
 
@@ -361,7 +361,7 @@ RUN = {  # pages whose programs run here, one after the other, and words that th
     "parameters.md": ["parameters k 0.1 to 10; terms of K (k)"],
     "campbell.md": ["unstable from 1152.6"],
 }
-SLOW = ("parameters.md", "campbell.md")
+SLOW = ("campbell.md",)
 ELSEWHERE = {  # why the programs of a page do not run here
     "component.md": "is examples/component.py, which tests/examples runs",
     "dolfinx.md": "takes matrices of DOLFINx; tests/examples/test_dolfinx.py has them",

@@ -4,10 +4,10 @@ import zlib
 
 import numpy as np
 
-from . import arrays, behind, beside, bodies, containers, matrices, meshes, real_files, surroundings, tables
+from . import arrays, behind, beside, bodies, containers, machines, matrices, meshes, real_files, surroundings, tables
 from .judge import Case
 
-MODULES = (matrices, arrays, meshes, bodies, real_files, tables, containers, beside, behind, surroundings)
+MODULES = (matrices, arrays, meshes, bodies, real_files, tables, containers, beside, behind, surroundings, machines)
 KINDS = {kind: case for module in MODULES for kind, case in module.KINDS.items()}
 
 

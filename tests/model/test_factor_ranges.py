@@ -23,6 +23,12 @@ def test_zeros_of_any_scale(text, low, high):
     assert found and found["x"] == pytest.approx(ROOT, abs=1e-5)
 
 
+def test_the_largest_number_is_no_pole():
+    """1e30, but for round-off; more is one."""
+    assert possible_pole(Expression("1e30*x"), {"x": (0.0, 1.0)}) is None
+    assert possible_pole(Expression("1.01e30*x"), {"x": (0.0, 1.0)})
+
+
 @pytest.mark.parametrize("text", ["1/(x^2 - 2)", "1/(2 - x^2)"])
 def test_no_zero_in_the_range_is_no_pole(text):
     assert possible_pole(Expression(text), {"x": (ROOT + 1e-6, 10.0)}) is None

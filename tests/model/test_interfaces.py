@@ -1,5 +1,6 @@
 """Interface nodes against beam theory, against dense least squares, and against a model made rigid by hand."""
 
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,18 +31,22 @@ def test_rigid_motion_of_the_body_moves_the_interfaces_with_it(comm, kind):
 
 
 def test_averaging_is_the_weighted_least_squares_rigid_motion(comm):
-    """Against lstsq on the nodes of the set, with weights and a place of its own."""
+    """Against lstsq on the nodes of the set, with weights of any size and a place of its own, wherever the body is."""
     with hpcred.solid((2, 2, 1), clamped=False, comm=comm) as model:
         node, direction, position = (everywhere(model, key) for key in ("node", "direction", "position"))
         nodes, at, rng = (3, 7, 12, 16), np.array([0.03, -0.01, 0.02]), np.random.default_rng(1)
         weights = tuple(rng.uniform(1, 3, 4).tolist())
-        marked = model.with_interfaces([Interface(name="a", nodes=nodes, at=tuple(at), weights=weights)])
+        heavy, away = tuple(1e6 * weight for weight in weights), np.array([0.0, -1e4, 0.0])
+        far = model.with_fields(dofs=replace(model.dofs, position=model.dofs.position + away))
+        marked = [body.with_interfaces([Interface(name="a", nodes=nodes, at=tuple(place), weights=given)])
+                  for body, place, given in ((model, at, weights), (model, at, heavy), (far, at + away, weights))]
         u = rng.standard_normal(model.size)
         rows = [np.flatnonzero((node == n) & (direction == d))[0] for n in nodes for d in range(3)]
         E = np.concatenate([rigid_motions_at([position[row] - at])[:3] for row in rows[::3]])
         root = np.sqrt(np.repeat(weights, 3))
         expected = np.linalg.lstsq(root[:, None] * E, root * u[rows], rcond=None)[0]
-        assert np.abs(to_dense(marked.Gt).T @ u - expected).max() < 1e-12 * np.abs(expected).max()
+        for one, digits in zip(marked, (1e-12, 1e-12, 1e-8), strict=True):
+            assert np.abs(to_dense(one.Gt).T @ u - expected).max() < digits * np.abs(expected).max()
 
 
 def test_weights_by_area_are_those_of_the_surface(comm):
@@ -204,6 +209,18 @@ def test_a_single_node_is_its_own_rigid_interface_wherever_it_lies(comm):
             expected = np.zeros((36, 6))
             expected[6 * number - 6 : 6 * number] = np.eye(6)
             assert np.abs(to_dense(marked.Gt) - expected).max() < 1e-12
+
+
+def test_a_single_node_of_a_plane_does_not_turn(comm):
+    """Nor far from the origin, where the round-off of its place is more than 1e-9 of the size of the body."""
+    node, direction = np.repeat([1, 2], 2), np.tile([0, 1], 2)
+    for size, far in ((1.0, 0.1), (1e-4, 1e5 / 13)):
+        position = np.repeat([[-far, 0.0, 0.0], [size - far, 0.0, 0.0]], 2, axis=0)
+        dofs = hpcred.Dofs(node, direction, position)
+        with hpcred.SecondOrderModel.from_scipy(np.eye(4), np.eye(4), comm=comm, dofs=dofs) as model:
+            marked = model.with_interfaces([Interface(name="tip", nodes=(2,), weights=(0.7,))])
+            assert marked.interfaces[0].directions == ("x", "y")
+            assert np.allclose(to_dense(marked.Gt)[2:, :2], np.eye(2))
 
 
 def test_shapes_and_files_know_the_reference_nodes(comm, folder):

@@ -39,14 +39,15 @@ def test_matrices_are_those_of_whole_nodes(comm, order, left_out):
         assert blocks.size == 3
         if order != "by node":
             assert blocks.expansion is not None
-        found = blocks.expanded(model.K, 5.0)
+        size = np.abs(K).max()
+        found = blocks.expanded(model.K, size)
         whole, moved = to_dense(found), gather(blocks.motions)
         assert found.getBlockSize() == 3
         if blocks.expansion is not None:
             found.destroy()
-    missing = np.flatnonzero((whole == 5.0 * np.eye(len(whole))).all(axis=1))
+    missing = np.flatnonzero((whole == size * np.eye(len(whole))).all(axis=1))
     assert len(missing) == left_out and len(whole) == len(node)
-    values = np.sort(np.append(scipy.linalg.eigvalsh(K), [5.0] * left_out))
+    values = np.sort(np.append(scipy.linalg.eigvalsh(K), [size] * left_out))
     assert np.allclose(scipy.linalg.eigvalsh(whole), values, rtol=1e-9, atol=1e-9 * values[-1])
     translations = np.tile(np.eye(3), (len(whole) // 3, 1))
     translations[missing] = 0.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse
-from helpers import dense_model, to_dense
+from helpers import dense_model, to_dense, with_columns
 
 import hpcred
 from hpcred import Dofs, InputError, SecondOrderModel
@@ -197,3 +197,25 @@ def test_symmetry_is_free_of_units_and_of_the_mesh(comm):
             with hpcred.SecondOrderModel.from_scipy(np.eye(n), np.eye(n), each, comm=comm) as model:
                 assert symmetry_defect(model.D, skew=skew < 0) == pytest.approx(expected, rel=1e-9, abs=1e-14)
                 assert skew < 0 or model.is_symmetric("D") == (matrix is symmetric)
+
+
+def test_digests_of_loads_have_about_seven_digits(solid):
+    """Of the size of a column, and of its large entries beside it."""
+    B = np.outer(np.linspace(0.5, 0.9, solid.size), [3.0, 1e6])
+
+    def digest(change):
+        with with_columns(solid, "input", B * change) as model:
+            return model.digest_of("B")
+
+    entry = np.eye(1, solid.size, 7).T
+    for change in (np.ones((1, 1)), entry):
+        assert digest(1 + 1e-12 * change) == digest(np.ones((1, 1))) != digest(1 + 1e-6 * change)
+
+
+def test_all_directions_of_a_node_ascend_whatever_the_order_of_its_rows(comm):
+    dofs = hpcred.Dofs(np.ones(3, int), np.array([2, 0, 1]), np.zeros((3, 3)))
+    K = np.diag([3.0, 1.0, 2.0])
+    with hpcred.SecondOrderModel.from_scipy(K, np.eye(3), comm=comm, dofs=dofs) as model:
+        named = model.with_inputs([(1, "all")])
+        assert named.input_names == ("1:x", "1:y", "1:z")
+        assert np.array_equal(dense_model(named)[2], np.eye(3)[[2, 0, 1]])

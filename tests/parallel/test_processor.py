@@ -179,3 +179,14 @@ def test_pages_that_a_setting_makes_large(monkeypatch, tmp_path, enabled, glibc,
     found = processor.small_pages()
     assert (found is not None) == said
     assert not said or "GLIBC_TUNABLES=glibc.malloc.hugetlb=1 saves" in found
+
+
+@pytest.mark.parametrize("given", [{}, {"OPENBLAS_NUM_THREADS": "2"}, {"OMP_NUM_THREADS": "2"}], ids=str)
+def test_a_blas_that_numpy_has_loaded_before_takes_one_thread_too(given):
+    """Unless the environment says how many."""
+    threads = "{row['num_threads'] for row in threadpoolctl.threadpool_info() if row['user_api'] == 'blas'}"
+    program = f"import numpy, threadpoolctl; before = {threads}; import hpcred; print(before, {threads}, sep='; ')"
+    environment = {key: value for key, value in os.environ.items() if not key.endswith("_NUM_THREADS")}
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment | given)
+    before, after = run.stdout.strip().split("; ")
+    assert after == (before if given else "{1}")

@@ -38,6 +38,7 @@ FILES = {
     "b.dat": (b"\n     E I G E N V A L U E   O U T P U T\n", "printed results of CalculiX", "SOLVER=MATRIXSTORAGE"),
     "c.dat": (b"1\n\n   Abaqus 2023.HF4          Date 02-Apr-2025\n", "a listing of Abaqus", r"\*Matrix Output"),
     "a.sim": (b"\x89SIM\r\n\x1a\n\x06" + 60 * b"\0", "a results file of Abaqus", r"\*Matrix Output"),
+    "a.sub": (b"d\0\0\0d\0\0\0" + 60 * b"\0", "a substructure of ANSYS", "APDL Math"),
     "a.odb": (b"?\x01" + 60 * b"\0", "results of Abaqus", r"\*Matrix Output"),
     "a.db": (b"\x07\x01" + 60 * b"\0", "a database of ANSYS", "WRFULL"),
     "a.xlsx": (archive("[Content_Types].xml", "xl/workbook.xml"), "a table of Excel", "as text"),

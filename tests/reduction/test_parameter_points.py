@@ -1,5 +1,6 @@
 """What a search over parameters makes of points, numbers and small matrices, beside what follows by hand."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,7 +21,10 @@ from hpcred.reduction.parametric.training import (
     points_around,
     training_points,
 )
+from hpcred.reduction.result.measure import STATIC
 from hpcred.reduction.search.silent_outputs import QUIET, UNIT
+from hpcred.reduction.small.error_estimate import UNIFORM
+from hpcred.reduction.small.pseudo_modal import InputsOutputs, Proportional, PseudoModal
 
 
 def line(low, high):
@@ -178,6 +182,8 @@ def test_the_way_to_a_zero_of_responses():
     assert way.slope == pytest.approx(10, rel=1e-6)
     beside = np.sort([point[0] for point in way.points(np.array([0.0, 0.01, 0.5]))])
     assert beside == pytest.approx([1 / 3 - 0.02, 1 / 3, 1 / 3, 1 / 3 + 0.02, 4 / 3], abs=1e-5)
+    back = zeros._Way(projections, (2.0,), (0.5,), lambda point: (1 / 3 - point[0]) * v)
+    assert back.zero is None and [back.at(t) for t in (0.0, 0.5, 1.0)] == [(2.0,), (1.25,), (0.5,)]
     for low, high in ((1.0, 2.0), (0.0, 0.2)):
         assert zeros._Way(projections, (low,), (high,), lambda point: (point[0] - 1 / 3) * v).zero is None
 
@@ -188,10 +194,126 @@ def test_points_on_both_sides_of_a_zero_are_the_nearest():
     v = np.array([[1.0, 2.0], [3.0j, 0.0], [5.0, 1.0]])
     values = np.array([s * v for s in (1.0, 2.0, -1.0, -0.5, 0.0)])
     values[1, 0] *= -1  # one of three frequencies says otherwise
-    assert zeros._opposite(places, values) == [(1, 2)]
+    assert zeros._opposite(places, values) == zeros._opposite(places, 1e-6 * values) == [(1, 2)]
     assert zeros._median(np.array([[1.0, -3.0], [2.0j, 0.0], [0.0, 7.0]])) == 3.0
     few = zeros._few(np.ones((2, zeros.FEW))), zeros._few(np.vstack([np.ones(9), 2 * np.ones(9)]))
     assert few[0].shape == few[1].shape == (2, 8) and (few[0] == 1).all() and np.array_equal(2 * few[1][0], few[1][1])
+
+
+BAND = (0.0, 60.0)
+
+
+def two_modes(outputs, loads=1.0):
+    """A damped model of modes at 16 and 48 Hz, of two inputs and some outputs (r, 2) on its modes; `loads`: units of
+    what its loads are made of."""
+    units = np.array([1.0, loads, 1.0])
+    L = np.array([[1.0, 0.5, 0.2], [1.0, -0.3, 0.7]])
+    back = np.linalg.lstsq(L, np.asarray(outputs, dtype=float).T, rcond=None)[0]
+    io = InputsOutputs(np.eye(3)[:, :2] / units[:, None], back / units[:, None])
+    return PseudoModal(np.array([1e4, 9e4]), L * units, np.eye(2), io, Proportional(2.0, 1e-4))
+
+
+def by_hand(outputs, f):
+    """Responses of the model (S, r, 2), and those where its inputs act (S, 2)."""
+    s, squares, B = 2j * np.pi * np.asarray(f)[:, None], np.array([1e4, 9e4]), np.array([[1.0, 0.5], [1.0, -0.3]])
+    states = B / (squares + s**2 + s * (2.0 + 1e-4 * squares))[:, :, None]
+    return np.einsum("rm,smp->srp", np.asarray(outputs, dtype=float), states), np.einsum("mp,smp->sp", B, states)
+
+
+def test_responses_over_those_where_inputs_act():
+    """Of each output over the roots of the drive-point responses, then these; an input that is nothing counts as 0."""
+    outputs, f = [[1.0, 2.0], [0.0, -1.0], [3.0, 0.0]], np.array([0.0, 7.0, 31.0])
+    H, drive = by_hand(outputs, f)
+    found = zeros._responses(two_modes(outputs), f)
+    expected = [*(H / np.sqrt(np.abs(drive))[:, None]).transpose(1, 0, 2), drive[:, :1], drive[:, 1:]]
+    assert [item.shape for item in found] == [(3, 2)] * 3 + [(3, 1)] * 2
+    assert all(np.allclose(one, other, rtol=1e-9, atol=0) for one, other in zip(found, expected, strict=True))
+    model = two_modes(outputs)
+    half = replace(model, io=model.io._replace(inputs=model.io.inputs * [1.0, 0.0]))
+    assert np.array_equal(zeros._responses(half, f)[0][:, 1], [0.0] * 3) and zeros._responses(half, f)[0][:, 0].all()
+    same = replace(model, io=InputsOutputs(model.io.inputs, model.io.inputs))
+    assert [item.shape for item in zeros._responses(same, f)] == [(3, 1)] * 2
+
+
+def test_responses_over_a_band():
+    """Those of outputs as above; of inputs those at all loads, over the sizes of these, which have no unit then."""
+    outputs, f = [[1.0, 2.0]], np.linspace(*BAND, zeros.COARSE)
+    at = [SimpleNamespace(at=lambda _, loads=loads: SimpleNamespace(model=lambda: two_modes(outputs, loads)))
+          for loads in (1.0, 1e6)]  # fmt: skip
+    (output, *inputs), other = (zeros._over_band(projections, BAND, (0.0,)) for projections in at)
+    H, drive = by_hand(outputs, f)
+    assert np.allclose(output, H[:, 0] / np.sqrt(np.abs(drive)), rtol=1e-9)
+    L = np.array([[1.0, 0.5, 0.2], [1.0, -0.3, 0.7]])
+    size = np.sqrt((L**2 / (np.array([1e4, 9e4]) + (2 * np.pi * BAND[1]) ** 2)[:, None]).sum(axis=0))
+    moved = by_hand(L.T, f)[0] / size[:, None]
+    assert all(np.allclose(inputs[i], moved[:, :, i], rtol=1e-9) for i in range(2))
+    assert all(np.allclose(one, two, rtol=1e-9) for one, two in zip((output, *inputs), other, strict=True))
+
+
+def test_poles_and_negative_eigenvalues_in_a_band():
+    """Infinite responses count as 0, and an unstable mode by the size of its eigenvalue."""
+    f, model = np.linspace(*BAND, zeros.COARSE), two_modes([[1.0, 2.0]])
+    for first in ((2 * np.pi * f[20]) ** 2, -1e6):
+        other = replace(model, eigenvalues=np.array([first, 9e4]), damping=Proportional())
+        projections = SimpleNamespace(at=lambda _, other=other: SimpleNamespace(model=lambda: other))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = zeros._over_band(projections, BAND, (0.0,))
+        assert all(np.isfinite(each).all() and each.any() for each in found)
+        if first > 0:
+            assert not any(each[20].any() for each in found)
+
+
+def family(outputs):
+    """Models over p from 0 to 1 of outputs (r, 2) that depend on it."""
+    parametric = SimpleNamespace(parameters=line(0.0, 1.0), comm=MPI.COMM_SELF)
+    return SimpleNamespace(form=SimpleNamespace(parametric=parametric), at=lambda point: SimpleNamespace(
+        model=lambda: two_modes(outputs(point[0]))))  # fmt: skip
+
+
+def test_points_beside_a_zero_of_a_static_response():
+    """Where it is so much of the median over the band, on both sides; none without a zero, or a response."""
+    still = np.array([[1e4, -9e4]])  # whose static response to (1, 1) is zero
+    along = np.array([[1.0, 0.0]])
+    model = family(lambda p: 2e4 * (p**2 - 0.16) * along + still)
+
+    def response(p, f):
+        H, drive = by_hand(2e4 * (p**2 - 0.16) * along + still, f)
+        return np.abs(H[:, 0, :1] / np.sqrt(np.abs(drive[:, :1])))
+
+    one = SimpleNamespace(form=model.form, at=lambda point: SimpleNamespace(model=lambda: one_input(model, point)))
+    found = zeros._beside(one, BAND, (0.0,), (1.0,), 0)
+    median = np.median(response(0.4, np.linspace(*BAND, UNIFORM)))
+    shares = [response(p, [0.0])[0, 0] / (STATIC * median) for (p,) in found]
+    assert np.sort(shares) == pytest.approx(np.repeat(np.sort(zeros.BESIDE), 2), rel=3e-2)
+    assert sum(p < 0.4 for (p,) in found) == 3
+    assert zeros._beside(one, BAND, (0.5,), (1.0,), 0) == []
+    ways = zeros.beside_zeros(one, [(0.0,), (1.0,)], BAND)
+    assert set(found) <= set(ways) and not set(found) & set(zeros.beside_zeros(one, [(0.0,), (1.0,)], (5.0, 60.0)))
+
+
+def one_input(model, point):
+    full = model.at(point).model()
+    return replace(full, io=full.io._replace(inputs=full.io.inputs[:, :1]))
+
+
+def test_points_around_a_zero_of_most_responses():
+    """Half widths of the range in which the rest is more than what depends on p; none where points see the range."""
+    points = {}
+    for rest in (0.01, 2.0):
+        model = family(lambda p, rest=rest: (p - 0.4) * np.array([[1.0, 0.5]]) + rest * np.array([[0.3, -1.0]]))
+        one = SimpleNamespace(form=model.form, at=lambda point, model=model: SimpleNamespace(
+            model=lambda: one_input(model, point)))  # fmt: skip
+        points[rest] = zeros._around(one, BAND, (0.0,), (1.0,), 0)
+    f = np.linspace(*BAND, zeros.COARSE)
+    (H, drive), (change, _) = by_hand([[0.003, -0.01]], f), by_hand([[1.0, 0.5]], f)
+    size = np.sqrt(np.abs(drive[:, 0]))
+    along = (change[:, 0, 0].conj() * H[:, 0, 0]).real / np.abs(change[:, 0, 0]) ** 2
+    zero = 0.4 - np.median(along)  # where the part along what depends on p is zero
+    at_zero = (zero - 0.4) * change + H
+    width = np.median(np.abs(at_zero[:, 0, 0]) / size) / np.median(np.abs(change[:, 0, 0]) / size)
+    expected = np.unique(np.concatenate([zero - width * np.array(zeros.AROUND), zero + width * np.array(zeros.AROUND)]))
+    assert np.unique([p for (p,) in points[0.01]]) == pytest.approx(expected, abs=1e-5)
+    assert points[2.0] == [] and min(abs(p - zero) for (p,) in points[0.01]) < 1e-5
 
 
 def test_factors_of_loads_and_outputs_at_a_point():

@@ -60,6 +60,7 @@ def test_an_unsymmetric_damping_matrix_that_is_left_out_does_no_harm(solid):
         settings = {"projection": "two_sided", "allow_unstable": True}
         with hpcred.reduce(both, [Krylov(700.0, 1)], None, hpcred.NoDamping(), **settings) as rom:
             assert close(expected, rom.transfer_function(s)) < 1e-9
+            assert close(np.sort(np.abs(rom.poles()))[::2], 2 * np.pi * rom.frequencies) < 1e-9
             assert all(record.kind == "LDL^T" for record in rom.record.factorisations)
 
 

@@ -9,6 +9,7 @@ from helpers import refused
 from hpcred import Chord, Krylov, Modes, Rayleigh
 from hpcred.parallel.failures import InputError
 from hpcred.parallel.ranges import FREQUENCY, within
+from hpcred.settings.declared_terms import viscoelastic_of
 from hpcred.settings.job_file import read_job
 from hpcred.settings.simulation_file import read_simulation
 
@@ -178,3 +179,12 @@ def test_ends_of_a_range_are_inside():
 )
 def test_numbers_of_a_command_line(linkage_folder, capsys, arguments, says):
     assert says in refused(capsys, *arguments)
+
+
+@pytest.mark.parametrize("value", [5000 * "9", "0x" + 5000 * "f", 9000 * "["], ids=["long", "long in base 16", "deep"])
+def test_what_python_gives_up_on_is_refused(tmp_path, value):
+    """Whole numbers of thousands of digits, and lists inside each other: in a file, and in options."""
+    refusal(read_job, tmp_path / "job.toml", f"groups = {value}\n{JOB}{POINT}")
+    refusal(read_job, tmp_path / "job.toml", JOB + POINT, [f"groups={value}"])
+    with pytest.raises(InputError):
+        viscoelastic_of((f"{{file = {value}}}",), "--viscoelastic")

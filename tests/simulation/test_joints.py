@@ -180,7 +180,7 @@ def test_values_of_drives():
     ],
 )
 def test_springs_take_the_power_that_they_store_and_lose(spring):
-    """wrench . velocity = -energy' - dissipation, at large rotations; tangents against differences at small ones."""
+    """wrench . velocity = -energy' - dissipation, and tangents against differences, at large rotations."""
     generator = np.random.default_rng(5)
     start, turned = generator.normal(size=3), of_vector([0.4, 0.9, -0.2])
     element = element_of(spring, shape(), start, turned)
@@ -190,11 +190,12 @@ def test_springs_take_the_power_that_they_store_and_lose(spring):
     power = element.wrench(x, R, *np.split(velocity, 2)) @ velocity
     lost = element.dissipation(x, *np.split(velocity, 2))
     assert -power == pytest.approx((energies[1] - energies[0]) / (2 * h) + lost, rel=1e-7)
+    K, C = element.tangents(x, R, velocity[:3])
+    step, speeds = generator.normal(size=6), np.split(velocity, 2)
+    moved = [element.wrench(x + s * step[:3], of_vector(s * step[3:]) @ R, *speeds) for s in (-h, h)]
+    assert (moved[0] - moved[1]) / (2 * h) == pytest.approx(K @ step, abs=1e-5)
     still = np.zeros(3)
-    K, C = element.tangents(x, turned)
-    moved = [element.wrench(x + s * velocity[:3], of_vector(s * velocity[3:]) @ turned, still, still) for s in (-h, h)]
-    assert (moved[0] - moved[1]) / (2 * h) == pytest.approx(K @ velocity, abs=1e-5)
-    damped = element.wrench(x, turned, still, still) - element.wrench(x, turned, *np.split(velocity, 2))
+    damped = element.wrench(x, R, still, still) - element.wrench(x, R, *speeds)
     assert damped == pytest.approx(C @ velocity, abs=1e-10) and velocity @ C @ velocity == pytest.approx(
         element.dissipation(x, *np.split(velocity, 2))
     )
@@ -283,6 +284,23 @@ def test_rotation_vectors_go_on_beyond_pi(axis, steps):
     assert continuous(short) == pytest.approx(exact, abs=1e-6)
     below = np.linalg.norm(exact, axis=-1)[:, 0].searchsorted(np.pi)
     assert np.array_equal(continuous(short[:below]), short[:below])
+
+
+def test_one_node_of_many_turns():
+    """From the instants on at which it is beyond pi."""
+    angles = np.zeros((20, 10))
+    angles[:, 9] = np.arange(20)
+    exact = angles[:, :, None] * [0.0, 0.0, 1.0]
+    short = vector_of(Rotation.from_rotvec(exact.reshape(-1, 3)).as_matrix()).reshape(exact.shape)
+    assert continuous(short) == pytest.approx(exact, abs=1e-9)
+
+
+@pytest.mark.parametrize(("axis", "able"), [((1, 1, 0), (1, 1, 1)), ((-1, 1, 0), (1, 1, 1)), ((1, 0, 0), (0, 1, 1))])
+def test_moments_that_a_revolute_joint_can_transmit(axis, able):
+    """In all directions that are not along its axis, whatever the signs of those that it holds."""
+    axis = tuple(map(float, axis))
+    (hold,) = holds_of([Joint(7, kind="revolute", axis=axis)], (), {7: (shape(), np.zeros(3), np.eye(3))})
+    assert np.array_equal(hold.components(), [1, 1, 1, *able])
 
 
 def test_rotation_vectors_beside_a_full_turn():

@@ -39,7 +39,7 @@ def test_a_free_body_under_a_load_moves_as_the_full_model(free, name):
     body, K, M, B, R, rows = free
     frequency, end, factor = 20e3, 2e-4, 1e-3
     setup = Simulation(end=end, steps=40, observe=(1, 16), load=(SineLoad(name, factor, frequency),),
-                       relative_tolerance=1e-7, absolute_tolerance=1e-14)  # fmt: skip
+                       relative_tolerance=1e-8, absolute_tolerance=1e-19)  # fmt: skip
     motion = hpcred.simulate(body, setup)
     eigenvalues, modes = scipy.linalg.eigh(K, M)
     omega, w = np.sqrt(eigenvalues.clip(min=0.0)), 2 * np.pi * frequency

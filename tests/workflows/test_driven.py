@@ -7,6 +7,18 @@ from helpers import refused
 import hpcred
 from hpcred.cli.main import run
 
+ON_BASE = """model = "model.h5"
+output = "result.h5"
+band = [0.0, 4000.0]
+tolerance = 1e-3
+inputs = [["piston", "z"]]
+outputs = [["piston", "z"]]
+damping = {kind = "modal", ratio = 0.02}
+base = [{directions = ["z"], on = "crank", absolute = [["piston", "z"]]}]
+interface = [{name = "crank", nodes = {set = "BIG_EYE"}}, {name = "piston", nodes = {set = "SMALL_EYE"}}]
+load = [{name = "weight", kind = "gravity", value = [0.0, 0.0, -9.81]}]
+"""
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -89,6 +101,10 @@ def test_response_after_a_shock(folder, monkeypatch):
         ("f [Hz],base:z [g^2/Hz]\n1,one\n2,1\n", "line 2: found '1,one', expected 2 numbers a line"),
         ("f [Hz],base:z [g^2/Hz]\n-1,1\n2,1\n", "found -1, expected frequencies of 0 or more"),
         ("f [Hz],base:z [g^2/Hz]\n1,-1\n2,1\n", "base:z [g^2/Hz]: found -1 at 1 Hz"),
+        ("f [Hz],base:z [g^2/Hz]\n1,1_0\n2,1\n", "line 2: found '1,1_0'"),
+        ("f [Hz],base:z [g^2/Hz]\n1,\u0661\n2,1\n", "line 2: found"),
+        ("f [Hz],base:z [g^2/Hz]\n1,1e31\n2,1\n", "found 1e+31 in the 1. line of numbers, expected finite ones"),
+        ("f [Hz],base:z [g^2/Hz]\n1,10\n2,1", "found no line break at its end; the file is cut off"),
     ],
 )  # fmt: skip
 def test_refused(folder, monkeypatch, capsys, text, message):
@@ -197,3 +213,14 @@ def test_how_full_models_are_factored_is_refused(folder, monkeypatch, capsys, op
     (folder / "p.csv").write_text("f [Hz],base:z [g^2/Hz]\n5,1\n100,1\n")
     message = refused(capsys, "response", "result.h5", "--psd", "p.csv", option)
     assert f"{option.partition('=')[0]}: belongs to a full model" in message
+
+
+def test_a_body_on_an_interface_that_moves_is_compared_with_its_full_model(tmp_path, monkeypatch):
+    """The model file has neither the interface, nor the base, nor the load of the job."""
+    monkeypatch.chdir(tmp_path)
+    with hpcred.crank(dofs=600) as model:
+        hpcred.write_model("model.h5", model)
+    (tmp_path / "job.toml").write_text(ON_BASE)
+    assert run(["reduce", "job.toml"]) == 0
+    report = hpcred.evaluate("result.h5", "model.h5", points=3)
+    assert report["eps_max"] < 1e-3 and "weight" in hpcred.read_result("result.h5").reduced.input_names

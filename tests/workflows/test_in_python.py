@@ -1,6 +1,6 @@
 """What a scientist writes first: a model of matrices, its reduction, responses, files and other libraries."""
 
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, is_dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import Literal
@@ -136,6 +136,27 @@ def test_a_campbell_diagram_draws_and_shows_itself():
     html = found._repr_html_()
     assert all(f"<td>{word}</td>" in html for word in ("400", "63.66", "0.25", "backward")) and found.sentence in html
     assert figure._repr_png_()[:4] == b"\x89PNG"
+
+
+def test_machines_and_driven_responses_show_themselves(tmp_path, monkeypatch):
+    """In a line or a few, not as arrays; names as they are, also where they look like HTML."""
+    monkeypatch.chdir(tmp_path)
+    with hpcred.SecondOrderModel(M, D, K, B, name="a < b") as fom:
+        found = hpcred.full_response(fom, np.linspace(1.0, 300.0, 9))
+        rom = hpcred.reduce(fom, tolerance=1e-4, band=(0, 300))
+    assert str(found).startswith(found.sentences[0]) and "array" not in repr(found)
+    assert escape(found.sentences[0]) in found._repr_html_() and "9, 1 to 300 Hz" in found._repr_html_()
+    # the verdict of a reduction comes first
+    assert rom._repr_html_().index(escape(rom.record.accuracy.sentence)) < rom._repr_html_().index("reduced model")
+    assert str(rom).startswith(rom.record.accuracy.sentence)
+    # random loads and shocks
+    named = replace(rom, output_names=("<i>", *rom.output_names[1:]))
+    random = hpcred.analysis.random_response(named, [1.0, 300.0], np.ones((2, B.shape[1])))
+    assert "array" not in repr(random) and f"{random.rms[0]:.6g}" in repr(random)
+    html = random._repr_html_()
+    assert "<td>&lt;i&gt;</td>" in html and f"<td>{random.rms[0]:.6g}</td>" in html
+    shock = hpcred.analysis.shock_spectrum(*hpcred.analysis.half_sine(10.0, 0.011), [10.0, 100.0])
+    assert "array" not in repr(shock) and f"largest {shock.maximax.max():.6g}" in repr(shock)
 
 
 SHAPES = np.random.default_rng(3).standard_normal((N, 3))

@@ -70,6 +70,9 @@ def test_a_job_with_loads(block, capsys):
     assert run(["info", "result.h5", "--json", "info.json"]) == 0
     told = json.loads(Path("info.json").read_text())["loads"]
     assert [row["load"] for row in told] == ["oil", "weight"] and told[0]["Fx (N)"] == pytest.approx(-40.0)
+    for line in ("--check 2", "--points 3"):  # the loads of the job are not in the model file
+        assert run(["evaluate", "result.h5", "--full", "model.h5", *line.split(), "--json", "error.json"]) == 0
+    assert json.loads(Path("error.json").read_text())["eps_max"] < 1e-4
 
 
 def test_loads_alone_are_enough(block):

@@ -94,8 +94,18 @@ def test_groups_of_ranks_have_a_factor_each(cube, tmp_path):
 def test_the_script_starts_its_ranks_as_the_one_in_jobs(cube):
     text = hpcred.plan(cube[0], ranks=2)["script"]
     jobs = (Path(__file__).parents[2] / "jobs/reduce.slurm").read_text()
-    assert plan.LAUNCHER in map(str.strip, jobs.splitlines())
-    assert f"{plan.LAUNCHER}\n$launcher hpcred reduce" in text and "\nsrun" not in text
+    assert set(plan.LAUNCHER) <= set(map(str.strip, jobs.splitlines()))
+    assert "\n".join([*plan.LAUNCHER, "$launcher hpcred reduce"]) in text and "\nsrun" not in text
+
+
+def test_the_script_asks_for_the_memory_of_the_fullest_node_and_for_a_gpu(tmp_path):
+    """Ten ranks on three nodes: four, three and three."""
+    size = plan._as_cube(10**6, 8 * 10**7)
+    direct, *_, card = plan._ways(size, 10, 10.0, 2, None)
+    text = plan._script(direct, "model.h5", None, 10, 3)
+    given = int(text.partition("--mem=")[2].partition("G")[0]) * 1e9
+    assert "--ntasks-per-node=4" in text and given >= plan.SPARE * direct.memory * 4 / 10 and "gpus" not in text
+    assert "#SBATCH --gpus-per-node=1" in plan._script(card, "model.h5", None, 10, 3)
 
 
 MEASURED = (  # cells of a cube an edge, ranks, their GFlop/s, factors, way; GB in all and seconds that pages tell

@@ -69,11 +69,9 @@ def linkage_report(tmp_path_factory):
     modal = MODES_JOB.replace('"result.h5"', '"mod<al.h5"').replace('[1, "x"]', '[1, "z"]')
     (folder / "modal.toml").write_text(modal.replace("[frame]", "band = [0.0, 300.0]\n[frame]", 1))
     assert run(["reduce", str(folder / "modal.toml")]) == 0
-    for _ in range(2):  # what is there is replaced
-        told = report_file(
-            [folder / "result.h5", folder / "mod<al.h5"], folder / "model.h5", output=folder / "report.html", solves=5,
-            csv=folder / "tables", svg=folder / "figures",
-        )  # fmt: skip
+    target = {"output": folder / "report.html", "csv": folder / "tables", "svg": folder / "figures"}
+    report_file([folder / "mod<al.h5"], folder / "model.h5", solves=2, **target)  # what is there is replaced
+    told = report_file([folder / "result.h5", folder / "mod<al.h5"], folder / "model.h5", solves=5, **target)
     return folder, told
 
 

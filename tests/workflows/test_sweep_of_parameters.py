@@ -157,6 +157,7 @@ def test_a_sweep_that_goes_on_finds_its_basis(body):
 
 def test_sweeps_at_the_same_time_make_one_basis(body):
     """As the tasks of an array do."""
+    Path("job.toml").write_text(JOB.replace("1e-3", "0.1").replace("stress = true\n", ""))
     Path("sweep.toml").write_text(SWEEP.format(launch=ALONE).replace("evaluate", "# evaluate"))
     command = [sys.executable, "-m", "hpcred", "sweep", "sweep.toml", "--of", "2"]
     tasks = [subprocess.Popen([*command, "--index", i, "--json", f"{i}.json"], env=mpi_environment()) for i in "12"]
@@ -190,8 +191,9 @@ def test_what_is_refused(body, capsys, monkeypatch):
     Path("outside.toml").write_text(text)
     message = refused(capsys, "sweep", "outside.toml")
     assert "run k-11: parameter 'k': found 11, expected 0.1 to 10, its range" in message
-    job = JOB.replace("at = {m = 0.3}\n", "").replace("stress = true\n", "")
-    Path("ranges.toml").write_text(job)
+    job = JOB.replace("stress = true\n", "").replace("1e-3", "0.1")
+    Path("job.toml").write_text(job)
+    Path("ranges.toml").write_text(job.replace("at = {m = 0.3}\n", ""))
     assert run(["reduce", "ranges.toml"]) == 0
     of_job = "result.h5: expected the result of this job over the ranges of its parameters, made without its `at`"
     given = ["reduce", "job.toml", "--basis", "result.h5", "--set", "output='own.h5'"]

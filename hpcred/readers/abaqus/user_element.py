@@ -3,7 +3,8 @@
 Abaqus writes it by *SUBSTRUCTURE MATRIX OUTPUT, CalculiX by *SUBSTRUCTURE GENERATE (stiffness only), hpcred by its
 export. Below *USER ELEMENT stand the dofs of the first node, and then each place in the list of nodes from which on
 there are others. The list is a comment (** ELEMENT NODES) or the line of *ELEMENT; CalculiX lists a node once for each
-dof. A matrix has its upper triangle column by column, all of it with UNSYMM (Abaqus Keywords Reference, *MATRIX). The
+dof. A matrix has its upper triangle column by column, all of it with UNSYMM (Abaqus Keywords Reference, *MATRIX).
+Viscous damping may also stand beside the element, as *MATRIX INPUT of its dofs, one triangle with TYPE=SYMMETRIC. The
 files are small, and are read by rank 0.
 """
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from ...fe.dofs import SCALAR
 from ...files.text import first_bytes, open_unpacked, shown
+from ...files.text_numbers import parse, with_e
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ..base import Reader
@@ -60,7 +62,9 @@ def read(path, comm) -> Parts:
     scalars = label_of(node.max() + np.cumsum(modal), np.full(len(node), SCALAR))
     label = np.where(modal, scalars, label_of(node, found.dof - 1))
     for key, matrix in matrices.items():
-        i, j = np.nonzero(matrix) if comm.rank == 0 else (np.zeros(0, np.int64),) * 2
+        # rows of zeros are rows: of a spring in one direction, other directions too
+        there = (matrix != 0) | np.eye(len(matrix), dtype=bool)
+        i, j = np.nonzero(there) if comm.rank == 0 else (np.zeros(0, np.int64),) * 2
         parts.matrices[key] = LabelledEntries(label[i], label[j], matrix[i, j])
     return parts
 
@@ -88,7 +92,7 @@ def _content(path) -> _Content:
         raise InputError(f"{path}: found {len(elements)} user elements, expected one, of one substructure; matrices "
                          "element by element are no superelement")  # fmt: skip
     # which node and dof each row is
-    _, given, body = elements[0]
+    given, body = elements[0][1:]
     nodes = _nodes(path, text, blocks, given)
     node, dof = _rows(path, nodes, body)
     labels = np.stack([node, dof], axis=1)
@@ -108,6 +112,15 @@ def _content(path) -> _Content:
         if KEYS[kind] in matrices:
             raise InputError(f"{path}: found two matrices of type {given['TYPE']}, expected one")
         matrices[KEYS[kind]] = _matrix(path, given["TYPE"], body, len(node), "UNSYMM" in elements[0][1])
+    inputs = {given.get("NAME", ""): (given, body) for keyword, given, body in blocks if keyword == "MATRIXINPUT"}
+    assembled = [pair for keyword, given, _ in blocks if keyword == "MATRIXASSEMBLE" for pair in given.items()]
+    for kind, name in assembled:
+        if kind != "VISCOUS DAMPING" or "D" in matrices or name not in inputs:
+            remarks.append(f"{path}: *MATRIX ASSEMBLE, {kind}={name} was not read")
+        else:
+            matrices["D"] = _beside(path, name, *inputs[name], labels)
+    remarks += [f"{path}: *MATRIX INPUT, NAME={name} was not read, as no *MATRIX ASSEMBLE has it"
+                for name in sorted(inputs.keys() - {name for _, name in assembled})]  # fmt: skip
     if "K" not in matrices:
         raise InputError(f"{path}: found no *MATRIX, TYPE=STIFFNESS, expected one; ask for STIFFNESS=YES in "
                          "*SUBSTRUCTURE MATRIX OUTPUT")  # fmt: skip
@@ -168,10 +181,7 @@ def _rows(path, nodes, body):
 
 def _matrix(path, kind, body, size, unsymmetric) -> np.ndarray:
     """Return a matrix (size, size)."""
-    try:
-        values = np.array(re.sub(r"[dD]([-+]\d)", r"e\1", body).replace(",", " ").split(), dtype=float)
-    except ValueError as error:
-        raise InputError(f"{path}: {kind}: {error}; the file is damaged") from error
+    values = _values(path, kind, body)
     expected = size**2 if unsymmetric else size * (size + 1) // 2
     if len(values) != expected:
         raise InputError(f"{path}: found {len(values)} numbers of {kind}, expected {expected} for {size} rows; the "
@@ -181,6 +191,32 @@ def _matrix(path, kind, body, size, unsymmetric) -> np.ndarray:
     matrix = np.zeros((size, size))
     matrix.T[np.tril_indices(size)] = values  # the upper triangle, column by column
     return matrix + np.triu(matrix, 1).T
+
+
+def _beside(path, name, given, body, labels) -> np.ndarray:
+    """Return the matrix (size, size) of the lines of node, dof, node, dof, value below *MATRIX INPUT."""
+    table, size = _values(path, name, body), len(labels)
+    if len(table) % 5 or not len(table):
+        raise InputError(f"{path}: found {len(table)} numbers of *MATRIX INPUT, NAME={name}, expected lines of node, "
+                         "dof, node, dof, value; the file is cut off or damaged")  # fmt: skip
+    table = table.reshape(-1, 5)
+    fits = (table[:, :4].reshape(-1, 2, 1, 2) == labels).all(axis=3)
+    if not fits.any(axis=2).all():
+        raise InputError(f"{path}: found a row or column of *MATRIX INPUT, NAME={name} that the user element has not")
+    row, column = fits.argmax(axis=2).T
+    matrix = np.zeros((size, size))
+    np.add.at(matrix, (row, column), table[:, 4])
+    if given.get("TYPE", "SYMMETRIC") == "UNSYMMETRIC":
+        return matrix
+    return matrix + matrix.T - np.diag(np.diag(matrix))
+
+
+def _values(path, kind, body) -> np.ndarray:
+    """Return the numbers of lines."""
+    values = parse(with_e(body.replace(",", " ").encode("latin-1")))
+    if values is None:
+        raise InputError(f"{path}: {kind}: found something else than numbers below it; the file is damaged")
+    return values
 
 
 def _input_beside(path):

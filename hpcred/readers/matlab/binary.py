@@ -175,7 +175,8 @@ def _array_of(path, file, item) -> np.ndarray:
     element = _Element(path, file, item.place)
     values = element.numbers(item.place.values, 0, item.place.values.count)
     if item.complex:
-        values = values + 1j * element.numbers(item.place.imaginary, 0, item.place.imaginary.count)
+        real, values = values, np.empty(len(values), dtype=complex)
+        values.real, values.imag = real, element.numbers(item.place.imaginary, 0, item.place.imaginary.count)
     return values.astype(bool if item.logical else values.dtype).reshape(item.shape, order="F")
 
 

@@ -34,6 +34,7 @@ MARK = re.compile(
     rb"(?mi)^[ \t]*(?:(?P<begin>BEGIN\b[^\n$]*)|(?P<end>ENDDATA\b)|(?P<cend>CEND\b)|"
     rb"INCLUDE[ \t]*(?:(?P<quote>['\"])|(?P<bare>[^'\"\n$ \t]+)))"
 )
+SECTION = re.compile(rb"(?mi)^[ \t]*BEGIN[ \t]+SUPER[ \t=]*(\d+)")
 LONGEST_NAME = 4096  # bytes of a file's name in quotes, perhaps over several lines
 CASE = re.compile(rb"(?mi)^[ \t]*(?P<word>SPC|MPC)(?:[ \t]*\([^)\n]*\))?[ \t]*=[ \t]*(?P<number>\d+)|^[ \t]*SUBCASE\b")
 SYSTEMS = {"R": RECTANGULAR, "C": CYLINDRICAL, "S": SPHERICAL}
@@ -73,6 +74,7 @@ class Deck:
     `properties` of the `elements`. `cards`: the few other ones, on all ranks. `case`: the numbers that the case control
     gives by SPC and MPC, and its SETs, or None where there is no case control. `other`: node numbers of what has nodes
     and is no element of `elements`, `unknown`: names of elements of which it is not known where the nodes stand.
+    `superelement`: number of the section that was read, None for the whole file.
     `point_mass`: the sum of CONM2, as written. `sets`: numbers of points by name, and `remarks` on them.
     """
 
@@ -91,6 +93,7 @@ class Deck:
     point_mass: float
     sets: dict[str, np.ndarray]
     remarks: list[str]
+    superelement: int | None = None
 
     @property
     def mass_unit(self) -> float:
@@ -118,10 +121,35 @@ def companions(path) -> list[Path]:
     return sorted(files, key=lambda file: suffixes.index(file.suffix.lower()))
 
 
-def read_deck(path, comm) -> Deck:
-    """Read an input file and those that it includes. Collective. Raises InputError."""
+class Section(NamedTuple):
+    """A section BEGIN SUPER: the number of its superelement, and its bytes."""
+
+    number: int
+    start: int
+    stop: int
+
+
+def sections_of(path, comm) -> list[Section | None]:
+    """Return the sections BEGIN SUPER of a file, where there are several, which have points of their own; else None for
+    the whole. Collective."""
+    with agreed(comm):
+        first_bytes(path)
+        refuse_packed(path)
+        size = Path(path).stat().st_size
+        mine = [(piece.start + match.start(), int(match[1]))
+                for piece in records(path, comm, 0, size, re.compile(rb"(?m)^"))
+                for match in SECTION.finditer(piece.text)]  # fmt: skip
+    marks = sorted(sum(comm.allgather(mine), []))
+    ends = [*(start for start, _ in marks[1:]), size]
+    found = [Section(number, start, end) for (start, number), end in zip(marks, ends, strict=True)] if marks else []
+    return found if len(found) > 1 else [None]
+
+
+def read_deck(path, comm, section=None) -> Deck:
+    """Read an input file and those that it includes, or the bytes of one of its sections_of. Collective. Raises
+    InputError."""
     path = Path(path)
-    segments, case = segments_of(path, comm)
+    segments, case = segments_of(path, comm) if section is None else ([(str(path), *section[1:])], None)
     grids, cards, elements, other, unknown, point_mass = [_grids(Piece(path, b"", 0))], [], {}, [], set(), 0.0
     numbers = {}
     # each rank reads its share of the lines: grids and elements by columns, small cards one by one
@@ -150,7 +178,7 @@ def read_deck(path, comm) -> Deck:
     deck = Deck(
         path, label, system, xyz, displacement, held, cards, case, elements, None,
         np.concatenate([np.zeros(0, np.int64), *other]), set().union(*comm.allgather(unknown)),
-        comm.allreduce(point_mass), sets, remarks,
+        comm.allreduce(point_mass), sets, remarks, section and section.number,
     )  # fmt: skip
     with agreed(comm):
         # the materials of the elements, by their properties

@@ -66,8 +66,9 @@ def begins(start: bytes) -> bool:
     return first_line(start)[:1] != b"*" and b"\0" not in start and START.search(start) is not None
 
 
-def contents(path, comm) -> list[DmigMatrix]:
-    """Return the matrices of a file, in order. Collective. Raises InputError."""
+def contents(path, comm, section=None) -> list[DmigMatrix]:
+    """Return the matrices of a file, or of a section of it (see bulk.sections_of), in order. Collective. Raises
+    InputError."""
     with agreed(comm):
         first_bytes(path)
         refuse_packed(path, "DMIG cards")
@@ -75,7 +76,7 @@ def contents(path, comm) -> list[DmigMatrix]:
     _require_end(path, comm)
     with agreed(comm):
         mine, used, ends = [], set(), []
-        for piece in _pieces(path, comm):
+        for piece in _pieces(path, comm, section):
             lines = lines_of(piece, NAME, strict=True)
             # cards with 0 in their second field say form and type of a matrix
             table, number = lines.table(8)
@@ -118,8 +119,9 @@ def read(path, comm, key="K", variables=None) -> LabelledEntries:
     return read_matrices(path, comm, {key: single(path, contents(path, comm), key, variables)})[0][key]
 
 
-def read_matrices(path, comm, wanted: dict[str, DmigMatrix]) -> tuple[dict, list[str], Lacking | None]:
-    """Return entries by key from one pass through a file, warnings, and what K lacks of its columns. Collective."""
+def read_matrices(path, comm, wanted: dict[str, DmigMatrix], section=None) -> tuple[dict, list[str], Lacking | None]:
+    """Return entries by key from one pass through a file or a section of it, warnings, and what K lacks of its columns.
+    Collective."""
     with agreed(comm):
         # terms as they stand in the lines, of all wanted matrices in one pass
         for matrix in wanted.values():
@@ -129,7 +131,7 @@ def read_matrices(path, comm, wanted: dict[str, DmigMatrix]) -> tuple[dict, list
                     f"({FORMS.get(matrix.form, 'unknown')}) and type {matrix.kind}, expected a square or symmetric one"
                 )
         parts, digits = {key: [] for key in wanted}, 0
-        for piece in _pieces(path, comm):
+        for piece in _pieces(path, comm, section):
             lines = lines_of(piece, NAME, strict=True)
             for key, matrix in wanted.items():
                 part, most = _entries(piece, lines, matrix)
@@ -179,8 +181,8 @@ def _require_once(path, comm, matrix, i, j):
         )
 
 
-def _pieces(path, comm):
-    yield from records(path, comm, 0, os.path.getsize(path), CARD)
+def _pieces(path, comm, section=None):
+    yield from records(path, comm, *(section[1:] if section else (0, os.path.getsize(path))), CARD)
 
 
 def _require_end(path, comm):

@@ -199,16 +199,19 @@ def _rows_of(path, comm, candidates, insisted):
     if op2_file == path and not groups and not files:
         return None, candidates[0][0], [f"{path}: found no tables BGPDT, EQEXIN and CSTM of all points; the nodes are "
                                         "not known; put the input file of the same name beside it"]  # fmt: skip
-    decks = [bulk.read_deck(file, comm) for file in files]
+    numbered = None not in [se for *_, se in candidates]
+    decks = [bulk.read_deck(file, comm, section) for file in files
+             for section in (bulk.sections_of(file, comm) if numbered else [None])]  # fmt: skip
     decks = [deck for deck in decks if comm.allreduce(len(deck.label))]
     reasons = []
     # the first matrices whose number of rows one of the sets of points has
     for choice, size, se in candidates:
         letters = [choice.letter] if choice.letter else list(SETS)
         of_se = [item for item in groups if se is None or item[0] in (None, se)]
-        for deck, letter in [(deck, letter) for deck in (None, *decks) for letter in letters]:
+        own = [deck for deck in decks if deck.superelement in (None, se)]
+        for deck, letter in [(deck, letter) for deck in (None, *own) for letter in letters]:
             if deck is None:
-                rows = _rows_of_op2(op2_file, of_se, decks, comm, letter, size)
+                rows = _rows_of_op2(op2_file, of_se, own, comm, letter, size)
             else:
                 rows, reason = _rows_of_deck(deck, comm, letter, size)
             if rows is not None:
@@ -359,20 +362,26 @@ def _said_of_turn(comm, points, turn):
 def read_bulk(path, comm, variables=None) -> Parts:
     """Return the model of DMIG cards, or of an input file with OP4 or a punch file beside it. Collective."""
     path = Path(path)
-    contents = dmig.contents(path, comm)
+    # sections of a file with several superelements are read as files of their own
+    contents = [(section, matrix) for section in bulk.sections_of(path, comm)
+                for matrix in dmig.contents(path, comm, section)]  # fmt: skip
     if not contents:
         return _read_beside(path, comm, variables)
-    names = [matrix.name for matrix in contents]
+    names = [matrix.name for _, matrix in contents]
     with agreed(comm):
-        choice = _choices(path, names, [None] * len(names), variables)[0]
-    wanted = {key: contents[place] for key, place in choice.places.items()}
-    matrices, warnings, lacking = dmig.read_matrices(path, comm, wanted)
+        choice = _choices(path, names, [section and section.number for section, _ in contents], variables)[0]
+        section = contents[choice.places["K"]][0]
+        if other := next((key for key, place in choice.places.items() if contents[place][0] != section), None):
+            raise InputError(f"{path}: found K and {other} in two sections BEGIN SUPER, expected those of one "
+                             "superelement; name others by --variables")  # fmt: skip
+    wanted = {key: contents[place][1] for key, place in choice.places.items()}
+    matrices, warnings, lacking = dmig.read_matrices(path, comm, wanted, section)
     parts = _parts(path, comm, matrices, {key: f"{path}, matrix {wanted[key].name}" for key in wanted}, names)
     parts.warnings += warnings
     parts.open_ended, parts.loose = set(matrices), choice.letter == "G"
     if choice.letter == "G":
         parts.warnings.append(LOOSE.format("KAAX and MAAX"))
-    deck = bulk.read_deck(path, comm)
+    deck = bulk.read_deck(path, comm, section)
     if not comm.allreduce(len(deck.label)):
         file = next(iter(decided(comm, bulk.companions, path)), None)
         if file is None:

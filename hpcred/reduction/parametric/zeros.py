@@ -11,7 +11,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy  # whose optimize is slow to import
 
 from ...parallel.decisions import shared_out
 from ..result.measure import STATIC
@@ -119,7 +119,7 @@ class _Way:
 
         self.change, self.zero, self.slope = float(np.median(np.sqrt(square))), None, 0.0
         if known[0.0] > 0 > known[1.0]:
-            self.zero = brentq(value, 0.0, 1.0, xtol=FOUND, rtol=FOUND, maxiter=STEPS, disp=False)
+            self.zero = scipy.optimize.brentq(value, 0.0, 1.0, xtol=FOUND, rtol=FOUND, maxiter=STEPS, disp=False)
             low, high = max(self.zero - CLOSE, 0.0), min(self.zero + CLOSE, 1.0)
             self.slope = (value(low) - value(high)) / (high - low) * self.change
 

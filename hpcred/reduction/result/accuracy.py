@@ -192,6 +192,11 @@ class Accuracy:
         return "modes not counted" if self.missing_modes is None else f"modes: {lack}"
 
     @property
+    def asked(self) -> bool:
+        """Whether there is a tolerance that somebody asked for; machines are estimated without one."""
+        return not (self.unproven and self.tolerance == self.largest)
+
+    @property
     def sentence(self) -> str:
         """What a user reads first."""
         ranges = "{:g} to {:g} Hz".format(*self.band)
@@ -200,7 +205,8 @@ class Accuracy:
         by = " by the norm (55)" if isinstance(self.measure, Paper) else ""
         error, tolerance = (in_percent(value, self.tolerance) for value in (self.largest + self.noise, self.tolerance))
         if self.reached:
-            claim = f"largest error{by} {error} (tolerance {tolerance}) over {ranges}"
+            how_large = f"{error} (tolerance {tolerance})" if self.asked else f"about {error}"
+            claim = f"largest error{by} {how_large} over {ranges}"
         else:
             # responses of round-off are compared with each other; without a measured value nothing bounds an estimate
             more = " or more" if self.stopped == ROUND_OFF or self.unproven else ""

@@ -8,7 +8,6 @@ beside a base keep their responses, by a second set of the same coordinates.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -17,11 +16,8 @@ from ...fe.dofs import ABSOLUTE, QUANTITIES
 from ...model.loads.kinds import motions_of
 from ...parallel.failures import InputError
 
-if TYPE_CHECKING:
-    from .reduced_model import ReducedModel
 
-
-def with_base_motion(reduced: ReducedModel, quantity: str) -> ReducedModel:
+def with_base_motion(reduced, quantity: str):
     """Return the model with other motions of its bases as inputs: see ReducedModel.driven_by."""
     if quantity not in QUANTITIES:
         raise InputError(f"quantity: found '{quantity}', expected one of {', '.join(QUANTITIES)}")

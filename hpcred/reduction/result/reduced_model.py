@@ -176,7 +176,7 @@ class ReducedModel:
     __repr__ = __str__
 
     def _repr_html_(self):
-        """Return a table for notebooks."""
+        """Return the verdict, where the error is known, and a table for notebooks."""
         record, accuracy = self.record, None if self.record is None else self.record.accuracy
         facts = {"full model": f"{record.model}, {record.size} dofs"} if record is not None else {}
         facts["pseudo-frequencies (Hz)"] = f"{self.frequencies[0]:.6g} to {self.frequencies[-1]:.6g}"
@@ -184,9 +184,10 @@ class ReducedModel:
             facts |= {"units": f"SI, converted from {record.units}"} if record.units else {}
             facts |= {"frame": record.frame.kind, "damping": record.damping.kind}
         facts |= {"inputs": listed(self.input_names), "outputs": listed(self.output_names)}
-        notes = [f"warning: {text}" for text in (() if record is None else record.warnings)]
+        warnings = () if record is None else record.warnings
+        notes = [f"warning: {text}" for text in warnings if accuracy is None or text != accuracy.sentence]
         known = "" if accuracy is None else accuracy._repr_html_()
-        return as_html(f"reduced model: {self.size_in_words}", facts, notes=notes) + known
+        return known + as_html(f"reduced model: {self.size_in_words}", facts, notes=notes)
 
     def transfer_function(self, s: complex | np.ndarray) -> np.ndarray:
         """Return H(s) = (C + s C_v + s^2 C_a) A(s)^-1 B + F (r, p), (25, 41); (..., r, p) for an array (...) of

@@ -109,7 +109,7 @@ function drawSpectrum() {
   data.results.forEach((result, i) => traces.unshift(row(Array.from(numbers(result.pseudo)), named(i), COLOURS[i % COLOURS.length])));
   const top = data.band ? 1.6 * data.band[1] : undefined;
   const shapes = data.band ? [{ type: "rect", x0: data.band[0], x1: data.band[1], yref: "paper", y0: 0, y1: 1, fillcolor: COLOUR.band, line: { width: 0 }, layer: "below" }] : [];
-  return Plotly.react("spectrum", traces, layout({ shapes, margin: { l: 160, r: 20, t: 12, b: 46 }, xaxis: axis("frequency (Hz); the band is grey", top ? { range: [0, top] } : {}), yaxis: axis("", { type: "category", automargin: true }) }), BUTTONS);
+  return Plotly.react("spectrum", traces, layout({ shapes, margin: { l: 160, r: 20, t: 12, b: 46 }, xaxis: axis("frequency (Hz), band grey", top ? { range: [0, top] } : {}), yaxis: axis("", { type: "category", automargin: true }) }), BUTTONS);
 }
 function drawStages() {
   const longest = (stage) => Math.max(...data.results.map((result) => result.seconds[stage] || 0));
