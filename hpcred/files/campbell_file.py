@@ -43,7 +43,7 @@ def kind_of_campbell(path, parameter: str) -> str | OtherKind:
                 lambda found: found.startswith(start) and b"f_1_hz" in found.splitlines()[0])  # fmt: skip
 
 
-def write_campbell(path, diagram: Campbell, comm, record: dict | None = None):
+def write_campbell(path, diagram: Campbell, comm, record: dict | None = None) -> None:
     """Write a Campbell diagram as a .csv, or else as HDF5, whole or not at all. Collective.
 
     Parameters
@@ -53,10 +53,6 @@ def write_campbell(path, diagram: Campbell, comm, record: dict | None = None):
     comm : MPI communicator
     record : dict, optional
         What made it.
-
-    Returns
-    -------
-    None
 
     Raises
     ------

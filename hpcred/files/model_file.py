@@ -68,17 +68,13 @@ SCHEMA = NODES | {
 }  # fmt: skip
 
 
-def write_model(path, model: SecondOrderModel):
+def write_model(path, model: SecondOrderModel) -> None:
     """Write a model. Collective.
 
     Parameters
     ----------
     path : str or PathLike
     model : SecondOrderModel
-
-    Returns
-    -------
-    None
 
     Raises
     ------

@@ -121,7 +121,7 @@ def kind_of_responses(path) -> str:
     return next((kind for ending, kind in kinds.items() if str(path).endswith(ending)), hdf5_kind(FORMAT))
 
 
-def write_responses(path, responses: Responses, comm, polar=False):
+def write_responses(path, responses: Responses, comm, polar=False) -> None:
     """Write responses as a .csv, or else as HDF5, whole or not at all. Collective.
 
     Parameters
@@ -131,10 +131,6 @@ def write_responses(path, responses: Responses, comm, polar=False):
     comm : MPI communicator
     polar : bool
         Magnitude and phase in place of real and imaginary parts in a .csv.
-
-    Returns
-    -------
-    None
 
     Raises
     ------

@@ -453,7 +453,7 @@ class Shapes:
 def write_result(
     path, reduced: ReducedModel, model=None, *, basis=True, origin=(0.0, 0.0, 0.0), lumped=False,
     geometric_stiffness: GeometricStiffness | None = None, stress: StressModes | None = None, nodes=None, more=None,
-):  # fmt: skip
+) -> None:  # fmt: skip
     """Write what `reduce` made of a SecondOrderModel. Collective.
 
     Parameters
@@ -477,10 +477,6 @@ def write_result(
         Of a model that is not at hand.
     more : callable, optional
         Writes into the open file.
-
-    Returns
-    -------
-    None
 
     Raises
     ------

@@ -26,24 +26,11 @@ SPARSE = 4  # times as many rows as are wanted are read in one piece rather than
 class Points:
     """Nodes of this rank and how they move with the m coordinates.
 
-    Attributes
-    ----------
-    node : ndarray, shape (k,)
-        Numbers of the nodes, ascending over the ranks; interface nodes come last, on the last rank.
-    position : ndarray, shape (k, 3)
-        In the axes of the model, in m.
-    shapes : ndarray, shape (m, 3 k)
-        Displacements by coordinate.
-    first, total : int
-        Place of the first node among the nodes of all ranks, and their number.
-    names : dict of int to str
-        Names of the interface nodes by their numbers, on all ranks.
-    cells : dict of str to ndarray, shape (e, nodes)
-        Elements of this rank by kind, as places of nodes, all of which are there.
-    stress : ndarray, shape (m, 6 s), optional
-        Stresses by coordinate, in Pa: xx, yy, zz, xy, yz, zx at each node.
-    stressed : ndarray, shape (s,)
-        Places, on this rank, of the nodes of the stresses.
+    `node` (k,): their numbers, ascending over the ranks; interface nodes come last, on the last rank. `position` (k, 3)
+    in the axes of the model, in m. `shapes` (m, 3 k): displacements by coordinate. `first`, `total`: place of the first
+    node among the nodes of all ranks, and their number. `names` of the interface nodes by their numbers, on all ranks.
+    `cells` (e, nodes): elements of this rank by kind, as places of nodes, all of which are there. `stress` (m, 6 s):
+    stresses by coordinate, in Pa: xx, yy, zz, xy, yz, zx at each of the nodes at the places `stressed` (s,).
     """
 
     node: np.ndarray
@@ -83,28 +70,10 @@ class _Labels:
 
 
 def read_points(path, comm, nodes=None, stress: bool = False) -> Points:
-    """Read the nodes of a result, by default all nodes of the mesh.
+    """Read the nodes of a result, by default all nodes of the mesh, with the stress modes where these are wanted.
 
-    Collective.
-
-    Parameters
-    ----------
-    path : path
-        result.h5.
-    comm : MPI.Comm
-    nodes : sequence of int or str, optional
-        Numbers, names of interfaces and names of node sets; a set stands for its nodes that have dofs.
-    stress : bool, default False
-        Whether the stress modes are read.
-
-    Returns
-    -------
-    Points
-
-    Raises
-    ------
-    InputError
-        Without nodes, basis or (where wanted) stress modes, and for nodes that do not exist.
+    `nodes`: numbers, names of interfaces and names of node sets; a set stands for its nodes that have dofs. Collective.
+    Raises InputError without nodes, basis or stress modes, and for nodes that do not exist.
     """
     with agreed(comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
         # the directions of one node come together on one rank, in the order of their numbers

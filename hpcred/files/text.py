@@ -230,15 +230,11 @@ def _packed_pieces(path, comm, start):
         raise InputError(f"{path}: found a damaged gzip file ({error})") from error
 
 
-def places(comm, counts: list[tuple[int, int]]) -> np.ndarray:
-    """The place in the file of every line of this rank, from (start, lines) of its pieces. Collective."""
-    mine = {start for start, _ in counts}
-    before, parts = 0, []
-    for start, lines in sorted(item for part in comm.allgather(counts) for item in part):
-        if start in mine:
-            parts.append(np.arange(before, before + lines))
-        before += lines
-    return np.concatenate(parts) if parts else np.zeros(0, np.int64)
+def first_lines(comm, counts: list[tuple[int, int]]) -> dict[int, int]:
+    """The first line, from 0, of the pieces of all ranks by their start, from (start, lines) of those of this rank.
+    Collective."""
+    starts, lines = np.array(sorted(sum(comm.allgather(counts), [])), np.int64).reshape(-1, 2).T
+    return dict(zip(starts.tolist(), (np.cumsum(lines) - lines).tolist(), strict=True))
 
 
 def end_to_end(arrays, decode) -> list[np.ndarray]:
@@ -258,7 +254,9 @@ def read_lines(path, comm, decode, start=0) -> list[np.ndarray]:
     with agreed(comm):
         decoded = {piece.start: decode(piece) for piece in pieces(path, comm, start)}
         arrays = _joined(decoded.values(), decode)
-    return [*arrays, places(comm, [(begin, len(part[0])) for begin, part in decoded.items()])]
+    first = first_lines(comm, [(begin, len(part[0])) for begin, part in decoded.items()])
+    places = [first[begin] + np.arange(len(part[0])) for begin, part in decoded.items()]
+    return [*arrays, np.concatenate([np.zeros(0, np.int64), *places])]
 
 
 def _joined(parts, decode):

@@ -24,11 +24,11 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from numpy.lib import format as npy
 
 from ..body.body import Body, maker, remarks, resultants_of
 from ..files.outputs import MATLAB, ZIP
 from ..model.operator import ADDED
+from ..readers.matrices.npz import shapes_of
 from ..reduction.parametric.reduced import ParametricReducedModel
 from ..reduction.result.reduced_model import require_finite
 from .base import Writer
@@ -122,14 +122,7 @@ class BodyNpz(BodyMat):
         """Return the arrays of a .npz by name, or nothing of another archive."""
         if not zipfile.is_zipfile(path):
             return {}
-        with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
-            if sum(name.endswith(".npy") for name in names) < 2 or "data.npy" in names:  # as that of a sparse matrix
-                return {}
-            rows = {}
-            for name in names:
-                with archive.open(name) as file:  # the head alone
-                    heads = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
-                    shape = heads[npy.read_magic(file)](file)[0]
-                rows[name.removesuffix(".npy")] = " x ".join(map(str, shape)) or "1"
+        rows = {name: " x ".join(map(str, shape)) or "1" for name, shape in shapes_of(path).items()}
+        if len(rows) < 2 or "data" in rows:  # as that of a sparse matrix
+            return {}
         return {"format": "NumPy arrays (.npz)", "arrays": rows}

@@ -43,21 +43,12 @@ OUTRES,STRS,LAST
 class Deck(ABC):
     """Base class of the input files of a program.
 
-    Attributes
-    ----------
-    job, column : str
-        Names of the main file, and of the file of a column with `%d` for its number from 1.
-    line : str
-        Text of a line of the file of a column, a format of node and direction that gives one of the value; OWN_SET
-        stands for 16 digits, SET and the number of the column.
-    directions : tuple
-        What the program calls x, y, z, rx, ry, rz in such a line.
-    supports, support : str
-        Name of a file of all dofs, held ones too, and the format of its lines, of direction and node; "" for none.
-    include : re.Pattern or None
-        How a line includes another file, whose name is its first group.
-    run : str
-        What to run in the folder, and what it writes.
+    `job`, `column`: names of the main file, and of the file of a column with `%d` for its number from 1. `line`: text
+    of a line of the latter, a format of node and direction that gives one of the value; OWN_SET stands for 16 digits,
+    SET and the number of the column. `directions`: what the program calls x, y, z, rx, ry, rz there. `supports`,
+    `support`: name of a file of all dofs, held ones too, and the format of its lines, of direction and node; "" for
+    none. `include`: how a line includes another file, whose name is its first group. `run`: what to run in the folder,
+    and what it writes.
     """
 
     job = column = line = supports = support = run = ""

@@ -8,7 +8,7 @@ from foreign import gathered, write
 
 from hpcred import InputError
 from hpcred.files import text_numbers
-from hpcred.files.text import Piece, line_number, pieces, places
+from hpcred.files.text import Piece, line_number, pieces, read_lines
 from hpcred.files.text_numbers import numbers, triples
 
 pytestmark = pytest.mark.mpi(build="real")
@@ -121,11 +121,8 @@ def test_the_order_of_lines_of_a_packed_file(comm, folder, monkeypatch):
     """Pieces of a gzip file go round the ranks, yet every line knows its place."""
     monkeypatch.setattr("hpcred.files.text.PIECE", 50)
     path = write(folder / "a.gz", gzip.compress(b"".join(b"%d\n" % k for k in range(300))), comm)
-    values, counts = [np.zeros(0)], []
-    for piece in pieces(path, comm):
-        values.append(numbers(piece, 1)[0][:, 0])
-        counts.append((piece.start, len(values[-1])))
-    assert np.array_equal(np.concatenate(values), places(comm, counts))
+    values, places = read_lines(path, comm, lambda piece: (numbers(piece, 1)[0][:, 0],))
+    assert np.array_equal(values, places)
 
 
 def test_a_damaged_gzip_file_is_refused(comm, folder):

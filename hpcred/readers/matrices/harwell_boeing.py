@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...files.system_errors import damaged_file
-from ...files.text import Piece, first_bytes, open_unpacked, pieces
+from ...files.text import Piece, first_bytes, first_lines, open_unpacked, pieces
 from ...files.text_numbers import ragged, whole
 from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, agreed
@@ -88,10 +88,7 @@ def _read(path, comm):
         header = _header(path)
         spans = [(piece.start, piece.text.count(b"\n") + (not piece.text.endswith(b"\n")))
                  for piece in pieces(path, comm)]  # fmt: skip
-    first_line, before = {}, 0
-    for start, lines in sorted(item for part in comm.allgather(spans) for item in part):
-        first_line[start] = before
-        before += lines
+    first_line = first_lines(comm, spans)
     with agreed(comm):
         parts = [[], [], [], []]
         read_of = np.zeros(4, np.int64)

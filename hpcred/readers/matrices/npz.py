@@ -41,6 +41,16 @@ def read_arrays(path, names) -> dict[str, np.ndarray]:
     return found
 
 
+def shapes_of(path) -> dict[str, tuple]:
+    """Return the shapes of all arrays of a .npz by name. On this rank. Raises InputError."""
+    shapes = {}
+    with _opened(path) as (archive, names):
+        for name in (name for name in archive.namelist() if name.endswith(".npy")):
+            with archive.open(name) as file:  # the head alone
+                shapes[name.removesuffix(".npy")], _, _ = _header(path, name, file, objects=True)
+    return shapes
+
+
 @contextmanager
 def _opened(path):
     """An archive and the names in it, on this rank. Raises InputError, also for damage that is met later."""
@@ -136,8 +146,8 @@ def _length(path, archive, name, kinds):
     return shape[0]
 
 
-def _header(path, name, file):
-    """Return shape, whether the first index runs fastest, and type of an array."""
+def _header(path, name, file, objects=False):
+    """Return shape, whether the first index runs fastest, and type of an array; `objects`: also of Python objects."""
     try:
         version = np.lib.format.read_magic(file)
         read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
@@ -146,7 +156,7 @@ def _header(path, name, file):
             raise ValueError(f"it has the shape {shape}")
     except (ValueError, KeyError) as error:
         raise InputError(f"{path}: the array '{name}' cannot be read ({error})") from error
-    if dtype.hasobject:
+    if dtype.hasobject and not objects:
         raise InputError(f"{path}: found Python objects in the array '{name}', expected numbers or texts")
     return shape, fortran, dtype
 

@@ -17,7 +17,7 @@ from ...fe.elements import NODES
 from ...fe.materials import MATERIAL, ElementProperties, Material, material_of
 from ...files.included import Included
 from ...files.system_errors import open_input, read_bytes
-from ...files.text import Piece, first_bytes, first_line, line_number, records, refuse_packed, require_file
+from ...files.text import Piece, first_bytes, first_line, line_number, pieces, records, refuse_packed, require_file
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, require_once, sort_over_ranks
 from ..nodes.table import LARGEST_COORDINATE, elements_of, in_ranges
@@ -220,10 +220,9 @@ def _spans_of(path, comm, main):
     with agreed(comm):
         require_file(path)
         refuse_packed(path)
-        size = path.stat().st_size
         # the marks BEGIN, CEND, ENDDATA and INCLUDE, wherever the ranks find them
         mine = [(piece.start + match.start(), piece.start + match.end(), match.groupdict())
-                for piece in records(path, comm, 0, size, re.compile(rb"(?m)^")) for match in MARK.finditer(piece.text)]
+                for piece in pieces(path, comm) for match in MARK.finditer(piece.text)]  # fmt: skip
     marks = sum(comm.allgather(mine), [])
     # one section of bulk data, with its end
     begin = [mark for mark in marks if mark[2]["begin"]]
@@ -240,7 +239,7 @@ def _spans_of(path, comm, main):
         first = begin[0][0] if begin else -1
         # spans between the marks; what stands before CEND (executive control) and behind ENDDATA is not read
         at = max((high for _, high, groups in marks if groups["cend"] and high < first), default=0)
-        spans = []
+        spans, size = [], path.stat().st_size
         for low, high, groups in marks:
             if low < at or groups["cend"] or (groups["end"] and low < first):
                 continue

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...fe.elements import NODES
 from ...files.system_errors import damaged_file, open_input, read_bytes
-from ...files.text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, end_to_end, records, refuse_packed, shown
+from ...files.text import BYTE_ORDER_MARK, LARGEST_LABEL, Piece, end_to_end, pieces, records, refuse_packed, shown
 from ...files.text_numbers import labels, ragged, whole
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import number_over_ranks, require_once, sort_over_ranks
@@ -134,9 +134,7 @@ def datasets(path, comm) -> list[tuple[int, int, int]]:
     something stands outside of them, or the file is cut off."""
     with agreed(comm):
         refuse_packed(path)
-        size = os.path.getsize(path)
-        mine = [piece.start + match.start() for piece in records(path, comm, 0, size, re.compile(rb"(?m)^"))
-                for match in MARK.finditer(piece.text)]  # fmt: skip
+        mine = [piece.start + match.start() for piece in pieces(path, comm) for match in MARK.finditer(piece.text)]
     marks = sum(comm.allgather(mine), [])
     with agreed(comm):
         return _datasets(path, marks)

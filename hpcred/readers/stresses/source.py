@@ -26,17 +26,8 @@ LARGEST = 1e100  # of displacements and stresses in any units
 
 @dataclass(frozen=True)
 class Answers:
-    """Stresses of steps at nodes of this rank.
-
-    Attributes
-    ----------
-    node : ndarray of int, shape (s,)
-    displacement : ndarray, shape (steps, s, 3)
-    stress : ndarray, shape (steps, s, 6)
-        xx, yy, zz, xy, yz, zx, in the units of the file.
-    source : str
-        What made them.
-    """
+    """Displacements (steps, s, 3) and stresses (steps, s, 6), xx, yy, zz, xy, yz, zx, at nodes (s,) of this rank, in
+    the units of the file; `source`: what made them."""
 
     node: np.ndarray
     displacement: np.ndarray
