@@ -6,10 +6,10 @@ With receptances Y of the bodies, Y_r of the reduced ones and E = Y - Y_r, the e
 
 and |E_ji| <= eps_b h_j g_i in every body b. So |H - H_r| <= |L| h eps (I - N eps)^-1 g |R|, N = g |K| h, a matrix of as
 many rows as bodies: a bound, where its spectral radius is below one. The errors of several directions have one sign at
-worst, and any signs mostly: their sums are taken between both, as norms of exponent SIGNS. At a resonance of a free body it may be far too
-large, since |L| has no signs; the error of the machine has no pole there. By the principle of the maximum it is at most
-the largest one on a circle without poles of the machine: the smaller of both is taken, an estimate. See
-docs/theory/assembly.md.
+worst, and any signs mostly: their sums are taken between both, as norms of exponent SIGNS. At a resonance of a free
+body this may be far too large, since |L| has no signs; the error of the machine has no pole there. By the principle of
+the maximum it is at most the largest one on a circle without poles of the machine: the smaller of both is taken, an
+estimate. See docs/theory/assembly.md.
 """
 
 from __future__ import annotations
