@@ -5,15 +5,17 @@ With receptances Y of the bodies, Y_r of the reduced ones and E = Y - Y_r, the e
     H - H_r = L E (I + K E)^-1 R,    L = I - Y_r K, R = I - K Y_r, K = G_i W G_o (see coupling),
 
 and |E_ji| <= eps_b h_j g_i in every body b. So |H - H_r| <= |L| h eps (I - N eps)^-1 g |R|, N = g |K| h, a matrix of as
-many rows as bodies: a bound, where its spectral radius is below one. At a resonance of a free body it may be far too
-large, since |L| has no signs; the error of the machine has no pole there. By the principle of the maximum it is at most
-the largest one on a circle without poles of the machine: the smaller of both is taken, an estimate. See
-docs/theory/assembly.md.
+many rows as bodies: a bound, where its spectral radius is below one. The errors of several directions have one sign at
+worst, and any signs mostly: their sums are taken between both, as norms of exponent SIGNS. At a resonance of a free
+body this may be far too large, since |L| has no signs; the error of the machine has no pole there. By the principle of
+the maximum it is at most the largest one on a circle without poles of the machine: the smaller of both is taken, an
+estimate. See docs/theory/assembly.md.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -27,6 +29,7 @@ from .coupling import Machine, blocks
 from .parts import UNDAMPED
 
 CIRCLE, ANGLES = 0.5, 6  # radius over the distance to the nearest pole of the machine, and points on it
+SIGNS = 1.5  # exponent of sums over directions: 1 for errors of one sign, 2 for errors of random signs
 LEAST = 1e-4  # of the band's upper end: free bodies have no response at 0 Hz
 MOST = 150  # frequencies at which the error is estimated, besides those at resonances
 ROUNDS = 60  # in which errors are made smaller until the machine has its tolerance
@@ -127,9 +130,13 @@ def _sizes(machine, s, f, reach):
     L, R, K = machine.coupled(s, machine.receptances(s))
     scales = [part.scales(s, f, reach) for part in machine.parts.values()]
     h, g = (blocks([item[side][..., None] for item in scales]) for side in (0, 1))  # (S, r, b), (S, p, b)
-    out = np.abs(machine.outputs.matrix @ L) @ h
-    into = np.swapaxes(g, 1, 2) @ np.abs(R @ machine.inputs.matrix.T)
-    return out, into, np.swapaxes(g, 1, 2) @ np.abs(K) @ h
+    g = np.swapaxes(g, 1, 2)
+    return (_added(machine.outputs.matrix @ L, h), _added(g, R @ machine.inputs.matrix.T), _added(g, K, h))
+
+
+def _added(*matrices) -> np.ndarray:
+    """Return the product of the sizes of matrices, whose sums are norms of exponent SIGNS."""
+    return reduce(np.matmul, (np.abs(matrix) ** SIGNS for matrix in matrices)) ** (1 / SIGNS)
 
 
 def _inside(resonances, band):
