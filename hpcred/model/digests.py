@@ -24,7 +24,10 @@ def digest_of(model, key: str) -> str | None:
         if not model.rates:
             return None
         parts, direct = model.rates.parts.tolist(), model.rates.direct
-        return digest_of_plain(parts if direct is None else [parts, direct.tolist()])
+        if direct is None:
+            return digest_of_plain(parts)
+        scale, values = _rounded(MPI.COMM_SELF, direct, np.arange(direct.shape[1]))  # sums, as those of B
+        return digest_of_plain([parts, scale, values.tolist()])
     held = model.matrices[key] if key in model.matrices else getattr(model, field)
     if held is None or held == ():
         return None
@@ -58,4 +61,4 @@ def _rounded(comm, values, columns, count=None):
     comm.Allreduce(MPI.IN_PLACE, most, MPI.MAX)
     most[most == 0] = 1.0
     rounded = np.round(np.arcsinh(values / (SMALL * most)[columns]) * DIGITS).astype("<i8")
-    return np.round(np.log(most) * DIGITS).tolist(), rounded
+    return (np.round(np.log(most) * DIGITS) + 0.0).tolist(), rounded  # no -0.0 beside 0.0
