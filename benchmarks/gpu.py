@@ -170,8 +170,8 @@ def main():
                 continue
             with watched() as memory:
                 row = job(given.ranks, ".", "--row", cells, package, tolerance, given.precision)
-            row |= {"cells": cells, "tolerance": tolerance,
-                    "GB of the GPU": memory[0] if memory else row["MB of the factor"] / 1024}  # fmt: skip
+            on_gpu = memory[0] if memory else row["MB of the factor"] / 1024
+            row |= {"cells": cells, "tolerance": tolerance, "GB of the GPU": on_gpu if package == "cudss" else None}
             print(json.dumps(row), flush=True)
             rows.append(row)
     if rows:

@@ -32,22 +32,22 @@ MOST_ANALYSED = 1_000_000  # rows up to which an analysis takes seconds, and fit
 # docs/large.md, "At 10^7 dofs": an analysis on two ranks, and exponents of the rows
 CUBE = {"rows": 1_014_300, "flops": 2.5e13, "entries": 2.5e9, "mb": 40_936}
 EXPONENTS = {"flops": 1.98, "entries": 1.38, "mb": 1.33}
-# of MUMPS' memory: two ranks over one (506 and 652 MB for a cube of 45,000 dofs), and each doubling of them (docs/
-# large.md, "On more ranks": 55 GB on 16 for the cube above)
+# of MUMPS' memory: two ranks over one (506 and 652 MB for a cube of 45,000 dofs), and each doubling of them (55 GB on
+# 16 for the cube above)
 ON_TWO, MORE_BY_RANKS = 1.3, 1.1
 # docs/large.md, "Options for large models": 3.0 of 5.8 GB of MUMPS, and 85 instead of 60 s
 ON_DISK, DISK_SLOWER = 0.5, 1.4
 PROGRAM = 0.15 * GB  # a rank: 0.09 GB after the start, buffers of messages and files
 MATRICES = 160  # bytes a nonzero, docs/large.md, "At 10^7 dofs": M and K with two copies, 12 kB a dof of a solid
-# docs/solvers.md, "Time and memory": bytes a nonzero in all, and processor seconds a nonzero, to a tolerance of 1e-4
-# over 38 modes; docs/large.md, "Three million dofs", has the same for three times as many
+# docs/evidence.md, "Large models": bytes a nonzero in all, and processor seconds a nonzero, to a tolerance of 1e-4 over
+# 38 modes; three times as many dofs have the same
 MULTIGRID, SECONDS_OF_MULTIGRID = 75, 485 / 79_800_000
-# docs/large.md, "On more ranks": seconds a dof beside factors, on one rank and divided by the root of the ranks; at
+# seconds a dof beside factors, on one rank and divided by the root of the ranks (docs/evidence.md, "More ranks"); at
 # 10^5 dofs a reduction to a tolerance takes more
 BESIDE = 80e-6
-CARD = 1.06 * 8  # bytes an entry of a factor on a GPU: docs/large.md, "On a GPU"
+CARD = 1.06 * 8  # bytes an entry of a factor on a GPU: docs/large.md, "At 10^7 dofs"
 # GFlop/s: of a rank, 12 to 18 on an Intel Xeon, and 15 to 20 on an AMD EPYC (docs/large.md); of an H200, 14 to 20
-# thousand at 10^6 dofs and more (docs/solvers.md, "Factors on a GPU")
+# thousand at 10^6 dofs and more (docs/evidence.md, "On a GPU")
 GFLOPS, GFLOPS_OF_GPU = 10.0, 1e4
 
 # of a reduction to a tolerance: one or two factors are usual, and fewer columns V and M V
