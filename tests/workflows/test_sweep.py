@@ -69,7 +69,7 @@ def results(folder):
 
 def test_the_documented_example(tmp_path, monkeypatch, capsys):
     """Files whose names have blanks; errors against `evaluate` on the full model."""
-    (example,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs/sweeps.md").read_text(), re.S)
+    (example,) = re.findall(r'```toml title="sweep.toml"\n(.*?)```', (ROOT / "docs/sweeps.md").read_text(), re.S)
     (tmp_path / "a b").mkdir()
     monkeypatch.chdir(tmp_path / "a b")
     with package.linkage() as model:
