@@ -63,7 +63,7 @@ def test_places_in_mm_are_warned_of(made):
 @pytest.mark.mpi
 def test_files_of_a_simulation(made):
     path = made()
-    report = simulate_file(path, overrides=["velocity=[0.0, 0.0, 1.0]"])
+    report = simulate_file(path, overrides=["velocity=[0.0, 0.0, 1.0]", "relative_tolerance=1e-6"])
     assert report["output"] == [str(path.with_name(f"simulation.{suffix}")) for suffix in ("h5", "csv", "png")]
     assert any("the initial velocities did not fit the constraints" in line for line in report["notes"])
     assert report["constraint_drift_m"] < 1e-8 and report["energy_defect"] < 1e-4
