@@ -29,7 +29,7 @@ from .coupling import Machine, blocks
 from .parts import UNDAMPED
 
 CIRCLE, ANGLES = 0.5, 6  # radius over the distance to the nearest pole of the machine, and points on it
-SIGNS = 1.5  # exponent of sums over directions: 1 for errors of one sign, 2 for errors of random signs
+SIGNS = 1.4  # exponent of sums over directions: 1 for errors of one sign, 2 for errors of random signs
 LEAST = 1e-4  # of the band's upper end: free bodies have no response at 0 Hz
 MOST = 150  # frequencies at which the error is estimated, besides those at resonances
 ROUNDS = 60  # in which errors are made smaller until the machine has its tolerance
