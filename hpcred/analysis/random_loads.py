@@ -26,9 +26,9 @@ UNDAMPED = 1e-10  # damping ratio below which a resonance has no finite response
 SHOWN = 20  # outputs that are listed
 EXACT, ROUNDS = 1e-8, 40  # relative error of mean squares, and bisections until it is reached
 TOGETHER = 2**20  # numbers of the states that are computed in one call
-NODES, WEIGHTS = (np.concatenate(parts, axis=-1) for parts in zip(*[  # of Gauss' rules of 15 and of 7 nodes
-    (nodes, np.outer(rule, weights)) for rule, (nodes, weights) in zip(np.eye(2), map(leggauss, (15, 7)), strict=True)],
-    strict=True))  # fmt: skip
+(_FINE, _OF_FINE), (_COARSE, _OF_COARSE) = leggauss(15), leggauss(7)
+NODES = np.concatenate([_FINE, _COARSE])
+WEIGHTS = block_diag(_OF_FINE, _OF_COARSE)  # (2, 22) of Gauss' rules of 15 and of 7 nodes
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "zx")
 DEVIATOR = np.zeros((6, 6))  # von Mises: s^T s with s = DEVIATOR sigma
 DEVIATOR[:3, :3] = np.sqrt(1.5) * (np.eye(3) - 1 / 3)

@@ -125,8 +125,8 @@ class GeometricStiffness:
 
         Parameters
         ----------
-        node : int
-            Its number.
+        node : NodeShape
+            With its displacements.
         """
         return self.of([f"{node.label}:{direction}" for direction in SIX])
 

@@ -41,7 +41,7 @@ class Law(ABC):
         Parameters
         ----------
         s : complex or array_like
-            1/s.
+            Laplace variable in 1/s.
         """
 
     @abstractmethod
@@ -51,7 +51,7 @@ class Law(ABC):
         Parameters
         ----------
         s : complex or array_like
-            1/s.
+            Laplace variable in 1/s.
         """
 
     @abstractmethod

@@ -194,10 +194,10 @@ class Progress:
 
         Parameters
         ----------
+        what : str
+            Name of the steps.
         done : int
             Steps so far.
-        what : str
-            Their name.
         total : int, optional
             Steps in all.
         always : bool

@@ -69,9 +69,9 @@ def test_a_model_with_an_unsymmetric_stiffness_is_reduced_to_the_tolerance(comm)
     assert unstable.real.max() > 0
     with friction_model(comm) as model, SecondOrderModel.from_scipy(
         K + 20 * N, M, D, comm, inputs=B, circulatory=True
-    ) as model, hpcred.reduce(model, tolerance=1e-6, band=(0.0, 10.0)) as rom:
+    ) as model, hpcred.reduce(model, tolerance=1e-7, band=(0.0, 10.0)) as rom:
         worst = unstable[unstable.real.argmax()]
-        assert any(abs(complex(*pole) - worst) < 1e-3 * abs(worst) for pole in rom.record.unstable_poles)
+        assert any(abs(complex(*pole) - worst) < 1e-4 * abs(worst) for pole in rom.record.unstable_poles)
 
 
 @pytest.mark.mpi

@@ -87,7 +87,7 @@ class Maxwell(ViscoelasticLaw):
         Parameters
         ----------
         s : complex or array_like
-            1/s.
+            Laplace variable in 1/s.
         """
         x = np.asarray(s)[..., None] * np.array(self.times)
         return (np.array(self.factors) * x / (1 + x)).sum(axis=-1)
@@ -163,7 +163,7 @@ class Fractional(FractionalLaw):
         Parameters
         ----------
         s : complex or array_like
-            1/s.
+            Laplace variable in 1/s.
         """
         z = self._powers(s)
         return (self.high - self.low) * z / (1 + z)
@@ -207,7 +207,7 @@ class FractionalKelvinVoigt(FractionalLaw):
         Parameters
         ----------
         s : complex or array_like
-            1/s.
+            Laplace variable in 1/s.
         """
         return self.rise * self._powers(s)
 

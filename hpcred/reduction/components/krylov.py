@@ -84,7 +84,7 @@ class Krylov(PointComponent):
     order : int
         It adds order + 1 blocks.
     decay : float, optional
-        1/s.
+        Laplace variable in 1/s.
     infinity : bool
         M^-1 B, then repeatedly M^-1 K, which matches Markov parameters, in place of a point.
     """

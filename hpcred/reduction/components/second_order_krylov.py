@@ -41,7 +41,7 @@ class SecondOrderKrylov(PointComponent):
     frequency : float, optional
         Hz.
     decay : float, optional
-        1/s.
+        Laplace variable in 1/s.
     order : int
         It adds order + 1 blocks.
     s : tuple of two floats, optional

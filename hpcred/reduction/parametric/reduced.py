@@ -194,7 +194,7 @@ class ParametricReducedModel(ReducedModel):
         Parameters
         ----------
         s : complex or array_like
-            1/s.
+            Laplace variable in 1/s.
         **values
             Numbers by name of the parameter.
         """

@@ -196,7 +196,7 @@ class ReducedModel:
         Parameters
         ----------
         s : complex or array_like
-            1/s.
+            Laplace variable in 1/s.
         """
         return combined(self.output_parts, s) @ self.states(s) + (0.0 if self.feedthrough is None else self.feedthrough)
 
@@ -207,7 +207,7 @@ class ReducedModel:
         Parameters
         ----------
         s : complex or array_like
-            1/s.
+            Laplace variable in 1/s.
         rates : Rates
             Those of the full model, by which velocities and accelerations are known.
         """
@@ -230,7 +230,7 @@ class ReducedModel:
         Parameters
         ----------
         s : complex or array_like
-            1/s.
+            Laplace variable in 1/s.
         """
         dynamic = self.operator.at(s) + 1j * self.loss_factor * self.K
         loads = np.broadcast_to(self.B.astype(complex), (*dynamic.shape[:-2], *self.B.shape))
