@@ -169,10 +169,6 @@ def full_response(
     factoring : Factoring, optional
         How to factor, and in how much memory.
 
-    Returns
-    -------
-    FullResponse
-
     Raises
     ------
     InputError

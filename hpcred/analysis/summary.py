@@ -47,9 +47,7 @@ def inspect(
     model, frequencies=(), band_top=None, *, modes: int | None = None, verify: bool = False,
     factoring: Factoring | None = None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Summarise sizes, symmetry, definiteness, mass, rigid-body modes, and modes below frequencies.
-
-    Collective.
+    """Summarise sizes, symmetry, definiteness, mass, rigid-body modes, and modes below frequencies. Collective.
 
     Parameters
     ----------

@@ -98,10 +98,6 @@ def read_campbell(path) -> Campbell:
     ----------
     path : str or PathLike
 
-    Returns
-    -------
-    Campbell
-
     Raises
     ------
     InputError

@@ -197,10 +197,6 @@ def read_responses(path) -> Responses:
     ----------
     path : str or PathLike
 
-    Returns
-    -------
-    Responses
-
     Raises
     ------
     InputError

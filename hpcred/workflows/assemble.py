@@ -85,18 +85,8 @@ class Assembly:
         return above_rest(_inside(lines, self.band), self.machine.response)[0]
 
     def frequency_response(self, frequencies=None) -> np.ndarray:
-        """Return H(i omega) (F, r, p) at frequencies in Hz, by default at the lines of the first measured body.
-
-        Raises
-        ------
-        InputError
-            At poles, and outside of the lines of measured bodies.
-
-        Parameters
-        ----------
-        frequencies : array_like, optional
-            Hz.
-        """
+        """Return H(i omega) (F, r, p) at `frequencies` in Hz, by default at the lines of the first measured body.
+        Raises InputError at poles, and outside of the lines of measured bodies."""
         frequencies = self.lines if frequencies is None else checked_frequencies(frequencies)
         if self.reduced is not None:
             return self.reduced.frequency_response(frequencies)
@@ -106,27 +96,15 @@ class Assembly:
             raise InputError("frequencies: one is a pole of a body, such as 0 Hz; leave it out") from error
 
     def responses(self, frequencies=None) -> Responses:
-        """Return the same with the names of inputs and outputs, as files of responses have it.
-
-        Parameters
-        ----------
-        frequencies : array_like, optional
-            Hz.
-        """
+        """Return the same at `frequencies` with the names of inputs and outputs, as files of responses have it."""
         frequencies = self.lines if frequencies is None else checked_frequencies(frequencies)
         names = {"input_names": self.machine.inputs.own, "output_names": self.machine.outputs.own}
         return Responses(frequencies=frequencies, response=self.frequency_response(frequencies), **names,
                          record={"bodies": list(self.machine.parts), "versions": versions()})  # fmt: skip
 
     def save(self, path, *, basis: bool = True, comm=None) -> None:
-        """Write a result file, which commands read as that of a reduction. Collective.
-
-        Parameters
-        ----------
-        path : str or PathLike
-        basis : bool, default True
-            Whether the shapes of the bodies are written.
-        """
+        """Write a result file `path`, which commands read as that of a reduction; `basis`: with the shapes of the
+        bodies. Collective. Raises InputError of a machine with a measured body."""
         if self.reduced is None:
             raise InputError("save: a machine with a measured body has no coordinates; write_responses writes its "
                              "responses()")  # fmt: skip
@@ -188,10 +166,6 @@ def assemble(
         Of the machine's responses, with which the estimate is compared.
     inputs, outputs : sequence of str, optional
         Of the machine, such as "spindle.tool:z", or "spindle.tool" for all directions; by default all of the bodies.
-
-    Returns
-    -------
-    Assembly
 
     Raises
     ------

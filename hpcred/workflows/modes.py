@@ -125,10 +125,6 @@ def mass_in_words(report) -> str:
     ----------
     report : dict
         What modes_of_file returned.
-
-    Returns
-    -------
-    str
     """
     masses = np.array(report["masses"])
     there = _moving(masses)
