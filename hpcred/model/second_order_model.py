@@ -110,20 +110,14 @@ class SecondOrderModel:
 
     Attributes
     ----------
-    M, K : PETSc.Mat, shape (n, n)
-        AIJ matrices on one pattern.
-    D : PETSc.Mat or None, shape (n, n)
-        Damping matrix, on the same pattern.
+    M, D, K : PETSc.Mat, shape (n, n)
+        AIJ matrices on one pattern; D may be None.
     B : PETSc.Mat or None, shape (n, p)
         Dense.
     Ct : PETSc.Mat or None, shape (n, r)
         C^T, dense; None if C = B^T.
-    dofs : Dofs or None
-        Labels of the rows of this rank.
-    input_names, own_output_names : tuple of str
-        Names of the columns of B and of Ct.
-    name : str
-        Name in messages.
+    own_output_names : tuple of str
+        Names of the columns of Ct.
     elements : dict of str to ndarray, shape (elements of this rank, nodes)
         Node numbers by kind of element, if known, for pictures.
     held : Dofs or None
@@ -135,7 +129,6 @@ class SecondOrderModel:
     Gt : PETSc.Mat or None, shape (n, 6 k)
         G^T, sparse, with the motions G q of k interface nodes.
     interfaces : tuple of InterfaceNode
-        The interface nodes.
     loads : tuple of LoadColumn
         The inputs that are loads, with the sums of their forces and moments.
     converted_from : str
@@ -148,8 +141,6 @@ class SecondOrderModel:
         M, D, K, and terms that are added to K, the static stiffness, all on one pattern.
     viscoelastic : tuple of Term
         The added terms, which viscoelastic parts are: (g(s) - g(0)) K_v.
-    circulatory : bool
-        Whether K may be unsymmetric.
     """
 
     operator: Operator

@@ -42,12 +42,10 @@ def modes_of_file(
         A model file.
     count : int
         Number of modes.
-    frame : Frame, optional
+    frame, factoring : optional
         See natural_modes.
     figure : str or PathLike, optional
         A .png of the first six elastic modes.
-    factoring : Factoring, optional
-        See natural_modes.
     preload : Preload, optional
         A constant load on a body of solids, which the matrices or the frame hold.
 
