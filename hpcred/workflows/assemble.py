@@ -10,7 +10,7 @@ from ..analysis.frequency_response import above_rest, checked_frequencies
 from ..assembly.coupling import Machine, laws_of_table, machine_of, warnings_of_table
 from ..assembly.error import accuracy_of_machine, damping_of_errors, why_not_known
 from ..assembly.measured import MeasuredPart, measured_part
-from ..assembly.parts import Part, part_of
+from ..assembly.parts import Part, part_of, units_of
 from ..body.node_shapes import NodeShape
 from ..files.machine_basis import first_numbers, nodes_of_machine, write_basis_of_machine
 from ..files.outputs import check_outputs, hdf5_kind
@@ -232,11 +232,10 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
     tau = _tau(parts, band)
     reduced, T = machine.model(tau)
     warnings = list(machine.warnings)
-    units = {part.name: result.reduced.record is not None and result.reduced.record.units
-             for part, result in zip(parts, results, strict=True)}  # fmt: skip
-    if any(units.values()) and not all(units.values()):
-        unknown = next(name for name, known in units.items() if not known)
-        warnings.append(f"body '{unknown}': the units of its model are not known, and are taken for SI")
+    known = [bool(units_of(result.reduced)) for result in results]
+    if any(known) and not all(known):
+        warnings.append(f"body '{parts[known.index(False)].name}': the units of its model are not known, and are taken "
+                        "for SI")  # fmt: skip
     still = int((reduced.frequencies == 0).sum())
     if still:
         warnings.append(f"the machine has {still} rigid-body motions without force: it has no response at 0 Hz")
@@ -346,24 +345,22 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
                   progress=progress)  # fmt: skip
     made = assemble(job.body, job.joint, job.mass, band=job.band, tolerance=job.tolerance, inputs=job.inputs,
                     outputs=job.outputs, comm=comm, progress=progress)  # fmt: skip
-    # of measured bodies responses are written, else a result
-    if made.reduced is None:
-        found = made.responses()
-        with progress.stage("write", job.output):
-            rescued(lambda place: write_responses(place, found, comm), job.output, comm)
-        made.warnings.extend(lost_channels(job.output, found))
-        return {"output": job.output, "inputs": list(found.input_names), "outputs": list(found.output_names),
-                "frequencies_hz": found.frequencies.tolist(), "sentence": made.sentence, "reached": True, "budget": [],
-                "warnings": made.warnings, "timing": asdict(progress.timing())}  # fmt: skip
-    with progress.stage("write", job.output):
-        made.save(job.output, basis=job.write_basis, comm=comm)
     accuracy = made.accuracy
-    return {
-        "output": job.output, "size": made.reduced.size, "pseudo_frequencies_hz": made.reduced.frequencies.tolist(),
-        "inputs": list(made.reduced.input_names), "outputs": list(made.reduced.output_names),
-        "parameters": [asdict(item) for item in getattr(made.reduced, "parameters", ())],
-        "budget": made.budget, "sentence": made.sentence, "reached": accuracy is None or accuracy.reached,
-        "error": None if accuracy is None or not np.isfinite(accuracy.largest) else accuracy.largest,
-        "warnings": made.warnings,
-        "timing": asdict(progress.timing()),
-    }  # fmt: skip
+    with progress.stage("write", job.output):
+        # of measured bodies responses are written, else a result
+        if made.reduced is None:
+            found = made.responses()
+            rescued(lambda place: write_responses(place, found, comm), job.output, comm)
+            made.warnings.extend(lost_channels(job.output, found))
+            known = {"frequencies_hz": found.frequencies.tolist()}
+        else:
+            made.save(job.output, basis=job.write_basis, comm=comm)
+            known = {
+                "size": made.reduced.size, "pseudo_frequencies_hz": made.reduced.frequencies.tolist(),
+                "parameters": [asdict(item) for item in getattr(made.reduced, "parameters", ())],
+                "error": None if accuracy is None or not np.isfinite(accuracy.largest) else accuracy.largest,
+            }  # fmt: skip
+    return {"output": job.output, **known, "inputs": list(made.machine.inputs.own),
+            "outputs": list(made.machine.outputs.own), "budget": made.budget, "sentence": made.sentence,
+            "reached": accuracy is None or accuracy.reached, "warnings": made.warnings,
+            "timing": asdict(progress.timing())}  # fmt: skip

@@ -67,7 +67,7 @@ def modes_of_file(
         loaded = at_preload(read_model(model, comm), preload, frame, factoring)
     with loaded, closing(natural_modes(loaded, count, frame, factoring=factoring, progress=progress)) as found:
         report = {"model": str(model), "size": loaded.size, **_numbers(found)}
-        exchanged = exchange_of_matrices(loaded) if loaded.dofs is not None else None
+        exchanged = exchange_of_matrices(loaded)
         asked = [exchanged] if exchanged else questions_on_order(loaded)
         report["warnings"] = [*asked, *loaded.remarks, *found.warnings]
         if figure is not None:

@@ -65,7 +65,7 @@ def require_mass(reduced, where: str):
         )
 
 
-def with_mass(reduced, where: str) -> WithMass:
+def with_mass(reduced, where="a state space") -> WithMass:
     """Return a model with a regular M that has the same responses. Raises InputError, which names `where` it was to go,
     for outputs that are rates of static deflections, and for damping that couples them."""
     none = np.zeros((len(reduced.C), reduced.B.shape[1]))
@@ -112,7 +112,7 @@ def with_mass(reduced, where: str) -> WithMass:
 def first_order(reduced) -> dict:
     """Return A, B, C, D of x' = A x + B u, y = C x + D u, and E, EA, EB of E x' = EA x + EB u, of a model with
     coordinates without mass; x is that of with_mass() and its rate, without the integrals. Raises InputError."""
-    made = with_mass(reduced, "a state space")
+    made = with_mass(reduced)
     model, m = made.reduced, made.reduced.size
     kept = np.delete(np.arange(2 * m), np.arange(m - made.integrals, m))
     zero, one = np.zeros((m, m)), np.eye(m)
