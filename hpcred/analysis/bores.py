@@ -70,16 +70,8 @@ class Bore:
         return x, y, z
 
     def interface(self, name: str | None = None, **more) -> Interface:
-        """Return an interface on it whose reference node is at its centre; `more`: other settings, such as
-        kind="rigid".
-
-        Parameters
-        ----------
-        name : str
-            Of the interface.
-        **more
-            Other settings of an Interface.
-        """
+        """Return an interface on it, by default of its name, whose reference node is at its centre; `more`: other
+        settings, such as kind="rigid"."""
         where = Nodes(**{"pin" if self.kind == "pin" else "bore": (self.start, self.end, self.radius)})
         return Interface(**{"name": name or self.name, "nodes": where, "at": self.centre} | more)
 

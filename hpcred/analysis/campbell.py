@@ -29,9 +29,7 @@ def campbell(
     model, over: str = "omega", values: ArrayLike | None = None, *, at: dict[str, float] | None = None, nodes=(),
     axis="z", orders: Sequence[float] = (1.0,), highest: float | None = None, unit: str | None = None,
 ) -> Campbell:  # fmt: skip
-    """Return the poles of a reduced model over a parameter, followed from value to value.
-
-    Collective.
+    """Return the poles of a reduced model over a parameter, followed from value to value. Collective.
 
     Parameters
     ----------
@@ -53,10 +51,6 @@ def campbell(
         Frequency in Hz up to which modes are shown; by default that of the twelfth mode.
     unit : str, optional
         Of the parameter; by default its own, and rad/s for omega without one. A speed is in rad/s, rpm or Hz.
-
-    Returns
-    -------
-    Campbell
 
     Raises
     ------

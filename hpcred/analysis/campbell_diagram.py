@@ -137,17 +137,8 @@ class Campbell:
         return f"UNSTABLE from {name} = {self.stability_limit:.8g}{unit}{rpm} on, {how}"
 
     def plot(self, title: str | None = None) -> Figure:
-        """Draw the diagram, with damping ratios where there is damping: see plot_campbell.
-
-        Parameters
-        ----------
-        title : str, optional
-            By default what is known of stability.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-        """
+        """Draw the diagram, with damping ratios where there is damping: see plot_campbell. `title`: by default what is
+        known of stability."""
         import hpcred  # the public functions, which stand above
 
         return hpcred.workflows.plot_campbell(self, title)
@@ -175,13 +166,7 @@ class Campbell:
         return damping_ratios(self.poles)
 
     def spread(self, count: int) -> np.ndarray:
-        """Return so many of the values, or fewer, about equally spaced.
-
-        Parameters
-        ----------
-        count : int
-            At most so many.
-        """
+        """Return `count` of the values, or fewer, about equally spaced."""
         wanted = np.linspace(self.values[0], self.values[-1], count)
         return np.unique(self.values[np.abs(self.values[:, None] - wanted).argmin(axis=0)])
 
@@ -206,9 +191,7 @@ class Campbell:
         at: dict[str, float] | None = None, count: int | None = None, factoring: Factoring | None = None,
         progress: Progress | None = None,
     ) -> Campbell:  # fmt: skip
-        """Return the diagram with poles of the full model at some values.
-
-        Collective.
+        """Return the diagram with poles of the full model at some values. Collective.
 
         Parameters
         ----------
@@ -225,10 +208,6 @@ class Campbell:
             The lowest modes, so many; by default a few more than the diagram has.
         factoring : Factoring, optional
             How to factor, and in how much memory.
-
-        Returns
-        -------
-        Campbell
 
         Raises
         ------

@@ -68,9 +68,7 @@ def damped_modes(
     model: SecondOrderModel, count: int = 12, frame: Frame | None = None, damping: Damping | None = None, *,
     target: float = 0.0, factoring: Factoring | None = None, progress: Progress | None = None,
 ) -> DampedModes:  # fmt: skip
-    """Return the damped modes nearest to a frequency: by default the lowest.
-
-    Collective.
+    """Return the damped modes nearest to a frequency: by default the lowest. Collective.
 
     Parameters
     ----------

@@ -161,9 +161,7 @@ def check_reduced(
     reduced: ReducedModel, model: SecondOrderModel, count: int = 5, *, seed: int | None = None,
     groups: int | None = None, factoring: Factoring | None = None, progress=None,
 ) -> Check:  # fmt: skip
-    """Compare the estimated error of a reduction to a tolerance with full solves at random frequencies.
-
-    Collective.
+    """Compare the estimated error of a reduction to a tolerance with full solves at random frequencies. Collective.
 
     Parameters
     ----------
@@ -178,10 +176,6 @@ def check_reduced(
         Groups of ranks that share the frequencies (see frequency_response).
     factoring : Factoring, optional
         How to factor, and in how much memory.
-
-    Returns
-    -------
-    Check
 
     Raises
     ------

@@ -42,9 +42,7 @@ def frequency_response(
     damping: Damping | None = None, *, factoring: Factoring | None = None, progress: Progress | None = None,
     groups: int | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """Return the frequency response H(i omega) = C A(i omega)^-1 B.
-
-    Collective.
+    """Return the frequency response H(i omega) = C A(i omega)^-1 B. Collective.
 
     Parameters
     ----------

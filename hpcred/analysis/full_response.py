@@ -20,7 +20,7 @@ from ..model.damping import Caughey, Damping, ModalDamping, Rayleigh, Structural
 from ..model.digits import warnings_of_digits
 from ..model.frames import Frame, NoFrame, apply_frame, inputs_without_effect
 from ..model.input_output_counts import FREQUENCIES, require_room
-from ..model.rigid_body.modes import RigidBodyModes
+from ..model.rigid_body.modes import RigidBodyModes, exchange_of_matrices
 from ..model.scales import in_usual_units, unscaled
 from ..model.second_order_model import SecondOrderModel, listed, massless, require_model
 from ..parallel.as_html import as_html
@@ -169,10 +169,6 @@ def full_response(
     factoring : Factoring, optional
         How to factor, and in how much memory.
 
-    Returns
-    -------
-    FullResponse
-
     Raises
     ------
     InputError
@@ -239,10 +235,11 @@ def _by_search(
     check_model(model)
     check_unsymmetric(model, damping)
     require_room(model, max(len(frequencies), FREQUENCIES))
-    doubts = doubts_of_matrices(model)
+    exchanged = exchange_of_matrices(model)
+    doubts = doubts_of_matrices(model, exchanged)
     for doubt in doubts:  # before what follows from it is refused
         progress.warn(doubt)
-    warnings = doubts + warnings_of(model, frame)
+    warnings = doubts + warnings_of(model, frame, exchanged)
     _check_support(model, frame, frequencies)
     with Owned(model.comm) as owned:
         with progress.stage("frame"):

@@ -75,9 +75,7 @@ def natural_modes(
     model: SecondOrderModel, count: int = 20, frame: Frame | None = None, *, factoring: Factoring | None = None,
     progress: Progress | None = None,
 ) -> NaturalModes:  # fmt: skip
-    """Return the lowest undamped modes, those of rigid-body motions included.
-
-    Collective.
+    """Return the lowest undamped modes, those of rigid-body motions included. Collective.
 
     Parameters
     ----------

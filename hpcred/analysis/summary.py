@@ -47,9 +47,7 @@ def inspect(
     model, frequencies=(), band_top=None, *, modes: int | None = None, verify: bool = False,
     factoring: Factoring | None = None, progress: Progress | None = None,
 ) -> dict:  # fmt: skip
-    """Summarise sizes, symmetry, definiteness, mass, rigid-body modes, and modes below frequencies.
-
-    Collective.
+    """Summarise sizes, symmetry, definiteness, mass, rigid-body modes, and modes below frequencies. Collective.
 
     Parameters
     ----------
@@ -123,12 +121,14 @@ def inspect(
         first = next(iter(found.frequencies[found.rigid :].tolist()), None)
     # the body that the nodes make of it
     sentences, rigid_count = [_on_symmetry(model)], None
-    warnings = [*model.remarks, *_on_unsymmetric(model), *signs, *_on_diagonals(model), *questions_on_order(model),
+    exchanged = exchange_of_matrices(model)
+    asked = [exchanged] if exchanged and model.dofs is None else questions_on_order(model)
+    warnings = [*model.remarks, *_on_unsymmetric(model), *signs, *_on_diagonals(model), *asked,
                 *warnings_of_rows_alone(model)]  # fmt: skip
     if model.dofs is not None:
         support = support_of(model)
         rigid_count = support.movable.shape[1]
-        more, warnings = _of_body(model, support, warnings, first)
+        more, warnings = _of_body(model, support, exchanged, warnings, first)
         report |= more
         sentences.append(_on_rigid_motions(support))
         if more["units"]:
@@ -173,7 +173,7 @@ def inspect(
     return report | {"sentences": sentences, "warnings": list(dict.fromkeys([*warnings, *rounded]))}
 
 
-def _of_body(model, support, warnings, first):
+def _of_body(model, support, exchanged, warnings, first):
     """Return what M and K make of the rigid motions of the nodes, and all warnings; `first`: see warnings_of_units.
     Collective."""
     body, (low, high) = rigid_body_quantities(model), extent(model)
@@ -189,7 +189,7 @@ def _of_body(model, support, warnings, first):
         "held_dofs": model.comm.allreduce(held),
         "units": likely_units(model, body.mass, high - low),
     }
-    if exchanged := exchange_of_matrices(model):
+    if exchanged:
         warnings = [exchanged, *warnings]  # all others follow from it
     else:
         warnings = [*warnings, *_on_held_dofs(model, body, report["held_dofs"]), *warnings_of_nodes(model),

@@ -97,8 +97,10 @@ def sensitivity(machine: Machine, reduced: ReducedModel, band: tuple[float, floa
     were measured with, over a band (Hz)."""
     # where: between resonances and beside them, and on circles that reach half the way to the nearest pole
     low = max(band[0], LEAST * band[1])
-    drawn = frequencies_to_draw((low, band[1]), _inside(resonances_of(reduced), band))
-    frequencies = np.union1d(drawn[:: max(len(drawn) // MOST, 1)], _inside(resonances_of(reduced), band)[0])
+    at, ratios = resonances_of(reduced)
+    inside = (at >= band[0]) & (at <= band[1])
+    drawn = frequencies_to_draw((low, band[1]), (at[inside], ratios[inside]))
+    frequencies = np.union1d(drawn[:: max(len(drawn) // MOST, 1)], at[inside])
     frequencies = frequencies[(frequencies >= low) & (frequencies <= band[1])]
     s, poles = 2j * np.pi * frequencies, reduced.poles()
     radius = CIRCLE * np.minimum(np.abs(s[:, None] - poles).min(axis=1, initial=np.inf), np.abs(s))
@@ -137,13 +139,6 @@ def _sizes(machine, s, f, reach):
 def _added(*matrices) -> np.ndarray:
     """Return the product of the sizes of matrices, whose sums are norms of exponent SIGNS."""
     return reduce(np.matmul, (np.abs(matrix) ** SIGNS for matrix in matrices)) ** (1 / SIGNS)
-
-
-def _inside(resonances, band):
-    """Return frequencies and damping ratios in a band."""
-    at, ratios = resonances
-    there = (at >= band[0]) & (at <= band[1])
-    return at[there], ratios[there]
 
 
 def why_not_known(machine: Machine, band) -> str:

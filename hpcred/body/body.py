@@ -85,13 +85,7 @@ class Body:
         )  # fmt: skip
 
     def number(self, node) -> int:
-        """Return the number of a node that is given by number or name. Raises InputError for an unknown name.
-
-        Parameters
-        ----------
-        node : int or str
-            Number or name.
-        """
+        """Return the number of a `node` that is given by number or name. Raises InputError for an unknown name."""
         return number_of(self.nodes, node)
 
 
@@ -109,9 +103,7 @@ def number_of(shapes, node) -> int:
 def body_of(
     model, reduced: ReducedModel, nodes=None, origin=(0.0, 0.0, 0.0), lumped=False, geometric_stiffness=None
 ) -> Body:
-    """Return the Body of a model and its reduced model.
-
-    Collective.
+    """Return the Body of a model and its reduced model. Collective.
 
     Parameters
     ----------
@@ -127,10 +119,6 @@ def body_of(
         Integrals with lumped masses, as of `floating_frame`.
     geometric_stiffness : GeometricStiffness, optional
         Of the same basis and origin.
-
-    Returns
-    -------
-    Body
 
     Raises
     ------

@@ -128,23 +128,11 @@ class FloatingFrame:
         return _quadratic(self.S).transpose(1, 0, 2)
 
     def first_moment(self, q) -> np.ndarray:
-        """Return mass times centre of mass (3,) in the body frame, at the elastic coordinates q (m,).
-
-        Parameters
-        ----------
-        q : ndarray, shape (m,)
-            Elastic coordinates.
-        """
+        """Return mass times centre of mass (3,) in the body frame, at the elastic coordinates q (m,)."""
         return self.mc + self.translations(q / 2).T @ q
 
     def translations(self, q) -> np.ndarray:
-        """Return the couplings Ct(q) (m, 3) with translation, the derivative of the first moment.
-
-        Parameters
-        ----------
-        q : ndarray, shape (m,)
-            Elastic coordinates.
-        """
+        """Return the couplings Ct(q) (m, 3) with translation at q (m,), the derivative of the first moment."""
         return self.Ct + q @ self.Ct1
 
     @cached_property
@@ -156,12 +144,7 @@ class FloatingFrame:
 
     def varied(self, vectors) -> np.ndarray:
         """Return, for vectors (..., m) such as q and q', the changes (..., m, 18) of Ct (3 columns), of Cr (3), the
-        gyroscopic couplings Cr1 - Cr1^T (3), and the changes of dJ/dq (9).
-
-        Parameters
-        ----------
-        vectors : ndarray, shape (..., m)
-        """
+        gyroscopic couplings Cr1 - Cr1^T (3), and the changes of dJ/dq (9)."""
         return (vectors @ self._linear).reshape(*np.shape(vectors), 18)
 
     @cached_property
@@ -172,13 +155,7 @@ class FloatingFrame:
         return M
 
     def mass_matrix(self, q) -> np.ndarray:
-        """Return the mass matrix M(q) (6 + m, 6 + m) of (13).
-
-        Parameters
-        ----------
-        q : ndarray, shape (m,)
-            Elastic coordinates.
-        """
+        """Return the mass matrix M(q) (6 + m, 6 + m) of (13) at q (m,)."""
         change, M = self.varied(q), self._at_rest.copy()
         couplings = np.concatenate([self.Ct, self.Cr], axis=1) + change[:, :6]
         moment = skew(self.mc + q @ (self.Ct + change[:, :3] / 2))
@@ -204,9 +181,7 @@ def _quadratic(field):
 
 
 def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False, Me=None) -> FloatingFrame:
-    """Return the floating-frame quantities of a model and a basis.
-
-    Collective.
+    """Return the floating-frame quantities of a model and a basis. Collective.
 
     Parameters
     ----------
@@ -220,10 +195,6 @@ def floating_frame(model, columns, origin=(0.0, 0.0, 0.0), lumped=False, Me=None
         Whether integrals that are quadratic in the shapes use row sums of M instead of the consistent mass matrix.
     Me : ndarray, shape (m, m), optional
         V^T M V, if it is known.
-
-    Returns
-    -------
-    FloatingFrame
 
     Raises
     ------

@@ -77,15 +77,8 @@ class GeometricStiffness:
         return self.matrices.shape[1]
 
     def check(self, size: int, origin) -> None:
-        """Raise InputError unless the matrices are those of so many coordinates and of a body frame at `origin`.
-
-        Parameters
-        ----------
-        size : int
-            Coordinates of the body.
-        origin : array_like, shape (3,)
-            Of its frame, m.
-        """
+        """Raise InputError unless the matrices are those of `size` coordinates and of a body frame at `origin` (3,) in
+        m."""
         if self.size != size:
             raise InputError(
                 f"geometric stiffness: found matrices of {self.size} coordinates, expected {size}: it belongs to "
@@ -98,46 +91,24 @@ class GeometricStiffness:
             )
 
     def of(self, states: Sequence[str]) -> np.ndarray:
-        """Return the matrices (len(states), m, m) of some states, zero for those that are not there.
-
-        Parameters
-        ----------
-        states : sequence of str
-            Names such as ``wz^2``.
+        """Return the matrices (len(states), m, m) of some `states`, such as "wz^2", zero for those that are not there.
         """
         known = dict(zip(self.states, self.matrices, strict=True))
         shape = self.matrices.shape[1:]
         return np.array([known.get(state, np.zeros(shape)) for state in states]).reshape(-1, *shape)
 
     def without(self, states: Sequence[str]) -> GeometricStiffness:
-        """Return the other states.
-
-        Parameters
-        ----------
-        states : sequence of str
-            Names such as ``wz^2``.
-        """
+        """Return all but these `states`."""
         kept = [place for place, state in enumerate(self.states) if state not in states]
         return replace(self, states=[self.states[place] for place in kept], matrices=self.matrices[kept])
 
     def of_node(self, node: NodeShape) -> np.ndarray:
-        """Return the matrices (6, m, m) of unit forces and moments at a node.
-
-        Parameters
-        ----------
-        node : NodeShape
-            With its displacements.
-        """
+        """Return the matrices (6, m, m) of unit forces and moments at a `node`, by its displacements."""
         return self.of([f"{node.label}:{direction}" for direction in SIX])
 
     def sum(self, values: dict[str, float]) -> np.ndarray:
-        """Return sum c_i K_i (m, m) of states by name. Raises InputError for a state that is not there.
-
-        Parameters
-        ----------
-        values : dict
-            Numbers by state.
-        """
+        """Return sum c_i K_i (m, m) with the `values` c_i by name of the state. Raises InputError for a state that is
+        not there."""
         missing = [state for state in values if state not in self.states]
         if missing:
             raise InputError(

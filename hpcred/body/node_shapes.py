@@ -54,9 +54,7 @@ class NodeShape:
 
 
 def node_shapes(model, columns, nodes) -> list[NodeShape]:
-    """Return the shapes of nodes.
-
-    Collective.
+    """Return the shapes of nodes. Collective.
 
     Parameters
     ----------

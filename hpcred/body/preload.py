@@ -93,12 +93,7 @@ class Preload(Settings):
         return ", ".join(f"{state} = {value:g}" for state, value in self.values.items())
 
     def acceleration_at(self, points: np.ndarray) -> np.ndarray:
-        """Return the accelerations (k, 3) of points (k, 3) of the undeformed body, from the origin of its frame.
-
-        Parameters
-        ----------
-        points : ndarray, shape (k, 3)
-            m.
+        """Return the accelerations (k, 3) of `points` (k, 3) in m of the undeformed body, from the origin of its frame.
         """
         turning = skew(np.array(self.angular_acceleration)) + skew(np.array(self.omega)) @ skew(np.array(self.omega))
         return self.acceleration + points @ turning.T
@@ -221,9 +216,7 @@ def _each(states, preload) -> np.ndarray:
 def preloaded(
     model: SecondOrderModel, preload: Preload, frame: Frame | None = None, *, origin=(0.0, 0.0, 0.0), factoring=None
 ) -> SecondOrderModel:
-    """Return a model of solids under a preload: K with the stiffness of its stress and of its spin.
-
-    Collective.
+    """Return a model of solids under a preload: K with the stiffness of its stress and of its spin. Collective.
 
     Parameters
     ----------

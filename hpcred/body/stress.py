@@ -46,9 +46,7 @@ class StressModes:
 
 
 def stress_modes(model, columns, nodes: Iterable[int | str] | None = None) -> StressModes:
-    """Return the stresses of the columns of a basis at the nodes of solid elements.
-
-    Collective.
+    """Return the stresses of the columns of a basis at the nodes of solid elements. Collective.
 
     Parameters
     ----------

@@ -43,7 +43,6 @@ def geometric_stiffness(
     nodes: Iterable[int | str] | None = None, factoring: Factoring | None = None,
 ) -> GeometricStiffness:  # fmt: skip
     """Return the geometric stiffness of a basis, from the stresses of the solid elements under unit states of load.
-
     Collective.
 
     Parameters

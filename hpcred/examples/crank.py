@@ -27,7 +27,6 @@ def crank(
     dofs: int = 20_000, comm=MPI.COMM_WORLD, young=2.1e11, poisson=0.3, density=7850.0
 ) -> SecondOrderModel:  # fmt: skip
     """Make a free connecting rod of hexahedra, with node sets BIG_EYE and SMALL_EYE on the bores of its eyes.
-
     Collective.
 
     Parameters

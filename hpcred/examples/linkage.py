@@ -31,9 +31,7 @@ def positions() -> np.ndarray:
 
 
 def linkage(comm=MPI.COMM_WORLD, inputs=(LOAD,), rod: Rod | None = None) -> SecondOrderModel:
-    """Make the free stabilisation linkage of the paper's Section 5.
-
-    Collective.
+    """Make the free stabilisation linkage of the paper's Section 5. Collective.
 
     Parameters
     ----------
@@ -42,10 +40,6 @@ def linkage(comm=MPI.COMM_WORLD, inputs=(LOAD,), rod: Rod | None = None) -> Seco
         Unit loads, as for SecondOrderModel.with_inputs.
     rod : Rod, optional
         Section and material of the beams.
-
-    Returns
-    -------
-    SecondOrderModel
 
     Notes
     -----

@@ -20,9 +20,7 @@ def solid(
     cells=None, size=None, inputs=6, clamped=True, comm=MPI.COMM_WORLD, young=2.1e11, poisson=0.3,
     density=7850.0, dofs: int | None = None,
 ) -> SecondOrderModel:  # fmt: skip
-    """Make a block of hexahedra with forces at one end.
-
-    Collective.
+    """Make a block of hexahedra with forces at one end. Collective.
 
     Parameters
     ----------

@@ -60,13 +60,7 @@ class Dofs:
                 raise InputError(f"dofs.{key}: found an array {part.shape} of {part.dtype}, expected {numbers} {shape}")
 
     def take(self, rows) -> "Dofs":
-        """Return those of some rows.
-
-        Parameters
-        ----------
-        rows : array_like
-            Local rows, from 0, or a mask.
-        """
+        """Return those of some local `rows`, from 0, or a mask."""
         return Dofs(self.node[rows], self.direction[rows], self.position[rows])
 
 

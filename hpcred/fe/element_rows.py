@@ -45,13 +45,13 @@ class ElementRows:
         return ElementRows(self.nodes[chosen], self.position[chosen], self.rows[chosen])
 
 
-def element_rows(model, kinds=SOLIDS) -> dict[str, ElementRows]:
-    """Return the elements of these kinds of this rank, by kind, without kinds that no rank has.
+def element_rows(model) -> dict[str, ElementRows]:
+    """Return the solid elements of this rank, by kind, without kinds that no rank has.
 
     Collective. Raises InputError for a model without nodes.
     """
     require_dofs(model, "a field on its elements")
-    there = set().union(*model.comm.allgather({kind for kind in kinds if len(model.elements.get(kind, ()))}))
+    there = set().union(*model.comm.allgather({kind for kind in SOLIDS if len(model.elements.get(kind, ()))}))
     result = {}
     for kind in sorted(there):
         nodes = np.asarray(model.elements.get(kind, np.zeros((0, NODES[kind]))), dtype=np.int64)

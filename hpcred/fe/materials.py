@@ -60,15 +60,7 @@ class Material:
         return self.young is not None and self.poisson is not None
 
     def in_units(self, stress: float, density: float) -> Material:
-        """Return the material in SI, from one in units of so many Pa and kg/m^3.
-
-        Parameters
-        ----------
-        stress : float
-            Pa a unit.
-        density : float
-            kg/m^3 a unit.
-        """
+        """Return the material in SI, from one in units of `stress` Pa and `density` kg/m^3."""
         young, dense = (None if value is None else value * unit
                         for value, unit in ((self.young, stress), (self.density, density)))  # fmt: skip
         return replace(self, young=young, density=dense)
@@ -106,15 +98,8 @@ class ElementProperties:
 
     @classmethod
     def of_one(cls, comm, elements: dict, material: Material) -> ElementProperties:
-        """Return the properties of plain elements of one material, numbered from 1 in each kind. Collective.
-
-        Parameters
-        ----------
-        elements : dict
-            Node numbers (elements, nodes) by kind.
-        material : Material
-            Of all of them.
-        """
+        """Return the properties of plain `elements`, node numbers (elements, nodes) by kind, of one `material`,
+        numbered from 1 in each kind. Collective."""
         table = {}
         for place, (kind, nodes) in enumerate(elements.items()):
             number = (comm.exscan(len(nodes)) or 0) + np.arange(1, len(nodes) + 1)
@@ -122,13 +107,7 @@ class ElementProperties:
         return cls("hpcred", tuple(elements), (material,), table)
 
     def with_material(self, material: Material) -> ElementProperties:
-        """Return the same elements of another material, all of it.
-
-        Parameters
-        ----------
-        material : Material
-            Of all of them.
-        """
+        """Return the same elements, all of one `material`."""
         table = {kind: part.copy() for kind, part in self.table.items()}
         for part in table.values():
             part[:, MATERIAL] = 0

@@ -16,9 +16,8 @@ from dataclasses import fields
 import numpy as np
 
 from ..analysis.campbell_diagram import Campbell, CriticalSpeed, FullPoles
-from ..parallel.failures import agreed
 from .checked import Array
-from .hdf5 import atomic_output, reading, texts, writing
+from .hdf5 import reading, texts, writing, written_by_one
 from .outputs import OtherKind, hdf5_kind
 from .text import write_table
 
@@ -60,9 +59,7 @@ def write_campbell(path, diagram: Campbell, comm, record: dict | None = None) ->
         If the file cannot be written.
     """
     if str(path).endswith(".csv"):
-        with atomic_output(path, comm) as temporary, agreed(comm):
-            if comm.rank == 0:
-                _write_csv(temporary, diagram)
+        written_by_one(path, comm, _write_csv, diagram)
         return
     with writing(path, comm, FORMAT, VERSION) as file:
         for key in ("parameter", "unit", "highest"):
@@ -97,10 +94,6 @@ def read_campbell(path) -> Campbell:
     Parameters
     ----------
     path : str or PathLike
-
-    Returns
-    -------
-    Campbell
 
     Raises
     ------

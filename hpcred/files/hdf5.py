@@ -230,6 +230,13 @@ def place_of(file, name, shape, dtype) -> int | None:
     return h5py.h5d.create(group.id, name.rpartition("/")[2].encode(), kind, space, made).get_offset()
 
 
+def written_by_one(path, comm, write, *arguments):
+    """Write a file by write(temporary, *arguments) on one rank, see atomic_output. Collective. Raises InputError."""
+    with atomic_output(path, comm) as temporary, agreed(comm):
+        if comm.rank == 0:
+            write(temporary, *arguments)
+
+
 @contextmanager
 def atomic_output(path, comm, kind=None):
     """A temporary name beside `path` that becomes `path` when the block ends well; links are followed. Collective.

@@ -179,10 +179,6 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
     comm : MPI communicator
         By default all ranks.
 
-    Returns
-    -------
-    SecondOrderModel
-
     Raises
     ------
     InputError

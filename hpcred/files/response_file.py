@@ -25,7 +25,7 @@ from ..model.second_order_model import listed
 from ..parallel.failures import ComputationError, InputError, agreed
 from .checked import Array
 from .frf_file import write_frf
-from .hdf5 import atomic_output, reading, texts, writing
+from .hdf5 import reading, texts, writing, written_by_one
 from .names import FileNames
 from .outputs import CSV_OF_RESPONSES, UFF, ZIP, hdf5_kind
 from .text import write_table
@@ -140,17 +140,13 @@ def write_responses(path, responses: Responses, comm, polar=False) -> None:
     with agreed(comm):
         _require_numbers(path, responses)
     if str(path).endswith(".csv"):
-        with atomic_output(path, comm) as temporary, agreed(comm):
-            if comm.rank == 0:
-                _write_csv(temporary, responses, polar)
+        written_by_one(path, comm, _write_csv, responses, polar)
         return
     if str(path).endswith(tuple(FOREIGN)):
         with agreed(comm):
             known = responses.of_forces()
         H = next(part for key in RESPONSES if (part := getattr(known, key)) is not None)
-        with atomic_output(path, comm) as temporary, agreed(comm):
-            if comm.rank == 0:
-                write_frf(temporary, known, H, str(path).endswith(".npz"))
+        written_by_one(path, comm, write_frf, known, H, str(path).endswith(".npz"))
         return
     with writing(path, comm, FORMAT, VERSION) as file:
         file.several({"frequencies": responses.frequencies, "input_names": list(responses.input_names),
@@ -196,10 +192,6 @@ def read_responses(path) -> Responses:
     Parameters
     ----------
     path : str or PathLike
-
-    Returns
-    -------
-    Responses
 
     Raises
     ------

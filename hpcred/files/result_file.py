@@ -148,11 +148,6 @@ class Result:
         `nodes`: numbers, names of interfaces, and names of node sets for all their nodes that have dofs; where an
         interface and a set have the same name it is that of the interface. On one rank. Raises InputError where the
         file has no floating-frame quantities or no such node.
-
-        Parameters
-        ----------
-        nodes : sequence, optional
-            Numbers or names; by default those of the interfaces and inputs.
         """
         # a floating frame needs one-sided coordinates with places of nodes, and one mass
         if self.floating_frame is None:
@@ -188,13 +183,7 @@ class Result:
     def at(self, **values: float) -> Result:
         """The result at values of its parameters, in pseudo-modal coordinates of its own; those that are not named have
         their reference values. On one rank, or on all. Raises InputError for a result without parameters, names that it
-        does not have, and values outside of their ranges.
-
-        Parameters
-        ----------
-        **values
-            Numbers by name of the parameter.
-        """
+        does not have, and values outside of their ranges."""
         if not isinstance(self.reduced, ParametricReducedModel):
             found = f"it is at {in_words(self.values)} already" if self.values else "it has no parameters"
             raise InputError(f"{self.path}: {found}; read a result of a job with [[parameter]] and [[term]]")
@@ -211,14 +200,8 @@ class Result:
         return replace(self, reduced=getattr(self.reduced, "base", self.reduced))
 
     def at_preload(self, preload: Preload) -> Result:
-        """Return the result under a constant load, by its geometric stiffness. The states of the preload are in K then,
-        and no longer in the geometric stiffness. On one rank, or on all. Raises InputError.
-
-        Parameters
-        ----------
-        preload : Preload
-            The load.
-        """
+        """Return the result under a constant load, `preload`, by its geometric stiffness. The states of the preload are
+        in K then, and no longer in the geometric stiffness. On one rank, or on all. Raises InputError."""
         reduced = reduced_at(self.body(), preload)
         nodes = [state.rpartition(":")[0] for state in preload.forces]
         body = self.body(list(dict.fromkeys(int(node) if node.isdecimal() else node for node in nodes)))
@@ -301,11 +284,6 @@ class Result:
         """The stress modes, of chosen nodes by number or of all, with their nodes in ascending order. On one rank.
 
         Raises InputError where the file has none, or not of such a node.
-
-        Parameters
-        ----------
-        nodes : sequence of int, optional
-            By default all.
         """
         with reading(self.path, FORMAT, VERSION, SCHEMA) as file:
             require_stress(file, self.path)
@@ -579,10 +557,6 @@ def read_result(path, comm=MPI.COMM_WORLD) -> Result:
     path : str or PathLike
     comm : MPI communicator
         By default all ranks.
-
-    Returns
-    -------
-    Result
 
     Raises
     ------

@@ -179,9 +179,7 @@ def _cells(comm, cells, number, start) -> dict:
 
 def _stressed(comm, node, number) -> tuple[np.ndarray, np.ndarray]:
     """Return rows of the stresses for nodes of this rank, and the places of their nodes; `node`: of this rank's rows.
-
-    Collective.
-    """
+    Collective."""
     first = comm.exscan(len(node)) or 0
     there, (owner, place) = look_up(comm, number, [np.full(len(number), comm.rank), np.arange(len(number))], node)
     row, place = exchange(comm, owner[there], [(first + np.arange(len(node)))[there], place[there]])

@@ -143,9 +143,7 @@ def dense_matrix(like: PETSc.Mat, local: np.ndarray) -> PETSc.Mat:
 
 
 def from_dense(mat: PETSc.Mat | np.ndarray, like: PETSc.Mat | None = None) -> SLEPc.BV:
-    """Return a new block with a copy of the columns of a dense matrix.
-
-    Collective.
+    """Return a new block with a copy of the columns of a dense matrix. Collective.
 
     Parameters
     ----------

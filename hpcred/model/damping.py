@@ -149,13 +149,7 @@ class ModalDamping(DampingSettings):
             raise InputError("damping.table: expected frequencies in ascending order")
 
     def at(self, frequencies: np.ndarray) -> np.ndarray:
-        """Return the damping ratios (m,) of modes with these frequencies (Hz).
-
-        Parameters
-        ----------
-        frequencies : ndarray, shape (m,)
-            Hz.
-        """
+        """Return the damping ratios (m,) of modes with these `frequencies` (m,) in Hz."""
         if self.ratio is not None:
             return np.full(len(frequencies), self.ratio)
         if self.table is not None:

@@ -20,9 +20,7 @@ def from_pymor(
     name: str = "",
     **labels: Any,
 ) -> SecondOrderModel:
-    """Return the model of pymor.models.iosys.SecondOrderModel, M q'' + E q' + K q = B u, y = Cp q + Cv q'.
-
-    Collective.
+    """Return the model of pymor.models.iosys.SecondOrderModel, M q'' + E q' + K q = B u, y = Cp q + Cv q'. Collective.
 
     Parameters
     ----------
@@ -34,10 +32,6 @@ def from_pymor(
         By default that of the model in pyMOR.
     **labels
         Further keywords of SecondOrderModel: dofs, names of inputs and outputs, comm, what is known of K.
-
-    Returns
-    -------
-    SecondOrderModel
 
     Raises
     ------

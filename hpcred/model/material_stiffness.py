@@ -19,9 +19,7 @@ SAME_ROW, MOST = 1e-5, 0.9  # relative difference of rows of K, and the part of 
 
 
 def material_stiffness(model: SecondOrderModel, material: str) -> PETSc.Mat:
-    """Return the stiffness of the solid elements of a material, which is a part of K.
-
-    Collective.
+    """Return the stiffness of the solid elements of a material, which is a part of K. Collective.
 
     Parameters
     ----------

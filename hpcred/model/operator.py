@@ -36,33 +36,15 @@ class Law(ABC):
 
     @abstractmethod
     def coefficient(self, s: np.ndarray) -> np.ndarray:
-        """Return c(s) at s (...) in 1/s, complex; c(s*) = c(s)*.
-
-        Parameters
-        ----------
-        s : complex or array_like
-            Laplace variable in 1/s.
-        """
+        """Return c(s) at s (...) in 1/s, complex; c(s*) = c(s)*."""
 
     @abstractmethod
     def slope(self, s: np.ndarray) -> np.ndarray:
-        """Return the derivative of c at s (...), for Newton's method.
-
-        Parameters
-        ----------
-        s : complex or array_like
-            Laplace variable in 1/s.
-        """
+        """Return the derivative of c at s (...) in 1/s, for Newton's method."""
 
     @abstractmethod
     def in_units(self, time: float) -> Law:
-        """Return the law in another unit of time of so many seconds.
-
-        Parameters
-        ----------
-        time : float
-            s a unit.
-        """
+        """Return the law in a unit of time of `time` seconds."""
 
     @property
     def elements(self) -> tuple[tuple[float, float], ...] | None:

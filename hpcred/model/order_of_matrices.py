@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ..linalg.csr import diagonal_of
-from .rigid_body.modes import exchange_of_matrices
 
 FAST = 1e25  # (rad/s)^2: k_ii / m_ii of most dofs, 5e11 Hz; meshes of a micrometre have 1e19
 SLOW = 1e-3  # (rad/s)^2: mean eigenvalue, that of the stiffest dofs; exchanged ones have 1e-6 and less
@@ -15,9 +14,8 @@ ORDERS = "SecondOrderModel takes M, D, K; from_scipy and from_petsc take K, M, D
 
 
 def questions_on_order(model) -> list[str]:
-    """Return sentences where another order of the matrices is likely; a model that is meant so passes with them."""
-    if model.dofs is None and (exchanged := exchange_of_matrices(model)):
-        return [exchanged]  # a model with nodes is asked elsewhere, where all else follows from it
+    """Return sentences where another order of the matrices is likely, of a model whose M and K are not exchanged (see
+    exchange_of_matrices); a model that is meant so passes with them."""
     mats = {key: model.matrices[key] for key in "MDK" if key in model.matrices}
     sizes = model.comm.allreduce(np.array([np.abs(diagonal_of(mat)).sum() for mat in mats.values()]))
     size = dict(zip(mats, sizes.tolist(), strict=True))

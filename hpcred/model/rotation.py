@@ -25,7 +25,6 @@ SAME_MASS = 1e-6  # relative difference of masses in x, y, z that the digits of 
 
 def rotation_terms(model, axis, parameter: str = "omega") -> tuple[Term, Term]:
     """Return the Coriolis and the spin softening term of a body that spins, in the frame that turns with it.
-
     Collective.
 
     Parameters

@@ -110,20 +110,14 @@ class SecondOrderModel:
 
     Attributes
     ----------
-    M, K : PETSc.Mat, shape (n, n)
-        AIJ matrices on one pattern.
-    D : PETSc.Mat or None, shape (n, n)
-        Damping matrix, on the same pattern.
+    M, D, K : PETSc.Mat, shape (n, n)
+        AIJ matrices on one pattern; D may be None.
     B : PETSc.Mat or None, shape (n, p)
         Dense.
     Ct : PETSc.Mat or None, shape (n, r)
         C^T, dense; None if C = B^T.
-    dofs : Dofs or None
-        Labels of the rows of this rank.
-    input_names, own_output_names : tuple of str
-        Names of the columns of B and of Ct.
-    name : str
-        Name in messages.
+    own_output_names : tuple of str
+        Names of the columns of Ct.
     elements : dict of str to ndarray, shape (elements of this rank, nodes)
         Node numbers by kind of element, if known, for pictures.
     held : Dofs or None
@@ -135,7 +129,6 @@ class SecondOrderModel:
     Gt : PETSc.Mat or None, shape (n, 6 k)
         G^T, sparse, with the motions G q of k interface nodes.
     interfaces : tuple of InterfaceNode
-        The interface nodes.
     loads : tuple of LoadColumn
         The inputs that are loads, with the sums of their forces and moments.
     converted_from : str
@@ -148,8 +141,6 @@ class SecondOrderModel:
         M, D, K, and terms that are added to K, the static stiffness, all on one pattern.
     viscoelastic : tuple of Term
         The added terms, which viscoelastic parts are: (g(s) - g(0)) K_v.
-    circulatory : bool
-        Whether K may be unsymmetric.
     """
 
     operator: Operator
@@ -205,28 +196,14 @@ class SecondOrderModel:
 
     @classmethod
     def assembled(cls, M, K, D=None, **known) -> SecondOrderModel:
-        """Return a model that takes over these fields, which must fit each other. Collective.
-
-        Parameters
-        ----------
-        M, K, D : Mat
-            PETSc matrices; D may be None.
-        **known
-            Further fields.
-        """
+        """Return a model that takes over the PETSc matrices M, K and D (or None) and further fields, `known` by name,
+        which must fit each other. Collective."""
         return cls.of_operator(Operator.of(M, D, K), **known)
 
     @classmethod
     def of_operator(cls, operator: Operator, **known) -> SecondOrderModel:
-        """Return a model that takes over an operator and further fields, which must fit each other. Collective.
-
-        Parameters
-        ----------
-        operator : Operator
-            The terms of A(s).
-        **known
-            Further fields.
-        """
+        """Return a model that takes over an `operator`, the terms of A(s), and further fields, `known` by name, which
+        must fit each other. Collective."""
         model = object.__new__(cls)
         model._take({"operator": operator, **known})
         return model
@@ -302,13 +279,7 @@ class SecondOrderModel:
         return self.with_fields()
 
     def with_fields(self, **changed) -> SecondOrderModel:
-        """Return the model with other fields, and its own references to the other PETSc objects. Collective.
-
-        Parameters
-        ----------
-        **changed
-            Fields by name.
-        """
+        """Return the model with `changed` fields, and its own references to the other PETSc objects. Collective."""
         kept = {key: copy(mat) for key in ("B", "Ct", "Gt")
                 if key not in changed and (mat := getattr(self, key)) is not None}  # fmt: skip
         if "operator" not in changed:
@@ -406,48 +377,20 @@ class SecondOrderModel:
         return {key: self._defects[key] for key in self.matrices}
 
     def take_symmetry(self, key: str, defect: float) -> None:
-        """Take over what is known of the symmetry defect of M, K or D.
-
-        Parameters
-        ----------
-        key : str
-            "M", "K" or "D".
-        defect : float
-            max |a_ij - a_ji| / |a_ij|.
-        """
+        """Take over the symmetry `defect`, see symmetry_defects, of M, K or D (`key`)."""
         self._defects[key] = defect
 
     def is_symmetric(self, key: str) -> bool:
-        """Test whether M, K or D is symmetric, or not there. Collective.
-
-        Parameters
-        ----------
-        key : str
-            "M", "K" or "D".
-        """
+        """Test whether M, K or D (`key`) is symmetric, or not there. Collective."""
         return self.counts_as_symmetric(key, self.symmetry_defects.get(key, 0.0))
 
     def counts_as_symmetric(self, key: str, defect: float) -> bool:
-        """Test whether a symmetry defect of M, K or D, or of a term of it, is round-off: less is, of K and of what
-        damping makes of it, where K may be unsymmetric.
-
-        Parameters
-        ----------
-        key : str
-            "M", "K" or "D".
-        defect : float
-            max |a_ij - a_ji| / |a_ij|.
-        """
+        """Test whether a symmetry `defect` of M, K or D (`key`), or of a term of it, is round-off: less is, of K and of
+        what damping makes of it, where K may be unsymmetric."""
         return defect <= (DECLARED if self.circulatory and key != "M" else SYMMETRIC_TO)
 
     def may_be_unsymmetric(self, key: str) -> bool:
-        """Test whether an unsymmetric M, K or D is no error.
-
-        Parameters
-        ----------
-        key : str
-            "M", "K" or "D".
-        """
+        """Test whether an unsymmetric M, K or D (`key`) is no error."""
         return key == "D" or (key == "K" and self.circulatory)
 
     @property
@@ -456,25 +399,13 @@ class SecondOrderModel:
         return declared_in(vars(self))
 
     def extreme_quotients(self, key: str) -> tuple[float, float]:
-        """Return the smallest and the largest x^T A x / x^T |D| x that is found for K or M. Collective.
-
-        Parameters
-        ----------
-        key : str
-            "K" or "M".
-        """
+        """Return the smallest and the largest x^T A x / x^T |D| x that is found for K or M (`key`). Collective."""
         if key not in self._signs:
             self._signs[key] = extreme_quotients(self.matrices[key], self.is_symmetric(key))
         return self._signs[key]
 
     def rows_alone_in(self, key: str) -> np.ndarray:
-        """Return the rows of this rank (local, from 0) with nothing beside the diagonal in a matrix; local.
-
-        Parameters
-        ----------
-        key : str
-            "M", "K" or "D".
-        """
+        """Return the rows of this rank (local, from 0) with nothing beside the diagonal in M, K or D (`key`); local."""
         if key not in self._alone:
             indptr, indices, values = self.matrices[key].getValuesCSR()
             self._alone[key] = decoupled(indptr, indices, [values], self.first_row)
@@ -501,16 +432,11 @@ class SecondOrderModel:
         return {}
 
     def digest_of(self, key: str) -> str | None:
-        """Return a digest of the content of a matrix or field (see digests), or of node and direction of all rows
-        ("labels").
+        """Return a digest of the content of a matrix or field, `key` (see digests), or of node and direction of all
+        rows ("labels").
 
         None if the model has no such part. The digest is the same on any number of ranks and in both builds of PETSc.
         Collective.
-
-        Parameters
-        ----------
-        key : str
-            Name of a matrix or field.
         """
         if key not in self._digests:
             self._digests[key] = digest_of(self, key)
@@ -537,9 +463,7 @@ class SecondOrderModel:
         return {key: float(self.matrices[key].getDiagonal().sum().real) for key in "KM"}
 
     def with_interfaces(self, interfaces: Iterable[Interface]) -> SecondOrderModel:
-        """Return the model with interface nodes.
-
-        Collective.
+        """Return the model with interface nodes. Collective.
 
         Parameters
         ----------
@@ -565,19 +489,13 @@ class SecondOrderModel:
         return marked.with_inputs([interface.name for interface in marked.interfaces])
 
     def with_inputs(self, targets: Targets) -> SecondOrderModel:
-        """Return the model with unit loads at dofs as inputs.
-
-        Collective.
+        """Return the model with unit loads at dofs as inputs. Collective.
 
         Parameters
         ----------
         targets : iterable of int, str or (int or str, str)
             Numbers of dofs, from 1; pairs of a node or the name of an interface and a direction, where "all" means
             every direction; or the name of an interface for all its directions.
-
-        Returns
-        -------
-        SecondOrderModel
 
         Raises
         ------
@@ -592,7 +510,6 @@ class SecondOrderModel:
 
     def with_outputs(self, targets: OutputTargets) -> SecondOrderModel:
         """Return the model with displacements, velocities or accelerations, stresses or section forces as outputs.
-
         Collective.
 
         Parameters
@@ -600,10 +517,6 @@ class SecondOrderModel:
         targets : iterable of int, str, (int or str, str), MotionOutput, StressOutput or CutOutput
             As for with_inputs, for displacements; or velocities and accelerations; stresses at nodes; or the forces of
             a cut.
-
-        Returns
-        -------
-        SecondOrderModel
 
         Raises
         ------
@@ -614,28 +527,15 @@ class SecondOrderModel:
         return self.with_output_columns(columns.pop("C"), names, **columns)
 
     def with_material(self, material: Material) -> SecondOrderModel:
-        """Return the model with all its elements of one material, where the files did not tell it.
-
-        Collective.
-
-        Parameters
-        ----------
-        material : Material
-
-        Returns
-        -------
-        SecondOrderModel
-            The types of elements stay; without types they are plain elements with full integration.
-        """
+        """Return the model with all its elements of one `material`, where the files did not tell it. The types of
+        elements stay; without types they are plain elements with full integration. Collective."""
         declared("material", material, Material)
         if self.properties is None:
             return self.with_fields(properties=ElementProperties.of_one(self.comm, self.elements, material))
         return self.with_fields(properties=self.properties.with_material(material))
 
     def with_input_columns(self, local: ArrayLike | None, names: Iterable[str]) -> SecondOrderModel:
-        """Return the model with another B.
-
-        Collective.
+        """Return the model with another B. Collective.
 
         Parameters
         ----------
@@ -643,10 +543,6 @@ class SecondOrderModel:
             The rows of B that belong to this rank; None on all ranks for a model without inputs.
         names : iterable of str
             Names of the p inputs.
-
-        Returns
-        -------
-        SecondOrderModel
 
         Raises
         ------
@@ -657,9 +553,7 @@ class SecondOrderModel:
         return self.with_fields(B=B, input_names=names, loads=(), rates=self.rates.of_inputs(self.input_names, names))
 
     def with_loads(self, loads: Iterable[AnyLoad] = (), given: dict[str, ArrayLike] | None = None) -> SecondOrderModel:
-        """Return the model with loads as further inputs, after those that it has.
-
-        Collective.
+        """Return the model with loads as further inputs, after those that it has. Collective.
 
         Parameters
         ----------
@@ -687,7 +581,6 @@ class SecondOrderModel:
 
     def with_bases(self, bases: Iterable[Base], factoring: Factoring | None = None) -> SecondOrderModel:
         """Return the model on bases that move: with their accelerations as further inputs, after those that it has.
-
         Collective.
 
         Parameters
@@ -724,9 +617,7 @@ class SecondOrderModel:
         self, local: ArrayLike | None, names: Iterable[str], *, Cv: ArrayLike | None = None,
         Ca: ArrayLike | None = None,
     ) -> SecondOrderModel:  # fmt: skip
-        """Return the model with another C.
-
-        Collective.
+        """Return the model with another C. Collective.
 
         Parameters
         ----------
@@ -736,10 +627,6 @@ class SecondOrderModel:
             Names of the r outputs.
         Cv, Ca : array_like, shape (rows of this rank, r), optional
             The rows of Cv^T and Ca^T: y = C q + Cv q' + Ca q''.
-
-        Returns
-        -------
-        SecondOrderModel
 
         Raises
         ------
@@ -755,24 +642,8 @@ class SecondOrderModel:
         return self.with_fields(Ct=Ct, own_output_names=names, rates=rates)
 
     def with_damping_matrix(self, D: PETSc.Mat | None) -> SecondOrderModel:
-        """Return the model with another damping matrix.
-
-        Collective.
-
-        Parameters
-        ----------
-        D : PETSc.Mat or None, shape (n, n)
-            On the pattern of K. The model takes it over.
-
-        Returns
-        -------
-        SecondOrderModel
-
-        Raises
-        ------
-        InputError
-            For NaN and Inf.
-        """
+        """Return the model with another damping matrix D (n, n) on the pattern of K, which it takes over, or with none.
+        Collective. Raises InputError for NaN and Inf."""
         if declared("D", D, PETSc.Mat | None) is not None:
             with agreed(self.comm):
                 indptr, _, values = D.getValuesCSR()
@@ -780,9 +651,7 @@ class SecondOrderModel:
         return self.with_fields(D=D)
 
     def with_viscoelastic(self, parts: Iterable[Viscoelastic]) -> SecondOrderModel:
-        """Return the model with stiffness that depends on frequency, K(s) = K + sum g(s) K_v.
-
-        Collective.
+        """Return the model with stiffness that depends on frequency, K(s) = K + sum g(s) K_v. Collective.
 
         Parameters
         ----------
@@ -819,33 +688,16 @@ class SecondOrderModel:
         return self.with_fields(**changed)
 
     def in_coordinates(self, operator, T, dofs) -> SecondOrderModel:
-        """Return the model in coordinates p with q = T p, from the `operator` T^T A T and labels of the rows.
+        """Return the model in coordinates p with q = T p, from the `operator` T^T A T and labels `dofs` of the rows.
 
         It takes the matrices over. Collective.
-
-        Parameters
-        ----------
-        T : Mat
-            The columns of the new coordinates.
-        operator : Operator
-            Its terms in them.
-        dofs : Dofs
-            Labels of the new rows.
         """
         B, Ct, Gt = (None if mat is None else T.transposeMatMult(mat) for mat in (self.B, self.Ct, self.Gt))
         return self.with_rows(operator, B=B, Ct=Ct, dofs=dofs, Gt=Gt, interfaces=self.interfaces)
 
     def with_rows(self, operator, **rows) -> SecondOrderModel:
-        """Return the model with other rows, of which these are the fields; names and outputs stay, and what is known of
-        the symmetry, which T^T A T has where A has it, whatever its round-off.
-
-        Parameters
-        ----------
-        operator : Operator
-            The terms in the other rows.
-        **rows
-            Fields of these rows.
-        """
+        """Return the model with other rows: their `operator` and their fields, `rows`. Names and outputs stay, and what
+        is known of the symmetry, which T^T A T has where A has it, whatever its round-off."""
         moved = self.of_operator(
             operator, **rows, input_names=self.input_names, own_output_names=self.own_output_names, name=self.name,
             rates=self.rates, circulatory=self.circulatory,
@@ -855,49 +707,15 @@ class SecondOrderModel:
         return moved
 
     def frequency_response(self, frequencies: ArrayLike, *, frame=None, damping=None, **more) -> np.ndarray:
-        """Return the frequency response H(i omega) = C A(i omega)^-1 B, as hpcred.frequency_response.
-
-        Collective.
-
-        Parameters
-        ----------
-        frequencies : array_like, shape (F,)
-            Hz.
-        frame : Frame, optional
-            Reference frame of a free body; by default none.
-        damping : Damping, optional
-            By default the damping matrix of the model, if it has one.
-        **more
-            Further keywords of hpcred.frequency_response.
-
-        Returns
-        -------
-        ndarray, complex, shape (F, r, p)
-            The same on all ranks.
-        """
+        """Return H(i omega) (F, r, p) at `frequencies` in Hz, as hpcred.frequency_response with `frame`, `damping` and
+        `more` of its keywords. Collective."""
         import hpcred  # the public functions, which stand above
 
         return hpcred.frequency_response(self, frequencies, frame, damping, **more)
 
     def plot_modes(self, count: int = 6, *, frame=None, factoring=None) -> Figure | None:
-        """Draw the lowest elastic modes of a model with nodes, as hpcred.workflows.plot_modes.
-
-        Collective.
-
-        Parameters
-        ----------
-        count : int, default 6
-            Number of elastic modes.
-        frame : Frame, optional
-            Reference frame of a free body; by default none.
-        factoring : Factoring, optional
-            Solver options.
-
-        Returns
-        -------
-        matplotlib.figure.Figure or None
-            On rank 0; None on the others.
-        """
+        """Draw the `count` lowest elastic modes of a model with nodes, as hpcred.workflows.plot_modes with `frame` and
+        `factoring`; None on all ranks but the first. Collective."""
         import hpcred  # the public functions, which stand above
 
         return hpcred.workflows.plot_modes(self, count, frame=frame, factoring=factoring)
@@ -917,9 +735,7 @@ class SecondOrderModel:
         held: Dofs | None = None,
         **labels: Unpack[Labels],
     ) -> SecondOrderModel:
-        """Make a model from CSR rows, of which each rank passes its own.
-
-        Collective.
+        """Make a model from CSR rows, of which each rank passes its own. Collective.
 
         Parameters
         ----------
@@ -939,10 +755,6 @@ class SecondOrderModel:
         **labels
             dofs, input_names, output_names, name, elements, sets, remarks, converted_from, properties and circulatory,
             as the attributes of the model.
-
-        Returns
-        -------
-        SecondOrderModel
 
         Raises
         ------
@@ -967,9 +779,7 @@ class SecondOrderModel:
         held: Dofs | None = None,
         **labels: Unpack[Labels],
     ) -> SecondOrderModel:
-        """Make a model from SciPy sparse or NumPy matrices that every rank holds, for small models.
-
-        Collective.
+        """Make a model from SciPy sparse or NumPy matrices that every rank holds, for small models. Collective.
 
         Parameters
         ----------
@@ -982,10 +792,6 @@ class SecondOrderModel:
             B and C^T; without `outputs` C = B^T.
         held, **labels
             As for from_csr, but with `dofs` of all rows.
-
-        Returns
-        -------
-        SecondOrderModel
 
         Raises
         ------
@@ -1009,9 +815,7 @@ class SecondOrderModel:
         outputs: ArrayLike | None = None,
         **labels: Unpack[Labels],
     ) -> SecondOrderModel:
-        """Make a model from assembled PETSc matrices, such as those of finite-element libraries.
-
-        Collective.
+        """Make a model from assembled PETSc matrices, such as those of finite-element libraries. Collective.
 
         Parameters
         ----------
@@ -1030,10 +834,6 @@ class SecondOrderModel:
             [] for none.
         inputs, outputs, **labels
             As for from_csr; inputs and outputs of the rows that are not held, `dofs` of all.
-
-        Returns
-        -------
-        SecondOrderModel
 
         Raises
         ------

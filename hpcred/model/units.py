@@ -80,10 +80,6 @@ def units_of(text: str) -> Units:
         SI, or a length, a mass or a force, and a time, such as mm,t,s or inch-lbf-s. A force and a length determine
         the unit of mass.
 
-    Returns
-    -------
-    Units
-
     Raises
     ------
     InputError
@@ -154,9 +150,7 @@ def unit_of_response(output: str, given: str, loads: Iterable[LoadColumn] = ()) 
 
 
 def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
-    """Return a model in SI, from one in other units.
-
-    Collective.
+    """Return a model in SI, from one in other units. Collective.
 
     Parameters
     ----------
@@ -164,10 +158,6 @@ def in_si(model: SecondOrderModel, units: Units) -> SecondOrderModel:
         It is not changed.
     units : Units
         The units of its numbers.
-
-    Returns
-    -------
-    SecondOrderModel
 
     Raises
     ------

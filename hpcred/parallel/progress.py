@@ -91,18 +91,8 @@ class Progress:
 
     @contextmanager
     def stage(self, name: str, detail: str = "", known: Callable[[], tuple[str, float | None]] | None = None):
-        """Charge the time of the block to `name`; also a PETSc log stage, so that -log_view lists it. `known`: see
-        Stage; the thread calls it, so that it must not communicate.
-
-        Parameters
-        ----------
-        name : str
-            Of the stage.
-        detail : str
-            Of the line at its start.
-        known
-            See there.
-        """
+        """Charge the time of the block to `name`; also a PETSc log stage, so that -log_view lists it. `detail`: of the
+        line at its start. `known`: see Stage; the thread calls it, so that it must not communicate."""
         self._charge()
         if detail:
             self.say(f"{name}: {detail}")
@@ -158,13 +148,7 @@ class Progress:
         return self.comm.rank == 0 and (routed() or self.elapsed() >= self._after)
 
     def expect(self, size: int) -> None:
-        """A model of so many dofs is worked on: of a large one everything is said from the start.
-
-        Parameters
-        ----------
-        size : int
-            Dofs.
-        """
+        """A model of `size` dofs is worked on: of a large one everything is said from the start."""
         if size >= LARGE and self._after == SHORT:
             self._after = 0.0
 
@@ -173,15 +157,7 @@ class Progress:
         return self.elapsed() - self._said >= patience
 
     def say(self, text: str, *, minor: bool = False) -> None:
-        """One line of rank 0, with elapsed time and memory; `minor`: one of many in a stage.
-
-        Parameters
-        ----------
-        text : str
-            A sentence.
-        minor : bool
-            Whether it is one of many in a stage.
-        """
+        """One line of rank 0, `text`, with elapsed time and memory; `minor`: one of many in a stage."""
         if self.shown and not (minor and self._brief and not routed() and not self._is_due(SILENT)):
             self._said = self.elapsed()
             self._give(logging.INFO, text, f"[{self._said:8.1f} s {memory_mb():7.0f} MB] {text}")
@@ -220,23 +196,11 @@ class Progress:
             self._bars.close()
 
     def tell(self, text: str) -> None:
-        """One line of rank 0, however short the run is, unless progress is off.
-
-        Parameters
-        ----------
-        text : str
-            A sentence.
-        """
+        """One line of rank 0, `text`, however short the run is, unless progress is off."""
         self._give(logging.INFO, text, text)
 
     def tell_later(self, text: str) -> None:
-        """The same once a stage has ended without an error, such as that which reads the input.
-
-        Parameters
-        ----------
-        text : str
-            A sentence.
-        """
+        """The same `text` once a stage has ended without an error, such as that which reads the input."""
         self._later.append(text)
 
     def _tell_later(self):
@@ -244,24 +208,12 @@ class Progress:
             self.tell(self._later.pop(0))
 
     def warn(self, text: str) -> None:
-        """Tell a warning while a run goes on; what is `warned` of needs no repetition at its end.
-
-        Parameters
-        ----------
-        text : str
-            A sentence.
-        """
+        """Tell a warning, `text`, while a run goes on; what is `warned` of needs no repetition at its end."""
         self._give(logging.WARNING, text, f"warning: {text}")
         self.warned.append(text)
 
     def found(self, result: Result) -> Result:
-        """Log the warnings of a result that are not logged yet, and return it; who shows it shows them.
-
-        Parameters
-        ----------
-        result : object
-            With warnings.
-        """
+        """Log the warnings of a `result` that are not logged yet, and return it; who shows it shows them."""
         self._tell_later()
         record = getattr(result, "record", result)
         warnings = record.get("warnings", ()) if isinstance(record, dict) else getattr(record, "warnings", ())

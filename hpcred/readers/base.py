@@ -58,18 +58,10 @@ class Reader(ABC):
 
     @abstractmethod
     def begins(self, start: bytes) -> bool:
-        """Test whether a file is of the format, by its first 4096 bytes, unpacked; never by its suffix.
-
-        Parameters
-        ----------
-        start : bytes
-            The first 4096, unpacked.
-        """
+        """Test whether a file is of the format, by its `start` of 4096 bytes, unpacked; never by its suffix."""
 
     def read_matrix(self, path, comm, *named) -> Entries | LabelledEntries:
-        """Read a single matrix.
-
-        Collective.
+        """Read a single matrix. Collective.
 
         Parameters
         ----------
@@ -92,9 +84,7 @@ class Reader(ABC):
         raise NotImplementedError
 
     def read_model(self, path, comm, *named) -> Parts:
-        """Read a whole model, from the file or the set of files to which it belongs.
-
-        Collective.
+        """Read a whole model, from the file or the set of files to which it belongs. Collective.
 
         Parameters
         ----------
@@ -116,11 +106,6 @@ class Reader(ABC):
         raise NotImplementedError
 
     def contents(self, path) -> dict[str, str] | None:
-        """Return names and sizes of the matrices of a file without reading them, or None if that is not possible.
-
-        Parameters
-        ----------
-        path : str or path
-            Of the file.
-        """
+        """Return names and sizes of the matrices of the file `path` without reading them, or None if that is not
+        possible."""
         return None

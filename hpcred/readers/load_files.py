@@ -31,9 +31,7 @@ from .unread import refuse_unread
 
 
 def read_load(model, load: GivenLoad | DeckLoad | Temperature) -> tuple[np.ndarray, LoadColumn]:
-    """Return the load vector of a file, or of temperatures in a file, and its sums.
-
-    Collective.
+    """Return the load vector of a file, or of temperatures in a file, and its sums. Collective.
 
     Parameters
     ----------

@@ -15,9 +15,7 @@ from .unread import refuse_unread
 
 
 def load_source(source: Source, comm=MPI.COMM_WORLD, name="model") -> SecondOrderModel:
-    """Read a model from single matrix files.
-
-    Collective.
+    """Read a model from single matrix files. Collective.
 
     Parameters
     ----------
@@ -26,10 +24,6 @@ def load_source(source: Source, comm=MPI.COMM_WORLD, name="model") -> SecondOrde
     comm : MPI.Comm, default all ranks
     name : str, default "model"
         Name in messages.
-
-    Returns
-    -------
-    SecondOrderModel
 
     Raises
     ------
@@ -41,9 +35,7 @@ def load_source(source: Source, comm=MPI.COMM_WORLD, name="model") -> SecondOrde
 
 
 def load_export(path, comm=MPI.COMM_WORLD, name="model", variables=None) -> SecondOrderModel:
-    """Read a model from the export of a finite-element program.
-
-    Collective.
+    """Read a model from the export of a finite-element program. Collective.
 
     Parameters
     ----------
@@ -54,10 +46,6 @@ def load_export(path, comm=MPI.COMM_WORLD, name="model", variables=None) -> Seco
         Name in messages.
     variables : dict of str to str, optional
         Names of the matrices by "K", "M", "D", for files that have several.
-
-    Returns
-    -------
-    SecondOrderModel
 
     Raises
     ------

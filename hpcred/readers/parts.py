@@ -73,15 +73,8 @@ class Parts:
         return [end for item in self.matrices.values() for end in (item.rows, item.columns)]
 
     def take_mesh(self, mesh, remarks=()) -> None:
-        """Take the elements, properties and sets of what a reader found, as far as it has them, and remarks.
-
-        Parameters
-        ----------
-        mesh : object
-            With `elements`, `properties` and `sets`, or some of them.
-        remarks : tuple of str, optional
-            Sentences for the user.
-        """
+        """Take the elements, properties and sets of a `mesh` that a reader found, as far as it has them, and `remarks`
+        for the user."""
         for key in ("elements", "properties", "sets"):
             setattr(self, key, getattr(mesh, key, getattr(self, key)))
         self.warnings += remarks

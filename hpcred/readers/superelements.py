@@ -52,9 +52,7 @@ class _Rows:
 
 
 def read_superelement(source: Source | str | Path, comm, *, variables=None, units: str = "SI") -> Result:
-    """Read a superelement as a result in interface coordinates.
-
-    Collective.
+    """Read a superelement as a result in interface coordinates. Collective.
 
     Parameters
     ----------

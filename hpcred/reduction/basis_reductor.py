@@ -17,6 +17,7 @@ from ..model.damping import Damping, NoDamping, caughey_terms, loss_factor_of, w
 from ..model.frames import Frame, FramedModel, NoFrame, apply_frame, inputs_without_effect
 from ..model.input_output_counts import require_room
 from ..model.loads.columns import loads_of, resultants
+from ..model.rigid_body.modes import exchange_of_matrices
 from ..model.scales import in_usual_units
 from ..model.second_order_model import SecondOrderModel, massless, require_model
 from ..parallel.decisions import decided
@@ -144,7 +145,8 @@ class BasisReductor(Reductor):
     def check(self, model) -> tuple[str, ...]:
         """Refuse what cannot be reduced in this way; returns warnings of the model. Collective."""
         check_model(model)
-        doubts = doubts_of_matrices(model)
+        exchanged = exchange_of_matrices(model)
+        doubts = doubts_of_matrices(model, exchanged)
         for doubt in doubts:  # before what takes long, and before what follows from it is refused
             self.progress.warn(doubt)
         check_added(model, self.damping)
@@ -156,7 +158,7 @@ class BasisReductor(Reductor):
         warnings = warnings_of_damping(self.damping)
         if model.D is not None and isinstance(self.damping, NoDamping):
             warnings += (f"damping: none, though {model.name} has a damping matrix, which kind = 'given' takes",)
-        return doubts + warnings_of(model, self.frame, self.constant) + warnings
+        return doubts + warnings_of(model, self.frame, exchanged, self.constant) + warnings
 
     def plan(self, framed) -> Plan:
         """Plan the bases. Collective. Raises InputError where they cannot fit."""

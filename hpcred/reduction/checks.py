@@ -15,7 +15,7 @@ from ..model.interfaces.motion import members
 from ..model.interfaces.nodes import warnings_of_interfaces
 from ..model.order_of_matrices import questions_on_order
 from ..model.outputs.stresses import stress_output_of
-from ..model.rigid_body.modes import exchange_of_matrices, misfit_of_nodes, remark_on_digits, warnings_of_nodes
+from ..model.rigid_body.modes import misfit_of_nodes, remark_on_digits, warnings_of_nodes
 from ..model.rigid_body.rows_alone import warnings_of_rows_alone
 from ..model.rigid_body.support import support_of
 from ..model.second_order_model import SAY_SO, SYMMETRIC_TO, require_inputs
@@ -106,20 +106,19 @@ def require_no_series(model, damping):
         )
 
 
-def doubts_of_matrices(model) -> tuple[str, ...]:
-    """Return what looks wrong of M, D and K: an indefinite one, another order, and other units. Collective."""
-    exchanged = exchange_of_matrices(model) if model.dofs is not None else None
+def doubts_of_matrices(model, exchanged: str | None) -> tuple[str, ...]:
+    """Return what looks wrong of M, D and K: an indefinite one, another order, and other units; `exchanged`: what
+    exchange_of_matrices says. Collective."""
     return (*warnings_of_definiteness(model), *((exchanged,) if exchanged else questions_on_order(model)))
 
 
-def warnings_of(model, frame, constant=None) -> tuple[str, ...]:
+def warnings_of(model, frame, exchanged: str | None, constant=None) -> tuple[str, ...]:
     """Return warnings of the model beside those of its matrices; those that the frame depends on are refusals.
-    `constant`: the constant part of a model with parameters, whose nodes fit if they fit K without terms that resist or
-    push rigid-body motions."""
+    `exchanged`: what exchange_of_matrices says. `constant`: the constant part of a model with parameters, whose nodes
+    fit if they fit K without terms that resist or push rigid-body motions. Collective."""
     of_rows = tuple(warnings_of_rows_alone(model))
     if model.dofs is None:
         return of_rows
-    exchanged = exchange_of_matrices(model)
     if exchanged and isinstance(frame, Buckens):
         raise InputError(exchanged)
     of_nodes = () if exchanged else tuple(warnings_of_nodes(model))  # all else follows from it

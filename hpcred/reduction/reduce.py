@@ -93,10 +93,8 @@ def reduce(
         error, and how it is known.
     band : sequence of 2 floats, optional
         Hz; belongs to the tolerance.
-    measure : {"directions", "paper"} or Measure, optional
-        What eps is, see Adaptive.
-    static : {"tolerance", "exact"}, optional
-        See Adaptive.
+    measure, static : optional
+        What eps is, and at 0 Hz, see Adaptive.
     adaptive : Adaptive, optional
         Tolerance and band with more settings, in place of these four.
     parameter_search : ParameterSearch, optional
@@ -113,15 +111,7 @@ def reduce(
         twice; PointStore is one in a folder.
     progress : Progress, optional
         By default one that shows stages and times on stderr once they take long.
-    deflation_tolerance, drop_above : float, optional
-        See Reduction.
-    projection : {"one_sided", "two_sided"}, optional
-        See Reduction.
-    allow_unstable : bool, optional
-        See Reduction.
-    groups : int or "auto", optional
-        See Reduction.
-    coordinates : {"modal", "interface"}, optional
+    deflation_tolerance, drop_above, projection, allow_unstable, groups, coordinates : optional
         See Reduction.
 
     Returns

@@ -14,10 +14,5 @@ class Reductor(ABC):
 
     @abstractmethod
     def reduce(self, model: SecondOrderModel) -> ReducedModel:
-        """Reduce a model. Collective. Raises InputError or ComputationError, the same on all ranks.
-
-        Parameters
-        ----------
-        model : SecondOrderModel
-            With its inputs.
+        """Reduce a `model` with its inputs. Collective. Raises InputError or ComputationError, the same on all ranks.
         """

@@ -79,13 +79,13 @@ def body_for_page(shapes, modes: int, most: int = MOST_POINTS) -> tuple[dict, st
     return drawn | {"start": start, "fields": fields, "stresses": stresses, "names": names}, sentence
 
 
-def motion_for_page(shapes, q, times, start: int, most: int = MOST_MOVING) -> dict:
+def motion_for_page(shapes, q, times, start: int) -> dict:
     """Return the surface of a body, its displacements and von Mises' stresses at the coordinates q (f, m) of the
     instants `times` (f,), for the page; `start`: the instant that is shown first.
 
     Displacements are relative to the largest of all instants, stresses to `largest` in MPa.
     """
-    surface = thinned(surface_of(shapes.points, shapes.cells), most)
+    surface = thinned(surface_of(shapes.points, shapes.cells), MOST_MOVING)
     count = len(surface.nodes) + len(shapes.mark_points)
     moved, stress = np.zeros((len(q), count, 3)), np.zeros((len(q), len(surface.nodes), 6))
     for k, one in enumerate(np.eye(q.shape[1])):

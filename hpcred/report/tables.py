@@ -7,8 +7,7 @@ import shutil
 import sys
 import textwrap
 
-from ..files.hdf5 import atomic_output
-from ..parallel.failures import agreed
+from ..files.hdf5 import written_by_one
 from ..parallel.messages import folded, printable
 from ..parallel.petsc import MPI
 from ..parallel.progress import Timing
@@ -137,9 +136,7 @@ def write_json(path, data, comm=MPI.COMM_WORLD):
     """Write data as JSON on rank 0, whole or not at all. Collective. Raises InputError."""
     if path is None:
         return
-    with atomic_output(path, comm) as temporary, agreed(comm):
-        if comm.rank == 0:
-            temporary.write_text(as_json(data) + "\n")
+    written_by_one(path, comm, lambda temporary: temporary.write_text(as_json(data) + "\n"))
 
 
 def as_json(data) -> str:

@@ -306,10 +306,6 @@ def read_job(path, overrides=()) -> Job:
     overrides : sequence of str
         "key.path=value", which replace or add single keys.
 
-    Returns
-    -------
-    Job
-
     Raises
     ------
     InputError

@@ -129,12 +129,7 @@ class Simulation:
         return sorted(numbers, key=lambda node: (isinstance(node, str), node))
 
     def numbered(self, body: Body) -> Simulation:
-        """Return the settings with numbers of nodes for their names. Raises InputError for an unknown name.
-
-        Parameters
-        ----------
-        body : Body
-            With the names of its nodes.
+        """Return the settings with numbers of nodes for their names in `body`. Raises InputError for an unknown name.
         """
         tables = {
             key: tuple(replace(item, node=body.number(item.node)) for item in getattr(self, key))
@@ -243,10 +238,6 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
         Its nodes must include those of the settings.
     setup : Simulation
         The settings.
-
-    Returns
-    -------
-    Motion
 
     Raises
     ------

@@ -10,7 +10,7 @@ from ..analysis.frequency_response import above_rest, checked_frequencies
 from ..assembly.coupling import Machine, laws_of_table, machine_of, warnings_of_table
 from ..assembly.error import accuracy_of_machine, damping_of_errors, why_not_known
 from ..assembly.measured import MeasuredPart, measured_part
-from ..assembly.parts import Part, part_of
+from ..assembly.parts import Part, part_of, units_of
 from ..body.node_shapes import NodeShape
 from ..files.machine_basis import first_numbers, nodes_of_machine, write_basis_of_machine
 from ..files.outputs import check_outputs, hdf5_kind
@@ -85,18 +85,8 @@ class Assembly:
         return above_rest(_inside(lines, self.band), self.machine.response)[0]
 
     def frequency_response(self, frequencies=None) -> np.ndarray:
-        """Return H(i omega) (F, r, p) at frequencies in Hz, by default at the lines of the first measured body.
-
-        Raises
-        ------
-        InputError
-            At poles, and outside of the lines of measured bodies.
-
-        Parameters
-        ----------
-        frequencies : array_like, optional
-            Hz.
-        """
+        """Return H(i omega) (F, r, p) at `frequencies` in Hz, by default at the lines of the first measured body.
+        Raises InputError at poles, and outside of the lines of measured bodies."""
         frequencies = self.lines if frequencies is None else checked_frequencies(frequencies)
         if self.reduced is not None:
             return self.reduced.frequency_response(frequencies)
@@ -106,27 +96,15 @@ class Assembly:
             raise InputError("frequencies: one is a pole of a body, such as 0 Hz; leave it out") from error
 
     def responses(self, frequencies=None) -> Responses:
-        """Return the same with the names of inputs and outputs, as files of responses have it.
-
-        Parameters
-        ----------
-        frequencies : array_like, optional
-            Hz.
-        """
+        """Return the same at `frequencies` with the names of inputs and outputs, as files of responses have it."""
         frequencies = self.lines if frequencies is None else checked_frequencies(frequencies)
         names = {"input_names": self.machine.inputs.own, "output_names": self.machine.outputs.own}
         return Responses(frequencies=frequencies, response=self.frequency_response(frequencies), **names,
                          record={"bodies": list(self.machine.parts), "versions": versions()})  # fmt: skip
 
     def save(self, path, *, basis: bool = True, comm=None) -> None:
-        """Write a result file, which commands read as that of a reduction. Collective.
-
-        Parameters
-        ----------
-        path : str or PathLike
-        basis : bool, default True
-            Whether the shapes of the bodies are written.
-        """
+        """Write a result file `path`, which commands read as that of a reduction; `basis`: with the shapes of the
+        bodies. Collective. Raises InputError of a machine with a measured body."""
         if self.reduced is None:
             raise InputError("save: a machine with a measured body has no coordinates; write_responses writes its "
                              "responses()")  # fmt: skip
@@ -188,10 +166,6 @@ def assemble(
         Of the machine's responses, with which the estimate is compared.
     inputs, outputs : sequence of str, optional
         Of the machine, such as "spindle.tool:z", or "spindle.tool" for all directions; by default all of the bodies.
-
-    Returns
-    -------
-    Assembly
 
     Raises
     ------
@@ -258,11 +232,10 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
     tau = _tau(parts, band)
     reduced, T = machine.model(tau)
     warnings = list(machine.warnings)
-    units = {part.name: result.reduced.record is not None and result.reduced.record.units
-             for part, result in zip(parts, results, strict=True)}  # fmt: skip
-    if any(units.values()) and not all(units.values()):
-        unknown = next(name for name, known in units.items() if not known)
-        warnings.append(f"body '{unknown}': the units of its model are not known, and are taken for SI")
+    known = [bool(units_of(result.reduced)) for result in results]
+    if any(known) and not all(known):
+        warnings.append(f"body '{parts[known.index(False)].name}': the units of its model are not known, and are taken "
+                        "for SI")  # fmt: skip
     still = int((reduced.frequencies == 0).sum())
     if still:
         warnings.append(f"the machine has {still} rigid-body motions without force: it has no response at 0 Hz")
@@ -372,24 +345,22 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
                   progress=progress)  # fmt: skip
     made = assemble(job.body, job.joint, job.mass, band=job.band, tolerance=job.tolerance, inputs=job.inputs,
                     outputs=job.outputs, comm=comm, progress=progress)  # fmt: skip
-    # of measured bodies responses are written, else a result
-    if made.reduced is None:
-        found = made.responses()
-        with progress.stage("write", job.output):
-            rescued(lambda place: write_responses(place, found, comm), job.output, comm)
-        made.warnings.extend(lost_channels(job.output, found))
-        return {"output": job.output, "inputs": list(found.input_names), "outputs": list(found.output_names),
-                "frequencies_hz": found.frequencies.tolist(), "sentence": made.sentence, "reached": True, "budget": [],
-                "warnings": made.warnings, "timing": asdict(progress.timing())}  # fmt: skip
-    with progress.stage("write", job.output):
-        made.save(job.output, basis=job.write_basis, comm=comm)
     accuracy = made.accuracy
-    return {
-        "output": job.output, "size": made.reduced.size, "pseudo_frequencies_hz": made.reduced.frequencies.tolist(),
-        "inputs": list(made.reduced.input_names), "outputs": list(made.reduced.output_names),
-        "parameters": [asdict(item) for item in getattr(made.reduced, "parameters", ())],
-        "budget": made.budget, "sentence": made.sentence, "reached": accuracy is None or accuracy.reached,
-        "error": None if accuracy is None or not np.isfinite(accuracy.largest) else accuracy.largest,
-        "warnings": made.warnings,
-        "timing": asdict(progress.timing()),
-    }  # fmt: skip
+    with progress.stage("write", job.output):
+        # of measured bodies responses are written, else a result
+        if made.reduced is None:
+            found = made.responses()
+            rescued(lambda place: write_responses(place, found, comm), job.output, comm)
+            made.warnings.extend(lost_channels(job.output, found))
+            known = {"frequencies_hz": found.frequencies.tolist()}
+        else:
+            made.save(job.output, basis=job.write_basis, comm=comm)
+            known = {
+                "size": made.reduced.size, "pseudo_frequencies_hz": made.reduced.frequencies.tolist(),
+                "parameters": [asdict(item) for item in getattr(made.reduced, "parameters", ())],
+                "error": None if accuracy is None or not np.isfinite(accuracy.largest) else accuracy.largest,
+            }  # fmt: skip
+    return {"output": job.output, **known, "inputs": list(made.machine.inputs.own),
+            "outputs": list(made.machine.outputs.own), "budget": made.budget, "sentence": made.sentence,
+            "reached": accuracy is None or accuracy.reached, "warnings": made.warnings,
+            "timing": asdict(progress.timing())}  # fmt: skip

@@ -13,7 +13,7 @@ from ..analysis.campbell_diagram import FULL_POINTS, Campbell
 from ..analysis.whirl import in_words
 from ..body.preload import Preload, reduced_at, warning_of_basis
 from ..files.campbell_file import write_campbell
-from ..files.hdf5 import atomic_output
+from ..files.hdf5 import written_by_one
 from ..files.result_file import Result, read_result
 from ..files.together import rescued, together
 from ..linalg.solvers.settings import Factoring
@@ -114,9 +114,7 @@ def campbell_file(
             made = {"result": str(result), "versions": versions()}
             rescued(lambda place: write_campbell(place, diagram, comm, made), output, comm)
         if figure is not None:
-            with atomic_output(figure, comm) as temporary, agreed(comm):
-                if comm.rank == 0:
-                    campbell_figure(temporary, diagram, str(result), kind=kind_of_figure(figure))
+            written_by_one(figure, comm, campbell_figure, diagram, str(result), kind_of_figure(figure))
             report["figure"] = str(figure)
     return report | {"timing": asdict(progress.timing())}
 

@@ -9,7 +9,7 @@ import scipy.linalg
 
 from ..analysis.error import as_compared, error_integral, errors_of
 from ..analysis.frequency_response import above_rest, frequency_response
-from ..files.hdf5 import atomic_output
+from ..files.hdf5 import written_by_one
 from ..files.outputs import CSV_OF_RESPONSES, PICTURES, check_outputs
 from ..files.result_file import read_basis, result_at
 from ..files.together import together
@@ -122,11 +122,9 @@ def compare_results(
               "eps": {label: eps.tolist() for label, eps in curves}}  # fmt: skip
     with together(comm):
         if output is not None:
-            with atomic_output(output, comm) as temporary, agreed(comm):
-                if comm.rank == 0:
-                    table = np.array([grid, *(eps for _, eps in curves)]).T
-                    head = ",".join(["f_hz", *(f"eps_{label}" for label in labels)])
-                    np.savetxt(temporary, table, "%.10e", ",", header=head, comments="")
+            table = np.array([grid, *(eps for _, eps in curves)]).T
+            head = ",".join(["f_hz", *(f"eps_{label}" for label in labels)])
+            written_by_one(output, comm, lambda path: np.savetxt(path, table, "%.10e", ",", header=head, comments=""))
         if figure is not None:
             with agreed(comm):
                 if comm.rank == 0:

@@ -9,7 +9,7 @@ import numpy as np
 from ..analysis.frequency_response import resonances_of
 from ..analysis.random_loads import harmonic_response, random_response
 from ..analysis.shock import damping_ratio, require_size, shock_spectrum, time_response
-from ..files.hdf5 import atomic_output
+from ..files.hdf5 import written_by_one
 from ..files.outputs import CSV_OF_RESPONSES, check_outputs
 from ..files.result_file import result_at
 from ..files.together import together
@@ -100,13 +100,9 @@ def driven_response(
                         f"{result} is known to {accuracy.band[1]:g} Hz")  # fmt: skip
     with together(comm):
         if output is not None:
-            with atomic_output(output, comm) as temporary, agreed(comm):
-                if comm.rank == 0:
-                    _write(temporary, f, curves)
+            written_by_one(output, comm, _write, f, curves)
         if figure is not None:
-            with atomic_output(figure, comm) as temporary, agreed(comm):
-                if comm.rank == 0:
-                    driven_figure(temporary, f, curves, f"{result}: {TITLES[kind]}", kind_of_figure(figure))
+            written_by_one(figure, comm, driven_figure, f, curves, f"{result}: {TITLES[kind]}", kind_of_figure(figure))
     return {"result": str(result), "kind": kind, "rows": rows, "warnings": warnings, "output": output and str(output),
             "figure": figure and str(figure)}  # fmt: skip
 

@@ -42,12 +42,10 @@ def modes_of_file(
         A model file.
     count : int
         Number of modes.
-    frame : Frame, optional
+    frame, factoring : optional
         See natural_modes.
     figure : str or PathLike, optional
         A .png of the first six elastic modes.
-    factoring : Factoring, optional
-        See natural_modes.
     preload : Preload, optional
         A constant load on a body of solids, which the matrices or the frame hold.
 
@@ -69,7 +67,7 @@ def modes_of_file(
         loaded = at_preload(read_model(model, comm), preload, frame, factoring)
     with loaded, closing(natural_modes(loaded, count, frame, factoring=factoring, progress=progress)) as found:
         report = {"model": str(model), "size": loaded.size, **_numbers(found)}
-        exchanged = exchange_of_matrices(loaded) if loaded.dofs is not None else None
+        exchanged = exchange_of_matrices(loaded)
         asked = [exchanged] if exchanged else questions_on_order(loaded)
         report["warnings"] = [*asked, *loaded.remarks, *found.warnings]
         if figure is not None:
@@ -125,10 +123,6 @@ def mass_in_words(report) -> str:
     ----------
     report : dict
         What modes_of_file returned.
-
-    Returns
-    -------
-    str
     """
     masses = np.array(report["masses"])
     there = _moving(masses)

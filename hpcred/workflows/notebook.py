@@ -37,9 +37,7 @@ RIGID = 6  # rigid-body modes that a free body may have
 def plot_response(
     reduced: ReducedModel, pairs: str | Sequence[str] | None = None, *, band: Sequence[float] | None = None
 ) -> Figure:
-    """Draw the frequency response of a reduced model, and its estimated error where that is known.
-
-    Collective.
+    """Draw the frequency response of a reduced model, and its estimated error where that is known. Collective.
 
     Parameters
     ----------
@@ -120,9 +118,7 @@ def plot_campbell(found: Campbell, title: str | None = None) -> Figure:
 def plot_modes(
     model: SecondOrderModel, count: int = 6, *, frame: Frame | None = None, factoring: Factoring | None = None
 ) -> Figure | None:
-    """Draw the lowest elastic modes of a model with nodes, on the surface of its elements.
-
-    Collective.
+    """Draw the lowest elastic modes of a model with nodes, on the surface of its elements. Collective.
 
     Parameters
     ----------

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files.hdf5 import atomic_output
+from ..files.hdf5 import written_by_one
 from ..files.names import FileNames
 from ..files.outputs import PICTURES, check_outputs
 from ..parallel.failures import InputError, agreed
@@ -41,10 +41,9 @@ def figures_of_pairs(path, outputs, inputs, responses, comm, pairs, loads=()) ->
     for i, j in pairs:
         name = f"{outputs[i]}-{inputs[j]}"
         target = path if alone else path.with_name(f"{path.stem}_{names.of(name)}{path.suffix}")
-        with atomic_output(target, comm) as temporary, agreed(comm):
-            if comm.rank == 0:
-                curves = [(label, f, values[:, i, j]) for label, f, values in responses]
-                pair_figure(temporary, curves, outputs[i], inputs[j], _errors(*curves), loads, kind_of_figure(target))
+        curves = [(label, f, values[:, i, j]) for label, f, values in responses]
+        written_by_one(target, comm, pair_figure, curves, outputs[i], inputs[j], _errors(*curves), loads,
+                       kind_of_figure(target))  # fmt: skip
         written.append(str(target))
     return written
 

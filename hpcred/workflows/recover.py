@@ -36,9 +36,7 @@ def recover(
     comm=None,
     progress=None,
 ) -> dict:
-    """Recover the motion of nodes, u = V q, from reduced coordinates over time, and write it.
-
-    Collective.
+    """Recover the motion of nodes, u = V q, from reduced coordinates over time, and write it. Collective.
 
     Parameters
     ----------

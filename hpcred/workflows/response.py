@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from ..analysis.full_response import FullResponse, full_response
-from ..files.hdf5 import atomic_output
+from ..files.hdf5 import written_by_one
 from ..files.model_file import read_model
 from ..files.response_file import Responses, lost_channels, write_responses
 from ..files.together import rescued, together
@@ -113,12 +113,10 @@ def response_file(
         if figure is not None:
             drawn, response, eps = found.to_draw()
             curves = _curves(found, response)
-            with atomic_output(figure, comm) as temporary, agreed(comm):
-                if comm.rank == 0:
-                    effort = counted(report["factorisations"], "factorisation")
-                    title = f"{report['model']}: {counted(len(chosen), 'frequency', 'frequencies')}, {effort}"
-                    response_figure(temporary, drawn, curves, eps, found.accuracy.tolerance, title, loads,
-                                    kind_of_figure(figure))  # fmt: skip
+            effort = counted(report["factorisations"], "factorisation")
+            title = f"{report['model']}: {counted(len(chosen), 'frequency', 'frequencies')}, {effort}"
+            written_by_one(figure, comm, response_figure, drawn, curves, eps, found.accuracy.tolerance, title, loads,
+                           kind_of_figure(figure))  # fmt: skip
             report["figure"] = str(figure)
             if len(curves) > MOST:
                 report["warnings"].append(f"the figure shows the {MOST} largest of {len(curves)} pairs")

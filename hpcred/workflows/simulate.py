@@ -9,7 +9,7 @@ import numpy as np
 
 from ..body.recovery import start_places
 from ..body.spin_stress import warnings_of_spin
-from ..files.hdf5 import atomic_output
+from ..files.hdf5 import written_by_one
 from ..files.motion_file import FORMAT, coordinates_of, write_motion, write_motion_csv
 from ..files.outputs import CSV_OF_MOTION, PNG, VTK, check_outputs, hdf5_kind
 from ..files.result_file import result_at
@@ -91,9 +91,7 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
                   "timing": asdict(progress.timing())}  # fmt: skip
         rescued(lambda place: write_motion(place, motion, record, comm), output, comm)
         for target, write in files:
-            with atomic_output(target, comm) as temporary, agreed(comm):
-                if comm.rank == 0:
-                    write(temporary, motion)
+            written_by_one(target, comm, write, motion)
         if setup.paraview:
             target = output.with_suffix(".pvd")
             with progress.stage("write", str(target)):

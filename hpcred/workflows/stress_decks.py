@@ -31,9 +31,7 @@ DIGITS = 2e-5  # of the largest displacement of a column: two numbers of six dig
 
 @workflow
 def write_deck(result, program: str, original, folder, *, units: str = "SI", comm=None, progress=None) -> dict:
-    """Write input files by which a finite-element program computes the stresses of the columns of a basis.
-
-    Collective.
+    """Write input files by which a finite-element program computes the stresses of the columns of a basis. Collective.
 
     Parameters
     ----------
@@ -89,7 +87,6 @@ def write_deck(result, program: str, original, folder, *, units: str = "SI", com
 @workflow
 def add_stresses(result, answers, output, *, units: str = "SI", comm=None, progress=None) -> dict:
     """Write a copy of a result with the stresses that a finite-element program computed from the input of write_deck.
-
     Collective.
 
     Parameters

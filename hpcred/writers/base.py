@@ -72,13 +72,8 @@ class ExportSource:
         return self.driven(self.result.reduced)
 
     def driven(self, reduced: ReducedModel) -> ReducedModel:
-        """Return a model with the inputs that were asked for. Raises InputError.
-
-        Parameters
-        ----------
-        reduced : ReducedModel
-            With the accelerations of its bases as inputs.
-        """
+        """Return a `reduced` model of accelerations of its bases with the inputs that were asked for. Raises
+        InputError."""
         return reduced if self.base is None else reduced.driven_by(self.base)
 
     @cached_property
@@ -151,38 +146,20 @@ class Writer(ABC):
 
     @abstractmethod
     def write(self, target: Path, source: ExportSource) -> list[str]:
-        """Write the file `target`; called on one rank.
+        """Write the file `target` from the parts of the result that `needs` names, in `source`; called on one rank.
 
         Return remarks on what the file does not hold, or, of a writer of shapes, the names of those that it wrote.
         Raise InputError for a result that the format cannot hold.
-
-        Parameters
-        ----------
-        target : path
-            Of the file to write.
-        source : ExportSource
-            The parts of the result that `needs` names.
         """
 
     def begins(self, start: bytes) -> bool:
-        """Return whether a file that starts so (4096 bytes) is of this format, and may be replaced by a new one.
-
-        Parameters
-        ----------
-        start : bytes
-            The first 4096.
-        """
+        """Return whether a file with this `start` of 4096 bytes is of this format, and may be replaced by a new one."""
         return bool(self.kind) and kind_of_start(start) == self.kind
 
     def describe(self, path) -> dict:
-        """Return what `hpcred info` says of a file that begins so, besides its name; called on one rank.
+        """Return what `hpcred info` says of a file `path` that begins so, besides its name; called on one rank.
 
         One of our own returns nothing of a file that its format shares with others, such as a .mat.
-
-        Parameters
-        ----------
-        path : path
-            Of the file.
         """
         return {}
 

@@ -205,8 +205,8 @@ def _matrices(reduced, family, part) -> np.ndarray:
     return np.concatenate([array.ravel() for array in arrays])
 
 
-def _listed(values, row=8) -> str:
-    lines = [values[k : k + row] for k in range(0, len(values), row)]
+def _listed(values) -> str:
+    lines = [values[k : k + 8] for k in range(0, len(values), 8)]
     return ",\n".join(", ".join(f"{value:.17g}" for value in line) for line in lines)
 
 

@@ -148,10 +148,6 @@ def read_sid(path) -> Sid:
     ----------
     path : str or PathLike
 
-    Returns
-    -------
-    Sid
-
     Raises
     ------
     InputError

@@ -189,7 +189,7 @@ def test_public_functions_say_what_they_take_and_return():
     for name, function in reference.public_names().items():
         if inspect.isfunction(function):
             missing = {*inspect.signature(function).parameters} - COMMON - named_in(function)
-            if inspect.signature(function).return_annotation not in (None, "None"):
+            if inspect.signature(function).return_annotation is inspect.Signature.empty:
                 missing |= {"Returns"} - {*reference.sections(function)[1]}
             lacking |= {name: missing} if missing else {}
     assert lacking == {}
@@ -205,16 +205,17 @@ def methods_of(kind):
 
 
 def arguments_without_meaning(same):
-    """The arguments of a method, as it is written, that no section names, and Returns without a section and a type."""
+    """The arguments of a method, as it is written, that no text names, and Returns without a section and a type."""
     method = inspect.unwrap(same[0])
     signature = inspect.signature(method)
-    missing = {*signature.parameters} - COMMON - {"self", "cls"} - {name for item in same for name in named_in(item)}
+    named = {word for item in same for word in re.findall(r"\w+", inspect.getdoc(item) or "")}
+    missing = {*signature.parameters} - COMMON - {"self", "cls"} - named
     typed = signature.return_annotation is not inspect.Signature.empty or inspect.isgeneratorfunction(method)
     return missing | ({"Returns"} - {*reference.sections(method)[1]} if not typed else set())
 
 
 def test_public_methods_say_what_they_take_and_return():
-    """A type of what is returned will do: the first line says what it is."""
+    """Of methods, the words of a sentence will do for arguments, and a type for what is returned."""
     kinds = [item for item in reference.public_names().values() if inspect.isclass(item)]
     methods = [(f"{kind.__name__}.{name}", same) for kind in kinds for name, same in methods_of(kind)]
     assert len(methods) > 150

@@ -153,13 +153,7 @@ class Factoring:
         return self.package.counts() and not self.single
 
     def source(self, prefix: str) -> Source:
-        """The source of values that factors tell which have a prefix of PETSc options.
-
-        Parameters
-        ----------
-        prefix : str
-            Of PETSc options, such as ``shift_``.
-        """
+        """The source of values that factors tell which have a `prefix` of PETSc options, such as ``shift_``."""
         return self.package.source_of(self, prefix)
 
     def exact(self) -> Factoring:

@@ -221,9 +221,7 @@ def rigid_rows(direction, arm) -> np.ndarray:
 
 def _reference(model, interface, mask, own):
     """Return position (3,) and directions of the reference node, rows of this rank, and their rows (rows, 6) of G^T.
-
-    Collective.
-    """
+    Collective."""
     comm = model.comm
     rows, direction, position = coupled_rows(model, interface, mask)
     weight = _weights(model, interface, rows, own)

@@ -74,13 +74,7 @@ class Nodes(Settings):
         return self.bore or self.pin
 
     def contain(self, points: np.ndarray) -> np.ndarray:
-        """Test whether points (k, 3) lie in a box, sphere or cylinder, or up to 1e-9 of its size outside.
-
-        Parameters
-        ----------
-        points : ndarray, shape (k, 3)
-            m.
-        """
+        """Test whether `points` (k, 3) in m lie in a box, sphere or cylinder, or up to 1e-9 of its size outside."""
         if self.box is not None:
             low, high = np.sort(self.box, axis=0)
             slack = 1e-9 * np.abs(high - low).max()

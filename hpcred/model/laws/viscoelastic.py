@@ -82,13 +82,7 @@ class Maxwell(ViscoelasticLaw):
         return tuple(zip(self.factors, self.times, strict=True))
 
     def excess(self, s: np.ndarray) -> np.ndarray:
-        """Return g(s) - g(0) of s (...) in 1/s.
-
-        Parameters
-        ----------
-        s : complex or array_like
-            Laplace variable in 1/s.
-        """
+        """Return g(s) - g(0) of s (...) in 1/s."""
         x = np.asarray(s)[..., None] * np.array(self.times)
         return (np.array(self.factors) * x / (1 + x)).sum(axis=-1)
 
@@ -158,13 +152,7 @@ class Fractional(FractionalLaw):
             raise InputError(f"law: found low = {self.low:g} above high = {self.high:g}; damped materials stiffen")
 
     def excess(self, s: np.ndarray) -> np.ndarray:
-        """Return g(s) - g(0) of s (...) in 1/s.
-
-        Parameters
-        ----------
-        s : complex or array_like
-            Laplace variable in 1/s.
-        """
+        """Return g(s) - g(0) of s (...) in 1/s."""
         z = self._powers(s)
         return (self.high - self.low) * z / (1 + z)
 
@@ -202,13 +190,7 @@ class FractionalKelvinVoigt(FractionalLaw):
     exponent: Exponent
 
     def excess(self, s: np.ndarray) -> np.ndarray:
-        """Return g(s) - g(0) of s (...) in 1/s.
-
-        Parameters
-        ----------
-        s : complex or array_like
-            Laplace variable in 1/s.
-        """
+        """Return g(s) - g(0) of s (...) in 1/s."""
         return self.rise * self._powers(s)
 
     def slope(self, s: np.ndarray) -> np.ndarray:

@@ -105,7 +105,7 @@ def with_bases(model, bases, factoring=None):
     shapes = [_rigid(model, item, mask, gone) for item, mask in zip(bases, moved, strict=True)]
     model_f, free = _without_rows(model, gone, bases)
     with model_f:
-        _deflect(model, model_f, bases, shapes, moved, gone, free, factoring)
+        _deflect(model, model_f, bases, shapes, gone, free, factoring)
         R = np.hstack([shape.motion for shape in shapes])
         loads, columns = _columns(model, bases, shapes)
         return _assembled(model, model_f, bases, R, columns, loads, free)
@@ -212,7 +212,7 @@ def _without_rows(model, gone, bases):
     return bare, free
 
 
-def _deflect(model, framed, bases, shapes, moved, gone, free, factoring):
+def _deflect(model, framed, bases, shapes, gone, free, factoring):
     """Add to the motions of bases the static deflections of the body between them and what else holds it: K R = 0 where
     it is free. Collective. Raises InputError where the bases do not hold it."""
     if not model.comm.allreduce(int(gone.sum())):

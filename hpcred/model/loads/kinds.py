@@ -49,7 +49,7 @@ class NamedLoad(Settings):
     Parameters
     ----------
     name : str
-        Name of the input.
+        Name of the input: a word that begins with a letter.
     """
 
     name: str
@@ -73,8 +73,6 @@ class Pressure(NamedLoad):
 
     Parameters
     ----------
-    name : str
-        Name of the input: a word that begins with a letter.
     on : str, Nodes or sequence of int
         The faces of the surface all of whose nodes are these: those of a node set or of an interface of this name, of
         a bore, pin, box, sphere or cylinder, or nodes by number.
@@ -85,7 +83,7 @@ class Pressure(NamedLoad):
     Raises
     ------
     InputError
-        For a value of zero, and names that are no words.
+        As all loads do: for a value of zero, and names that are no words.
     """
 
     on: Place
@@ -99,17 +97,10 @@ class Traction(NamedLoad):
 
     Parameters
     ----------
-    name : str
-        Name of the input.
     on : str, Nodes or sequence of int
         The faces, as for Pressure.
     value : tuple of three floats
         In N/m^2.
-
-    Raises
-    ------
-    InputError
-        As Pressure.
     """
 
     on: Place
@@ -123,17 +114,10 @@ class LineLoad(NamedLoad):
 
     Parameters
     ----------
-    name : str
-        Name of the input.
     on : str, Nodes or sequence of int
         The beams, and the edges of faces of the surface, all of whose nodes are these (as for Pressure).
     value : tuple of three floats
         In N/m.
-
-    Raises
-    ------
-    InputError
-        As Pressure.
     """
 
     on: Place
@@ -147,15 +131,8 @@ class Gravity(NamedLoad):
 
     Parameters
     ----------
-    name : str
-        Name of the input.
     value : tuple of three floats
         Acceleration of gravity in m/s^2, such as (0, 0, -9.81).
-
-    Raises
-    ------
-    InputError
-        As Pressure.
     """
 
     value: Annotated[Vector, _something]
@@ -195,8 +172,6 @@ class GivenLoad(NamedLoad):
 
     Parameters
     ----------
-    name : str
-        Name of the input.
     file : str
         A matrix file with the rows of the model, SI units; of a Harwell-Boeing file with right-hand sides, as that of
         HBMAT of ANSYS, these are the columns.
@@ -220,8 +195,6 @@ class DeckLoad(NamedLoad):
 
     Parameters
     ----------
-    name : str
-        Name of the input.
     file : str
         An input file of Abaqus or CalculiX, or of Nastran, or a .full file of a static analysis of ANSYS with its load
         vector, in the units in which the model was converted.
@@ -255,8 +228,6 @@ class Temperature(NamedLoad):
 
     Parameters
     ----------
-    name : str
-        Name of the input.
     value : float, default 1.0
         Rise of the temperature in K; with a file, the factor of its temperatures.
     file : str, optional

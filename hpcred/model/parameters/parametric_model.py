@@ -174,34 +174,16 @@ class ParametricModel:
         return checked_values(self.parameters, {})
 
     def checked(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Return values of all parameters by name; references for those that are not given.
-
-        Raises
-        ------
-        InputError
-            For names that are no parameters, and values outside of their ranges.
-
-        Parameters
-        ----------
-        values : dict
-            Numbers by name.
-        """
+        """Return values of all parameters by name; references for those that are not among `values`. Raises InputError
+        for names that are no parameters, and values outside of their ranges."""
         return checked_values(self.parameters, values)
 
     def factors(self, values: Mapping[str, float]) -> list[float]:
-        """Return the factors of the terms, in their order, at values of the parameters. Raises InputError.
-
-        Parameters
-        ----------
-        values : dict
-            Numbers by name.
-        """
+        """Return the factors of the terms, in their order, at `values` of the parameters by name. Raises InputError."""
         return factors_of(self.terms, self.checked(values))
 
     def at(self, **values: float) -> SecondOrderModel:
-        """Return the model at values of the parameters.
-
-        Collective.
+        """Return the model at values of the parameters. Collective.
 
         Parameters
         ----------
@@ -245,24 +227,13 @@ class ParametricModel:
         return there
 
     def with_inputs(self, targets) -> ParametricModel:
-        """Return the model with unit loads at dofs as inputs, as with_inputs of a SecondOrderModel. Collective.
-
-        Parameters
-        ----------
-        targets : sequence
-            (node, direction), names of interfaces, or numbers of dofs.
-        """
+        """Return the model with unit loads at dofs as inputs: `targets` as for with_inputs of a SecondOrderModel.
+        Collective."""
         self._require_no_terms("B", "inputs")
         return self._with(self.model.with_inputs(targets))
 
     def with_outputs(self, targets) -> ParametricModel:
-        """Return the model with other outputs, as with_outputs of a SecondOrderModel. Collective.
-
-        Parameters
-        ----------
-        targets : sequence
-            (node, direction), names of interfaces, or outputs.
-        """
+        """Return the model with other outputs: `targets` as for with_outputs of a SecondOrderModel. Collective."""
         self._require_no_terms("C", "outputs")
         return self._with(self.model.with_outputs(targets))
 

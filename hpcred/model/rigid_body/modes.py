@@ -292,14 +292,14 @@ def _enumerated(words) -> str:
     return f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def misfit_of_nodes(model, support: Support | None = None) -> str | None:
+def misfit_of_nodes(model) -> str | None:
     """Return a sentence where the nodes seem not to belong to the rows, or None. Collective.
 
     A rigid motion of the nodes meets no force but at supports. Where K resists rotations and no translation, or resists
     in most rows, the coordinates or the directions are those of other rows, or of other units than K. Where K has as
     many motions without force as a free body, these name the nodes that differ.
     """
-    support = support or support_of(model)
+    support = support_of(model)
     moving = np.isfinite(support.residuals)
     if support.movable.shape[1] == moving.sum() or not support.resisting:
         return None

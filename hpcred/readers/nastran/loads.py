@@ -35,7 +35,7 @@ def read_loads(path, sid: int, comm) -> DeckLoads:
     loads = DeckLoads(remarks=remarks)
     with agreed(comm):
         # the wanted set may be a LOAD, a sum of others with factors
-        scales = _scales(path, sid, combined)
+        scales = _scales(sid, combined)
     wanted = sorted(scales)
     texts = [str(number).encode() for number in wanted]
     with agreed(comm):
@@ -104,7 +104,7 @@ def _cards(path, comm):
     )  # fmt: skip
 
 
-def _scales(path, sid, combined) -> dict[int, float]:
+def _scales(sid, combined) -> dict[int, float]:
     """Return the factors of the load sets that a number stands for."""
     mine = [card for card in combined if card.whole(0, "the number of the load set") == sid]
     if not mine:

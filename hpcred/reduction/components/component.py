@@ -22,48 +22,20 @@ class Component(BasisPart):
 
     @abstractmethod
     def columns(self, inputs: int, rigid: int) -> int:
-        """Return the number of vectors before deflation, as far as it is known beforehand, for `inputs` columns of B.
-
-        Parameters
-        ----------
-        inputs : int
-            Columns of B.
-        rigid : int
-            Rigid-body modes of the model.
-        """
+        """Return the number of vectors before deflation, as far as it is known beforehand, for `inputs` columns of B
+        and `rigid` rigid-body modes."""
 
     def check(self, size: int, rigid: int) -> None:  # noqa: B027  (most have nothing to refuse)
-        """Raise InputError for what a model with `size` free dofs and `rigid` rigid-body modes cannot have.
-
-        Parameters
-        ----------
-        rigid : int
-            Rigid-body modes of the model.
-        size : int
-            Its dofs.
-        """
+        """Raise InputError for what a model with `size` free dofs and `rigid` rigid-body modes cannot have."""
 
     def complex_shift(self, damped: bool) -> bool:
-        """Test whether it needs a complex A(s), given whether the model has a damping matrix.
-
-        Parameters
-        ----------
-        damped : bool
-            Whether the model has a damping matrix.
-        """
+        """Test whether it needs a complex A(s); `damped`: whether the model has a damping matrix."""
         return False
 
     @abstractmethod
     def extend(self, basis: Basis, run: Run) -> None:
-        """Add its vectors to the basis. Collective. Raises InputError or ComputationError.
-
-        Parameters
-        ----------
-        basis : Basis
-            The columns so far.
-        run : Run
-            The model in its frame, its solvers and its loads.
-        """
+        """Add its vectors to the `basis`; `run`: the model in its frame, its solvers and its loads. Collective. Raises
+        InputError or ComputationError."""
 
 
 class PointComponent(Component):
@@ -71,13 +43,7 @@ class PointComponent(Component):
 
     @abstractmethod
     def blocks(self, run: Run) -> PointBlocks:
-        """Return the blocks of the point, orthonormal among themselves. Collective.
-
-        Parameters
-        ----------
-        run : Run
-            The model in its frame, its solvers and its loads.
-        """
+        """Return the blocks of the point, orthonormal among themselves; `run`: see extend. Collective."""
 
     def extend(self, basis, run) -> None:
         self.blocks(run).join(basis, run)

@@ -79,15 +79,7 @@ class ParametricReducedModel(ReducedModel):
 
     @classmethod
     def of(cls, reduced: ReducedModel, **more: Any) -> ParametricReducedModel:
-        """Return the model that is a `reduced` one at the reference values; `more`: parameters, constant and terms.
-
-        Parameters
-        ----------
-        reduced : ReducedModel
-            At the reference values.
-        **more
-            Further fields.
-        """
+        """Return the model that is a `reduced` one at the reference values; `more`: parameters, constant and terms."""
         return cls(**{attribute.name: getattr(reduced, attribute.name) for attribute in fields(ReducedModel)}, **more)
 
     @property
@@ -110,11 +102,6 @@ class ParametricReducedModel(ReducedModel):
         """Return M, D, K, B, C (Cv, Ca) at values of the parameters, in the coordinates of the model at the reference.
 
         Raises InputError for other names, and values outside of the ranges.
-
-        Parameters
-        ----------
-        values : dict
-            Numbers by name of the parameter.
         """
         values = checked_values(self.parameters, values)
         matrices = with_terms(self.constant, self.terms, values)
@@ -129,13 +116,7 @@ class ParametricReducedModel(ReducedModel):
 
     def turn(self, values: Mapping[str, float]) -> np.ndarray:
         """Return X (m, m) of the coordinates x = X z of the model at values of the parameters: X^T M X = I, but for
-        coordinates without mass, and X^T K X diagonal; the identity in interface coordinates.
-
-        Parameters
-        ----------
-        values : dict
-            Numbers by name of the parameter.
-        """
+        coordinates without mass, and X^T K X diagonal; the identity in interface coordinates."""
         matrices = self.matrices(values)
         if self.interfaces:
             return np.eye(self.size)
@@ -189,29 +170,13 @@ class ParametricReducedModel(ReducedModel):
         return parametric_pymor_model(self)
 
     def transfer_function(self, s: complex | np.ndarray, **values: float) -> np.ndarray:
-        """Return H(s) (r, p) at values of the parameters; (..., r, p) for an array (...) of s.
-
-        Parameters
-        ----------
-        s : complex or array_like
-            Laplace variable in 1/s.
-        **values
-            Numbers by name of the parameter.
-        """
+        """Return H(s) (r, p) at `values` of the parameters by name; (..., r, p) for an array (...) of s in 1/s."""
         if not values:  # what was replaced in this one counts
             return self.base.transfer_function(s)
         return replace(self.base, **self.matrices(values)).transfer_function(s)
 
     def frequency_response(self, frequencies: ArrayLike, **values: float) -> np.ndarray:
-        """Return H(i omega) at `frequencies` in Hz and at values of the parameters, (F, r, p).
-
-        Parameters
-        ----------
-        frequencies : array_like, shape (F,)
-            Hz.
-        **values
-            Numbers by name of the parameter.
-        """
+        """Return H(i omega) at `frequencies` in Hz and at values of the parameters, (F, r, p)."""
         return (self.at(**values) if values else self.base).frequency_response(frequencies)
 
 

@@ -151,27 +151,13 @@ class Accuracy:
     last_digits: tuple[float, ...] = field(default=(), repr=False)
 
     def with_noise(self, noise: float) -> Accuracy:
-        """Return the same with so much round-off, which may be more than the claim bears.
-
-        Parameters
-        ----------
-        noise : float
-            Relative round-off.
-        """
+        """Return the same with so much relative round-off, `noise`, which may be more than the claim bears."""
         if self.reached and not self.largest + noise <= self.tolerance:
             return replace(self, noise=noise, reached=False, stopped=ROUND_OFF)
         return replace(self, noise=noise)
 
     def times(self, inputs: float, outputs: float) -> Accuracy:
-        """Return the same of a model whose inputs and outputs are multiplied by factors.
-
-        Parameters
-        ----------
-        inputs : ndarray, shape (p,)
-            Factors of the inputs.
-        outputs : ndarray, shape (r,)
-            Factors of the outputs.
-        """
+        """Return the same of a model whose `inputs` (p,) and `outputs` (r,) are multiplied by these factors."""
         directions = tuple(replace(known, static=known.static * inputs * outputs) for known in self.directions)
         return replace(self, measure=self.measure.times(inputs, outputs), directions=directions)
 

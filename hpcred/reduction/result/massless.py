@@ -109,10 +109,10 @@ def with_mass(reduced, where="a state space") -> WithMass:
     return WithMass(regular, feedthrough, damped)
 
 
-def first_order(reduced, where="a state space") -> dict:
+def first_order(reduced) -> dict:
     """Return A, B, C, D of x' = A x + B u, y = C x + D u, and E, EA, EB of E x' = EA x + EB u, of a model with
     coordinates without mass; x is that of with_mass() and its rate, without the integrals. Raises InputError."""
-    made = with_mass(reduced, where)
+    made = with_mass(reduced)
     model, m = made.reduced, made.reduced.size
     kept = np.delete(np.arange(2 * m), np.arange(m - made.integrals, m))
     zero, one = np.zeros((m, m)), np.eye(m)

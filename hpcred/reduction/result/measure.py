@@ -42,15 +42,7 @@ class Measure(ABC):
 
     @abstractmethod
     def scales(self, H: np.ndarray, drive: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return h (S, r) and g (S, p), of the responses H (S, r, p) and the drive-point responses `drive` (S, p).
-
-        Parameters
-        ----------
-        H : ndarray, complex, shape (S, r, p)
-            Responses.
-        drive : ndarray, complex, shape (S, p)
-            Drive-point responses of the inputs.
-        """
+        """Return h (S, r) and g (S, p), of the responses H (S, r, p) and the drive-point responses `drive` (S, p)."""
 
     def over(self, frequencies, H, drive, drive_of, silent=()) -> Measure:
         """Return the measure with what it takes from responses over a band (see directions); by default nothing.
@@ -71,25 +63,11 @@ class Measure(ABC):
         return self
 
     def total(self, each: np.ndarray) -> np.ndarray:
-        """Return eps (S,) of the errors of all responses (S, r, p); by default the largest.
-
-        Parameters
-        ----------
-        each : ndarray, shape (S, r, p)
-            Errors of all responses.
-        """
+        """Return eps (S,) of the errors of `each` response (S, r, p); by default the largest."""
         return each.max(axis=(1, 2), initial=0.0)
 
     def times(self, inputs: float, outputs: float) -> Measure:
-        """Return the measure of responses whose inputs and outputs are multiplied by factors.
-
-        Parameters
-        ----------
-        inputs : ndarray, shape (p,)
-            Factors of the inputs.
-        outputs : ndarray, shape (r,)
-            Factors of the outputs.
-        """
+        """Return the measure of responses whose `inputs` (p,) and `outputs` (r,) are multiplied by these factors."""
         return self
 
     @property
@@ -103,16 +81,7 @@ class Measure(ABC):
         return ()
 
     def each(self, E: np.ndarray, H: np.ndarray, drive: np.ndarray) -> np.ndarray:
-        """Return the error of every response (S, r, p), for errors E of the responses H.
-
-        Parameters
-        ----------
-        E : ndarray, complex, shape (S, r, p)
-            Errors of the responses.
-        H : ndarray, complex, shape (S, r, p)
-            Responses.
-        drive : ndarray, complex, shape (S, p)
-            Drive-point responses of the inputs.
+        """Return the error of every response (S, r, p), for errors E (S, r, p) of the responses H; `drive`: see scales.
         """
         h, g = self.scales(H, drive)
         if (h > 0).all() and (g > 0).all():
@@ -123,17 +92,7 @@ class Measure(ABC):
         return _divided(_divided(np.abs(E), h[:, :, None]), g[:, None, :])
 
     def eps(self, E: np.ndarray, H: np.ndarray, drive: np.ndarray) -> np.ndarray:
-        """Return eps (S,); 0 where E and H vanish.
-
-        Parameters
-        ----------
-        E : ndarray, complex, shape (S, r, p)
-            Errors of the responses.
-        H : ndarray, complex, shape (S, r, p)
-            Responses.
-        drive : ndarray, complex, shape (S, p)
-            Drive-point responses of the inputs.
-        """
+        """Return eps (S,) of E, H and `drive`, see each; 0 where E and H vanish."""
         return self.total(self.each(E, H, drive))
 
 

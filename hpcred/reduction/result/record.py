@@ -158,15 +158,8 @@ class Record:
 
     @classmethod
     def without_reduction(cls, reduced, **known) -> Record:
-        """Return the record of a model that no reduction made, but that was put together of others, or read.
-
-        Parameters
-        ----------
-        reduced : ReducedModel
-            The model.
-        known : dict
-            Further fields.
-        """
+        """Return the record of a `reduced` model that no reduction made, but that was put together of others, or read;
+        `known`: further fields."""
         neutral = {
             "date": datetime.now(timezone.utc).isoformat(timespec="seconds"), "versions": versions(), "scalar": "real",
             "ranks": 1, "petsc_options": {}, "free_size": reduced.size, "symmetry_defects": {}, "inputs":
@@ -193,13 +186,7 @@ class Record:
         return bool(self.digests) and all(len(digest) == DIGITS_OF_DIGEST for digest in self.digests.values())
 
     def require_model(self, path) -> None:
-        """Raise InputError where no full model can be compared with the result at `path`.
-
-        Parameters
-        ----------
-        path : str or path
-            Of the result, for the message.
-        """
+        """Raise InputError where no full model can be compared with the result at `path`."""
         if self.model.startswith(MACHINE) and not self.digests:
             raise InputError(f"{path}: is {self.model}, which has no full model; --estimate shows its error, and each "
                              "of its bodies can be compared with its own model")  # fmt: skip

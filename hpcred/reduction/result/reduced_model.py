@@ -125,15 +125,7 @@ class ReducedModel:
         return self.operator.added
 
     def in_coordinates(self, T: np.ndarray, **changed) -> ReducedModel:
-        """Return the model in coordinates z (k,) with x = T z, and further fields.
-
-        Parameters
-        ----------
-        T : ndarray, shape (m, k)
-            The columns of the new coordinates.
-        **changed
-            Further fields.
-        """
+        """Return the model in coordinates z (k,) with x = T z, T (m, k), and `changed` fields."""
         columns = {key: in_coordinates(key, matrix, T) for key in ("B", "C", "Cv", "Ca")
                    if (matrix := getattr(self, key)) is not None}  # fmt: skip
         return replace(self, operator=self.operator.projected(T), **columns | changed)
@@ -190,27 +182,13 @@ class ReducedModel:
         return known + as_html(f"reduced model: {self.size_in_words}", facts, notes=notes)
 
     def transfer_function(self, s: complex | np.ndarray) -> np.ndarray:
-        """Return H(s) = (C + s C_v + s^2 C_a) A(s)^-1 B + F (r, p), (25, 41); (..., r, p) for an array (...) of
-        s.
-
-        Parameters
-        ----------
-        s : complex or array_like
-            Laplace variable in 1/s.
-        """
+        """Return H(s) = (C + s C_v + s^2 C_a) A(s)^-1 B + F (r, p), (25, 41); (..., r, p) for an array (...) of s in
+        1/s."""
         return combined(self.output_parts, s) @ self.states(s) + (0.0 if self.feedthrough is None else self.feedthrough)
 
     def measured_response(self, s: complex | np.ndarray, rates: Rates) -> np.ndarray:
         """Return H(s) without the factors s and s^2 of velocities and accelerations, whose relative error is that of
-        the displacement.
-
-        Parameters
-        ----------
-        s : complex or array_like
-            Laplace variable in 1/s.
-        rates : Rates
-            Those of the full model, by which velocities and accelerations are known.
-        """
+        the displacement; `rates`: those of the full model, by which they are known."""
         H = combined(self.output_parts, s, rates.orders) @ self.states(s)
         return H if self.feedthrough is None else H + self.feedthrough
 
@@ -225,13 +203,7 @@ class ReducedModel:
         return ~self.output_parts[1:].any(axis=(0, 2))
 
     def states(self, s: complex | np.ndarray) -> np.ndarray:
-        """Return A(s)^-1 B (m, p), with 1 + i eta times K in A(s); (..., m, p) for an array (...) of s.
-
-        Parameters
-        ----------
-        s : complex or array_like
-            Laplace variable in 1/s.
-        """
+        """Return A(s)^-1 B (m, p), with 1 + i eta times K in A(s); (..., m, p) for an array (...) of s in 1/s."""
         dynamic = self.operator.at(s) + 1j * self.loss_factor * self.K
         loads = np.broadcast_to(self.B.astype(complex), (*dynamic.shape[:-2], *self.B.shape))
         return np.linalg.solve(dynamic, loads)
@@ -258,36 +230,21 @@ class ReducedModel:
         return with_base_motion(self, quantity)
 
     def frequency_response(self, frequencies: ArrayLike) -> np.ndarray:
-        """Return H(i omega) at `frequencies` in Hz, (F, r, p).
-
-        Parameters
-        ----------
-        frequencies : array_like, shape (F,)
-            Hz.
-        """
+        """Return H(i omega) at `frequencies` in Hz, (F, r, p)."""
         import hpcred  # the public functions, which stand above
 
         return hpcred.frequency_response(self, frequencies)
 
     def save(self, path: str | PathLike[str], **more) -> None:
-        """Write the result file `path` with all that multibody programs need: see write_result. Collective.
-
-        Parameters
-        ----------
-        path : str or path
-            Of the file.
-        **more
-            Arguments of write_result.
-        """
+        """Write the result file `path` with all that multibody programs need; `more`: arguments of write_result.
+        Collective."""
         import hpcred
 
         hpcred.write_result(path, self, self.model, **more)
 
     def export(self, path: str | PathLike[str], format: str | None = None, **more) -> dict[str, Any]:
         """Write a file for another program, by default the one that the ending of its name stands for: see
-        export_result.
-
-        Collective.
+        export_result. Collective.
 
         Parameters
         ----------
@@ -342,9 +299,7 @@ class ReducedModel:
         return pymor_model(self, hpcred.state_space)
 
     def plot(self, pairs: str | Sequence[str] | None = None, *, band: Sequence[float] | None = None) -> Figure:
-        """Draw the frequency response, and its estimated error where that is known: see plot_response.
-
-        Collective.
+        """Draw the frequency response, and its estimated error where that is known: see plot_response. Collective.
 
         Parameters
         ----------
@@ -352,10 +307,6 @@ class ReducedModel:
             Responses such as "20:z/1:x", output and input; by default those of all drive points.
         band : (float, float), optional
             Hz; by default that of the reduction.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
         """
         import hpcred  # the public functions, which stand above
 

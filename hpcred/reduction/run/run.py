@@ -149,12 +149,12 @@ class Run:
         matrix.stateIncrease()
         return matrix
 
-    def new_basis(self, room: int, *, tolerance: float | None = None, deflate=True, kind=Basis) -> Basis:
+    def new_basis(self, room: int, *, deflate=True, kind=Basis) -> Basis:
         """Return an empty basis of the run's inner product, with `room` for so many columns; by default without the
         rigid-body modes of the frame, and with the run's deflation tolerance."""
         return kind(
-            self.mass, self.framed.rigid_columns if deflate else None,
-            self.tolerance if tolerance is None else tolerance, room, self.keeps_mass_images, self.inner,
+            self.mass, self.framed.rigid_columns if deflate else None, self.tolerance, room, self.keeps_mass_images,
+            self.inner,
         )  # fmt: skip
 
     def times_mass(self, block):
