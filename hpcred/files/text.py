@@ -21,6 +21,8 @@ PIECE = 2**19  # bytes of text parsed at a time: what is copied on the way stays
 LONGEST_LINE = 2**26  # bytes; a small gzip file may hold one of any length
 ENOUGH = 2**10  # bytes in front of a line that show how the line above ends
 COMMENT = re.compile(rb"(?m)^[ \t]*(?:%|#|\*\*).*$")
+COMMENTS = re.compile(rb"(?:[ \t]*(?:[$!#%]|\*\*)[^\n]*\n|\s*\n)*")  # of any program, above all else
+BEGINNING, MOST_COMMENTS = 2**12, 2**20  # bytes by which a format is told, and of the comments above
 CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")  # characters that are neither signs nor blanks
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 LARGEST_LABEL = 2**31 - 1
@@ -107,11 +109,15 @@ def warnings_of_end(path) -> list[str]:
 
 
 def first_bytes(path) -> bytes:
-    """The first 4096 bytes of the (unpacked) file, without a byte order mark. Raises InputError."""
+    """The first 4096 bytes of the (unpacked) file, without a byte order mark, and more where comments are above.
+    Raises InputError."""
     require_file(path)
     try:
         with open_unpacked(path) as file:
-            return file.read(4096).removeprefix(BYTE_ORDER_MARK)
+            start = file.read(BEGINNING).removeprefix(BYTE_ORDER_MARK)
+            while len(start) < min(COMMENTS.match(start).end(), MOST_COMMENTS) + BEGINNING and (more := file.read(len(start))):
+                start += more
+            return start
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"{path}: found a damaged gzip file ({error})") from error
 
@@ -179,6 +185,8 @@ def _goes_on(file, start, low):
 def records(path, comm, start, stop, first: re.Pattern):
     """As `pieces`, but cut only above lines that `first` matches at their beginning. Of files that are not packed."""
     with open_input(path) as file:
+        if start == 0 and file.read(3) == BYTE_ORDER_MARK:
+            start = 3
         low = start + (stop - start) * comm.rank // comm.size
         high = start + (stop - start) * (comm.rank + 1) // comm.size
         low = low if low == start else _next_record(file, low, stop, first)

@@ -32,7 +32,8 @@ GRACE = 4.0  # seconds that a failed rank waits for the others
 FINE, FAILED, ELSEWHERE = 0, 1, 2  # what a rank says at the end of a block; from ELSEWHERE on: where it fails
 OFF = ("", "0", "no", "off", "false")  # of HPCRED_TRACEBACK in the environment
 LONG_WORD, LONGEST = re.compile(r"\S{1000,}"), 10_000  # letters of words and of messages
-IN_HDF5 = re.compile(r"errno = (\d+)")
+IN_HDF5 = re.compile(r"errno = (\d+)(?:.*offset = (\d+))?", re.DOTALL)
+FARTHEST = 2**63  # no place of a file
 OUT_OF_MEMORY, IN_LIBRARY = 55, 76  # of PETSc
 NO_MEMORY_OF_MUMPS = re.compile(r"INFOG?\(1\)\s*=\s*-(5|7|13)\b")  # workspace that was not allocated
 ENDING = 1  # tag of the message to rank 0 by which a rank that ends the job says that it has spoken
@@ -74,8 +75,8 @@ def reason_of(error: BaseException) -> str | None:
         return None
     found = IN_HDF5.search(str(error))
     number = int(found[1]) if found else getattr(error, "errno", None)
-    if number is None or (number == errno.EINVAL and found):  # invalid is what HDF5 asks for on a damaged file
-        return None
+    if number is None or (found and number == errno.EINVAL and int(found[2] or FARTHEST) >= FARTHEST):
+        return None  # an address of a damaged file
     return os.strerror(number)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from typing import Annotated, NamedTuple
 
 from .failures import InputError
@@ -31,6 +32,7 @@ class Least(NamedTuple):
         within(key, value, COUNT)
 
 
+SMALLEST = sys.float_info.min  # normal number
 FREQUENCY = Range(0.0, 1e12, "Hz")
 LABEL = Range(1, 2**31 - 1)
 COUNT = Range(1, 2**31 - 1)
@@ -85,3 +87,6 @@ def within(key: str, value, range_: tuple):
             expected = f"{low:g} to {high:g}{f' {unit}' if unit else ''}"
             finite = "" if isinstance(value, int) or math.isfinite(value) else "a finite number of "
             raise InputError(f"{key}: found {shown}, expected {finite}{expected}")
+        if 0 < abs(value) < SMALLEST:
+            raise InputError(f"{key}: found {value:g}, which is too small to have all its digits; expected 0 or at least "
+                             f"{SMALLEST:.2g} in size")  # fmt: skip

@@ -146,6 +146,11 @@ class FlexibleBody:
             loss += spring.dissipation(node.x, v, omega)
         return total, power, loss
 
+    @property
+    def impulse(self) -> np.ndarray:
+        """The generalised impulse (6 + m,) at t = 0 of bases that move at once."""
+        return sum((push.value.jump * push.force for push in self.pushes), np.zeros(6 + self.size))
+
     def constraints(self, t, motions):
         """Return G (c, 6 + m) and rates (c,): the constraints on velocity level are G z = rates."""
         G, rates = np.empty((self.multipliers, 6 + self.size)), np.empty(self.multipliers)
@@ -360,9 +365,10 @@ class FlexibleBody:
         )
 
     def start(self, r, p, q, z):
-        """Return a consistent state and its derivative: velocities projected onto the constraints.
+        """Return a consistent state and its derivative: velocities projected onto the constraints, and what bases that
+        move at once add to them.
 
-        Returns y, y' and the largest change of a velocity. Raises InputError for dependent constraints.
+        Returns y, y' and the largest change by the projection. Raises InputError for dependent constraints.
         """
         A, M = rotation(p), self.floating_frame.mass_matrix(q)
         motions = self.node_motions(r, A, q)
@@ -370,7 +376,10 @@ class FlexibleBody:
         self._check_rank(G)
         c = self.multipliers
         inverse = np.linalg.solve(M, G.T)
-        projected = z - inverse @ np.linalg.solve(G @ inverse, G @ z - rates) if c else z
+        projected = z - inverse @ np.linalg.solve(G @ inverse, G @ z - rates)
+        change = float(np.abs(projected - z).max())
+        jump = np.linalg.solve(M, self.impulse)
+        projected = projected + jump - inverse @ np.linalg.solve(G @ inverse, G @ jump)
         v, w, u = projected[:3], projected[3:6], projected[6:]
         total, power, loss = self.applied(0.0, A, q, projected, motions)
         force = total - self.inertia_forces(q, projected, M)
@@ -382,7 +391,7 @@ class FlexibleBody:
         y = np.concatenate([r, p, q, projected, np.zeros(c + 3), self.elements.L.T @ q])
         powers = [power, rates @ multipliers, (damping + self._skew @ q) @ u + loss]
         state = [A @ v, quaternion_rate(p, w), u, zp, multipliers, powers, np.zeros(self.elements.size)]
-        return y, np.concatenate(state), float(np.abs(projected - z).max(initial=0.0))
+        return y, np.concatenate(state), change
 
     def _drift_rates(self, r, p, q, z):
         """Return (G z - rates)' (c,) at t = 0 for z' = 0, by differences of second order towards later times."""

@@ -105,6 +105,12 @@ class InputLoad(Settings):
     def __call__(self, t: float) -> Any:
         return self.at(t, 2 - QUANTITIES.index(self.quantity))
 
+    @property
+    def jump(self) -> float:
+        """The velocity of a base at t = 0, before which it is at rest."""
+        order = 1 - QUANTITIES.index(self.quantity)
+        return self.at(0.0, order) if order >= 0 else 0.0
+
 
 @dataclass(frozen=True)
 class ConstantLoad(Constant, InputLoad):
@@ -160,9 +166,10 @@ def load_of(item, shape: NodeShape) -> Load:
 
 @dataclass(frozen=True)
 class Push:
-    """A load of the whole body: `value(t)` times a generalised force (6 + m,) in the coordinates of (v, w, u)."""
+    """A load of the whole body: `value(t)` times a generalised force (6 + m,) in the coordinates of (v, w, u), and
+    `value.jump` times it at once at t = 0."""
 
-    value: object
+    value: InputLoad
     force: np.ndarray
 
 

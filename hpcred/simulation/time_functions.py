@@ -63,8 +63,10 @@ class Ramp(Settings):
 
     def at(self, t: float, order: int = 0) -> Any:
         if t >= self.duration:
-            return self.rate if order else self.rate * (t - self.duration / 2)
+            return self.rate * (t - self.duration / 2, 1.0, 0.0)[order]
         a, turn = max(t, 0.0) / self.duration, 2 * np.pi
+        if order == 2:
+            return self.rate * (1 - np.cos(turn * a)) / self.duration
         if order:
             return self.rate * (a - np.sin(turn * a) / turn)
         return self.rate * self.duration * (a * a / 2 + (np.cos(turn * a) - 1) / turn**2)

@@ -20,7 +20,7 @@ from ..parallel import startup
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import PETSc, is_complex
 from ..parallel.progress import Progress, counted, in_time
-from ..parallel.ranges import COUNT, within
+from ..parallel.ranges import COUNT, Range, within
 from ..settings.job_file import Job, read_job
 from ..settings.source import Source
 from .model_of_job import model_of_files
@@ -116,9 +116,8 @@ def plan_file(
     within("--nodes", nodes, COUNT)
     if nodes > ranks:
         raise InputError(f"--nodes: found {nodes} for {counted(ranks, 'rank')}, expected at least one rank a node")
-    for key, value in (("--memory", memory_gb), ("--gflops", gflops)):
-        if value is not None and not 0 < value < float("inf"):
-            raise InputError(f"{key}: found {value:g}, expected more than 0")
+    within("--memory", memory_gb, Range(1e-3, 1e9, "GB"))
+    within("--gflops", gflops, Range(1e-3, 1e9))
     with agreed(comm):
         job = read_job(path) if str(path).endswith(".toml") else None
     model = path if job is None else job.model

@@ -8,7 +8,7 @@ from foreign import gathered, write
 
 from hpcred import InputError
 from hpcred.files import text_numbers
-from hpcred.files.text import Piece, line_number, pieces, read_lines
+from hpcred.files.text import Piece, first_bytes, line_number, pieces, read_lines
 from hpcred.files.text_numbers import numbers, triples
 
 pytestmark = pytest.mark.mpi(build="real")
@@ -29,6 +29,17 @@ def test_every_line_is_read_once_wherever_the_pieces_are_cut(folder, comm, monke
         packed = sum(comm.allgather([line for piece in pieces(folder / "lines.txt.gz", comm)
                                      for line in piece.text.splitlines(True)]), [])  # fmt: skip
         assert sorted(packed) == sorted(lines)
+
+
+@pytest.mark.parametrize("mark", ["$", "**", "!", "#", "  %"])
+def test_a_format_is_told_below_all_comments(folder, comm, mark):
+    for count in (0, 1, 99, 3000):
+        content = f"{mark} {'x' * 70}\n\n" * count + "first\nsecond\n" + "y" * 9000
+        start = first_bytes(write(folder / "a.txt", content, comm))
+        assert len(start) >= 4096 and content.startswith(start.decode()) and b"first\nsecond\nyyy" in start
+        comm.Barrier()
+    endless = write(folder / "a.txt", f"{mark}\n" * 10**6, comm)
+    assert len(first_bytes(endless)) < 3e6
 
 
 def piece_of(path, content, comm):

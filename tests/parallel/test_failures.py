@@ -9,7 +9,9 @@ from hpcred.parallel.failures import InputError, Owned, agreed
 
 @pytest.mark.parametrize("error, reason, memory", [
     (OSError(22, "Invalid argument", "/proc/self/mem"), "Invalid argument", False),  # a file that cannot be read so
-    (OSError("file read failed: errno = 22, error message = 'Invalid argument'"), None, False),  # of a damaged file
+    (OSError("file read failed: errno = 22, offset = 9223372036854775808)"), None, False),  # of a damaged file
+    (OSError("file read failed: errno = 22, buf = 0x7,\n offset = 2048)"), "Invalid argument", False),
+    (OSError("file read failed: errno = 22, error message = 'Invalid argument'"), None, False),
     (OSError("file read failed: errno = 5"), "Input/output error", False), (ValueError("errno 22"), None, False),
     (MemoryError(), None, True), (RuntimeError("MUMPS: INFOG(1)=-13"), None, False),
 ])  # fmt: skip

@@ -30,6 +30,7 @@ GRID*,8,2,1.0,90.
 *,3.0,2
 """
 TABS = "GRID\t7\t\t1.5\t-2.5+3\t4.-1\t\t126\ngrid\t8\t2\t1.\t90.\t3.\t2\n"
+CHEXA = "CHEXA   1       1       1       2       3       4       5       6\n        7       8\n"
 SYSTEM = """CORD2C  2               1.      0.      0.      1.      0.      1.      +A
 +A      2.      0.      0.
 """
@@ -53,6 +54,24 @@ def test_forms_of_cards(comm, folder, monkeypatch, lines):
     assert turned == 1
     axes = [axes for axes in comm.allgather(found.axes) if len(axes)][0][0]
     assert np.allclose(axes, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)  # r is y, theta is -x
+
+
+@pytest.mark.parametrize("lines", [
+    "$ remark\n" * 900 + SMALL, TABS, "$\n\nINCLUDE 'grids.bdf'\n", "include grids.bdf\n", "$\n" + 90 * CHEXA + FREE,
+    "MAT1,1,2.1+11,,.3\n" + 300 * CHEXA + FREE,
+], ids=["remarks", "tabs", "include", "plain include", "elements", "materials"])  # fmt: skip
+def test_decks_are_told_by_any_card(comm, folder, lines):
+    path = write(folder / "a.bdf", lines, comm)
+    assert nastran_bulk.begins(text_module.first_bytes(path))
+    assert not nastran_bulk.begins(b"1, 2, 3\n")
+
+
+def test_a_byte_order_mark_is_no_card(comm, folder):
+    if comm.rank == 0:
+        (folder / "a.bdf").write_bytes(b"\xef\xbb\xbf" + (FREE + SYSTEM).encode())
+    comm.Barrier()
+    found, _ = points(comm, folder / "a.bdf")
+    assert gathered(comm, found.label)[0].tolist() == [7, 8]
 
 
 def test_systems_in_systems(comm, folder):

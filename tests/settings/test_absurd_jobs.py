@@ -151,6 +151,9 @@ def test_ends_of_a_range_are_inside():
     within("f", [0.0, 1e12, (5, None)], FREQUENCY)
     with pytest.raises(InputError, match=r"f: found 1e\+13, expected 0 to 1e\+12 Hz"):
         within("f", [0.0, 1e13], FREQUENCY)
+    within("f", 3e-308, FREQUENCY)
+    with pytest.raises(InputError, match="f: found 1e-310, which is too small to have all its digits; expected 0 or"):
+        within("f", [0.0, 1e-310], FREQUENCY)
 
 
 @pytest.mark.parametrize(

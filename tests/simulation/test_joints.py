@@ -166,6 +166,8 @@ def test_values_of_drives():
     ramp = RampDrive(node=7, along=AXIS, rate=3.0, duration=0.5)
     assert ramp(0.0) == (0.0, 0.0) and ramp(0.25)[1] == pytest.approx(1.5) and ramp(2.5) == pytest.approx((6.75, 3.0))
     assert ramp(0.5 - 1e-9) == pytest.approx(ramp(0.5))
+    for t in (-0.1, 0.1, 0.3, 0.7):
+        assert ramp.at(t, 2) == pytest.approx((ramp.at(t + 1e-5, 1) - ramp.at(t - 1e-5, 1)) / 2e-5, abs=1e-6)
     table = TableDrive(node=7, along=AXIS, times=(0.1, 0.2, 0.6), values=(0.5, 1.0, -0.5))
     assert [table(t)[0] for t in (0.0, 0.1, 0.2, 0.6, 9.0)] == pytest.approx([0.5, 0.5, 1.0, -0.5, -0.5])
     assert table(0.1 + 1e-9)[1] == pytest.approx(0, abs=1e-6) and table(0.6 - 1e-9)[1] == pytest.approx(0, abs=1e-6)

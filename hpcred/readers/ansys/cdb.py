@@ -27,7 +27,9 @@ from ..parts import used_properties
 COMMAND = re.compile(
     rb"(?im)^[ \t]*(?:(?P<block>[NE]BLOCK)\b|(?P<types>ETBLOCK)\b|(?P<type>ET[ \t]*,)"
     rb"|(?P<end>-1[ \t]*\r?$|N[ \t]*,[ \t]*(?:R5\.\d|UNBL)[ \t]*,[ \t]*LOC[ \t]*,[ \t]*-1)"
-    rb"|(?P<node>N[ \t]*,[ \t]*(?:R5\.\d[ \t]*,[ \t]*LOC[ \t]*,|\d))|(?P<turn>(?:NROTAT|NMODIF|NANG)\b)"
+    rb"|(?P<node>N[ \t]*,[ \t]*(?:R5\.\d[ \t]*,[ \t]*LOC[ \t]*,|\d))"
+    rb"|(?P<change>(?:NSCA|NGEN|NSYM|NDEL|NUMM|NUMC|NREF|FILL|QUAD|MOVE|TRAN|UPGE|EGEN|ESYM|ENSY)[A-Z]*[ \t]*,"
+    rb"|NMOD[A-Z]*[ \t]*,[^,\n]*(?:,[ \t]*){1,3}[^,\s])|(?P<turn>(?:NROT|NMOD|NANG|NORA|NORL)[A-Z]*\b)"
     rb"|(?P<set>CMBLOCK[ \t]*,)|(?P<data>(?:KEYO\w*|MPDATA|MP|UIMP|TB)[ \t]*,))[^\n]*"
 )
 START = re.compile(rb"(?im)^[ \t]*(/COM|/PREP7|/NOPR|/BATCH|/TITLE|NUMOFF|NBLOCK|ET[ \t]*,)")
@@ -148,6 +150,9 @@ def _blocks(path, heads):
             if kind == "turn":
                 raise _refusal(path, position, f"'{shown(line.encode())}', which gives nodes axes of their own that "
                                "only ANSYS knows; let it write CDWRITE,DB,file,cdb, which has the angles")  # fmt: skip
+            if kind == "change":
+                raise _refusal(path, position, f"'{shown(line.encode())}', which changes nodes in ANSYS; let it write "
+                               "CDWRITE,DB,file,cdb, which has them as they are then")  # fmt: skip
             if kind != "block":
                 continue
             words = [word.strip() for word in line.split(",")]

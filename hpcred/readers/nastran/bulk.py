@@ -26,10 +26,6 @@ from ..parts import used_properties
 from .cards import CARD, Card, components, lines_of, reals, wholes
 from .points import CYLINDRICAL, HELD, RECTANGULAR, SPHERICAL, Points, System
 
-START = re.compile(
-    rb"(?mi)^[ \t]*(?:SOL[ ,]|CEND\b|BEGIN[ \t]+(?:BULK|SUPER)|NASTRAN[ ,]|PARAM[ ,]|"
-    rb"(?:GRID|DMIG|SPOINT|CORD[12][RCS]|GRDSET)[ ,*])"
-)
 MARK = re.compile(
     rb"(?mi)^[ \t]*(?:(?P<begin>BEGIN\b[^\n$]*)|(?P<end>ENDDATA\b)|(?P<cend>CEND\b)|"
     rb"INCLUDE[ \t]*(?:(?P<quote>['\"])|(?P<bare>[^'\"\n$ \t]+)))"
@@ -52,6 +48,11 @@ ELEMENTS = {
     "CBAR": (2, ("line",)), "CBEAM": (2, ("line",)), "CROD": (2, ("line",)), "CTUBE": (2, ("line",)),
     "CBEND": (2, ("line",)), "CONROD": (1, ("line",)), "CBUSH": (2, ("line",)),
 }  # fmt: skip
+START = re.compile(
+    rb"(?mi)^[ \t]*(?:SOL[ ,]|CEND\b|BEGIN[ \t]+(?:BULK|SUPER)|NASTRAN[ ,]|PARAM[ ,]|INCLUDE[ \t]*['\"]|INCLUDE[ \t]+\S|"
+    rb"(?:GRID|DMIG|SPOINT|CORD[12][RCS]|GRDSET|MAT[1-9]|PSOLID|PSHELL|PBARL?|PBEAML?|" + "|".join(ELEMENTS).encode()
+    + rb")[ ,*\t])"
+)
 WITH_NODES = {"CONM2": (1,), "CONM1": (1,), "CELAS1": (2, 4), "CELAS2": (2, 4), "CBUSH": (2, 3), "CDAMP1": (2, 4),
               "CDAMP2": (2, 4), "CMASS1": (2, 4), "CMASS2": (2, 4), "CVISC": (2, 3)}  # fmt: skip
 ANY_ELEMENT = re.compile(rb"C(?!ORD[12][RCS]$|SET1?$|SUPER$|REEP$|LOAD$|YJOIN$)[A-Z]+[0-9]*")
