@@ -238,11 +238,13 @@ def cells_of_promise(rows):
     below = f"{shown(rod['below'])}, where the response is {100 * rod['there, of the floor']:.2g} % of its floor"
     return [
         ["drive points above their floor", "the error of themselves", shown(rod["above the floor"])],
-        ["drive points below it (antiresonances)", "that of the floor: at a hundredth of it 100 eps of themselves", below],
-        ["responses from one place to another", "that of the geometric mean of the two drive points, more of themselves "
-         "where they are smaller", f"{shown(rod['cross'])} of themselves or of their median, of the {rod['of']} that "
-         "reach a hundredth of that mean"],
-        ["frequencies in the band", "about the damping ratio times eps", f"{shown(rod['frequencies'])}, with a ratio of 1e-3"],
+        ["drive points below it (antiresonances)", "that of the floor: at a hundredth of it 100 eps of themselves",
+         below],
+        ["responses from one place to another", "that of the geometric mean of the two drive points, more of "
+         "themselves where they are smaller", f"{shown(rod['cross'])} of themselves or of their median, of the "
+         f"{rod['of']} that reach a hundredth of that mean"],
+        ["frequencies in the band", "about the damping ratio times eps",
+         f"{shown(rod['frequencies'])}, with a ratio of 1e-3"],
         ["deflection under constant forces", "that of each direction", shown(rod["static"])],
         ["stress under constant forces", "nothing; [near loads](stress.md#accuracy-near-loads) it is largest",
          f"{100 * rod['stress']:.2g} % of the largest stress; {shown(exact['stress'])} with `static = \"exact\"`"],
