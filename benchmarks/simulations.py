@@ -1,6 +1,6 @@
 """Simulations in time beside Exudyn: processor seconds at the same accuracy, of one run.
 
-usage: python benchmarks/simulations.py [pendulum] [crank] [--json FILE]; Exudyn is in the environment of the peers.
+usage: python benchmarks/simulations.py [pendulum] [crank]; Exudyn is in the environment of the peers.
 
 `pendulum`: a soft bar of 26 coordinates, undamped, falls from the horizontal on a hinge, so that its weight sets it
 vibrating at once. `crank`: the rod of the tutorial turns on its big bearing at 3,000 rpm, damped. Both programs move
@@ -12,12 +12,11 @@ far these are apart is in the table. Exudyn's seconds at an error of hpcred's ar
 import argparse
 import json
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
-from common import ENVIRONMENT, HERE, PEER_PYTHON, machine, workspace
+from common import ENVIRONMENT, HERE, PEER_PYTHON, finish, workspace
 
 import hpcred
 from hpcred import Buckens, Interface, Modes, Nodes, Rayleigh, Simulation, StaticCorrection
@@ -112,22 +111,14 @@ def measured(name, folder):
         at = np.log(run["error"])
         slope, level = np.polyfit(errors, seconds, 1)
         run["exudyn_seconds"] = float(np.exp(np.polyval([slope, level], at)))
-        run["ratio"] = run["seconds"] / run["exudyn_seconds"]
     return {"case": name, "way": float(way), "references_apart": apart, **runs}
 
 
-def shown(found):
-    """Return the table of one motion."""
-    lines = [
-        f"{found['case']}: errors over {found['way']:.3g} m; the references are {found['references_apart']:.1e} apart",
-        f"  {'program':9}{'settings':28}{'error':>8}{'CPU s':>8}{'Exudyn at this error':>22}{'ratio':>7}",
-    ]
-    for program in ("hpcred", "exudyn"):
-        for run in found[program]:
-            what = run.get("setting", f"steps {run.get('steps')}")
-            beside = f"{run['exudyn_seconds']:22.2f}{run['ratio']:7.2f}" if "ratio" in run else ""
-            lines.append(f"  {program:9}{what:28}{run['error']:8.1e}{run['seconds']:8.2f}{beside}")
-    return "\n".join(lines)
+def rows_of(found):
+    """Return a row for each setting of hpcred, for the table of evidence."""
+    return [{"case": found["case"], "settings": run["setting"], "error": run["error"], "seconds": run["seconds"],
+             "Exudyn at this error (s)": run["exudyn_seconds"], "references apart": found["references_apart"]}
+            for run in found["hpcred"][:-1]]  # fmt: skip
 
 
 CASES = {"pendulum": pendulum, "crank": crank}
@@ -135,13 +126,8 @@ CASES = {"pendulum": pendulum, "crank": crank}
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("cases", nargs="*", default=list(CASES), metavar="case")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
     results = []
-    for name in options.cases:
+    for name in parser.parse_args().cases:
         with workspace() as place:
-            results.append(measured(name, Path(place)))
-        print(shown(results[-1]), flush=True)
-    if options.json:
-        options.json.write_text(json.dumps({"machine": machine(), "cases": results}, indent=1))
-    sys.exit(0)
+            results += rows_of(measured(name, Path(place)))
+    finish("simulations", results)

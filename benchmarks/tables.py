@@ -7,6 +7,7 @@ them (NAME.recorded.json, with the date and commit of that page).
 """
 
 import json
+import math
 import re
 import shutil
 import sys
@@ -15,8 +16,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 OUTCOMES = Path(__file__).parent / "outcomes"
 BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(<!-- end of table -->)", re.S)
-PAGES = ("README.md", "docs/evidence.md", "docs/choose.md", "docs/benchmarks.md")
-TAKEN = "taken over from the page {} of that commit"
+PAGES = ("README.md", "docs/evidence.md", "docs/choose.md", "docs/errors.md", "docs/simulate.md", "docs/benchmarks.md")
 
 
 # of benchmarks.md
@@ -137,13 +137,13 @@ def shown(value):
     """A number in two digits, a text as it is."""
     if not isinstance(value, float):
         return f"{value:,}" if isinstance(value, int) else "" if value is None else str(value)
-    if value >= 100:
+    if 100 <= value < 1e6:
         return f"{value:,.0f}"
-    text = f"{value:.2g}" if value >= 0.01 else f"{value:.1e}"
-    return re.sub(r"(?:\.0)?e([+-])0", lambda found: f"e{found[1]}", text)
+    text = f"{value:.2g}" if 0.01 <= value < 1e6 else f"{value:.1e}"
+    return re.sub(r"(?:\.0)?e([+-])0?", lambda found: f"e{found[1].strip('+')}", text)
 
 
-# of evidence.md: the tables' heads, and for each row of a result its cells
+# of evidence.md and others: the tables' heads, for the rows of a result their cells, and the result if of another name
 
 CASES = {  # what the bodies of the benchmarks are called on the pages, where one name stands for several
     ("directions", "crank"): "rod", ("directions", "linkage"): "linkage, supports and load",
@@ -231,6 +231,40 @@ def cells_of_bounds(rows):
             for row in sorted(rows, key=lambda row: (-row["tolerance"], row["asked of 0 Hz"] == "exact"))]  # fmt: skip
 
 
+def cells_of_promise(rows):
+    """What eps bounds, with the numbers of the reduction to 1e-4."""
+    by = {row["asked of 0 Hz"]: row for row in rows if row["tolerance"] == 1e-4}
+    rod, exact = by["tolerance"], by["exact"]
+    below = f"{shown(rod['below'])}, where the response is {100 * rod['there, of the floor']:.2g} % of its floor"
+    return [
+        ["drive points above their floor", "the error of themselves", shown(rod["above the floor"])],
+        ["drive points below it (antiresonances)", "that of the floor: at a hundredth of it 100 eps of themselves",
+         below],
+        ["responses from one place to another", "that of the geometric mean of the two drive points, more of "
+         "themselves where they are smaller", f"{shown(rod['cross'])} of themselves or of their median, of the "
+         f"{rod['of']} that reach a hundredth of that mean"],
+        ["frequencies in the band", "about the damping ratio times eps",
+         f"{shown(rod['frequencies'])}, with a ratio of 1e-3"],
+        ["deflection under constant forces", "that of each direction", shown(rod["static"])],
+        ["stress under constant forces", "nothing; [near loads](stress.md#accuracy-near-loads) it is largest",
+         f"{100 * rod['stress']:.2g} % of the largest stress; {shown(exact['stress'])} with `static = \"exact\"`"],
+    ]  # fmt: skip
+
+
+def cells_of_cards(rows):
+    """Dofs of the largest cube whose factor, by the power law through two, leaves 0.5 GB of a card."""
+    (dofs, used), (more, most) = sorted((row["dofs"], row["GB of the GPU"]) for row in rows
+                                        if row["package"] == "cudss")[-2:]  # fmt: skip
+    power = math.log(more / dofs) / math.log(most / used)
+    return [["million dofs", *(f"{dofs * ((card - 0.5) / used) ** power / 1e6:.2g}" for card in CARDS)]]
+
+
+def cells_of_simulations(rows):
+    usual = {"relative_tolerance 1e-05": " (the default)"}
+    return [[row["settings"] + usual.get(row["settings"], ""), *(shown(row[key]) for key in ("error", "seconds", PEER))]
+            for row in rows if row["case"] == "pendulum"]  # fmt: skip
+
+
 def cells_of_scaling(rows):
     """A row a layout, with the seconds of PARDISO on as many threads as it has ranks of one thread."""
     peers = {(row["dofs"], row["threads"]): row["seconds"] for row in rows if row["case"].endswith("PARDISO")}
@@ -243,6 +277,9 @@ def cells_of_scaling(rows):
             made.append([shown(row["dofs"]), ranks, *("" if value is None else f"{value:.3g}" for value in values)])
     return made
 
+
+CARDS = (16, 24, 32, 48, 80, 141)  # GB
+PEER = "Exudyn at this error (s)"
 
 EVIDENCE = {
     "directions": (("body", "dofs", "asked", "size", "estimated", "true", "static", "paper", "its drive point",
@@ -265,6 +302,11 @@ EVIDENCE = {
                       "levels (MB)", "MUMPS: MB"),
     "bounds": (("tolerance", "coordinates", "frequencies in the band", "deflection at 0 Hz",
                 "stress at 0 Hz, of the largest"), cells_of_bounds),
+    "promise": (("of", "eps bounds", "the rod"), cells_of_promise, "bounds"),
+    "cards": (("GB of the card", *map(str, CARDS)), cells_of_cards, "gpu"),
+    "extrapolation": columns("dofs", "operations", "entries", "MB in all"),
+    "programs": columns("program", "what", "largest difference"),
+    "simulations": (("settings", "error", "seconds", PEER), cells_of_simulations),
 }  # fmt: skip
 
 
@@ -276,9 +318,9 @@ def results(name):
 
 def evidence(name):
     """A table of evidence, with the run of each row, or below where all have one."""
-    head, cells = EVIDENCE[name]
+    head, cells, *of = EVIDENCE[name]
     by_run = {}
-    for run, row in results(name):
+    for run, row in results(*of or [name]):
         by_run.setdefault(run, []).append(row)
     every = [row for rows in by_run.values() for row in rows]
     head = list(head(every) if callable(head) else head or [key for key in every[0] if key != "size"])
@@ -292,11 +334,10 @@ def evidence(name):
 def runs():
     """Where the rows of evidence come from."""
     for name in EVIDENCE:
-        for run in dict.fromkeys(run for run, _ in results(name)):
+        for run in dict.fromkeys(run for run, _ in results(name)):  # none of a table by the results of another
             found = json.loads((OUTCOMES / f"{run}.json").read_text())
             versions = ", ".join(f"{key} {value}" for key, value in found["versions"].items())
-            note = TAKEN.format(Path(found["recorded"]).stem) if "recorded" in found else ""
-            yield [run, found["machine"], found["date"], found["commit"], "; ".join(filter(None, (versions, note)))]
+            yield [run, found["machine"], found["date"], found["commit"], versions]
 
 
 def claims():
@@ -348,7 +389,7 @@ def table(name):
     if name == "runs":
         return markdown(("run", "machine", "date", "commit", "versions"), runs())
     if name in EVIDENCE:
-        return evidence(name) if any(results(name)) else ""
+        return evidence(name) if any(results(*EVIDENCE[name][2:] or [name])) else ""
     makers, head = {"compared": (COMPARED, HEAD), "more": (MORE, ("more", "value"))}[name]
     text, measured = compared(makers, head)
     if not text:

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from contextlib import suppress
@@ -11,11 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import DATA
-from helpers import SIMULATION, refused
+from helpers import CHORD_JOB, SIMULATION, refused
 from launch import mpi_environment
 
 import hpcred
 from hpcred.cli.main import run
+from hpcred.files.point_store import PointStore
 from hpcred.report.tables import as_json, show_table, told_apart
 from hpcred.workflows import modes as workflow
 
@@ -54,6 +56,22 @@ def test_a_reader_that_has_gone_ends_a_command_silently(linkage_folder, words, c
     assert found.returncode == status
     told = found.stdout or found.stderr or ""
     assert ("error" in told) == (status == 2 and closed == "stdout") and "ipe" not in told
+
+
+def test_a_run_that_is_asked_to_stop_can_be_told_by_its_status(linkage_folder, monkeypatch, capsys):
+    """A search with a store, after its first point."""
+    job = CHORD_JOB.partition("[[basis]]")[0].replace("[frame]", "tolerance = 1e-7\nband = [1.0, 300.0]\n[frame]")
+    Path("job.toml").write_text(job)
+    save = PointStore.save
+
+    def save_and_ask(self, *state):
+        save(self, *state)
+        os.kill(os.getpid(), signal.SIGUSR1)
+
+    monkeypatch.setattr(PointStore, "save", save_and_ask)
+    assert run(["reduce", "job.toml", "--store", "points"]) == 75
+    assert "the same command goes on from what was kept" in capsys.readouterr().err
+    assert not Path("result.h5").exists()
 
 
 @pytest.mark.parametrize("option", [["--json", "-"], ["--json=-"]])
