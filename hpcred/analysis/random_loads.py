@@ -199,8 +199,7 @@ def _checked(reduced, frequencies, density):
         raise InputError("density: found NaN or Inf, expected finite numbers")
     if over[0] < 0 or (np.diff(over) <= 0).any():
         raise InputError("density: found frequencies that do not ascend from 0 or more, expected ascending ones")
-    own = np.einsum("fpp->fp", density)
-    if (own.real < 0).any() or own.imag.any():
+    if (np.einsum("fpp->fp", density).real < 0).any():
         raise InputError("density: found one below 0, expected none")
     scaled = _coherences(density)
     lost = (density != 0) & (scaled == 0)
