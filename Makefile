@@ -139,7 +139,7 @@ fuzz: install
 
 # The numerical rooms with one place changed at a time: a change that no test notices wants a test (tests/mutants).
 # ROOM=reduction/components/krylov.py takes one module. MUTANTS: how many, evenly from the modules. SEED: of the choice.
-ROOM    := linalg,fe,model,reduction,body,simulation,analysis
+ROOM    := linalg,fe,model,reduction,body,simulation,analysis,assembly
 MUTANTS := 200
 
 mutants: install

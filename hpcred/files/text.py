@@ -115,7 +115,9 @@ def first_bytes(path) -> bytes:
     try:
         with open_unpacked(path) as file:
             start = file.read(BEGINNING).removeprefix(BYTE_ORDER_MARK)
-            while len(start) < min(COMMENTS.match(start).end(), MOST_COMMENTS) + BEGINNING and (more := file.read(len(start))):
+            while len(start) < min(COMMENTS.match(start).end(), MOST_COMMENTS) + BEGINNING:
+                if not (more := file.read(len(start))):
+                    break
                 start += more
             return start
     except (OSError, EOFError, zlib.error) as error:

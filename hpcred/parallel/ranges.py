@@ -88,5 +88,5 @@ def within(key: str, value, range_: tuple):
             finite = "" if isinstance(value, int) or math.isfinite(value) else "a finite number of "
             raise InputError(f"{key}: found {shown}, expected {finite}{expected}")
         if 0 < abs(value) < SMALLEST:
-            raise InputError(f"{key}: found {value:g}, which is too small to have all its digits; expected 0 or at least "
-                             f"{SMALLEST:.2g} in size")  # fmt: skip
+            raise InputError(f"{key}: found {value:g}, which is too small to have all its digits; expected 0 or at "
+                             f"least {SMALLEST:.2g} in size")  # fmt: skip

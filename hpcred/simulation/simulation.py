@@ -340,8 +340,8 @@ def _require_possible_speeds(system, setup, r, p, q, z):
     motions = system.node_motions(r, A, q)
     forces = [system.applied(t, A, q, z, motions)[0] for t in np.linspace(0.0, setup.end, SAMPLES)]
     with np.errstate(all="ignore"):
-        *accelerations, jump = np.linalg.norm(np.linalg.lstsq(M, np.array([*forces, system.impulse]).T, rcond=None)[0][:3],
-                                              axis=0)  # fmt: skip
+        motions = np.linalg.lstsq(M, np.array([*forces, system.impulse]).T, rcond=None)[0][:3]
+        *accelerations, jump = np.linalg.norm(motions, axis=0)
         mean = float(np.mean(accelerations))
     if not mean * setup.end + jump <= SPEED[1]:
         raise InputError(

@@ -7,11 +7,12 @@ import h5py
 import numpy as np
 import pytest
 from helpers import block_with_ends
+from scipy.spatial.transform import Rotation
 
 import hpcred
-from hpcred.assembly.coupling import laws_of_table, machine_of, warnings_of_table
+from hpcred.assembly.coupling import Machine, laws_of_table, machine_of, warnings_of_table
 from hpcred.assembly.error import Sensitivity, damping_of_errors
-from hpcred.assembly.joints import MachineBody
+from hpcred.assembly.joints import MachineBody, Turn
 from hpcred.assembly.parts import part_of
 from hpcred.files.machine_basis import _turned
 from hpcred.settings.machine_file import MachineJob
@@ -239,10 +240,24 @@ def test_bad_tables_are_refused(tmp_path, text, words):
         hpcred.assemble([measured(tmp_path / "b.npz", [1.0, 2.0])], [joint])
 
 
+@pytest.mark.parametrize("axis", ["y", (1.0, 2.0, -0.5)])
+@pytest.mark.parametrize("degrees", [-450.0, 30.0, 180.0])
+def test_turns_are_rotations(axis, degrees):
+    vector = np.array([0.0, 1.0, 0.0] if axis == "y" else axis)
+    expected = Rotation.from_rotvec(np.radians(degrees) * vector / np.linalg.norm(vector)).as_matrix()
+    np.testing.assert_allclose(Turn(axis=axis, degrees=degrees).matrix, expected, atol=1e-14)
+
+
+def test_coordinates_of_a_machine_have_the_size_of_mass_and_stiffness():
+    """Also of bodies whose stiffness is that of a load or a spin that makes it negative."""
+    part = SimpleNamespace(model=SimpleNamespace(M=np.diag([1.0, 4.0, 0.0]), K=np.diag([-8.0, 5.0, 0.0])))
+    assert Machine._scale(SimpleNamespace(parts={"b": part}), 2.0) ** -2 == pytest.approx([33.0, 24.0, 1.0])
+
+
 def test_units_that_are_known_are_not_doubted():
     """Interfaces 60 m apart in a body of 5 kHz."""
     found = result(np.eye(2), np.eye(2) * (2 * np.pi * 5e3) ** 2, ("a:x", "b:x"))
-    found.nodes[1].position = np.array([60.0, 0.0, 0.0])
+    found.nodes[1].position = np.array([36.0, 0.0, -48.0])
     found.reduced = replace(found.reduced, frequencies=np.full(2, 5e3))
     assert "interfaces 60 m apart" in machine(found).warnings[0]
     found.reduced.record.units = "mm,t,s"

@@ -21,7 +21,7 @@ from .changes import changes
 from .forks import run_forked
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = "linalg,fe,model,reduction,body,simulation,analysis"
+ROOMS = "linalg,fe,model,reduction,body,simulation,analysis,assembly"
 SAME = Path(__file__).with_name("same.txt")
 LIMIT = 1200  # seconds of the tests of a module, measured
 QUICK = "not slow and not ccx and not dolfinx and not chromium and not slurm and not docs and not wheel"

@@ -19,6 +19,7 @@ LEFT_OUT = {"abs", "conj", "sqrt", "sort", "sorted", "transpose"}  # functions o
 # calls whose arguments are no numbers of a result: messages, records, progress, the freeing of memory
 SILENT = {"stage", "say", "note", "warn", "print", "InputError", "ComputationError", "within", "field", "close",
           "destroy", "damaged", "isinstance", "perf_counter", "monotonic", "require_band", "as_declared"}  # fmt: skip
+KEYWORDS = {"readonly", "full_matrices", "copy", "structure", "strict"}  # of which no result depends
 FEW = 4  # larger whole numbers are limits of effort, of which the last one says little
 SMALL = 1e-3
 TEXTS = {"sentence", "_name", "_text", "warnings_of_damping", "describe"}  # functions that make messages
@@ -68,7 +69,7 @@ def _nodes(node, inside, imported=True):
                 continue
             if isinstance(node, ast.Module) and isinstance(child, ast.Assign) and _is_limit(child.value):
                 continue
-            if isinstance(child, ast.keyword) and child.arg in ("readonly", "full_matrices", "copy", "structure"):
+            if isinstance(child, ast.keyword) and child.arg in KEYWORDS:
                 continue
             place = inside
             if isinstance(child, (ast.FunctionDef, ast.ClassDef)):

@@ -294,7 +294,7 @@ def test_nodes_behind_a_block_are_not_passed_over(comm, folder):
         with pytest.raises(InputError, match="found nodes as single commands"):
             read_nodes(write(folder / "a.cdb", archive(PLACES, elements=command), comm), comm)
         comm.Barrier()
-    for command in ("nscale,,all,,,2.,2.,2.\n", "NGEN , 2, 10, ALL\n", "NUMMRG,NODE\n", "NMODIF,7,,5.\n", "nmod,7,1.\n"):
+    for command in ("nscale,,all,,,2.,2.,2.\n", "NGEN , 2, 10, ALL\n", "NUMMRG,NODE\n", "NMODIF,7,,5.\n", "nmod,7,1\n"):
         with pytest.raises(InputError, match="which changes nodes in ANSYS"):
             read_nodes(write(folder / "a.cdb", archive(PLACES, elements=command), comm), comm)
         comm.Barrier()

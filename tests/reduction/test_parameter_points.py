@@ -1,6 +1,7 @@
 """What a search over parameters makes of points, numbers and small matrices, beside what follows by hand."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from hpcred import InputError, Parameter
-from hpcred.reduction.parametric import compression, greedy, singular, zeros
+from hpcred.reduction.parametric import compression, greedy, reduced, singular, zeros
 from hpcred.reduction.parametric.affine import AffineForm, AffineProjections
 from hpcred.reduction.parametric.training import (
     digits_for,
@@ -89,6 +90,35 @@ def test_a_peak_close_to_another_point_is_climbed_in_smaller_steps(monkeypatch):
     more, found, where = compression._look_around(inside, [(0.5,), (0.504,)], np.array([1.0, 0.1]), (0.0, 1.0))
     expected = [[0.5 + sign * step / 2**k for step in (0.1, 0.002) for sign in (1, -1)] for k in range(4)]
     assert np.allclose(seen, expected, rtol=1e-6) and len(more) == len(found) == len(where) == 16
+    # half of the distance to this one is no less than the last of the first steps
+    seen.clear()
+    compression._look_around(inside, [(0.5,), (0.52,)], np.array([1.0, 0.1]), (0.0, 1.0))
+    assert np.allclose(seen, [line[:2] for line in expected], rtol=1e-6)
+
+
+def test_the_largest_errors_are_looked_at_closely(monkeypatch):
+    """Those within CLOSE of the largest, LOOKED_AT of them, get what finer frequencies show."""
+    count = compression.LOOKED_AT
+    close = np.linspace(compression.CLOSE, 1.0, count + 2)[np.random.default_rng(4).permutation(count + 2)]
+    small = np.array([0.9 * compression.CLOSE, 1e-3])
+
+    def pair_at(_, point):  # whose error is largest at the frequency of its number
+        return SimpleNamespace(outer=point, inner=None, noise=lambda S: np.array([1e-3 * point, 0.0]))
+
+    monkeypatch.setattr(compression, "grid", lambda models, band: models[0])
+    monkeypatch.setattr(compression, "largest", lambda pair, point, least, rounds: (
+        np.array([point, 0.0]), np.array([10.0 + point, least])))  # fmt: skip
+    form = SimpleNamespace(parametric=SimpleNamespace(comm=MPI.COMM_SELF))
+    inside = partial(pair_at, SimpleNamespace(form=form))
+    for errors, most in ((np.append(close, small), count), (np.array([0.9, 1e-3, 1.0, 0.4]), 2)):
+        before, worst, points = errors.copy(), np.zeros(len(errors)), list(range(1, len(errors) + 1))
+        noise = compression._look_closely(inside, points, None, errors, worst)
+        looked = np.sort(np.argsort(-before, kind="stable")[:most])
+        np.testing.assert_allclose(errors[looked], 11.0 + looked)
+        np.testing.assert_allclose(worst[looked], 1.0 + looked)
+        left = np.delete(np.arange(len(errors)), looked)
+        assert (errors[left] == before[left]).all() and not worst[left].any()
+        assert noise == pytest.approx(1e-3 * (1 + looked.max()))
 
 
 def test_independent_columns_span_what_the_first_of_them_span():
@@ -110,6 +140,25 @@ def test_what_is_known_of_quiet_columns_at_several_points():
     known.note_quiet({0: (0.0, 1e-11), 1: (1e-6, 1e-10)})
     assert known.silent == {0} and known.quiet and known.round_off == UNIT / 1e-8
     assert known.limits == {0: QUIET, 1: 2e-10}
+
+
+def test_pseudo_modes_are_those_of_the_symmetric_part():
+    rng = np.random.default_rng(3)
+    K, U = rng.normal(size=(5, 5)) + 9 * np.eye(5), np.linalg.qr(rng.normal(size=(4, 3)))[0]
+    projections = SimpleNamespace(at=lambda _: SimpleNamespace(K=K))
+    X = greedy.Greedy._pseudo_modes(SimpleNamespace(projections=projections, reference=None), U)
+    small = X.T @ (K + K.T)[:4, :4] @ X
+    assert np.allclose(small, np.diag(np.diag(small))) and np.allclose(X.T @ X, np.eye(3))
+
+
+def test_modes_have_unit_masses_and_their_largest_entry_is_positive():
+    rng = np.random.default_rng(5)
+    M, K = (part @ part.T + np.eye(6) for part in rng.normal(size=(2, 6, 6)))
+    for mass in (M, np.diag([1.0, 2.0, 3.0, 0.0, 0.0, 4.0])):
+        modes = reduced._modes({"M": mass, "K": K}, {}, SimpleNamespace(M=mass, K=K))
+        X = modes.X
+        assert np.allclose(X.T @ K @ X, np.diag(modes.stiffnesses)) and np.allclose(X.T @ mass @ X, np.diag(modes.masses))
+        assert (X[np.abs(X).argmax(axis=0), np.arange(6)] > 0).all()
 
 
 def test_mass_by_its_pivots():

@@ -380,6 +380,27 @@ def test_a_size_that_was_asked_for(comm):
             assert true <= 1.05 * rom.record.accuracy.largest
 
 
+@pytest.mark.mpi(ranks=(1,))
+def test_a_size_that_suffices_is_no_limit(monkeypatch):
+    """And the error that is said has what the compression leaves, the estimate and the larger noise."""
+    case, search, found = bushing(24), hpcred.ParameterSearch(points=5), []
+
+    def compress(*arguments):
+        found.append(compression.compress(*arguments)._replace(noise=0.25))
+        return found[-1]
+
+    with case.model() as model:
+        with monkeypatch.context() as patch:
+            patch.setattr(parametric_reductor, "compress", compress)
+            with hpcred.reduce(model, tolerance=1e-4, band=case.band, parameter_search=search) as rom:
+                size, accuracy = rom.size, rom.record.accuracy
+        assert accuracy.noise == 0.25 and 0 < accuracy.largest - found[0].errors.max() < 1e-4
+        assert found[0].factor.shape[0] > size == found[0].factor.shape[1]
+        adaptive = hpcred.Adaptive(tolerance=1e-4, band=case.band, size=size)
+        with hpcred.reduce(model, adaptive=adaptive, parameter_search=search) as rom:
+            assert rom.size == size and rom.record.accuracy.stopped == "reached"
+
+
 def test_what_is_refused(comm):
     n = 8
     case = bushings(n)

@@ -212,7 +212,7 @@ def test_steps_that_are_tried_in_vain_count_as_well():
 
 @pytest.mark.parametrize("more", [{"gravity": (0.0, 0.0, 1e30)}, {"force": (ConstantForce(20, (1e19, 0.0, 0.0)),)}])
 def test_loads_beyond_all_speeds_are_refused_before_the_first_step(linkage_body, more):
-    with pytest.raises(InputError, match="gravity, loads and bases give the body a speed of .* beyond that of light; look at"):
+    with pytest.raises(InputError, match="loads and bases give the body a speed of .* beyond that of light; look at"):
         simulate(linkage_body, Simulation(end=0.01, steps=3, **more))
 
 

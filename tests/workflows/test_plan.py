@@ -156,8 +156,8 @@ def test_nonzeros_of_cubes_are_those_of_the_law(cube):
 
 def test_plans_that_make_no_sense(cube):
     for wrong, says in (({"ranks": 0}, "--ranks"), ({"nodes": 4}, "--nodes: found 4 for 2 ranks"),
-                        ({"memory_gb": -1.0}, "--memory"), ({"gflops": 0.0}, "--gflops"), ({"gflops": 1e-320}, "--gflops"),
-                        ({"memory_gb": 1e-320}, "--memory")):  # fmt: skip
+                        ({"memory_gb": -1.0}, "--memory"), ({"gflops": 0.0}, "--gflops"),
+                        ({"gflops": 1e-320}, "--gflops"), ({"memory_gb": 1e-320}, "--memory")):  # fmt: skip
         with pytest.raises(InputError, match=says):
             hpcred.plan(cube[0], **{"ranks": 2, **wrong})
     with pytest.raises(InputError, match="no such file"):

@@ -49,9 +49,9 @@ ELEMENTS = {
     "CBEND": (2, ("line",)), "CONROD": (1, ("line",)), "CBUSH": (2, ("line",)),
 }  # fmt: skip
 START = re.compile(
-    rb"(?mi)^[ \t]*(?:SOL[ ,]|CEND\b|BEGIN[ \t]+(?:BULK|SUPER)|NASTRAN[ ,]|PARAM[ ,]|INCLUDE[ \t]*['\"]|INCLUDE[ \t]+\S|"
-    rb"(?:GRID|DMIG|SPOINT|CORD[12][RCS]|GRDSET|MAT[1-9]|PSOLID|PSHELL|PBARL?|PBEAML?|" + "|".join(ELEMENTS).encode()
-    + rb")[ ,*\t])"
+    rb"(?mi)^[ \t]*(?:SOL[ ,]|CEND\b|BEGIN[ \t]+(?:BULK|SUPER)|NASTRAN[ ,]|PARAM[ ,]|"
+    rb"INCLUDE[ \t]*['\"]|INCLUDE[ \t]+\S|(?:GRID|DMIG|SPOINT|CORD[12][RCS]|GRDSET|MAT[1-9]|PSOLID|PSHELL|"
+    rb"PBARL?|PBEAML?|" + "|".join(ELEMENTS).encode() + rb")[ ,*\t])"
 )
 WITH_NODES = {"CONM2": (1,), "CONM1": (1,), "CELAS1": (2, 4), "CELAS2": (2, 4), "CBUSH": (2, 3), "CDAMP1": (2, 4),
               "CDAMP2": (2, 4), "CMASS1": (2, 4), "CMASS2": (2, 4), "CVISC": (2, 3)}  # fmt: skip

@@ -54,9 +54,8 @@ def residual_block(projections: AffineProjections, framed, points, settings, wid
     `framed`: a model whose factor is to be solved with.
     """
     form = projections.form
-    matrices = [(mat, symmetric) for _, _, mat, symmetric in form.matrices]
-    if not form.has_mass:
-        matrices.insert(0, (form.parametric.model.M, True))
+    mass = [] if form.has_mass else [(form.parametric.model.M, form.is_symmetric(0, "M"))]
+    matrices = [*mass, *((mat, symmetric) for _, _, mat, symmetric in form.matrices)]
     space = ResidualSpace(
         framed.model, framed.rigid, form.loads, projections.basis.columns, matrices, row_scale(framed.model),
         form.restore,
