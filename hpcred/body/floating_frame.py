@@ -23,7 +23,7 @@ from functools import cached_property
 import numpy as np
 
 from ..fe.dofs import OWN, SCALAR, require_dofs
-from ..linalg.blocks import create_block, inner, local_rows, times
+from ..linalg.blocks import create_block, inner, local_rows, real_rows, times
 from ..model.rigid_body.modes import SAME_MASS, rigid_body_of, rigid_motions
 from ..model.rotation import skew
 from ..parallel.exchange import exchange
@@ -253,7 +253,7 @@ def _integrals(model, columns, origin, mass, bases):
         places = (model.first_row + mine).astype(PETSc.IntType)
         chosen = PETSc.IS().createGeneral(places, model.K.comm)
         scalar = mass.createSubMatrix(chosen, chosen)  # of one direction: a ninth of the matrix
-        fields = [_field(model, columns, d, base, mine) for d in range(3)]
+        fields = [real_rows(times(_transfer(model, d, base, mine), columns)) for d in range(3)]
         for b in range(3):
             for chunk in chunks:
                 load = _product(scalar, fields[b][:, chunk])
@@ -264,13 +264,6 @@ def _integrals(model, columns, origin, mass, bases):
     for a, b in ((0, 1), (0, 2), (1, 2)):
         S[b, a] = S[a, b].T
     return N, S
-
-
-def _field(model, columns, direction, base, mine):
-    """Return the displacements of the columns in a direction, at the rows `mine` of the direction `base`.
-    Collective."""
-    with local_rows(times(_transfer(model, direction, base, mine), columns)) as rows:
-        return rows.real.copy()
 
 
 def _product(scalar, values):
