@@ -29,7 +29,7 @@ def blas() -> str:
     library = _library()
     config = _config(library)
     if config is None:
-        return os.path.basename(os.path.realpath(path)) if (path := _path_of(library, "dgemm_")) else ""
+        return _file_of(library, "dgemm_")
     version = re.search(r"OpenBLAS (\S+)", config)
     return f"OpenBLAS{' ' + version[1] if version else ''}, {_text(library.openblas_get_corename)}"
 
@@ -134,6 +134,11 @@ def _config(library):
 def _text(function):
     function.restype = ctypes.c_char_p
     return (function() or b"").decode(errors="replace").strip()
+
+
+def _file_of(library, name):
+    """The name of the file that a function of the library is in, or ""."""
+    return Path(os.path.realpath(path)).name if (path := _path_of(library, name)) else ""
 
 
 def _path_of(library, name):

@@ -7,7 +7,6 @@ mode of 1e-4 Hz, and hide that it is missing. Its residual shows that it is none
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 
@@ -50,7 +49,7 @@ def find_hidden(
         if moving is None:
             used += extend_by_random(solver, judge, min(max(FEW[0], lack), MOST))
         else:
-            used += solver.extend_by_basis(partial(solver.run.times_mass, _combined(projections, moving)))  # A^-1 M x
+            used += _extend_by_modes(solver, moving)
         if projections.basis.size == before:
             if moving is None:
                 break
@@ -105,6 +104,12 @@ def _combined(projections, factor):
     x = create_block(projections.run.model.K, factor.shape[1])
     add_product(x, projections.basis.columns, factor, beta=0.0)
     return x
+
+
+def _extend_by_modes(solver, factor):
+    """Add A^-1 M x of the combinations x = V factor."""
+    x = _combined(solver.projections, factor)
+    return solver.extend_by_basis(lambda: solver.run.times_mass(x))
 
 
 def _moving(projections, before, band, lack_of):
