@@ -17,7 +17,7 @@ model.rigid_body.modes.RigidBody).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -164,6 +164,11 @@ class FloatingFrame:
         M[3:6, 3:6] = self.J + (q @ slope).reshape(3, 3)
         M[6:, :6], M[:6, 6:] = couplings, couplings.T
         return M
+
+    def in_coordinates(self, X: np.ndarray) -> FloatingFrame:
+        """Return the quantities in the coordinates z (k,) with q = X z, X (m, k)."""
+        columns = {key: np.tensordot(X.T, getattr(self, key), axes=1) for key in ("Ct", "Cr", "N")}
+        return replace(self, **columns, S=X.T @ self.S @ X, Me=X.T @ self.Me @ X)
 
     def arrays(self) -> dict:
         """Return all quantities by name, as stored in result.h5."""
