@@ -85,7 +85,7 @@ class PoleTracker:
     def next(self, before: Poles, value: float) -> tuple[Poles, np.ndarray, bool]:
         """Return the poles of a value, the place there of each pole before (-1: none), and whether these are sure."""
         after = self.at(value)
-        direct, turned = (_assurance(before.states, states) for states in (after.states, after.states.conj()))
+        direct, turned = (np.abs(before.states.conj().T @ x) ** 2 for x in (after.states, after.states.conj()))
         alike = np.maximum(direct, turned)
         apart = np.abs(before.poles[:, None] - after.poles)
         apart = np.minimum(apart / np.maximum(np.abs(before.poles)[:, None], 1e-300), 1.0)
@@ -139,10 +139,6 @@ def growth_of(poles: Poles, limit: float) -> tuple[float, complex]:
     growth = chosen.real - margin
     worst = int(np.argmax(growth))
     return float(growth[worst]), complex(chosen[worst])
-
-
-def _assurance(one, other):
-    return np.abs(one.conj().T @ other) ** 2
 
 
 def _exchanged(before, after, turned) -> bool:

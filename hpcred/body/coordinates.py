@@ -16,19 +16,9 @@ SAME_TIME = 1e-9  # of the largest time: a limit that somebody typed
 
 @dataclass(frozen=True, kw_only=True)
 class FrameMotion:
-    """The motion of the body frame at nt instants.
-
-    Attributes
-    ----------
-    position : ndarray, shape (nt, 3)
-        Of its origin, in inertial axes, in m.
-    quaternion : ndarray, shape (nt, 4)
-        Its orientation, scalar first.
-    velocity, angular_velocity : ndarray, shape (nt, 3)
-        In body axes.
-    acceleration, angular_acceleration : ndarray, shape (nt, 3), optional
-        Rates of change of the components of both in body axes.
-    """
+    """The motion of the body frame at nt instants: `position` (nt, 3) of its origin in m, in inertial axes,
+    `quaternion` (nt, 4), scalar first, velocities (nt, 3) in body axes, and the rates of change of their components
+    there."""
 
     position: np.ndarray
     quaternion: np.ndarray
@@ -40,24 +30,11 @@ class FrameMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class Coordinates:
-    """Reduced coordinates at nt instants: plain arrays, the same on all ranks.
+    """Reduced coordinates `q` (nt, m) at instants `t` (nt,) in s, ascending: plain arrays, the same on all ranks.
 
-    Attributes
-    ----------
-    t : ndarray, shape (nt,)
-        Instants in s, ascending.
-    q : ndarray, shape (nt, m)
-        Reduced coordinates.
-    velocity, acceleration : ndarray, shape (nt, m), optional
-        Their first and second derivatives.
-    frame : FrameMotion, optional
-        None for a body whose frame is at rest, or not known.
-    basis : str
-        The digest of the basis that the coordinates belong to, where it is known.
-    outputs : dict of str to ndarray, shape (nt,)
-        Values of outputs by their names, which must be C q.
-    remarks : tuple of str
-        What a reader of the results should know.
+    Perhaps with their first and second derivatives (nt, m), and the motion of the `frame`, None where it is at rest or
+    not known. `basis`: the digest of the basis that they belong to, where it is known. `outputs`: values (nt,) by name,
+    which must be C q. `remarks`: what a reader of the results should know.
     """
 
     t: np.ndarray

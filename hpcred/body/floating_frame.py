@@ -17,13 +17,13 @@ model.rigid_body.modes.RigidBody).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..fe.dofs import OWN, SCALAR, require_dofs
-from ..linalg.blocks import create_block, inner, local_rows, times
+from ..linalg.blocks import create_block, inner, local_rows, real_rows, times
 from ..model.rigid_body.modes import SAME_MASS, rigid_body_of, rigid_motions
 from ..model.rotation import skew
 from ..parallel.exchange import exchange
@@ -165,6 +165,11 @@ class FloatingFrame:
         M[6:, :6], M[:6, 6:] = couplings, couplings.T
         return M
 
+    def in_coordinates(self, X: np.ndarray) -> FloatingFrame:
+        """Return the quantities in the coordinates z (k,) with q = X z, X (m, k)."""
+        columns = {key: np.tensordot(X.T, getattr(self, key), axes=1) for key in ("Ct", "Cr", "N")}
+        return replace(self, **columns, S=X.T @ self.S @ X, Me=X.T @ self.Me @ X)
+
     def arrays(self) -> dict:
         """Return all quantities by name, as stored in result.h5."""
         own = ("masses", "mc", "J", "Ct", "Cr", "N", "S", "Me", "origin")
@@ -253,7 +258,7 @@ def _integrals(model, columns, origin, mass, bases):
         places = (model.first_row + mine).astype(PETSc.IntType)
         chosen = PETSc.IS().createGeneral(places, model.K.comm)
         scalar = mass.createSubMatrix(chosen, chosen)  # of one direction: a ninth of the matrix
-        fields = [_field(model, columns, d, base, mine) for d in range(3)]
+        fields = [real_rows(times(_transfer(model, d, base, mine), columns)) for d in range(3)]
         for b in range(3):
             for chunk in chunks:
                 load = _product(scalar, fields[b][:, chunk])
@@ -264,13 +269,6 @@ def _integrals(model, columns, origin, mass, bases):
     for a, b in ((0, 1), (0, 2), (1, 2)):
         S[b, a] = S[a, b].T
     return N, S
-
-
-def _field(model, columns, direction, base, mine):
-    """Return the displacements of the columns in a direction, at the rows `mine` of the direction `base`.
-    Collective."""
-    with local_rows(times(_transfer(model, direction, base, mine), columns)) as rows:
-        return rows.real.copy()
 
 
 def _product(scalar, values):

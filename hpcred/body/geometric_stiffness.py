@@ -102,6 +102,10 @@ class GeometricStiffness:
         kept = [place for place, state in enumerate(self.states) if state not in states]
         return replace(self, states=[self.states[place] for place in kept], matrices=self.matrices[kept])
 
+    def in_coordinates(self, X: np.ndarray) -> GeometricStiffness:
+        """Return the stiffness in the coordinates z (k,) with q = X z, X (m, k)."""
+        return replace(self, matrices=X.T @ self.matrices @ X)
+
     def of_node(self, node: NodeShape) -> np.ndarray:
         """Return the matrices (6, m, m) of unit forces and moments at a `node`, by its displacements."""
         return self.of([f"{node.label}:{direction}" for direction in SIX])

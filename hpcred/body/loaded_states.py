@@ -16,7 +16,7 @@ from ..fe.element_rows import ValuesAtRows, element_rows
 from ..fe.element_rules import UNIFORM, Rule
 from ..fe.materials import NUMBER
 from ..fe.point_stresses import PointStresses
-from ..linalg.blocks import local_rows, times
+from ..linalg.blocks import real_rows, times
 from ..model.interfaces.nodes import find_interface, node_number
 from ..model.rigid_body.modes import rigid_body_quantities, rigid_motions
 from ..model.rotation import spin_softening
@@ -248,8 +248,7 @@ def sign_of_stress_stiffness(model, stiffness: PETSc.Mat, state: str, value: flo
     target = target_of(state)
     loads, names = unit_loads(model, np.zeros(3), [target[0]] if isinstance(target, tuple) else [])
     force = value * loads[:, names.index(state)]
-    with local_rows(times(stiffness, rigid_motions(model))) as rows:
-        held = rows.real.copy()  # (rows, 6)
+    held = real_rows(times(stiffness, rigid_motions(model)))  # (rows, 6)
     dofs = model.dofs
     moved = dofs.direction < 3
     key = STRIDE * dofs.node.astype(np.int64) + dofs.direction

@@ -1,6 +1,6 @@
 """Gather the displacement and rotation shapes of single nodes from the basis: phi (3, m) and psi (3, m)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,10 @@ class NodeShape:
     name: str = ""
     phi1: np.ndarray | None = None
     psi1: np.ndarray | None = None
+
+    def in_coordinates(self, X: np.ndarray) -> "NodeShape":
+        """Return the shapes of a node without second ones in the coordinates z (k,) with q = X z, X (m, k)."""
+        return replace(self, phi=self.phi @ X, psi=self.psi @ X)
 
     def motion(self, q) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return displacement (3,) and rotation (3,) at the coordinates q (m,), and their derivatives (3, m)."""

@@ -100,25 +100,12 @@ class Preload(Settings):
 
 
 def reduced_at(body: Body, preload: Preload) -> ReducedModel:
-    """Return the reduced model of a body under a preload, with its frequencies there.
+    """Return the reduced model of a body with geometric stiffness under a preload, with its frequencies there; without
+    basis, and without the accuracy that is known without load. The record warns of a preload under which the basis,
+    made without it, has not converged.
 
-    Parameters
-    ----------
-    body : Body
-        With geometric stiffness.
-    preload : Preload
-
-    Returns
-    -------
-    ReducedModel
-        Without basis, and without the accuracy that is known without load. The record warns of a preload under which
-        the basis, made without it, has not converged.
-
-    Raises
-    ------
-    InputError
-        Without geometric stiffness, of a body that is stiffened or at a preload already, for forces at nodes that do
-        not exist, and where the body buckles.
+    Raises InputError without geometric stiffness, of a body that is stiffened or at a preload already, for forces at
+    nodes that do not exist, and where the body buckles.
     """
     declared("preload", preload, Preload)
     # a body has one preload, of states that its result has

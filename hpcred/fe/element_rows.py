@@ -20,17 +20,9 @@ from .shape_functions import SOLIDS
 
 @dataclass(frozen=True)
 class ElementRows:
-    """Elements of one kind of this rank.
-
-    Attributes
-    ----------
-    nodes : ndarray of int, shape (e, k)
-        Numbers of the nodes.
-    position : ndarray, shape (e, k, 3)
-        Of the nodes in m; NaN for nodes that have no displacement in the model: neither a row nor a held one.
-    rows : ndarray of int, shape (e, k, 3)
-        Global rows, from 0, of the displacements in x, y, z; -1 where there is none, as in held directions.
-    """
+    """Elements of one kind of this rank: `nodes` (e, k) by number, their `position` (e, k, 3) in m, NaN for nodes that
+    have no displacement in the model (neither a row nor a held one), and global `rows` (e, k, 3), from 0, of their
+    displacements in x, y, z, -1 where there is none, as in held directions."""
 
     nodes: np.ndarray
     position: np.ndarray
@@ -86,11 +78,7 @@ def node_rows(model, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 class ValuesAtRows:
     """Values of distributed columns at chosen rows, on the rank that asks for them. Collective.
 
-    Parameters
-    ----------
-    model : SecondOrderModel
-    rows : ndarray of int, any shape
-        Global rows from 0 that this rank asks for, with repetitions; values at rows -1 are 0.
+    `rows` (any shape): global rows from 0 that this rank asks for, with repetitions; values at rows -1 are 0.
     """
 
     def __init__(self, model, rows: np.ndarray):

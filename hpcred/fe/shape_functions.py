@@ -58,25 +58,8 @@ def local_nodes(kind: str) -> np.ndarray:
 
 
 def shape_functions(kind: str, points: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values N (g, k) and the local gradients dN (g, k, dim) of the shape functions.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of a solid, or of a face.
-    points : array_like, shape (g, dim)
-        Local coordinates.
-
-    Returns
-    -------
-    N : ndarray, shape (g, k)
-    dN : ndarray, shape (g, k, dim)
-
-    Raises
-    ------
-    InputError
-        For kinds that are neither solids nor faces.
-    """
+    """Return the values N (g, k) and the local gradients dN (g, k, dim) of the shape functions of a solid or a face, by
+    its kind, at points (g, dim) in local coordinates. Raises InputError for other kinds."""
     nodes = local_nodes(kind)
     powers = _powers(kind)
     # each shape function is 1 at its node and 0 at the others; all coefficients are multiples of 1/8

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..linalg.blocks import create_block, local_rows, times
+from ..linalg.blocks import create_block, local_rows, real_rows, times
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, number_over_ranks
 from .dofs import require_dofs
@@ -213,8 +213,7 @@ class Solids:
                 for at, along in {(a, b), (b, a)}:
                     chosen = moved[dofs.direction[moved] == at]
                     rows[chosen, column] = dofs.position[chosen, along] - middle[along]
-        with local_rows(times(model.K, fields)) as rows:
-            wanted = rows.real.copy()
+        wanted = real_rows(times(model.K, fields))
         # the forces of the elements, their sizes, and whether they are to be compared, at rows of wanted nodes
         at_rows = ValuesAtRows(model, self.rows)
         forces = at_rows.added(self._forces(at_rows.of(fields)))

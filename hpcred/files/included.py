@@ -11,13 +11,8 @@ TIMES = 10  # times the bytes of the files, where that is more
 
 
 class Included:
-    """The files of one input file. All ranks count alike.
-
-    Attributes
-    ----------
-    own : dict
-        What was found in a file, by its resolved name: each is read once, however often it is included.
-    """
+    """The files of one input file; `own`: what was found in a file, by its resolved name: each is read once, however
+    often it is included. All ranks count alike."""
 
     def __init__(self, main: Path):
         self.main, self.own = main, {}

@@ -38,7 +38,6 @@ from ..body.geometric_stiffness import GeometricStiffness
 from ..body.node_shapes import NodeShape, shapes_of_rows
 from ..body.preload import Preload, forces_of, reduced_at, softening_of
 from ..body.stress import StressModes
-from ..body.turned import turned_frame, turned_node, turned_stiffness
 from ..fe.dofs import SCALAR
 from ..fe.elements import surface_triangles
 from ..linalg.blocks import create_block, local_rows
@@ -190,9 +189,9 @@ class Result:
         values, X = checked_values(self.reduced.parameters, values), self.reduced.turn(values)
         return replace(
             self, reduced=self.reduced.at(**values), values=values, turn=X,
-            floating_frame=self.floating_frame and turned_frame(self.floating_frame, X),
-            nodes=[turned_node(node, X) for node in self.nodes],
-            geometric_stiffness=self.geometric_stiffness and turned_stiffness(self.geometric_stiffness, X),
+            floating_frame=self.floating_frame and self.floating_frame.in_coordinates(X),
+            nodes=[node.in_coordinates(X) for node in self.nodes],
+            geometric_stiffness=self.geometric_stiffness and self.geometric_stiffness.in_coordinates(X),
         )  # fmt: skip
 
     def at_reference(self) -> Result:

@@ -108,6 +108,12 @@ def local_rows(block: Block):
         mat.assemble()
 
 
+def real_rows(block: Block) -> np.ndarray:
+    """Return a copy of the real parts of the rows of this rank (rows, columns)."""
+    with local_rows(block) as rows:
+        return rows.real.copy()
+
+
 def copy_of(block: Block, mat: PETSc.Mat) -> SLEPc.BV:
     """A new block with a copy of the active columns; `mat` gives the layout."""
     first, last = block.getActiveColumns()

@@ -77,6 +77,12 @@ def without_products(mat: PETSc.Mat) -> PETSc.Mat:
     return alone
 
 
+def absolute(mat: PETSc.Mat) -> PETSc.Mat:
+    """Return |A| entry by entry. Collective."""
+    indptr, indices, values = mat.getValuesCSR()
+    return PETSc.Mat().createAIJ(mat.getSizes(), csr=(indptr, indices, np.abs(values)), comm=mat.comm)
+
+
 def diagonal_of(mat) -> np.ndarray:
     """Return the real parts of the diagonal entries of this rank's rows."""
     return mat.getDiagonal().getArray(readonly=True).real.copy()

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..parallel.failures import ComputationError
 from ..parallel.petsc import PETSc
-from .blocks import create_dense, local_rows, multiply_dense
+from .blocks import create_dense, multiply_dense, real_rows
 from .coarsening import DENSE, STUCK, aggregates, coarse, node_inverses, smoothed
 from .ritz_values import ritz_values
 
@@ -41,7 +41,7 @@ class Multigrid:
                  corners=None):  # fmt: skip
         self.sweeps, self._width, self._levels = sweeps, 0, []
         try:
-            self._make_levels(matrix, _rows_of(near_null), prefix, threshold, aggressive, corners)
+            self._make_levels(matrix, real_rows(near_null), prefix, threshold, aggressive, corners)
         except PETSc.Error as error:
             lines = str(error).splitlines()
             raise ComputationError(f"multigrid: GAMG of PETSc could not make the levels: {lines[-1]}") from error
@@ -58,7 +58,7 @@ class Multigrid:
             level.estimate()
             block = matrix.getBlockSize()
             if corners is not None:
-                level.interpolation, near_null = corners[0], _rows_of(corners[1])
+                level.interpolation, near_null = corners[0], real_rows(corners[1])
                 corners = None
             else:
                 found = aggregates(matrix, near_null, prefix, threshold, aggressive)
@@ -119,11 +119,6 @@ class Multigrid:
         level.smooth(self.sweeps, residual=False)
 
 
-def _rows_of(block):
-    with local_rows(block) as rows:
-        return rows.real.copy()
-
-
 def _stuck(found, size):
     return found is None or found[0].getSize()[1] > STUCK * size
 
@@ -139,13 +134,11 @@ class _Level:
     def estimate(self):
         """Make what smooths: the inverses D of the blocks, and the largest eigenvalue of D A from below."""
         self.inverses = node_inverses(self.matrix)
-        values = ritz_values(self.comm, _product(self.matrix), _product(self.inverses), self._random(), LANCZOS)
+        first, last = self.matrix.getOwnershipRange()
+        start = np.random.default_rng(first).standard_normal((last - first, 1))
+        values = ritz_values(self.comm, _product(self.matrix), _product(self.inverses), start, LANCZOS)
         self.largest = values[-1] if values[-1] > 0 else 1.0
         self.top = HIGH * self.largest
-
-    def _random(self):
-        first, last = self.matrix.getOwnershipRange()
-        return np.random.default_rng(first).standard_normal((last - first, 1))
 
     def make_room(self, columns):
         self.x = self.b = self.r = self.d = self.product = None  # whose memory is for the next ones

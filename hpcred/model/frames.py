@@ -107,19 +107,9 @@ class Buckens(FrameSettings):
 
 @dataclass(frozen=True, eq=False)
 class FramedModel:
-    """A model with its damping, in its reference frame.
-
-    Attributes
-    ----------
-    model : SecondOrderModel
-        The model in the free coordinates.
-    restore : PETSc.Mat or None, shape (n, n_free)
-        T with q = T q_free; None if no dofs were removed.
-    rigid : RigidBodyModes or None
-        Rigid-body modes to deflate.
-    damping : Damping
-        The damping model, also for those without a matrix.
-    """
+    """A model with its damping, in its reference frame: `model` in the free coordinates, T with q = T q_free in
+    `restore` (n, n_free), None if no dofs were removed, `rigid`-body modes to deflate, and the `damping` model, also
+    where it has no matrix."""
 
     model: SecondOrderModel
     restore: PETSc.Mat | None = None

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import MISSING, dataclass, field, fields
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -288,14 +288,24 @@ class SecondOrderModel:
         fresh = {key: value for key, value in changed.items() if key not in {*ORDERS, *self.operator.terms}}
         own = {attribute.name: getattr(self, attribute.name) for attribute in fields(self)}
         other = self.of_operator(**own | kept | fresh)
-        for name in ("_digests", "_defects", "_signs", "_alone"):
-            known, shared = getattr(self, name), getattr(other, name)
-            other_parts = {*changed, "labels" if "dofs" in changed else "", "interfaces" if "Gt" in changed else ""}
-            other_parts |= {*ORDERS, ADDED} if "operator" in changed else set()
-            other_parts |= {ADDED} if changed.keys() & self.added.terms.keys() else set()
-            shared.update({key: value for key, value in known.items()
-                           if key not in other_parts and not key.startswith(KEY)})  # fmt: skip
+        # what is known of the parts that stay
+        other_parts = {*changed, "labels" if "dofs" in changed else "", "interfaces" if "Gt" in changed else ""}
+        other_parts |= {*ORDERS, ADDED} if "operator" in changed else set()
+        other_parts |= {ADDED} if changed.keys() & self.added.terms.keys() else set()
+        other._known.update({(what, key): value for (what, key), value in self._known.items()
+                             if key not in other_parts and not key.startswith(KEY)})  # fmt: skip
         return other
+
+    @cached_property
+    def _known(self) -> dict[tuple[str, str], Any]:
+        """What was computed of parts of the model, such as ("digest", "K")."""
+        return {}
+
+    def _once(self, what: str, key: str, compute):
+        """Return what compute() finds of a part, computed once for all models that share it."""
+        if (what, key) not in self._known:
+            self._known[what, key] = compute()
+        return self._known[what, key]
 
     @property
     def M(self) -> PETSc.Mat:
@@ -371,14 +381,11 @@ class SecondOrderModel:
     @property
     def symmetry_defects(self) -> dict[str, float]:
         """Largest |a_ij - a_ji| of M, K and D, over the larger of both or 1e-3 (a_ii a_jj)^(1/2). Collective."""
-        for key, mat in self.matrices.items():
-            if key not in self._defects:
-                self._defects[key] = symmetry_defect(mat)
-        return {key: self._defects[key] for key in self.matrices}
+        return {key: self._once("defect", key, partial(symmetry_defect, mat)) for key, mat in self.matrices.items()}
 
     def take_symmetry(self, key: str, defect: float) -> None:
         """Take over the symmetry `defect`, see symmetry_defects, of M, K or D (`key`)."""
-        self._defects[key] = defect
+        self._known["defect", key] = defect
 
     def is_symmetric(self, key: str) -> bool:
         """Test whether M, K or D (`key`) is symmetric, or not there. Collective."""
@@ -400,36 +407,19 @@ class SecondOrderModel:
 
     def extreme_quotients(self, key: str) -> tuple[float, float]:
         """Return the smallest and the largest x^T A x / x^T |D| x that is found for K or M (`key`). Collective."""
-        if key not in self._signs:
-            self._signs[key] = extreme_quotients(self.matrices[key], self.is_symmetric(key))
-        return self._signs[key]
+        return self._once("signs", key, lambda: extreme_quotients(self.matrices[key], self.is_symmetric(key)))
 
     def rows_alone_in(self, key: str) -> np.ndarray:
         """Return the rows of this rank (local, from 0) with nothing beside the diagonal in M, K or D (`key`); local."""
-        if key not in self._alone:
+        def rows_alone():
             indptr, indices, values = self.matrices[key].getValuesCSR()
-            self._alone[key] = decoupled(indptr, indices, [values], self.first_row)
-        return self._alone[key]
+            return decoupled(indptr, indices, [values], self.first_row)
+
+        return self._once("alone", key, rows_alone)
 
     @property
     def symmetric(self) -> bool:
         return all(map(self.is_symmetric, self.matrices))
-
-    @cached_property
-    def _digests(self):
-        return {}
-
-    @cached_property
-    def _defects(self):
-        return {}
-
-    @cached_property
-    def _signs(self):
-        return {}
-
-    @cached_property
-    def _alone(self):
-        return {}
 
     def digest_of(self, key: str) -> str | None:
         """Return a digest of the content of a matrix or field, `key` (see digests), or of node and direction of all
@@ -438,9 +428,7 @@ class SecondOrderModel:
         None if the model has no such part. The digest is the same on any number of ranks and in both builds of PETSc.
         Collective.
         """
-        if key not in self._digests:
-            self._digests[key] = digest_of(self, key)
-        return self._digests[key]
+        return self._once("digest", key, partial(digest_of, self, key))
 
     @property
     def digests(self) -> dict[str, str]:

@@ -45,16 +45,10 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class DriveTable:
-    """Columns (n, p) of all inputs of a model in SI, over frequencies in Hz or times in s (n,).
+    """Columns of all inputs of a model in SI, `over` frequencies in Hz or times in s (n,), ascending.
 
-    Attributes
-    ----------
-    over : ndarray, shape (n,)
-        Ascending.
-    values : ndarray, shape (n, p), or (n, p, p) of spectral densities
-        Real over time, else complex; Hermitian densities.
-    orders : ndarray of int, shape (p,)
-        How often an input has been integrated: the displacement of a base 2 times.
+    `values` (n, p), real over time, else complex, or (n, p, p) of Hermitian spectral densities. `orders` (p,): how
+    often an input has been integrated: the displacement of a base 2 times.
     """
 
     over: np.ndarray

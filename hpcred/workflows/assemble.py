@@ -9,8 +9,7 @@ import numpy as np
 from ..analysis.frequency_response import above_rest, checked_frequencies
 from ..assembly.coupling import Machine, laws_of_table, machine_of, warnings_of_table
 from ..assembly.error import accuracy_of_machine, damping_of_errors, why_not_known
-from ..assembly.measured import MeasuredPart, measured_part
-from ..assembly.parts import Part, part_of, units_of
+from ..assembly.parts import MeasuredPart, Part, measured_part, part_of, units_of
 from ..body.node_shapes import NodeShape
 from ..files.machine_basis import first_numbers, nodes_of_machine, write_basis_of_machine
 from ..files.outputs import check_outputs, hdf5_kind

@@ -23,7 +23,7 @@ from ..readers.superelements import read_superelement
 from ..settings.declared_terms import DeclaredTerms
 from ..settings.source import Source
 from .keywords import FileUnits, InputsAndOutputs, Variables
-from .model_of_job import with_declared_terms
+from .model_of_job import with_declared_terms, with_targets
 from .workflow import workflow
 
 
@@ -90,12 +90,8 @@ def convert(
         with model:
             converted = in_si(model, system)
         model = converted
-    for key, targets in ends.given.items():
-        # inputs and outputs name nodes, so they come after the units
-        if targets:
-            with model:
-                loaded = getattr(model, f"with_{key}")(targets)
-            model = loaded
+    for key, targets in ends.given.items():  # they name nodes, so they come after the units
+        model = with_targets(model, key.removesuffix("s"), targets or None)
     with model:
         with progress.stage("check"):
             # what looks wrong is said, and the model is written all the same

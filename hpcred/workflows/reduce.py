@@ -54,10 +54,8 @@ def reduce_job(
 
     With a `store` in the job SIGTERM or SIGUSR1 to any rank end the run after the current point, by
     parallel.stopping.Stopped, and the same job goes on from there. Where a tolerance was not reached, the model is
-    written
-    under a name that says so, unless the job wants otherwise. Takes the PETSc build that fits the job, where PETSc is
-    not
-    loaded yet.
+    written under a name that says so, unless the job wants otherwise. Takes the PETSc build that fits the job, where
+    PETSc is not loaded yet.
 
     Parameters
     ----------

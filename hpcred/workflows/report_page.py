@@ -36,7 +36,7 @@ def page_of(sheets, chosen, full) -> tuple[dict, dict]:
         "results": results,
         "notes": list(dict.fromkeys(note for sheet in sheets for note in sheet.notes)),
         "response_notes": [f"{name}: responses and errors are {words}" for name, words in whose.items()],
-        "paper": [sheet.name for sheet in sheets if _is_of_paper(sheet)],
+        "paper": [sheet.name for sheet in sheets if (known := sheet.record.accuracy) and known.measure.kind == "paper"],
         "worst": WORST,
         "searched": any(result["points"] for result in results),
         "shaped": any(result["shape"] for result in results),
@@ -144,11 +144,6 @@ def _shown(sheet):
         },
         "diagrams": shown_diagrams(sheet),
     }  # fmt: skip
-
-
-def _is_of_paper(sheet):
-    accuracy = sheet.record.accuracy
-    return accuracy is not None and accuracy.measure.kind == "paper"
 
 
 def directions_of(sheet) -> list[dict]:

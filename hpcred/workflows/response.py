@@ -112,7 +112,8 @@ def response_file(
             _write(output, found, report, comm, polar)
         if figure is not None:
             drawn, response, eps = found.to_draw()
-            curves = _curves(found, response)
+            names = found.output_names, found.input_names
+            curves = [(names[0][i], names[1][j], response[:, i, j]) for i, j in pairs_to_show(response, *names)]
             effort = counted(report["factorisations"], "factorisation")
             title = f"{report['model']}: {counted(len(chosen), 'frequency', 'frequencies')}, {effort}"
             written_by_one(figure, comm, response_figure, drawn, curves, eps, found.accuracy.tolerance, title, loads,
@@ -125,21 +126,11 @@ def response_file(
     return report | {"timing": asdict(progress.timing())}
 
 
-def _arrays(found: FullResponse) -> dict:
-    keys = ("frequencies", "input_names", "output_names", "response", "eps")
-    return {key: getattr(found, key) for key in keys}
-
-
-def _curves(found: FullResponse, response) -> list:
-    """Return output, input and values of every pair of a response (F, r, p) that is worth drawing."""
-    outputs, inputs = found.output_names, found.input_names
-    return [(outputs[i], inputs[j], response[:, i, j]) for i, j in pairs_to_show(response, outputs, inputs)]
-
-
 def _write(output, found, report, comm, polar):
     left_out = ("frequencies_hz", "norm", "eps", "output")
     record = {key: value for key, value in report.items() if key not in left_out} | {"versions": versions()}
-    responses = Responses(**_arrays(found), record=record)
+    arrays = {key: getattr(found, key) for key in ("frequencies", "input_names", "output_names", "response", "eps")}
+    responses = Responses(**arrays, record=record)
     report["warnings"] += lost_channels(output, responses)
     rescued(lambda place: write_responses(place, responses, comm, polar), output, comm)
 

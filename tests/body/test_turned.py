@@ -8,7 +8,6 @@ import hpcred
 from hpcred import Modes
 from hpcred.body import GeometricStiffness
 from hpcred.body.floating_frame import floating_frame
-from hpcred.body.turned import turned_frame, turned_stiffness
 
 
 @pytest.mark.mpi
@@ -17,7 +16,7 @@ def test_a_floating_frame_in_other_coordinates_is_that_of_another_basis(comm, co
     X = np.random.default_rng(count).normal(size=(4, count))
     with hpcred.solid((2, 1, 1), None, 2, True, comm) as model, hpcred.reduce(model, [Modes(count=4)]) as rom:
         block = block_from(model.K, gather(rom.columns) @ X)
-        found, wanted = turned_frame(floating_frame(model, rom.columns), X), floating_frame(model, block)
+        found, wanted = floating_frame(model, rom.columns).in_coordinates(X), floating_frame(model, block)
         block.destroy()
     for key in ("Ct", "Cr", "N", "S", "Me", "Oe", "Gr"):
         expected = getattr(wanted, key)
@@ -29,6 +28,6 @@ def test_geometric_stiffness_in_other_coordinates_has_the_same_energy(count):
     rng = np.random.default_rng(count)
     X, z, matrices = rng.normal(size=(4, count)), rng.normal(size=count), rng.normal(size=(2, 4, 4))
     stiffness = GeometricStiffness(("ax", "wz^2"), matrices + matrices.transpose(0, 2, 1), np.zeros(3))
-    turned = turned_stiffness(stiffness, X)
+    turned = stiffness.in_coordinates(X)
     assert turned.states == stiffness.states
     assert z @ turned.matrices @ z == pytest.approx(X @ z @ stiffness.matrices @ (X @ z), rel=1e-12)

@@ -64,7 +64,7 @@ def test_digests_of_a_model(comm):
         assert model.digest_of("D") is None and model.digest_of("B") is None
         column = np.array([[1e-7 * (row == 2)] for row in range(10)])[model.first_row :][: model.local_rows]
         with model.with_inputs([3]) as loaded:
-            assert loaded._digests["K"] == model.digest_of("K")  # not computed again
+            assert loaded._known["digest", "K"] == model.digest_of("K")  # not computed again
             with model.with_inputs([4]) as other, model.with_input_columns(column, ["small"]) as scaled:
                 assert len({item.digest_of("B") for item in (loaded, other, scaled)}) == 3
                 assert loaded.digests == {"M": model.digest_of("M"), "K": model.digest_of("K"),

@@ -148,6 +148,18 @@ def test_nodes_and_dofs_that_do_not_belong_to_the_rows(capsys, nodes, dofs, says
     assert says in refused(capsys, "convert", "-K", "K.mtx", "-M", "M.mtx", "model.h5", *arguments)
 
 
+def test_inputs_may_be_columns_of_a_file():
+    """As in a job; names are those of the file."""
+    write_matrices(lambda K, M: None)
+    size = scipy.io.mmread("K.mtx").shape[0]
+    columns = np.arange(2.0 * size).reshape(size, 2)
+    scipy.io.mmwrite("B.mtx", scipy.sparse.coo_array(columns))
+    report = package.convert(package.settings.Source(K="K.mtx", M="M.mtx"), "m.h5", inputs="B.mtx")
+    assert len(report["inputs"]) == 2
+    with package.read_model("m.h5") as model:
+        assert np.array_equal(model.B.getDenseArray().real, columns)
+
+
 def test_viscoelastic_parts_of_an_iterator_are_not_lost():
     from hpcred.settings.declared_terms import DeclaredTerms, viscoelastic_from
 

@@ -63,5 +63,4 @@ class Hysteretic(Settings, Law):
         return rises[np.searchsorted(self.frequencies, f)] / (2 * np.pi) + 0j
 
     def in_units(self, time: float) -> Hysteretic:
-        """Return the law with frequencies of another unit of time of so many seconds."""
         return replace(self, frequencies=tuple(value * time for value in self.frequencies))

@@ -69,5 +69,4 @@ class Tabulated(Settings, Law):
         return rises[np.searchsorted(self.frequencies, f)] / (2j * np.pi)
 
     def in_units(self, time: float) -> Tabulated:
-        """Return the law with frequencies of another unit of time of so many seconds."""
         return replace(self, frequencies=tuple(value * time for value in self.frequencies))

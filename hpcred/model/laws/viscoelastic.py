@@ -82,16 +82,13 @@ class Maxwell(ViscoelasticLaw):
         return tuple(zip(self.factors, self.times, strict=True))
 
     def excess(self, s: np.ndarray) -> np.ndarray:
-        """Return g(s) - g(0) of s (...) in 1/s."""
         x = np.asarray(s)[..., None] * np.array(self.times)
         return (np.array(self.factors) * x / (1 + x)).sum(axis=-1)
 
     def in_units(self, time: float) -> Maxwell:
-        """Return the law with times in another unit of so many seconds."""
         return replace(self, times=tuple(value / time for value in self.times))
 
     def slope(self, s: np.ndarray) -> np.ndarray:
-        """Return the derivative of g at s (...)."""
         times = np.array(self.times)
         return (np.array(self.factors) * times / (1 + np.asarray(s)[..., None] * times) ** 2).sum(axis=-1)
 
@@ -114,7 +111,6 @@ class FractionalLaw(ViscoelasticLaw):
         return self.exponent
 
     def in_units(self, time: float) -> FractionalLaw:
-        """Return the law with its time in another unit of so many seconds."""
         return replace(self, time=self.time / time)  # type: ignore[type-var]
 
     def _powers(self, s):
@@ -152,7 +148,6 @@ class Fractional(FractionalLaw):
             raise InputError(f"law: found low = {self.low:g} above high = {self.high:g}; damped materials stiffen")
 
     def excess(self, s: np.ndarray) -> np.ndarray:
-        """Return g(s) - g(0) of s (...) in 1/s."""
         z = self._powers(s)
         return (self.high - self.low) * z / (1 + z)
 
@@ -190,7 +185,6 @@ class FractionalKelvinVoigt(FractionalLaw):
     exponent: Exponent
 
     def excess(self, s: np.ndarray) -> np.ndarray:
-        """Return g(s) - g(0) of s (...) in 1/s."""
         return self.rise * self._powers(s)
 
     def slope(self, s: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from typing import Annotated
 import numpy as np
 
 from ...fe.dofs import ABSOLUTE, OWN, SCALAR, Dofs, direction_index, require_dofs
-from ...linalg.blocks import create_block, dense_matrix, from_dense, inner, local_rows, times
+from ...linalg.blocks import create_block, dense_matrix, from_dense, inner, local_rows, real_rows, times
 from ...linalg.csr import diagonal_of
 from ...linalg.solvers.base import SingularMatrix
 from ...linalg.solvers.shifted import ShiftedSolver
@@ -181,8 +181,7 @@ def _rigid(model, item, mask, gone) -> _Shape:
         position = model.held.position if item.on is None else model.dofs.position[mask]
         total, count = model.comm.allreduce(position.sum(axis=0)), model.comm.allreduce(len(position))
         at = total / count if place is None else model.interfaces[place].position
-    with local_rows(rigid_motions(model, at)) as rows:
-        rigid = rows.real[:, item.axes].copy()
+    rigid = real_rows(rigid_motions(model, at))[:, item.axes].copy()
     return _Shape(np.where((gone & ~mask)[:, None], 0.0, rigid), rigid)
 
 
@@ -221,8 +220,7 @@ def _deflect(model, framed, bases, shapes, gone, free, factoring):
         # of a base that the program holds, K R of the whole is what its rows that are not here take
         shape.motion - (shape.rigid if item.on is None else 0.0) for item, shape in zip(bases, shapes, strict=True)
     ])  # fmt: skip
-    with local_rows(times(model.K, from_dense(residual, model.K))) as rows:
-        forces = rows.real[free].copy()
+    forces = real_rows(times(model.K, from_dense(residual, model.K)))[free]
     with Owned(model.comm) as owned:
         solver = owned.owns(ShiftedSolver(framed, None, "base_", factoring=factoring))
         solution = create_block(framed.K, forces.shape[1])
@@ -234,8 +232,7 @@ def _deflect(model, framed, bases, shapes, gone, free, factoring):
                 "three that are not on a line, or one with rotations"
             ) from error
         solver.solve(from_dense(forces, framed.K), solution)
-        with local_rows(solution) as rows:
-            deflection = -rows.real.copy()
+        deflection = -real_rows(solution)
     first = 0
     for shape in shapes:
         part = deflection[:, first : first + shape.motion.shape[1]]
@@ -252,8 +249,7 @@ def _columns(model, bases, shapes):
     loads, columns = [], []
     for item, shape in zip(bases, shapes, strict=True):
         R = from_dense(shape.motion, model.K)
-        with local_rows(times(model.M, R)) as rows:
-            column = -rows.real.copy()
+        column = -real_rows(times(model.M, R))
         remarks = []
         beside = np.abs(column + diagonal_of(model.M)[:, None] * shape.motion).max(initial=0.0)
         sizes = model.comm.allgather((beside, np.abs(column).max(initial=0.0)))
@@ -312,7 +308,7 @@ def _assembled(model, framed, bases, R, columns, loads, free):
     if lost := [name for name, there in zip(model.input_names, acts, strict=True) if not there]:
         remark = (f"base: left out the inputs {', '.join(lost)}, which act on nodes that move as they are told",)
     with framed.with_input_columns(B, [*names, *(item.name for item in loads)]) as moved:
-        columns = (_transposed(parts.get(key)) for key in ("C", "Cv", "Ca"))
+        columns = (np.ascontiguousarray(parts[key].T) if key in parts else None for key in ("C", "Cv", "Ca"))
         Ct, rates = measured_columns(moved.K, *columns, called, where)
         if places:
             direct = np.zeros((len(called), B.shape[1]))
@@ -324,8 +320,4 @@ def _assembled(model, framed, bases, R, columns, loads, free):
             Ct=Ct, rates=rates, own_output_names=tuple(called), loads=(*kept, *loads),
             remarks=(*model.remarks, *remark),
         )  # fmt: skip
-
-
-def _transposed(rows):
-    return None if rows is None else np.ascontiguousarray(rows.T)
 

@@ -15,7 +15,8 @@ from typing import Literal
 import numpy as np
 
 from ...fe.dofs import SCALAR, require_dofs
-from ...linalg.blocks import create_block, local_rows, times
+from ...linalg.blocks import create_block, local_rows, real_rows, times
+from ...linalg.csr import absolute
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
 from ...parallel.lookup import look_up, number_over_ranks
@@ -98,15 +99,15 @@ def cut_columns(model, cut: CutOutput) -> np.ndarray:
     comm, dofs, where = model.comm, require_dofs(model, "the force of a cut"), f"outputs: cut '{cut.cut}'"
     side = _side(model, cut, where)
     K = model.K if model.symmetric else model.K.transpose(PETSc.Mat())
-    size = _absolute(K)
+    size = absolute(K)
     others, motions = create_block(K, 1), rigid_motions(model)
     with local_rows(others) as rows:
         rows[:, 0] = ~side & (dofs.direction != SCALAR)
-    touching = _local(times(size, others))[:, 0] > 0  # rows with an element that has nodes of the other side
+    touching = real_rows(times(size, others))[:, 0] > 0  # rows with an element that has nodes of the other side
     at_cut = side & touching
     crossed = comm.allreduce(bool(at_cut.any()), op=MPI.LOR)
     # the force on each row in a rigid-body motion of all, which only supports and springs to the ground give
-    forces, bound = _local(times(K, motions)), _local(times(size, _magnitudes(K, motions)))
+    forces, bound = real_rows(times(K, motions)), real_rows(times(size, _magnitudes(K, motions)))
     if crossed and comm.allreduce(bool((np.abs(forces) > FORCE_FREE * bound)[side].any()), op=MPI.LOR):
         raise InputError(f"{where}: this side has supports, or springs to the ground, whose forces are not those of "
                          "the cut; name the set of the nodes on the other side")  # fmt: skip
@@ -118,7 +119,7 @@ def cut_columns(model, cut: CutOutput) -> np.ndarray:
     motions = rigid_motions(model, about)
     with local_rows(motions) as rows:
         rows[~side] = 0.0
-    columns, bound = _local(times(K, motions)), _local(times(size, _magnitudes(K, motions)))
+    columns, bound = real_rows(times(K, motions)), real_rows(times(size, _magnitudes(K, motions)))
     columns[np.abs(columns) <= ROUND_OFF * bound] = 0.0
     if crossed:
         columns[side & ~touching] = 0.0  # to the digits of a file
@@ -140,18 +141,6 @@ def _side(model, cut, where) -> np.ndarray:
             "they are held or follow others; name the set of the nodes on the other side, or one without them"
         )
     return look_up(comm, numbers, [], dofs.node)[0] & (dofs.direction != SCALAR)
-
-
-def _local(block) -> np.ndarray:
-    """Return a copy of the rows of this rank of a block."""
-    with local_rows(block) as rows:
-        return rows.real.copy()
-
-
-def _absolute(mat) -> PETSc.Mat:
-    """Return |A|. Collective."""
-    indptr, indices, values = mat.getValuesCSR()
-    return PETSc.Mat().createAIJ(mat.getSizes(), csr=(indptr, indices, np.abs(values)), comm=mat.comm)
 
 
 def _magnitudes(mat, block):

@@ -84,7 +84,8 @@ def rigid_body_quantities(model) -> RigidBody:
     mass."""
     centre = np.zeros(3)
     for _ in range(2):
-        found = rigid_body_of(_rigid_gram(model, centre))
+        motions = rigid_motions(model, centre)
+        found = rigid_body_of(inner(motions, times(model.M, motions)))
         if found.masses.min() < 0 or found.mass == 0:
             listed = ", ".join(f"{mass:g}" for mass in found.masses)
             raise InputError(
@@ -94,12 +95,6 @@ def rigid_body_quantities(model) -> RigidBody:
             )
         centre = centre + np.nan_to_num(found.centre)
     return RigidBody(found.masses, np.where(np.isnan(found.centre), np.nan, centre), found.inertia)
-
-
-def _rigid_gram(model, centre):
-    """Return R^T M R (6, 6) of the rigid motions about `centre`. Collective."""
-    motions = rigid_motions(model, centre)
-    return inner(motions, times(model.M, motions))
 
 
 class RigidBodyModes:

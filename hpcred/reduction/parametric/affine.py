@@ -158,7 +158,10 @@ class AffineProjections(Projected):
         """Return the projections at a point; local. Raises InputError where M is not positive definite."""
         theta, tau, constant = self.form.theta(point), self.form.tau, self.small[0]
         L, turn = self.L, np.eye(len(self.L))
-        summed = constant.with_matrices({key: self._sum(key, theta) for key in constant.terms})
+        summed = constant.with_matrices({
+            key: sum(factor * small[key] for factor, small in zip(theta, self.small, strict=True) if key in small.terms)
+            for key in constant.terms
+        })  # fmt: skip
         if self.form.has_mass:
             M, K = summed["M"], summed["K"]
             inner = M + tau**2 * (K + K.T) / 2 if tau else M
@@ -169,6 +172,3 @@ class AffineProjections(Projected):
                    for factor, small in zip(theta, self.small, strict=True) if "K" in small.terms)  # fmt: skip
         io = self.form.io(theta)._replace(limits=self.limits, quiet=self.quiet)
         return PointModels(summed, L, turn, self.damping, io, symmetric, float(size), tau)
-
-    def _sum(self, key, theta):
-        return sum(factor * small[key] for factor, small in zip(theta, self.small, strict=True) if key in small.terms)

@@ -148,7 +148,7 @@ class Greedy:
         self.visited.append(point)
         self._look_at_zeros()
         self._extend_everywhere(search)
-        values = self._values(point)
+        values = dict(zip(self.parametric.reference, point, strict=True))
         self.known.append(ParameterPoint(
             values=values, factorisations=sum(point.factors or 0 for point in search.expansion.points),
             columns=self.basis.size - before,
@@ -314,9 +314,6 @@ class Greedy:
         parameters = self.parametric.parameters
         count = CHECKS.get(len(parameters), MANY)
         return corner_points(parameters, CORNERS) + fresh_points(parameters, FRESH * len(self.visited), count)
-
-    def _values(self, point):
-        return dict(zip(self.parametric.reference, point, strict=True))
 
     def _look_at_damping(self):
         """Measure with the loss factor of undamped models where a given D or added terms leave modes of the band

@@ -21,7 +21,8 @@ def take_round(expansion: Expansion, groups: int, frequencies) -> tuple[Judgemen
     estimate of that model was small, None where no model was made so.
     """
     run, judge, comm, first = expansion.run, expansion.judge, expansion.run.model.comm, expansion.projections.basis.size
-    arrived, found = _made_in_groups(run, expansion.settings, groups, frequencies)
+    with Owned(comm) as owned:
+        arrived, found = _made_by(owned.owns(Group(run.framed, groups)), run, expansion.settings, frequencies)
     proves = judge.candidate is None and len(frequencies) > 1
     columns, seen = _join(expansion.projections, arrived, proves)
     expansion.look_at_damping()
@@ -40,15 +41,9 @@ def take_round(expansion: Expansion, groups: int, frequencies) -> tuple[Judgemen
     return judged, fine
 
 
-def _made_in_groups(run, settings, groups, frequencies):
+def _made_by(group, run, settings, frequencies):
     """Return the blocks of each point (Hz), with the rows of the world, and the Points; `run` gets all records.
     Collective."""
-    with Owned(run.model.comm) as owned:
-        return _made_by(owned.owns(Group(run.framed, groups)), run, settings, frequencies)
-
-
-def _made_by(group, run, settings, frequencies):
-    """The same, with this group."""
     low, high = settings.band
     width = (high - low) / len(frequencies)
     comm, arrived = run.model.comm, []

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...linalg.blocks import add_product, apply, create_block, local_rows
+from ...linalg.csr import absolute
 from ...parallel.decisions import decided
-from ...parallel.petsc import PETSc
 from ...parallel.sums import summed
 from ..small.error_estimate import UNIFORM, grid, quietness
 
@@ -90,7 +90,7 @@ def _round_off(projections, quiet) -> np.ndarray:
     x, y = (_magnitudes(projections, np.array([getattr(output, of) for output in quiet]).T) for of in ("x", "y"))
     product, found = create_block(model.K, len(quiet)), np.zeros(len(quiet))
     for mat, factor in terms:
-        magnitude = _magnitude(mat)
+        magnitude = absolute(mat)
         apply(magnitude, x, product)
         magnitude.destroy()
         with local_rows(product) as Ax, local_rows(y) as rows:
@@ -107,9 +107,3 @@ def _magnitudes(projections, coefficients):
     with local_rows(block) as both, local_rows(found) as rows:
         rows[...] = np.hypot(both[:, :count].real, both[:, count:].real)
     return found
-
-
-def _magnitude(mat):
-    """Return |A| entry by entry. Collective."""
-    indptr, indices, values = mat.getValuesCSR()
-    return PETSc.Mat().createAIJ(mat.getSizes(), csr=(indptr, indices, np.abs(values)), comm=mat.comm)
