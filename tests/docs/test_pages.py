@@ -417,20 +417,6 @@ def test_verdicts_on_pages_are_those_that_commands_print():
     assert len(quoted) >= 6 and [line for line in quoted if line not in printed] == []
 
 
-def test_points_and_sizes_of_the_table_on_reproducibility_are_those_of_today():
-    page = (DOCS / "robustness.md").read_text()
-    chord, damping = hpcred.Chord(nodes=(1, 7, 14), axes="yxz"), hpcred.Rayleigh(alpha=2.0, beta=1e-5)
-    for name, frame, tolerance, band in (
-        ("chord frame, 1e-6 over 1 to 300 Hz", chord, 1e-6, (1.0, 300.0)),
-        ("free, 1e-5 over 0 to 300 Hz", hpcred.Buckens(), 1e-5, (0.0, 300.0)),
-    ):
-        with hpcred.linkage() as model:
-            found = hpcred.reduce(model, frame=frame, damping=damping, tolerance=tolerance, band=band)
-        points, size = re.findall(rf"^\| {name}: points \(Hz\) \| (.*?) \|.*\n\| size; .*? \| (\d+) \|", page, re.M)[0]
-        made = [item.frequency for item in found.record.accuracy.points]
-        assert made == pytest.approx([float(word) for word in points.split(",")], rel=2e-3) and found.size == int(size)
-
-
 def test_the_cited_version_and_paper_are_those_of_the_citation_file():
     cited, page = (ROOT / "CITATION.cff").read_text(), " ".join((DOCS / "cite.md").read_text().split())
     assert f"version = {{{re.search(r'^version: (.*)$', cited, re.M)[1]}}}" in page

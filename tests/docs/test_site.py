@@ -64,8 +64,8 @@ def test_small_numbers_stay_on_one_line(site):
 
 
 def test_buttons_copy_commands_alone(site):
-    text = html.unescape((site / "tutorial" / "2-crank.html").read_text())
-    copied = re.findall(r'<div data-copy="([^"]*)" class="language-console', text)
+    text = (site / "tutorial" / "2-crank.html").read_text()
+    copied = list(map(html.unescape, re.findall(r'<div data-copy="([^"]*)" class="language-console', text)))
     page = (DOCS / "tutorial" / "2-crank.md").read_text()
     typed = ["\n".join(tutorial.commands(block)) for block in tutorial.SESSION.findall(page)]
     assert copied == typed and any("hpcred reduce" in block for block in copied)
