@@ -102,7 +102,7 @@ def test_the_step_of_a_frequency():
     root = np.sqrt(6.0)
     A = np.array([[88 - 7 * root, 296 - 169 * root, -2 + 3 * root], [296 + 169 * root, 88 + 7 * root, -2 - 3 * root],
                   [16 - root, 16 + root, 1]]) / [[360, 1800, 225], [1800, 360, 225], [36, 36, 9]]  # fmt: skip
-    lost = [1 - abs((1 + z * A[2] @ np.linalg.solve(np.eye(3) - z * A, np.ones(3)))) ** (2 * np.pi / abs(z))
+    lost = [1 - abs(1 + z * A[2] @ np.linalg.solve(np.eye(3) - z * A, np.ones(3))) ** (2 * np.pi / abs(z))
             for z in (1j, 2j, 4j)]  # fmt: skip
     words = note_on_damping(SimpleNamespace(damp_above=50.0))
     assert [float(word) for word in re.findall(r"([\d.e-]+) %", words)] == [
