@@ -25,6 +25,7 @@ from .motions.table import head_of, read_columns
 
 HEAD = re.compile(r"(?P<name>.*?)(?:\s+(?P<part>coherence|phase|re|im))?\s*\[(?P<unit>[^\]]*)\]")
 FIRST = {"f [Hz]": "frequency", "f_hz": "frequency", "t [s]": "time", "t_s": "time"}
+LEAST = 1e-200  # of a number of a table but 0: quotients of smaller ones overflow
 STARTS = 1e-6  # of the largest velocity: more at the first instant is a jump
 
 
@@ -141,10 +142,12 @@ def _read(path, expected, least):
     table = read_columns(path, start, len(heads))
     if len(table) < least:
         raise InputError(f"{path}: found {len(table)} lines of numbers, expected {least} or more")
-    if (wrong := np.argwhere(~(np.abs(table) <= ANYTHING[1]))).size:  # NaN too
+    sizes = np.abs(table)
+    if (wrong := np.argwhere(~((sizes == 0) | ((sizes >= LEAST) & (sizes <= ANYTHING[1]))))).size:  # NaN too
         line, column = wrong[0]
         raise InputError(f"{path}: {heads[column]}: found {table[line, column]:g} in the {line + 1}. line of numbers, "
-                         f"expected finite ones of {ANYTHING[0]:g} to {ANYTHING[1]:g}")  # fmt: skip
+                         f"expected finite ones of {ANYTHING[0]:g} to {ANYTHING[1]:g}, 0 or at least {LEAST:g} in size"
+                         )  # fmt: skip
     falls = np.flatnonzero(np.diff(table[:, 0]) <= 0)
     if len(falls):
         raise InputError(f"{path}: {heads[0]}: found {table[falls[0] + 1, 0]:g} after {table[falls[0], 0]:g}, expected "

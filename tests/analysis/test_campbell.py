@@ -1,5 +1,6 @@
 """Campbell diagrams against closed formulae: crossings, veering, whirl, stability limits and critical speeds."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +11,9 @@ from rotor import HELD, RANGE, overhung_rotor
 from scipy.optimize import brentq
 
 import hpcred
+from hpcred.analysis import campbell_diagram
 from hpcred.analysis.campbell import _orbits
+from hpcred.analysis.damped_modes import damped_modes
 from hpcred.analysis.pole_tracking import PoleTracker
 from hpcred.analysis.whirl import orbits
 from hpcred.reduction.result.maxwell_states import maxwell_states
@@ -381,8 +384,16 @@ def test_a_full_rotor_beside(comm):
     assert (np.diff(forward) > 0).all()
 
 
-def test_full_models_have_as_many_modes_as_there_are_at_each_value():
+def test_full_models_have_as_many_modes_as_there_are_at_each_value(monkeypatch):
     """Oscillators that stiffen with the parameter, so that fewer and fewer are below the highest frequency."""
+    residuals = []
+
+    def watched(*arguments, **more):
+        solved = damped_modes(*arguments, **more)
+        residuals.append(np.arange(1.0, 1 + len(solved.poles)))
+        return replace(solved, residuals=residuals[-1])
+
+    monkeypatch.setattr(campbell_diagram, "damped_modes", watched)
     K = np.diag(np.arange(1.0, 13.0) ** 2)
     found = hpcred.campbell(Family(lambda p: (np.eye(12), 0.0 * K, (1 + 99.0 * p) * K)), "p", np.linspace(0, 1, 5),
                             highest=11.0 / (2 * np.pi))  # fmt: skip
@@ -393,6 +404,7 @@ def test_full_models_have_as_many_modes_as_there_are_at_each_value():
     for item, below in zip(beside.full, (11, 1), strict=True):
         omega = np.sqrt(1 + 99.0 * item.value) * np.arange(1, 13)
         assert below <= len(item.poles) and item.poles.imag == pytest.approx(omega[: len(item.poles)], rel=1e-8)
+        assert item.residual == len(item.poles)
         assert len(item.poles) <= below + 3
 
 

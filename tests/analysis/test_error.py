@@ -49,6 +49,6 @@ def test_responses_of_different_shapes_have_no_error(shapes):
 
 
 def test_the_integral_takes_lists_of_one_length():
-    assert error_integral([0, 1, 3], [1, 1, 2]) == 4.0
+    assert error_integral([0, 1, 3], [1, 2, 5]) == 8.5
     with pytest.raises(InputError, match=r"^error_integral: found \(1,\) errors for \(3,\) frequencies"):
         error_integral([0, 1, 3], [1.0])

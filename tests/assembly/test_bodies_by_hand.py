@@ -56,6 +56,12 @@ def test_a_machine_within_its_tolerance_asks_nothing_of_its_bodies():
                         measure=SimpleNamespace(total=lambda each: each.max(axis=(1, 2))))  # fmt: skip
     assert found.curve() == pytest.approx([0.61, 0.61])
     assert (found.needed(0.7) == 1).all() and (found.needed(0.5) < 1).all()
+    # bodies that have little by themselves, and much by each other
+    beside = replace(found, out=out / 10, between=0.9 * np.ones((2, 2, 2, 2)) * (1 - np.eye(2)))
+    with np.errstate(all="raise"):
+        needed = beside.needed(0.5)
+    assert beside.shares().sum() < 0.5 < beside.curve().max() and (needed < 1).all()
+    assert beside.curve(needed).max() <= 0.5
 
 
 @pytest.mark.parametrize(("nodes", "words"), [

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse
-from helpers import few_on_ranks
+from helpers import block_from, few_on_ranks
 
 import hpcred
 from hpcred.linalg.blocks import create_block, local_rows
-from hpcred.model.digits import digits_of, warnings_of_digits
+from hpcred.model.digits import _errors_of_eigenvalues, digits_of, warnings_of_digits
 
 pytestmark = pytest.mark.mpi(ranks=(1, 3))
 
@@ -92,3 +92,16 @@ def test_twelve_modes_are_looked_at(comm):
             eigenvalues[place] = 1e-3
             assert len(warnings_of_digits(model, model.K, eigenvalues, block)) == found
         block.destroy()
+
+
+def test_errors_of_eigenvalues_follow_the_diagonal_that_is_rounded(comm):
+    """In proportion to what random last digits of the diagonal do to them."""
+    rng = np.random.default_rng(8)
+    K = np.diag([1.0, 30.0, 2.0, 500.0, 7.0, 90.0]) + 0.3 * np.ones((6, 6))
+    eigenvalues, X = np.linalg.eigh(K)
+    noise = 1e-6 * rng.uniform(-1, 1, (4000, 6))
+    true = np.linalg.eigvalsh(K + noise[:, :, None] * np.diag(np.diag(K))) - eigenvalues
+    with hpcred.SecondOrderModel.from_scipy(K, np.eye(6), comm=comm) as model:
+        errors = _errors_of_eigenvalues(model.K, 5, block_from(model.K, X), 7)
+    ratios = errors / true.std(axis=0)[:5]
+    assert ratios == pytest.approx(ratios[0], rel=0.05)

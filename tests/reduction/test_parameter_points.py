@@ -157,7 +157,8 @@ def test_modes_have_unit_masses_and_their_largest_entry_is_positive():
     for mass in (M, np.diag([1.0, 2.0, 3.0, 0.0, 0.0, 4.0])):
         modes = reduced._modes({"M": mass, "K": K}, {}, SimpleNamespace(M=mass, K=K))
         X = modes.X
-        assert np.allclose(X.T @ K @ X, np.diag(modes.stiffnesses)) and np.allclose(X.T @ mass @ X, np.diag(modes.masses))
+        assert np.allclose(X.T @ K @ X, np.diag(modes.stiffnesses))
+        assert np.allclose(X.T @ mass @ X, np.diag(modes.masses))
         assert (X[np.abs(X).argmax(axis=0), np.arange(6)] > 0).all()
 
 

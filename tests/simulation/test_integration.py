@@ -1,6 +1,8 @@
 """The integrator: its order, what it damps, and stiff bodies in few steps."""
 
+import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from hpcred.body.body import body_of
 from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import MPI
 from hpcred.simulation import Bushing, Joint
-from hpcred.simulation.integration import amplification, step_of
+from hpcred.simulation.integration import amplification, note_on_damping, step_of
 from hpcred.simulation.simulation import simulate
 
 HINGE = Joint(1, kind="revolute", axis=(0.0, 1.0, 0.0))
@@ -96,3 +98,12 @@ def test_the_step_of_a_frequency():
     assert step_of(100.0) == pytest.approx(1 / (200 * np.pi))
     z = 1e-2j  # R(z) is exp(z) up to z^6
     assert abs(amplification(z) - np.exp(z)) < 1e-14 and abs(amplification(1e6j)) < 1e-5
+    # by the stages of the method, over as many steps as a period has
+    root = np.sqrt(6.0)
+    A = np.array([[88 - 7 * root, 296 - 169 * root, -2 + 3 * root], [296 + 169 * root, 88 + 7 * root, -2 - 3 * root],
+                  [16 - root, 16 + root, 1]]) / [[360, 1800, 225], [1800, 360, 225], [36, 36, 9]]  # fmt: skip
+    lost = [1 - abs(1 + z * A[2] @ np.linalg.solve(np.eye(3) - z * A, np.ones(3))) ** (2 * np.pi / abs(z))
+            for z in (1j, 2j, 4j)]  # fmt: skip
+    words = note_on_damping(SimpleNamespace(damp_above=50.0))
+    assert [float(word) for word in re.findall(r"([\d.e-]+) %", words)] == [
+        float(f"{100 * part:.{digits}g}") for part, digits in zip(lost, (1, 1, 2), strict=True)]  # fmt: skip

@@ -259,5 +259,5 @@ def _modes(matrices, values, base) -> _Modes:
         inverse = np.linalg.inv(factor_of_mass(M, values, np.diag(base.M)))
         squares, vectors = graded_eigenpairs(congruent(K, inverse.T))
         X, masses, stiffnesses = inverse.T @ vectors, np.ones(len(K)), squares
-    X = X * np.where(X[np.abs(X).argmax(axis=0), np.arange(len(X))] < 0, -1.0, 1.0)
+    X = np.where(X[np.abs(X).argmax(axis=0), np.arange(len(X))] < 0.0, -X, X)
     return _Modes(X, masses, stiffnesses, np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi))
