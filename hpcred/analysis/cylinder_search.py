@@ -195,9 +195,7 @@ class _Search:
         axis = cylinder.axis * np.sign(cylinder.axis[np.abs(cylinder.axis) > 1e-3][0])
         cylinder = replace(cylinder, axis=axis)
         tolerance = slack_of(cylinder.radius, self.largest)
-        on = np.flatnonzero(
-            on_cylinder(self.faces, self.points, self.face_normals, cylinder, tolerance, bool(inwards))
-        )
+        on = np.flatnonzero(on_cylinder(self.faces, self.points, self.face_normals, cylinder, tolerance, bool(inwards)))
         low, high = self._extents(on, cylinder)
         along = cylinder.along(self._corners(region))
         start, end = along.min(), along.max()

@@ -71,9 +71,7 @@ class Solving(Keywords):
 
     out_of_core: OutOfCore = None
     low_rank: LowRank = None
-    package: Annotated[
-        str | None, typer.Option(help="What factors: auto, mumps, cudss, superlu_dist or petsc.")
-    ] = None  # fmt: skip
+    package: Annotated[str | None, typer.Option(help="What factors: auto, mumps, cudss, superlu_dist or petsc.")] = None
 
     @property
     def given(self) -> dict:

@@ -128,9 +128,7 @@ class Table(Settings):
     def __post_init__(self):
         super().__post_init__()
         if not self.times:
-            raise InputError(
-                f"{self.where}times: found an empty list, expected ascending times and a value for each"
-            )
+            raise InputError(f"{self.where}times: found an empty list, expected ascending times and a value for each")
         if len(self.times) != len(self.values):
             raise InputError(f"{self.where}values: found {len(self.values)} values for {len(self.times)} times, "
                              "expected as many")  # fmt: skip
@@ -175,9 +173,7 @@ class Spline(Table):
     def __post_init__(self):
         super().__post_init__()
         if len(self.times) < 2:
-            raise InputError(
-                f"{self.where}times: found one time, expected two or more; one value is kind = 'constant'"
-            )
+            raise InputError(f"{self.where}times: found one time, expected two or more; one value is kind = 'constant'")
 
     def at(self, t: float, order: int = 0) -> Any:
         return super().at(t, order) if order else float(self._spline(np.clip(t, self.times[0], self.times[-1])))

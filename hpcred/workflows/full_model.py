@@ -68,9 +68,7 @@ class FullModel:
     def lowest_modes(self, count, progress=None):
         """Return the ReducedModel of the `count` lowest undamped modes in the frame of the record. Collective; close
         it."""
-        return reduce(
-            self.model, [Modes(count=count)], self.record.frame, factoring=self.factoring, progress=progress
-        )
+        return reduce(self.model, [Modes(count=count)], self.record.frame, factoring=self.factoring, progress=progress)
 
 
 @contextmanager

@@ -49,9 +49,7 @@ def geometric_stiffness_of_job(job, model, reduced) -> GeometricStiffness | None
     """Return the geometric stiffness of a reduced model, None where the job does not ask for it. Collective. Raises
     InputError."""
     if job.geometric_stiffness is True:
-        return geometric_stiffness(
-            model, reduced.columns, job.frame, origin=job.body_origin, factoring=job.factoring
-        )
+        return geometric_stiffness(model, reduced.columns, job.frame, origin=job.body_origin, factoring=job.factoring)
     if not job.geometric_stiffness:
         return None
     matrices = [_matrix(item, model, reduced.columns) for item in job.loaded_states]

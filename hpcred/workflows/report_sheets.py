@@ -155,9 +155,7 @@ def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
             units = _likely_units(full_model.model)
         sheet.notes += [f"{path} looks like {units}: from its mass, size, and speed of waves"] if units else []
     found = frequency_response(sheet.measured, sheet.full.frequencies)
-    sheet.errors = errors_of(
-        sheet.measured, sheet.full.frequencies, sheet.full.response, found, sheet.full.drive
-    )
+    sheet.errors = errors_of(sheet.measured, sheet.full.frequencies, sheet.full.response, found, sheet.full.drive)
 
 
 def _likely_units(model):

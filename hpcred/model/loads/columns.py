@@ -219,9 +219,7 @@ def added(name, kind, sums_of):
     remarks = dict.fromkeys(column.remark for column in sums if column.remark)
     area = sum(column.area for column in sums)
     spins = any(column.spins for column in sums)
-    return sum(columns), LoadColumn(
-        name=name, kind=kind, area=area, remark="; ".join(remarks), spins=spins, **total
-    )
+    return sum(columns), LoadColumn(name=name, kind=kind, area=area, remark="; ".join(remarks), spins=spins, **total)
 
 
 def sums_of_column(model, column, name, kind) -> LoadColumn:

@@ -277,9 +277,7 @@ class MovingLoad(NamedLoad):
     def __post_init__(self):
         super().__post_init__()
         if self.along is None and not isinstance(self.on, tuple):
-            raise InputError(
-                f"{self.where}along: missing; expected the direction in which its nodes follow each other"
-            )
+            raise InputError(f"{self.where}along: missing; expected the direction in which its nodes follow each other")
 
     @property
     def input_names(self) -> tuple[str, ...]:

@@ -178,9 +178,7 @@ class InterfaceSolver:
         except SingularMatrix as error:
             model, frame = self._run.model, "take frame kind 'buckens', with which coordinates = 'interface' keep the "
             advice = frame + "rigid-body motion" if model.is_symmetric("K") else "hold it"  # which K pushes
-            raise InputError(
-                f"basis: K of {model.name} is singular, so the body can move freely; {advice}"
-            ) from error
+            raise InputError(f"basis: K of {model.name} is singular, so the body can move freely; {advice}") from error
 
     def _take_flexible(self) -> bool:
         """Take X from the store, or else compute it; return whether it is from the store."""

@@ -151,9 +151,7 @@ class Krylov(PointComponent):
         if self.point == 0:
             if rigid is not None:
                 return free_motions_refused(model, rigid)
-            return InputError(
-                f"krylov point 0 Hz: K of {model.name} is singular: {MOVES_FREELY}"
-            )
+            return InputError(f"krylov point 0 Hz: K of {model.name} is singular: {MOVES_FREELY}")
         return InputError(
             f"krylov point {self.point.imag / 2 / np.pi:.10g} Hz is an eigenfrequency of the undamped model "
             f"(relative distance of its square {error.distance:.1e}), an undamped pole; move the point a little"

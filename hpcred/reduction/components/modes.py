@@ -193,9 +193,7 @@ def _lowest(run, count):
     except SingularMatrix as error:
         if run.rigid is not None:
             raise free_motions_refused(run.model, run.rigid) from error
-        raise InputError(
-            f"basis: K of {run.model.name} is singular: {MOVES_FREELY}"
-        ) from error
+        raise InputError(f"basis: K of {run.model.name} is singular: {MOVES_FREELY}") from error
 
 
 def lowest(run, count, shift=0.0):

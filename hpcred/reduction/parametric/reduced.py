@@ -231,9 +231,7 @@ def _proportional(M, K, damping, reduced):
 
 def _follows_frequencies(damping):
     """Test whether D is made from the eigenfrequencies of the reduced model."""
-    return isinstance(damping, ModalDamping) or (
-        isinstance(damping, Caughey) and caughey_terms(damping) is not None
-    )
+    return isinstance(damping, ModalDamping) or (isinstance(damping, Caughey) and caughey_terms(damping) is not None)
 
 
 class _Modes(NamedTuple):

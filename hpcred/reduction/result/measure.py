@@ -195,9 +195,7 @@ def directions(frequencies, H, drive, drive_of, silent=()) -> Directions:
     g = np.sqrt(np.maximum(np.abs(drive), inputs))
     outputs = _floors(frequencies, _divided(np.abs(H), g[:, None, :]).max(axis=2, initial=0.0))
     outputs = np.where(which >= 0, ratio, np.where(which == FEELS_NOTHING, 0.0, outputs))
-    return Directions(
-        inputs=tuple(inputs.tolist()), outputs=tuple(outputs.tolist()), drive=tuple(which.tolist())
-    )
+    return Directions(inputs=tuple(inputs.tolist()), outputs=tuple(outputs.tolist()), drive=tuple(which.tolist()))
 
 
 def silent_outputs(C: np.ndarray, states) -> list[int]:

@@ -124,9 +124,7 @@ class PointSolver:
                 pivots = self._pivots()
             except SingularMatrix as error:
                 if self.multigrid:
-                    raise InputError(
-                        f"K of {run.model.name} is singular: {MOVES_FREELY}"
-                    ) from error
+                    raise InputError(f"K of {run.model.name} is singular: {MOVES_FREELY}") from error
                 continue
             rigid = run.framed.rigid_size if trial else 0
             count = pivots and replace(pivots, modes=pivots.modes - rigid, below=float(trial))
