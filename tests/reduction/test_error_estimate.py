@@ -1,5 +1,7 @@
 """The estimate against dense truth, its grid, the next point, and the count of modes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from adaptive_models import chain, membrane, unit
@@ -14,6 +16,7 @@ from hpcred.reduction.small.error_estimate import (
     grid,
     is_free,
     largest,
+    largest_error,
     maxima,
     measure_over,
     missing,
@@ -216,3 +219,31 @@ def test_a_grid_ends_on_a_curve_of_round_off():
 
     S, curve = largest(Noise(), np.linspace(0.0, 1.0, 2000))
     assert 2000 < len(S) == len(curve) <= 2000 + 4 * 6 * PLACES
+
+
+@pytest.mark.parametrize("columns", [6, 11, 12])
+@pytest.mark.parametrize("wrong", [0.0, 1e-6, np.nan])
+def test_the_largest_error_is_that_of_exact_differences(columns, wrong):
+    """Also where plain subtraction has other digits: of poles that are wrong, and of a complete model."""
+    random, band = np.random.default_rng(3), (0.0, 8.0)
+    X, B = random.standard_normal((12, 12)), random.standard_normal((12, 2))
+    outer = diagonalised(np.diag(np.linspace(1.0, 60.0, 12) ** 2), B, X @ X.T / 12)
+    q = np.linalg.qr(np.hstack([B, np.eye(12)[:, :10] + 0.1 * X[:, :10]]))[0]
+    inner, embedding = outer.restricted(q[:, :columns])
+    outer = replace(outer, poles=outer.poles._replace(right=outer.poles.right * (1 + wrong)))
+    pair = comparison(inner, outer, band, embedding=embedding, measure="paper")
+    S = grid([outer], band)
+    curve = pair.curve(S)
+    for look in (lambda pair: (S, pair.curve(S)), lambda pair: largest(pair, S)):
+        error, frequency = largest_error(pair, look, S[::8])
+        at, exact = look(pair)
+        assert np.isclose(error, exact.max(), rtol=1e-2) and np.isclose(pair.curve(np.array([frequency]))[0], error)
+    assert error >= 0.99 * curve.max() and (columns == 12) == (error < 1e-15)
+
+
+def test_poles_are_found_once():
+    model = diagonalised(np.diag(np.linspace(1.0, 60.0, 5) ** 2), np.ones((5, 1)), np.diag(np.ones(4), 1) + np.eye(5))
+    first = grid([model], (0.0, 8.0))
+    known = model.memory["upper poles"]
+    assert (grid([model], (0.0, 8.0)) == first).all() and model.memory["upper poles"] is known
+    assert "upper poles" not in replace(model, damping=Proportional(alpha=3.0)).memory

@@ -11,8 +11,12 @@ from ...model.operator import NOTHING, Operator
 from ..run.independent_loads import independent_columns
 from ..search.projections import Projected
 from ..search.silent_outputs import QUIET, UNIT
+from ..small.error_estimate import UNIFORM
 from ..small.pseudo_modal import InputsOutputs, Proportional, PseudoModal, diagonalised
 from .singular import factor_of_mass
+
+KEPT = 2**24  # numbers of models at points that a rank keeps, of which
+MATRICES, RESPONSES = 16, 4 * UNIFORM  # are m^2 and l^2 for m columns and l loads
 
 
 class AffineForm:
@@ -96,7 +100,8 @@ class AffineForm:
 class PointModels(NamedTuple):
     """Projections at values of the parameters on a basis that was made orthonormal there, by the upper triangular
     `turn` (m, m), so that its first columns still span what those of the basis span; `tau`: where they are
-    orthonormal in M + tau^2 K; `size_of_k`: the sum of the norms of what adds up to K. Local."""
+    orthonormal in M + tau^2 K; `size_of_k`: the sum of the norms of what adds up to K; `made`: models of their first
+    columns that were made. Local."""
 
     operator: Operator
     L: np.ndarray
@@ -105,7 +110,8 @@ class PointModels(NamedTuple):
     io: InputsOutputs
     symmetric: bool
     size_of_k: float
-    tau: float = 0.0
+    tau: float
+    made: dict[tuple, PseudoModal]
 
     @property
     def K(self) -> np.ndarray:
@@ -114,10 +120,13 @@ class PointModels(NamedTuple):
 
     def model(self, count: int | None = None) -> PseudoModal:
         """Return the model of the first `count` columns, by default of all."""
-        k = slice(count)
-        alone = self.operator.map(lambda matrix: matrix[k, k])
-        given = alone.get("D"), self.damping, self.io, alone.added, self.symmetric
-        return diagonalised(alone["K"], self.L[k], *given, alone.get("M") if self.tau else None, self.tau)
+        k = slice(len(self.L) if count is None else count)
+        if (key := (k.stop, self.damping)) not in self.made:
+            alone = self.operator.map(lambda matrix: matrix[k, k])
+            given = alone.get("D"), self.damping, self.io, alone.added, self.symmetric
+            mass = alone.get("M") if self.tau else None
+            self.made[key] = diagonalised(alone["K"], self.L[k], *given, mass, self.tau)
+        return self.made[key]
 
 
 class AffineProjections(Projected):
@@ -125,7 +134,8 @@ class AffineProjections(Projected):
 
     `damping`: the proportional damping of the models; `limits` of quiet columns of C^T, QUIET for those that are
     `silent` at all points that were looked at; `quiet`: whether others are not silent somewhere (see InputsOutputs),
-    and the `round_off` of these, by that of columns that other values of the parameters mix.
+    and the `round_off` of these, by that of columns that other values of the parameters mix. Models at points are kept,
+    also while the basis grows, as there is room.
     """
 
     def __init__(self, form: AffineForm, basis, damping: Proportional):
@@ -137,12 +147,15 @@ class AffineProjections(Projected):
 
     def note_quiet(self, columns: dict[int, tuple[float, float]]):
         """Keep what is known of quiet columns of C^T at one more point (see quiet_columns); local."""
+        before = self.limits, self.quiet
         silent = {column for column, (ratio, limit) in columns.items() if ratio <= limit}
         self.silent = silent if self.silent is None else self.silent & silent
         self.quiet |= len(silent) < len(columns)
         for column, (ratio, limit) in columns.items():
             self._limits[column] = max(limit, self._limits.get(column, 0.0))
             self.round_off = max(self.round_off, UNIT / ratio if ratio > limit else 0.0)
+        if (self.limits, self.quiet) != before:
+            self._made.clear()
 
     @property
     def limits(self) -> dict[int, float]:
@@ -153,6 +166,11 @@ class AffineProjections(Projected):
         """Follow a basis V that has become V factor; local."""
         self.L = factor.T @ self.L
         self.small = [small.projected(factor) for small in self.small]
+        self._made.clear()
+
+    def restart(self):
+        self._made: dict[tuple, dict] = {}  # models by point
+        super().restart()
 
     def at(self, point) -> PointModels:
         """Return the projections at a point; local. Raises InputError where M is not positive definite."""
@@ -171,4 +189,12 @@ class AffineProjections(Projected):
         size = sum(abs(factor) * np.linalg.norm(small["K"])
                    for factor, small in zip(theta, self.small, strict=True) if "K" in small.terms)  # fmt: skip
         io = self.form.io(theta)._replace(limits=self.limits, quiet=self.quiet)
-        return PointModels(summed, L, turn, self.damping, io, symmetric, float(size), tau)
+        return PointModels(summed, L, turn, self.damping, io, symmetric, float(size), tau, self._kept(point))
+
+    def _kept(self, point) -> dict:
+        """Return the models at a point that are kept; those of the points that were asked for first make room."""
+        self._made[point] = made = self._made.pop(point, {})
+        m, l = self.L.shape
+        while len(self._made) * (MATRICES * m * m + RESPONSES * l * l) > KEPT and len(self._made) > 1:
+            del self._made[next(iter(self._made))]
+        return made

@@ -14,7 +14,17 @@ from ...parallel.decisions import decided, shared_out
 from ...parallel.failures import agreed
 from ..search.outcome import SHOWN
 from ..small.compression import LITTLE, Snapshots, States, fewest
-from ..small.error_estimate import FINE, UNIFORM, Comparison, grid, largest, measure_over, resolved, upper_poles
+from ..small.error_estimate import (
+    FINE,
+    UNIFORM,
+    Comparison,
+    grid,
+    largest,
+    largest_error,
+    measure_over,
+    resolved,
+    upper_poles,
+)
 from .estimate import COARSE, coarsely
 from .training import distances, halfway, points_around
 
@@ -28,7 +38,6 @@ STARTS = 8  # of a search for larger errors, with
 STEPS = 4  # along each axis, of
 FIRST_STEP = 0.1  # of the ranges, and halves of it
 HALVINGS = 8  # of the way between two points, to where a pole is at an end of the band
-KEPT = 2**24  # numbers of matrices of points that a rank keeps
 
 
 def snapshots_at(points, projections, settings, fixed, count=None, coarse=False) -> Snapshots:
@@ -44,17 +53,17 @@ def snapshots_at(points, projections, settings, fixed, count=None, coarse=False)
 
 
 def _states(projections, point, settings, count, coarse) -> States:
-    pair, outward, inward = turned(projections, point, settings, count)
+    pair, outward, inward = turned(projections, point, settings, count, COARSE if coarse else UNIFORM)
     S = grid([pair.outer], settings.band, COARSE, None) if coarse else grid([pair.outer], settings.band, ALONG)
     return States(pair, S, outward=outward, inward=inward)
 
 
-def turned(projections, point, settings, count=None) -> tuple[Comparison, np.ndarray, np.ndarray]:
+def turned(projections, point, settings, count=None, uniform=UNIFORM) -> tuple[Comparison, np.ndarray, np.ndarray]:
     """Return the model of the first `count` columns (m, by default all) at a point beside itself, and the turns from
-    its pseudo-modal coordinates to those of the basis and back (m, m); local."""
+    its pseudo-modal coordinates to those of the basis and back (m, m); `uniform`: see measure_over; local."""
     models = projections.at(point)
     outer, turn = models.model(count), models.turn[:count, :count]
-    measure = measure_over(settings.error_measure, settings.band, outer)
+    measure = measure_over(settings.error_measure, settings.band, outer, uniform)
     pair = Comparison(outer, outer, np.eye(len(outer)), measure)
     return pair, turn @ pair.outer.vectors, pair.outer.vectors.T @ np.linalg.inv(turn)
 
@@ -82,7 +91,7 @@ def compress(projections, settings, reference, some, points, goal, fixed, beside
     `some`: of the points, to begin with; `fixed` (m, c): columns of the basis that stay in the span; `beside`:
     coordinates that join the model later.
     """
-    comm, size, kept = projections.form.parametric.comm, len(projections.L), {}
+    comm, size = projections.form.parametric.comm, len(projections.L)
     limited, most = "", None if settings.size is None else settings.size - beside
     for trial in range(TRIALS + 1):
         snapshots = snapshots_at(some, projections, settings, fixed)
@@ -90,14 +99,14 @@ def compress(projections, settings, reference, some, points, goal, fixed, beside
         if most is not None and U.shape[1] > most:
             limited = f"with {settings.size} coordinates"
             U = fewest(snapshots_at(points, projections, settings, fixed), 0.0, most=most)
-        inside = partial(_inside, projections, settings, U, kept if size**2 * len(points) < KEPT else None)
-        errors, worst = _errors(inside, points, settings.band)
+        inside = partial(_inside, projections, settings, U)
+        errors, worst = _errors(inside, points, settings)
         noise = 0.0
         if limited or not (over := _over(errors, goal, points, some)):
             noise = _look_closely(inside, points, settings.band, errors, worst)
             over = _over(errors, goal, points, some)
         if not over:
-            more = _look_around(inside, points, errors, settings.band)
+            more = _look_around(inside, points, errors, settings)
             points, errors, worst = [*points, *more[0]], np.append(errors, more[1]), np.append(worst, more[2])
             over = _over(errors, goal, points, some)
         if not over or limited:
@@ -143,23 +152,16 @@ def _over(errors, goal, points, some):
     return [k for k in np.argsort(-errors, kind="stable") if errors[k] > 1.02 * goal and points[k] not in some]
 
 
-def _inside(projections, settings, U, kept, point) -> Comparison:
-    """Return the model on U at a point beside that of all columns; `kept`: what this rank has made for points, or None.
-    """
-    known = kept.get(point) if kept is not None else None
-    if known is None:
-        pair, _, inward = turned(projections, point, settings)
-        known = pair, inward
-        if kept is not None:
-            kept[point] = known
-    pair, inward = known
+def _inside(projections, settings, U, point) -> Comparison:
+    """Return the model on U at a point beside that of all columns."""
+    pair, _, inward = turned(projections, point, settings)
     return pair.within(np.linalg.qr(inward @ U)[0])
 
 
-def _errors(inside, points, band):
+def _errors(inside, points, settings):
     """Return the errors (N,) at the points at few frequencies, and where they are (N,)."""
     comm = inside.args[0].form.parametric.comm
-    pairs = shared_out(comm, lambda point: coarsely(inside(point), band), points)
+    pairs = shared_out(comm, lambda point: coarsely(inside(point), settings), points)
     return tuple(np.array(arrays) for arrays in zip(*pairs, strict=True))
 
 
@@ -167,9 +169,10 @@ def _look_closely(inside, points, band, errors, worst) -> float:
     """Look at more frequencies at the points with the largest `errors` (N,); returns the largest noise there."""
 
     def finely(point):
-        pair = inside(point)
-        S, curve = largest(pair, grid([pair.outer, pair.inner], band), LITTLE * float(errors.max()), rounds=2)
-        return float(curve.max()), float(S[curve.argmax()]), float(pair.noise(S).max())
+        pair, little = inside(point), LITTLE * float(errors.max())
+        S, few = grid([pair.outer, pair.inner], band), grid([pair.outer], band, COARSE, None)
+        found = largest_error(pair, lambda pair: largest(pair, S, little, rounds=2), few)
+        return *found, float(pair.noise(few).max())
 
     high = [k for k in np.argsort(-errors, kind="stable")[:LOOKED_AT] if errors[k] >= CLOSE * errors.max()]
     results = shared_out(inside.args[0].form.parametric.comm, finely, [points[k] for k in high])
@@ -177,7 +180,7 @@ def _look_closely(inside, points, band, errors, worst) -> float:
     return float(noise.max())
 
 
-def _look_around(inside, points, errors, band) -> tuple[list, np.ndarray, np.ndarray]:
+def _look_around(inside, points, errors, settings) -> tuple[list, np.ndarray, np.ndarray]:
     """Search for larger errors around the worst of the points that are not close to each other, by steps along the
     axes; where another point is much closer than these also from steps of half that distance. Returns the points looked
     at, their errors and at which frequencies these are."""
@@ -193,7 +196,7 @@ def _look_around(inside, points, errors, band) -> tuple[list, np.ndarray, np.nda
     highest = [errors[points.index(point)] for point in centres]
     for _ in range(STEPS):
         rings = [points_around(parameters, *where) for where in zip(centres, steps, strict=True)]
-        here = _errors(inside, [point for ring in rings for point in ring], band)
+        here = _errors(inside, [point for ring in rings for point in ring], settings)
         for known, new in zip(looked_at, ([point for ring in rings for point in ring], *here), strict=True):
             known.extend(new)
         ends = np.cumsum([len(ring) for ring in rings])[:-1]
@@ -217,8 +220,7 @@ def _worst_apart(parameters, points, errors):
 
 
 def _at_reference(projections, reference, settings, U):
-    pair, _, inward = turned(projections, reference, settings)
-    small = pair.within(np.linalg.qr(inward @ U)[0])
+    small = _inside(projections, settings, U, reference)
     grid_of_both = grid([small.outer, small.inner], settings.band, 2 * UNIFORM, FINE)
     S, curve = largest(small, grid_of_both, LITTLE * settings.tolerance)
     S, curve = resolved(small, S, curve, max(3 * float(small.noise(S).max()), SHOWN * settings.tolerance))

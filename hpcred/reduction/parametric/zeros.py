@@ -71,7 +71,7 @@ def _over_band(projections, band, point) -> list[np.ndarray]:
     size = np.linalg.norm(model.L / energy, axis=0)[:, None]  # of loads of any unit
     over = np.divide(model.L.T, size, out=np.zeros_like(model.L.T), where=size > 0)
     moved = np.concatenate([over @ model.solve(chunk, model.B) for chunk in model.parts_of(frequencies)])
-    outputs = _responses(model, frequencies)[: -moved.shape[2]]
+    outputs = [] if model.io.are_same else _responses(model, frequencies)[: -moved.shape[2]]
     return [_few(each) for each in (*outputs, *np.nan_to_num(moved.transpose(2, 0, 1), posinf=0.0, neginf=0.0))]
 
 

@@ -231,8 +231,9 @@ def _largest(matrix):
 
 def _floors(frequencies, size):
     """Return the medians of responses (U, k) over the band, or the values at 0 Hz if smaller and not zero."""
-    finite = np.where(np.isfinite(size), size, np.nan)
-    floors = np.nan_to_num(np.nanmedian(finite, axis=0))
+    finite = np.isfinite(size)
+    median = np.median if finite.all() else np.nanmedian  # which goes column by column
+    floors = np.nan_to_num(median(np.where(finite, size, np.nan), axis=0))
     if frequencies[0] == 0:
         static = np.where(np.isfinite(size[0]), size[0], np.inf)
         floors = np.where(static > STATIC * floors, np.minimum(floors, static), floors)

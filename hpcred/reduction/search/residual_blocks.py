@@ -25,7 +25,7 @@ from ...linalg.csr import diagonal_of
 from ...parallel.decisions import decided
 from ...parallel.failures import agreed
 from ...parallel.petsc import PETSc
-from ..small.error_estimate import measure_over
+from ..small.error_estimate import UNIFORM, measure_over
 from ..small.pseudo_modal import columns
 
 RESIDUALS = 40  # frequencies at which residuals are taken
@@ -37,7 +37,7 @@ class ResidualSpace(NamedTuple):
 
     `model`: whose rows blocks have, equilibrated for the rigid-body modes `rigid` (or None); `loads` L; `columns` V;
     `matrices` A_k with whether each is symmetric; `scale`: of the rows of this rank; `restore`: T of a frame, where V
-    stands for T V and A_k has the rows of that, else None.
+    stands for T V and A_k has the rows of that, else None; `mass_images`: A_1 V, where the basis keeps that, else None.
     """
 
     model: object
@@ -47,12 +47,17 @@ class ResidualSpace(NamedTuple):
     matrices: list[tuple[PETSc.Mat, bool]]
     scale: np.ndarray
     restore: PETSc.Mat | None = None
+    mass_images: Block | None = None
 
     def combined(self, factors):
         """Return L c_L - A_1 V c_1 - ... for the factors c, equilibrated, with scaled rows, as a block."""
         block = create_block(self.model.K, factors[0].shape[1])
         add_product(block, self.loads, factors[0], beta=0.0)
-        for (mat, _), factor in zip(self.matrices, factors[1:], strict=True):
+        rest = list(zip(self.matrices, factors[1:], strict=True))
+        if rest and self.mass_images is not None:
+            add_product(block, self.mass_images, factors[1], alpha=-1.0)
+            rest = rest[1:]
+        for (mat, _), factor in rest:
             copied = create_block(self.model.K, factor.shape[1])
             add_product(copied, self.columns, factor, beta=0.0)
             add_product(block, self._times(mat, copied), np.eye(factor.shape[1]), alpha=-1.0)
@@ -67,8 +72,11 @@ class ResidualSpace(NamedTuple):
         scaled = copy_of(block, self.model.K)
         with local_rows(scaled) as rows:
             rows *= self.scale[:, None]
-        products = [inner(self.loads, scaled)]
-        for mat, symmetric in self.matrices:
+        products, rest = [inner(self.loads, scaled)], self.matrices
+        if rest and self.mass_images is not None:
+            products.append(inner(self.mass_images, scaled))
+            rest = rest[1:]
+        for mat, symmetric in rest:
             product = self._times(mat if symmetric else mat.transpose(PETSc.Mat()), scaled)
             products.append(inner(self.columns, product))
         return products
@@ -186,7 +194,13 @@ def _space(projections, damped=True) -> ResidualSpace:
     matrices = [(model.M, True), (model.K, projections.symmetric)]
     if damped:
         matrices += [(mat, key != "D" or model.is_symmetric(key)) for key, mat in projections.beside.matrices.items()]
-    return ResidualSpace(model, run.rigid, projections.loads, projections.basis.columns, matrices, row_scale(model))
+    return ResidualSpace(model, run.rigid, projections.loads, projections.basis.columns, matrices, row_scale(model),
+                         mass_images=mass_images(run, projections.basis))  # fmt: skip
+
+
+def mass_images(run, basis):
+    """Return M V of a basis, if it keeps that, else None."""
+    return None if run.tau else basis.mass_images_between(0, basis.size)
 
 
 def _coefficients(projections, settings, S, damped=True):
@@ -194,7 +208,7 @@ def _coefficients(projections, settings, S, damped=True):
     return residual_coefficients(model if damped else model.without_D(), settings, S)
 
 
-def residual_coefficients(model, settings, S):
+def residual_coefficients(model, settings, S, uniform=UNIFORM):
     """Return coefficients of R = L P w - M V c_M - K V c_K - D V c_D - K_v V c_v at S (Hz), Re beside Im: P w (l, N),
     c_M.. (m, N).
 
@@ -203,7 +217,7 @@ def residual_coefficients(model, settings, S):
     io = model.io
     P, weights = (io.inputs if io.are_same else np.hstack(io[:2])), 1.0
     if settings is not None:
-        h, g = measure_over(settings.error_measure, settings.band, model).scales(*model.responses(S))
+        h, g = measure_over(settings.error_measure, settings.band, model, uniform).scales(*model.responses(S))
         scales = g if io.are_same else np.hstack([g, io.column_scales(2j * np.pi * S, h)])
         weights = np.divide(1.0, scales, out=np.zeros_like(scales), where=scales > 0)[:, None, :]
     states = model.solve(S, model.L @ P) * weights

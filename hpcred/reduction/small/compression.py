@@ -10,14 +10,14 @@ from ...parallel.failures import agreed
 from ...parallel.petsc import MPI
 from ..result.measure import Measure
 from . import refinement
-from .error_estimate import Comparison
+from .error_estimate import CLEAR, Comparison
 from .pseudo_modal import PseudoModal, columns
 
 LARGE = 1e6  # error that counts as any other above it
 BALANCES = (1.0, 0.1, 10.0, 0.01, 100.0)  # of the states of inputs beside those of outputs, where these are others
 LITTLE = 1e-3  # of the goal: errors that are no matter
 WIDE = 0.1  # of the goal: error of the columns that a refinement combines
-CLEAR = 1e3  # times the round-off of plain subtraction, above which an error is known by it
+EACH = 8  # of so many frequencies one, at which round-off of plain subtraction is looked at
 TIE = 0.01  # by how much the first input or output counts less than the last, so that equal directions have an order
 
 
@@ -58,7 +58,7 @@ class States:
         if fixed is not None:
             states = states - times(fixed, times(fixed.T, states))
         self._states, self._width = columns(states), states.shape[2]
-        self._known, self._noise = pair.outer.responses(frequencies), np.inf
+        self._known, self._noise = pair.outer.responses(frequencies), None
         self._ties = 1 + TIE * np.linspace(0.0, 1.0, states.shape[2])
         self.balances = BALANCES if states.shape[2] > self._inputs else BALANCES[:1]
         self.reset()
@@ -86,10 +86,12 @@ class States:
         plain = self._known[0] - inside.inner.quick_response(self.frequencies)
         each = measure.each(plain, *self._known)
         # plain subtraction is quick, and serves where its round-off is no matter; a NaN, as at 0 Hz, does not compare
+        if self._noise is None:
+            some = slice(None, None, EACH)
+            wrong = plain[some] - inside.difference(self.frequencies[some])
+            self._noise = float(np.nanmax(measure.eps(wrong, *(known[some] for known in self._known)), initial=0.0))
         if not measure.total(each).max() > CLEAR * self._noise:
-            exact = inside.difference(self.frequencies)
-            self._noise = float(np.nanmax(measure.eps(plain - exact, *self._known), initial=0.0))
-            each = measure.each(exact, *self._known)
+            each = measure.each(inside.difference(self.frequencies), *self._known)
         self._each = np.minimum(each, LARGE)
         return measure.total(self._each).max()
 

@@ -29,6 +29,7 @@ SILENT = 1e-12  # see quietness: below it a response counts as round-off where t
 SMALL = 0.1  # of the static stiffness: what added terms add to it where the response is linear in that
 LOWEST = 200  # decades below the band, in which that is sought
 WIDE = 4.0  # ratio of the ends of an interval that is parted on a logarithmic scale
+CLEAR = 1e2  # times the round-off of plain subtraction, above which an error is known by it
 PLACES = 1000  # of a curve that are refined at once; one of round-off has maxima everywhere, and grids must end
 
 
@@ -57,6 +58,10 @@ class Comparison(Keeping):
         io = self.outer.io
         return kept(self, "difference", frequencies, compute, io.output_count * io.inputs.shape[1])[0]
 
+    def responses(self, frequencies) -> tuple[np.ndarray, np.ndarray]:
+        """Return H_outer (S, r, p) and its drive-point responses (S, p), of which the measure makes scales."""
+        return self.outer.responses(frequencies)
+
     def curve(self, frequencies) -> np.ndarray:
         """Return the error eps (S,) of the inner model."""
         return self.measure.total(self.each(frequencies))
@@ -64,8 +69,8 @@ class Comparison(Keeping):
     def curve_and_dips(self, frequencies) -> tuple[np.ndarray, np.ndarray]:
         """Return curve(), and the largest error that may be beside each frequency (S,), 0 unless a scale has a minimum
         there."""
-        E, known = self.difference(frequencies), self.outer.responses(frequencies)
-        each = self.measure.each(E, *known)
+        known = self.responses(frequencies)
+        each = self.measure.each(self.difference(frequencies), *known)
         curve = self.measure.total(each)
         most, floors = np.zeros_like(curve), self.measure.floors
         if floors is None:
@@ -78,7 +83,7 @@ class Comparison(Keeping):
 
     def each(self, frequencies) -> np.ndarray:
         """Return the error of every response (S, r, p)."""
-        return self.measure.each(self.difference(frequencies), *self.outer.responses(frequencies))
+        return self.measure.each(self.difference(frequencies), *self.responses(frequencies))
 
     def noise(self, frequencies) -> np.ndarray:
         """Return the noise (S,) of the two models: what plain subtraction of their responses differs by. A Caughey
@@ -99,6 +104,33 @@ class Comparison(Keeping):
         return replace(self, inner=inner, outer=outer)
 
 
+@dataclass(frozen=True)
+class Plain(Comparison):
+    """The same by plain subtraction of responses, which is quick, and has their round-off."""
+
+    def difference(self, frequencies) -> np.ndarray:
+        return self.responses(frequencies)[0] - self.inner.quick_response(frequencies)
+
+    def responses(self, frequencies) -> tuple[np.ndarray, np.ndarray]:
+        return self.outer.quick_responses(frequencies)
+
+
+def largest_error(pair: Comparison, look: Callable, some: np.ndarray, little=0.0) -> tuple[float, float]:
+    """Return the largest error, and where it is, on the curve (S,) at frequencies (S,) that `look` makes of a
+    comparison.
+
+    The curve is that of plain subtraction, where its round-off at the frequencies `some` (k,), and where it is largest,
+    is no matter beside the largest error, or beside a `little` one.
+    """
+    plain = Plain(pair.inner, pair.outer, pair.embedding, pair.measure)
+    S, curve = look(plain)
+    at = np.union1d(some, S[curve.argmax()])
+    exact = pair.curve(at)
+    if not (np.abs(exact - plain.curve(at)) <= max(curve.max() / CLEAR, little)).all():  # or a NaN, as at 0 Hz
+        at, exact = look(pair)
+    return float(exact.max()), float(at[exact.argmax()])
+
+
 def measure_over(measure: Measure, band, model: PseudoModal, uniform=UNIFORM) -> Measure:
     """Return a measure with what it takes from the responses of a model at `uniform` points of a band (Hz), such as
     floors."""
@@ -107,7 +139,7 @@ def measure_over(measure: Measure, band, model: PseudoModal, uniform=UNIFORM) ->
     frequencies = np.linspace(*band, uniform)
     of = drive_points(model.io.inputs, model.io.rates.static(model.io.outputs))
     silent = _silent(model, band) if (of[0] < 0).any() else ()
-    return measure.over(frequencies, *model.responses(frequencies), of, silent)
+    return measure.over(frequencies, *model.quick_responses(frequencies), of, silent)  # of which medians are taken
 
 
 def _silent(model, band) -> list[int]:
@@ -137,7 +169,13 @@ def quietness(model: PseudoModal, frequencies) -> np.ndarray:
 
 
 def upper_poles(model: PseudoModal) -> np.ndarray:
-    """Return the poles (k,) of a model that are not below the real axis, in rad/s."""
+    """Return the poles (k,) of a model that are not below the real axis, in rad/s; the model keeps them."""
+    if "upper poles" not in model.memory:
+        model.memory["upper poles"] = _upper_poles(model)
+    return model.memory["upper poles"]
+
+
+def _upper_poles(model):
     if model.masses is not None:
         model = model.with_unit_masses(1 / np.sqrt(np.maximum(model.masses, LEAST_MASS)))
     if model.added:

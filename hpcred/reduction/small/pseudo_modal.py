@@ -182,7 +182,7 @@ class PseudoModal(Keeping):
         D = self.D
         return self.N is None and not self.added and (D is None or np.count_nonzero(D) == np.count_nonzero(np.diag(D)))
 
-    @property
+    @cached_property
     def idle(self) -> np.ndarray:
         """Which coordinates (m,) nothing pushes: no load, and no other coordinate."""
         pushed = self.L.any(axis=1)
@@ -237,12 +237,13 @@ class PseudoModal(Keeping):
         right = np.broadcast_to(right, (len(frequencies), *right.shape[-2:]))
         states, wrong = np.zeros(right.shape, dtype=complex), np.arange(len(frequencies))
         if (nearly := self._nearly_inverse(frequencies, transposed)) is not None:
-            size = _column_norms(right)
+            size, diagonal = _column_norms(right), self._diagonal(frequencies)[:, :, None]
             rest = right
             for _ in range(3):
                 states += nearly(rest)
-                rest = right - self.multiply(frequencies, states, transposed)
-                scale = size + _column_norms(self._diagonal(frequencies)[:, :, None] * states)
+                most = diagonal * states
+                rest, scale = right - most, size + _column_norms(most)
+                self._add_coupled(rest, frequencies, states, transposed, -1.0)
                 if (_column_norms(rest) <= accuracy * scale).all() and not self.io.quiet:
                     break
             wrong = np.flatnonzero(~(_column_norms(rest) <= 1e3 * accuracy * scale).all(axis=1))
@@ -321,12 +322,16 @@ class PseudoModal(Keeping):
         if self.is_diagonal:
             return self._diagonal_with_D(frequencies)[:, :, None] * states
         result = self._diagonal(frequencies)[:, :, None] * states
+        self._add_coupled(result, frequencies, states, transposed)
+        return result
+
+    def _add_coupled(self, result, frequencies, states, transposed, sign=1.0):
+        """Add to the result what A(s) has beside its diagonal of K and M, times states (S, m, l)."""
         a, _, s = self.damping.coefficients(frequencies)
         if self.N is not None:
-            result += a[:, None, None] * times(self.N.T if transposed else self.N, states)
+            result += (sign * a)[:, None, None] * times(self.N.T if transposed else self.N, states)
         if self.operator:
-            result += self.operator.apply(s, states, transposed)
-        return result
+            result += sign * self.operator.apply(s, states, transposed)
 
     def _diagonal(self, frequencies):
         """a omega^2 + b (S, m): A(s) without D."""
@@ -355,40 +360,60 @@ class PseudoModal(Keeping):
         return self.responses(frequencies)[0]
 
     def quick_response(self, frequencies: np.ndarray) -> np.ndarray:
-        """Return H (S, r, p) with a given D by its poles alone, without refinement, and with added terms by
-        elimination: for models that are asked once, and judged by others."""
-        if self.is_diagonal or (self.poles is None and not self.added):
-            return self.response(frequencies)
-        left, right, H = self.Ct.T, self.B, []
-        for chunk in self.parts_of(frequencies):
-            if self.added:
-                rows = left @ _scaled(self.matrices(chunk), np.broadcast_to(right, (len(chunk), *right.shape)))
-            else:
-                s = self.damping.coefficients(chunk)[2]
-                share = _reciprocal(s[:, None] - self.poles.values)[:, :, None] * (self.poles.left @ right)
-                rows = times(left @ self.poles.right, share)
-            H.append(self.io.rates.responses(2j * np.pi * chunk, rows))
-        return np.concatenate(H)
+        """Return H (S, r, p) as quick_responses() does, and with added terms by elimination: what is asked for once."""
+        if not self.added:
+            return self.quick_responses(frequencies)[0]
+
+        def states(chunk, right):
+            return _scaled(self.matrices(chunk), np.broadcast_to(right, (len(chunk), *right.shape)))
+
+        return self._by_states(frequencies, states)[0]
 
     def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return H (S, r, p), without the factor s^k of rates, and the drive-point responses b_i^T A^-1 b_i
         (S, p) of the inputs; they are kept as there is room."""
         return kept(self, "responses", frequencies, self._responses_at, (self.io.output_count + 1) * self.B.shape[1])
 
+    def quick_responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the same, with a given D by its poles alone, without refinement: where round-off is looked at, or no
+        matter."""
+        if self.poles is None or not self._has_few_products:
+            return self.responses(frequencies)
+        left, right, values = self.poles.left @ self.B, self.poles.right, self.poles.values
+
+        def inverse(chunk):
+            return _reciprocal(self.damping.coefficients(chunk)[2][:, None] - values)
+
+        return self._by_poles(frequencies, inverse, self.Ct.T @ right, self.B.T @ right, left)
+
     def _responses_at(self, frequencies):
+        if not (self.is_diagonal and self._has_few_products):
+            return self._by_states(frequencies, self.solve)
+        return self._by_poles(frequencies, lambda f: 1 / self._diagonal_with_D(f), self.Ct.T, self.B.T, self.B)
+
+    @property
+    def _has_few_products(self):
+        return self.Ct.size * self.B.shape[1] <= FEW_PRODUCTS
+
+    def _by_poles(self, frequencies, inverse, left, own, right):
+        """Return responses() of which each of q modes or poles adds c b^T over its own number, for all frequencies in
+        one product: `inverse(frequencies)` (S, q), c `left` (r, q) or `own` (p, q), b `right` (q, p)."""
+        products = np.hstack([(left.T[:, :, None] * right[:, None, :]).reshape(len(right), -1), own.T * right])
+        H, drive = [], []
+        for chunk in self.parts_of(frequencies):
+            rows = inverse(chunk) @ products if np.iscomplexobj(products) else _times_real(inverse(chunk), products)
+            rows, at = np.split(rows, [len(left) * right.shape[1]], axis=1)
+            rows = rows.reshape(len(chunk), len(left), right.shape[1])
+            H.append(self.io.rates.responses(2j * np.pi * chunk, rows))
+            drive.append(at)
+        return np.concatenate(H), np.concatenate(drive)
+
+    def _by_states(self, frequencies, solve):
+        """Return responses() by states A(s)^-1 B, as `solve` has them."""
         left, right = self.Ct.T, self.B
         H, drive = [], []
-        if self.is_diagonal and left.size * right.shape[1] <= FEW_PRODUCTS:
-            # each mode adds c b^T over its own number, for all frequencies in one product
-            products = (left.T[:, :, None] * right[:, None, :]).reshape(len(self), -1)
-            for chunk in self.parts_of(frequencies):
-                inverse = 1 / self._diagonal_with_D(chunk)
-                rows = _times_real(inverse, products).reshape(len(chunk), len(left), right.shape[1])
-                H.append(self.io.rates.responses(2j * np.pi * chunk, rows))
-                drive.append(_times_real(inverse, right**2))
-            return np.concatenate(H), np.concatenate(drive)
         for chunk in self.parts_of(frequencies):
-            states = self.solve(chunk, right)
+            states = solve(chunk, right)
             rows = left @ states
             H.append(self.io.rates.responses(2j * np.pi * chunk, rows))
             by_itself = self.io.are_same
