@@ -19,13 +19,43 @@ class NegativeCurvature(NotSolved):
     """The matrix, or what stands for its inverse, is not positive definite."""
 
 
-def conjugate_gradients(comm, multiply, precondition, residual, solution, targets, most: int) -> np.ndarray:
+class EnergyBound:
+    """Bounds the energy e^T A e of the error of each column by Gauss-Radau quadrature, where no eigenvalue of P A is
+    below 1, with P the approximate inverse (Meurant & Tichy, Numer. Algorithms 62, 2013).
+
+    `taken` (columns,): the energy that the steps have taken of it; `left`: what is left at most. A column is `small`
+    where that is at most the `share` of the former.
+    """
+
+    def __init__(self, count: int, share: float):
+        self.taken, self.left, self.share = np.zeros(count), np.full(count, np.inf), share
+        self._bounds, self._products = np.full(count, np.inf), np.ones(count)  # left over r^T P r, and r^T P r
+
+    def step(self, going, products, lengths):
+        """Note the next step of the columns `going`: r^T P r before it, and its length."""
+        before, growth = self._bounds[going], products[going] / self._products[going]
+        bounds = np.divide(before, before + growth, out=np.ones_like(before), where=before < np.inf)
+        # less than nothing is left where eigenvalues are below 1, which is no reason to end
+        self._bounds[going], self._products[going] = np.abs(bounds - lengths[going]), products[going]
+        self.left[going] = self._bounds[going] * products[going]
+        self.taken[going] += lengths[going] * products[going]
+
+    @property
+    def small(self) -> np.ndarray:
+        """Which columns are (columns,)."""
+        return self.left <= self.share * self.taken
+
+
+def conjugate_gradients(
+    comm, multiply, precondition, residual, solution, targets, most: int, energy: EnergyBound | None = None
+) -> np.ndarray:
     """Add to the solution what takes the residual below the targets, as far as its recurrence knows. Collective.
 
     Rows of this rank (rows, columns): `residual` = load - A solution, overwritten, and `solution`. `multiply(p, q)`:
     q = A p; `precondition(r, z)`, which may take round-off out of r. `targets` (columns,): of the 2-norms of the
     residuals. At most `most` iterations; they end as well where no column gets better any more (Hestenes & Stiefel,
-    J. Res. NBS 49, 1952). Returns the iterations of each column (columns,). Raises NegativeCurvature.
+    J. Res. NBS 49, 1952), and those of a column where its `energy` is small. Returns the iterations of each column
+    (columns,). Raises NegativeCurvature.
     """
     count = residual.shape[1]
     iterations = np.zeros(count, dtype=int)
@@ -50,10 +80,15 @@ def conjugate_gradients(comm, multiply, precondition, residual, solution, target
         multiply(p, q)
         curvature = summed(comm, _dot(p, q))
         going &= _positive(curvature, going, size > NOISE * first, "the matrix")
+        lengths = np.divide(product, curvature, out=np.zeros(count), where=going)
         for j in np.flatnonzero(going):
-            solution[:, j] += product[j] / curvature[j] * p[:, j]
-            residual[:, j] -= product[j] / curvature[j] * q[:, j]
-        before, still = product, going
+            solution[:, j] += lengths[j] * p[:, j]
+            residual[:, j] -= lengths[j] * q[:, j]
+        still = going
+        if energy is not None:
+            energy.step(going, product, lengths)
+            still = going & ~energy.small
+        before = product
         iterations += going
     return iterations
 

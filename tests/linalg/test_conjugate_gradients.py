@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from hpcred.linalg.conjugate_gradients import NegativeCurvature, conjugate_gradients
+from hpcred.linalg.conjugate_gradients import EnergyBound, NegativeCurvature, conjugate_gradients
 from hpcred.parallel.petsc import MPI
 
 SCALES = pytest.mark.parametrize("scale", [1e-20, 1.0, 1e20])
 
 
-def run(A, b, inverse, most=100):
+def run(A, b, inverse, most=100, energy=None):
     """x of A x = b, and the iterations of each column; all on this rank."""
     def multiply(p, q):
         q[...] = A @ p
@@ -19,7 +19,7 @@ def run(A, b, inverse, most=100):
 
     x, r = np.zeros_like(b), b.copy()
     targets = 1e-12 * np.linalg.norm(b, axis=0)
-    iterations = conjugate_gradients(MPI.COMM_SELF, multiply, precondition, r, x, targets, most)
+    iterations = conjugate_gradients(MPI.COMM_SELF, multiply, precondition, r, x, targets, most, energy)
     return x, r, iterations
 
 
@@ -41,3 +41,40 @@ def test_what_is_not_positive_definite_is_refused_whatever_the_size_of_the_load(
     b = scale * np.ones((4, 1))
     with pytest.raises(NegativeCurvature, match=f"{words} is not positive definite"):
         run(np.diag([1.0, 1.0, 1.0, -30.0]), b, sign * np.ones(4))
+
+
+@SCALES
+def test_the_energy_of_an_error_is_bounded_from_above_where_no_eigenvalue_is_below_one(scale):
+    """Gauss-Radau quadrature against the errors themselves."""
+    rng = np.random.default_rng(2)
+    Q = np.linalg.qr(rng.standard_normal((40, 40)))[0]
+    A = Q * np.geomspace(1.02, 6.0, 40) @ Q.T
+    b = scale * rng.standard_normal((40, 3)) * [1.0, 1e6, 0.0]
+    x = np.linalg.solve(A, b)
+    whole = np.einsum("ij,ij->j", x, b)[:2]
+    for most in range(1, 6):
+        energy = EnergyBound(3, 0.0)
+        error = x - run(A, b, np.ones(40), most, energy)[0]
+        left = np.einsum("ij,ij->j", error, A @ error)[:2]
+        assert np.allclose(energy.taken[:2] + left, whole, rtol=1e-12)
+        assert (left <= energy.left[:2]).all() and (energy.left[:2] <= 20 * left).all()
+        assert energy.taken[2] == 0
+
+
+def test_a_column_ends_where_its_energy_is_small_by_itself():
+    A, b = np.diag(np.append(np.ones(20), np.geomspace(1.0, 30.0, 20))), np.ones((40, 2))
+    b[20:, 1] = 0.0
+    share = 1e-2
+    energy = EnergyBound(2, share)
+    x, _, iterations = run(A, b, np.ones(40), energy=energy)
+    error = np.linalg.solve(A, b) - x
+    assert energy.small.all() and iterations[1] == 1 < iterations[0] < 10
+    assert (np.einsum("ij,ij->j", error, A @ error) <= share * energy.taken).all()
+
+
+def test_an_eigenvalue_below_one_does_not_end_the_steps():
+    """Its bound is none: what a step takes is more than the bound then."""
+    A, b = np.diag(np.append(np.full(20, 1.1), np.full(20, 0.1))), np.ones((40, 1))
+    energy = EnergyBound(1, 0.1)
+    x = run(A, b, np.ones(40), energy=energy)[0]
+    assert np.allclose(A @ x, b, rtol=1e-8)

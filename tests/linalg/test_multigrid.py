@@ -29,7 +29,7 @@ from hpcred.linalg.conjugate_gradients import NegativeCurvature, NotSolved
 from hpcred.linalg.multigrid import HIGH, LOW, Multigrid, _Level
 from hpcred.linalg.solvers.base import SingularMatrix
 from hpcred.linalg.solvers.multigrid import MultigridSolver
-from hpcred.linalg.solvers.shifted import ShiftedSolver
+from hpcred.linalg.solvers.shifted import NEARBY, ShiftedSolver
 from hpcred.model.frames import apply_frame
 from hpcred.model.node_blocks import NodeBlocks
 from hpcred.parallel.petsc import MPI, free_dropped
@@ -294,7 +294,8 @@ def test_a_tolerance_is_reached_by_the_chain_at_0_hz_and_proven_beside_the_basis
 @pytest.mark.mpi(ranks=(1, 3))
 @pytest.mark.parametrize("direct", few_on_ranks([False, True]), ids=["levels of K", "a factor above"])
 def test_below_modes_that_a_basis_has_solves_are_as_with_a_factor(comm, direct):
-    """Be it with the levels of K or with the factor of another point; a mode that the basis lacks is noticed."""
+    """Be it with the levels of K or, as far as a response needs it, with the factor of another point. A mode that the
+    basis lacks is noticed, or seen in the response."""
     with hpcred.solid(CELLS, inputs=3, comm=comm) as model:
         framed = apply_frame(model, None)
         K, M, B = dense_model(model)
@@ -307,14 +308,26 @@ def test_below_modes_that_a_basis_has_solves_are_as_with_a_factor(comm, direct):
         near = shapes[:, :8] + 1e-3 * shapes[:, 20:28]  # roughly the modes, as a basis has them
         near = near @ np.linalg.inv(np.linalg.cholesky(near.T @ M @ near)).T
         basis, lacking = block_from(model.K, near), block_from(model.K, shapes[:, 1:8])
-        solver.solve_below(mass, right, left, basis, near.T @ (K + mass * M) @ near)
-        assert close(gather(left), np.linalg.solve(K + mass * M, loads)) < 1e-8
-        assert 0 < solver.records[-1].iterations < (8 if direct else 60)
-        with pytest.raises(NotSolved, match="factor of another point|negative curvature"):
+        A = K + mass * M
+        solver.solve_below(mass, right, left, basis, near.T @ A @ near)
+        exact = np.linalg.solve(A, loads)
+        if direct:
+            beside = exact - near @ np.linalg.solve(near.T @ A @ near, near.T @ loads)
+            whole, left_out = (np.einsum("ij,ij->j", x, A @ x) for x in (beside, exact - gather(left)))
+            assert (left_out <= NEARBY * (whole - left_out)).all() and (left_out > 1e-12 * whole).all()
+        else:
+            assert close(gather(left), exact) < 1e-8
+        assert 0 < solver.records[-1].iterations < (3 if direct else 60)
+        if direct:
             solver.solve_below(mass, right, left, lacking, np.diag(values[1:8] + mass))
-        if not direct:  # which a search does not solve roughly
-            with pytest.raises(NotSolved, match="negative curvature"):
-                solver.solve_below(mass, right, left, lacking, np.diag(values[1:8] + mass), ROUGH_LOADS)
+            shows = [np.diag(loads.T @ V @ np.linalg.solve(V.T @ A @ V, V.T @ loads))
+                     for V in (shapes[:, 1:8], np.hstack([shapes[:, 1:8], gather(left)]))]  # fmt: skip
+            missed = np.diag(loads.T @ exact) - shows[0]
+            assert (np.abs(shows[1] - shows[0] - missed) < 0.1 * np.abs(missed)).all()
+        else:
+            for rough in ((), (ROUGH_LOADS,)):
+                with pytest.raises(NotSolved, match="negative curvature"):
+                    solver.solve_below(mass, right, left, lacking, np.diag(values[1:8] + mass), *rough)
         for block in (right, left, basis, lacking):
             block.destroy()
         solver.close()

@@ -190,7 +190,7 @@ def test_a_run_that_is_killed_goes_on_on_other_ranks(comm, folder):
 
 @pytest.mark.mpi(ranks=(1, 3))
 @pytest.mark.parametrize("kind, block", few_on_ranks(
-    [("direct", 1), ("multigrid", 2), ("direct", 2), ("multigrid", 1)], 2))  # fmt: skip
+    [("direct", 1), ("multigrid", 2), ("multigrid", 1)], 2))  # fmt: skip
 def test_a_search_that_failed_beside_its_basis_is_repeated_without_a_factor(comm, folder, monkeypatch, kind, block):
     """It goes the same way again, by a factor in the band or more blocks at 0 Hz, and does not try once more."""
     if kind == "direct" and is_complex():

@@ -139,8 +139,9 @@ class Solver(ABC):
         """Number of negative eigenvalues of A, or None where it is not known."""
         return None
 
-    def solve_below(self, mass, right, solution, basis, stiffness):
-        """Solve with K + mass M, mass < 0, by what was made for another mass, beside a basis; see IterativeSolves.
+    def solve_below(self, mass, right, solution, basis, stiffness, rough=0.0):
+        """Solve with K + mass M, mass < 0, by what was made for another mass, beside a basis, as `rough` as may be; see
+        IterativeSolves, and NearbyFactor.
 
         Raises NotSolved, as here, where the solver cannot.
         """

@@ -1,4 +1,4 @@
-"""Solve by preconditioned conjugate gradients to a small true residual."""
+"""Solve by preconditioned conjugate gradients, to a small true residual where a subclass has no other measure."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class IterativeSolves:
         for turn in range(RESTARTS + 2):
             if deflation is not None:
                 x += V @ (inverse @ summed(comm, V.T @ r))
-                _residual(multiply, b, x, r)
+                residual_of(multiply, b, x, r)
             size, far = self._norms(r), self._norms(x)
             first = first if turn else rough * size
             floor = np.maximum(np.maximum(self._goal * scale, first), ROUND_OFF * self._norm * far)
@@ -103,7 +103,7 @@ class IterativeSolves:
                 break
             before = relative
             iterations += conjugate_gradients(comm, multiply, precondition, r, x, floor, self._most)
-            _residual(multiply, b, x, r)
+            residual_of(multiply, b, x, r)
         # a column that is stuck above round-off is no solution
         if not ((size <= floor).all() or relative <= self._accepted or backward <= BACKWARD):
             raise NotSolved(
@@ -154,7 +154,7 @@ def _inverse(small):
         raise NotSolved("the basis has a mode at the point") from None
 
 
-def _residual(multiply, b, x, r):
+def residual_of(multiply, b, x, r):
     """r = b - A x."""
     multiply(x, r)
     np.subtract(b, r, out=r)

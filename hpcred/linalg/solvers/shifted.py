@@ -7,27 +7,48 @@ from math import inf
 import numpy as np
 
 from ...parallel.petsc import SAME, PETSc, SLEPc
+from ...parallel.sums import summed
 from ..blocks import apply, column_norms, copy_of, create_block, inner, local_rows, random_block
+from ..conjugate_gradients import EnergyBound, NotSolved, conjugate_gradients
 from .base import SingularMatrix
 from .direct import DirectSolver
-from .iterative import IterativeSolves
+from .iterative import ROUND_OFF, IterativeSolves, residual_of
 
 NEAR_POLE = 1e-8  # relative distance in s^2 to an undamped eigenvalue below which A counts as singular
-NEARBY = 1e-9  # relative residual asked of solutions with the factor of another point
-MOST = 20  # iterations for them, from each restart
-ROUND_OFF = 1e-13  # the same relative to the mean eigenvalue trace(K) / trace(M), for K alone
+OF_K = 1e-13  # the same relative to the mean eigenvalue trace(K) / trace(M), for K alone
+NEARBY = 0.5  # of what solutions with the factor of another point add to a basis, the energy that may be left
+MOST = 20  # iterations for them
 
 
 class NearbyFactor(IterativeSolves):
-    """Conjugate gradients with the factor of another point, for few columns: beside a basis that has all modes below
-    both, A0^-1 A has its eigenvalues (lambda - omega^2) / (lambda - omega0^2) near 1."""
+    """Conjugate gradients with the factor of a point above, for few columns: beside a basis that has all modes below
+    both, A0^-1 A has its eigenvalues (lambda - omega^2) / (lambda - omega0^2) near 1, and none below it.
 
-    advice = " with the factor of another point"
+    Responses of drive points by the basis with the solutions are off by the energy of their errors, which is therefore
+    what is bounded: to a `share` of what the solutions take of it. However good the basis is, that takes an iteration.
+    """
 
-    def __init__(self, solver, back_substitute):
-        super().__init__(solver.model, solver.rigid, NEARBY, 10 * NEARBY, MOST)
+    def __init__(self, solver, back_substitute, share):
+        super().__init__(solver.model, solver.rigid, 0.0, 0.0, MOST)
         self._records, self._back_substitute = solver.records, back_substitute
-        self._norm = solver.model.K.norm(PETSc.NormType.INFINITY)
+        self._norm, self._share = solver.model.K.norm(PETSc.NormType.INFINITY), share
+
+    def _solve_columns(self, b, x, scale, terms, deflation, rough):
+        comm, (V, inverse) = self.model.comm, deflation
+        multiply, r = self._multiplication(b.shape[1], terms), np.empty_like(b)
+        # in the basis, but for which round-off cannot be told from residuals
+        x[...] = V @ (inverse @ summed(comm, V.T @ b))
+        residual_of(multiply, b, x, r)
+        floor = ROUND_OFF * self._norm * self._norms(x)
+        # and beside it
+        energy = EnergyBound(b.shape[1], self._share)
+        precondition = self._beside(V, inverse, multiply, None, self._preconditioner(b.shape[1]))
+        iterations = conjugate_gradients(comm, multiply, precondition, r, x, floor, self._most, energy)
+        size = self._norms(r)
+        if not (energy.small | (size <= floor)).all():
+            raise NotSolved(f"{iterations.max()} iterations of conjugate gradients with the factor of another point do "
+                            "not come to an end: the basis may lack a mode below that")  # fmt: skip
+        return int(iterations.max(initial=0)), float((size[scale > 0] / scale[scale > 0]).max(initial=0.0))
 
     def _preconditioner(self, columns):
         load, made = (create_block(self.model.K, columns) for _ in range(2))
@@ -81,9 +102,9 @@ class ShiftedSolver(DirectSolver):
         mat.copy(self.matrix, structure=SAME)
         self.matrix.stateIncrease()
 
-    def solve_below(self, mass, right, solution, basis, stiffness):
-        """Solve with K + mass M by the factor that there is for another mass; see IterativeSolves."""
-        NearbyFactor(self, self._back_substitute).solve_below(mass, right, solution, basis, stiffness)
+    def solve_below(self, mass, right, solution, basis, stiffness, share=NEARBY):
+        """Solve with K + mass M by the factor that there is for another mass; see IterativeSolves and NearbyFactor."""
+        NearbyFactor(self, self._back_substitute, share).solve_below(mass, right, solution, basis, stiffness)
 
     def factor(self, mass, damping=0.0):
         """See Solver. Raises SingularMatrix also when s^2 is an undamped eigenvalue.
@@ -138,7 +159,7 @@ class ShiftedSolver(DirectSolver):
         not matter.
         """
         model = self.model
-        scale = max(abs(mass), model.mean_eigenvalue * ROUND_OFF / NEAR_POLE)
+        scale = max(abs(mass), model.mean_eigenvalue * OF_K / NEAR_POLE)
         x, product = random_block(model.K, 1), create_block(model.K, 1)
         if self.rigid is not None:
             self.rigid.project(x)

@@ -106,7 +106,7 @@ class Expansion:
         run.progress.step("points", len(self.points))
         f, count = solver.open(f, nearby)
         self._look_at_count(count)
-        blocks, sequence = Blocks(f, proving), None
+        blocks, sequence = Blocks(f, proving, solver.nearby or None), None
         if self.by_mass and solver.nearby is None:
             sequence = solver.sequence(f)
             blocks.filled = sequence.filled

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...linalg.solvers.shifted import NEARBY
 from ..result.accuracy import Proof
 from ..result.measure import Measure
 from ..small.error_estimate import UNIFORM, Comparison, grid, largest, measure_over, next_point, rounded
@@ -57,10 +58,11 @@ class Judgement:
 class Blocks:
     """The blocks of a point (Hz) so far: `order` of the last one, the columns that are `new` with it, those `added` by
     all, and the estimates (`history`); `proving`: whether the point is to prove the candidate; `filled`: the random
-    columns of each."""
+    columns of each; `nearby`: the point (Hz) above it whose factor serves, or None."""
 
     frequency: float
     proving: bool
+    nearby: float | None = None
     order: int = -1
     new: int = 0
     added: int = 0
@@ -147,7 +149,7 @@ class Judge:
         judged = Judgement(estimate=float(curve.max()), noise=float(pair.noise(S).max()), columns=columns)
         check_response(self.projections, pair.outer, S, judged)
         if self.candidate is not None:
-            judged = replace(judged, proofs=(self._proof(blocks.frequency, pair),))
+            judged = replace(judged, proofs=(self._proof(blocks.frequency, pair, blocks),))
         return replace(judged, done=self._is_done(blocks, judged))
 
     def _goal_at(self, blocks):
@@ -168,7 +170,7 @@ class Judge:
     def _is_done(self, blocks, judged):
         """Test whether a point needs no more blocks, or may have none."""
         new = blocks.new
-        if blocks.order < 1 and new and not (blocks.proving and new >= HELD_BACK):
+        if blocks.order < 1 and new and not (blocks.proving and (blocks.nearby or new >= HELD_BACK)):
             return False
         goal = max(self._goal_at(blocks), judged.noise)
         good = judged.estimate <= goal
@@ -180,19 +182,42 @@ class Judge:
         full = blocks.added + (0 if promising else new) > most or self.projections.basis.size >= self.settings.columns
         return bool(not new or good or full)
 
-    def _proof(self, f, pair) -> Proof:
+    def _proof(self, f, pair, blocks: Blocks | None = None) -> Proof:
         """Return the estimated error at a new point (Hz) of the candidate, and its error as measured from `pair.outer`;
-        the uncertainty of that is the error of `pair.inner`."""
+        the uncertainty of that is the error of `pair.inner`, or a part of that of the basis without the first of the
+        `blocks` of the point (see _unseen)."""
         at, columns, among = np.array([f]), *self.candidate
         old, seen_from = (self.projections.model(places) for places in self.candidate)
 
-        def error(outer, which):
-            return float(self.compare(old, outer, nested(old, outer, which), pair.measure).curve(at)[0])
+        def error(inner, outer, which):
+            return float(self.compare(inner, outer, nested(inner, outer, which), pair.measure).curve(at)[0])
 
+        uncertainty, unseen = float(pair.curve(at)[0]), self._unseen(blocks)
+        if unseen < 1:
+            without = np.arange(self.projections.basis.size - blocks.added)
+            uncertainty = unseen * error(self.projections.model(without), pair.outer, without)
         return Proof(
-            frequency=f, estimated=error(seen_from, np.searchsorted(among, columns)),
-            measured=error(pair.outer, columns), uncertainty=float(pair.curve(at)[0]),
+            frequency=f, estimated=error(old, seen_from, np.searchsorted(among, columns)),
+            measured=error(old, pair.outer, columns), uncertainty=uncertainty,
         )  # fmt: skip
+
+    def _unseen(self, blocks) -> float:
+        """Return how much of the error that a basis has at a new point may not be seen from the first block there,
+        over what is seen; inf where that is not known.
+
+        The block is x = A^-1 L of real A = K - omega^2 M, but for errors of which NEARBY bounds the energy. With
+        proportional damping A(s) = a (A + m M), and beside the basis, where A is above omega0^2 - omega^2 for the point
+        omega0 of the factor, the states are x / a but for a part d = |m| / (omega0^2 - omega^2). The response is off by
+        the square of both, as Galerkin's projection is (Cea's lemma, in the norm of A), for drive points.
+        """
+        damping, same = self.projections.damping, self.projections.io.are_same
+        if blocks is None or not blocks.nearby or blocks.order or damping.higher or not same:
+            return np.inf
+        a, b, _ = damping.coefficients(blocks.frequency)
+        square = (2 * np.pi * blocks.frequency) ** 2
+        d = abs(b / a + square) / ((2 * np.pi * blocks.nearby) ** 2 - square)
+        left = (np.sqrt(NEARBY / (1 + NEARBY)) + d) ** 2 * (1 + d) ** 3 / (1 - d) ** 2 if d < 1 else np.inf
+        return float(left / (1 - left)) if left < 1 else np.inf
 
     # the band
 

@@ -33,6 +33,7 @@ POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
 TRIES, OUTWARDS = (0, 1, -1, 3), (0, 1, 2, 3)  # how often, in turn; points at the ends of a band out of it
 # of its first residual may be left by multigrid, of loads, and of what a basis leaves of them
 ROUGH_LOADS, ROUGH = 1e-4, 3e-3
+CROSS = 1e-6  # share of the energy that may be left by solves nearby where outputs are not those of the inputs
 
 
 class NoRegularPoint(ComputationError):
@@ -194,10 +195,12 @@ class PointSolver:
         if roughly:
             rule = self._history() | rule | {"rough": rough}
         key = {"kind": "solution", "square": self._mass, **rule, **run.identity_of("M", "K", "inputs", "outputs")}
-        if self.is_nearby:  # whose residuals are not those of a factor
-            key["nearby"] = True
+        if self.is_nearby:  # whose errors are small beside what the basis had
+            key |= {"nearby": True, **run.identity_of("basis")}
         failed = key | {"failed": True} | self._history()  # for it is the basis that makes a solve nearby fail
-        entry = run.stored(key)
+        entry, basis = run.stored(key), self._basis()
+        if entry is not None and self.is_nearby and not _has_all(entry.facts.get("of"), basis):
+            entry = None
         if entry is None and self.is_nearby and run.stored(failed) is not None:
             self.failed_nearby = True
             raise NegativeCurvature("as in an earlier run")
@@ -208,7 +211,7 @@ class PointSolver:
             block = create_block(run.model.K, load.getActiveColumns()[1])
             with run.progress.stage("solve"):
                 self._solve(solver, load, block, failed, roughly)
-            run.keep(key, Entry({}, (block.getActiveColumns()[1],), block))
+            run.keep(key, Entry({"of": basis}, (block.getActiveColumns()[1],), block))
         return self.projections.extend(block)
 
     def _solve(self, solver, load, block, failed, roughly):
@@ -218,6 +221,8 @@ class PointSolver:
             return
         try:
             V, small = self.projections.basis.columns, self.projections.dynamic_stiffness(self._mass)
+            if not self.multigrid and not self.projections.io.are_same:  # responses may be far below energies
+                roughly = [CROSS]
             solver.solve_below(self._mass, load, block, V, small, *roughly)
         except NotSolved as error:
             self.failed_nearby = True
@@ -272,11 +277,24 @@ class PointSolver:
         self._smooth = projections.basis.size
         return True
 
+    def _basis(self) -> dict:
+        """The points that the basis is of, with their columns, and its size."""
+        points = [[point.frequency, point.columns] for point in self._points]
+        return {"points": points, "size": self.projections.basis.size}
+
     def _history(self) -> dict:
         """What a load depends on that is made from the basis."""
-        points = [[point.frequency, point.columns] for point in self._points]
-        return {"asked": asdict(self._settings), "points": points, "size": self.projections.basis.size,
-                **self.run.identity_of("D", "damping", "basis")}  # fmt: skip
+        return {"asked": asdict(self._settings), **self._basis(), **self.run.identity_of("D", "damping", "basis")}
+
+
+def _has_all(theirs: dict | None, ours: dict) -> bool:
+    """Test whether a basis has all columns of another, by PointSolver._basis() of both: sequences at the same points
+    that are as long or longer, and as many columns beside."""
+    if theirs is None or [f for f, _ in theirs["points"]] != [f for f, _ in ours["points"]]:
+        return False
+    longer = [theirs["size"] - ours["size"]]
+    longer += [more - columns for (_, more), (_, columns) in zip(theirs["points"], ours["points"], strict=True)]
+    return min(longer) >= 0 and longer[0] == sum(longer[1:])
 
 
 def _mass_at(f):

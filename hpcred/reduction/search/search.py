@@ -5,9 +5,9 @@ modes below it. The error is seen from a basis that is some blocks richer: the d
 r^T A_Q^-1 r, is exact in the richer one (see pseudo_modal). Each new point first checks the model that was made before
 it, since its own blocks give the exact value there, and then extends the basis. Where the model is good and has all
 modes of the band, that takes no factor: beside the basis the factor of the point above is close to the inverse, and
-conjugate gradients come to a small true residual in a few steps (see linalg.solvers.iterative). Last, the basis is
-compressed to the few combinations that the tolerance asks for (see outcome). (Panzer & Wolf, 2014; Bonin, Fassbender,
-Soppa & Zaeh, 2016; Lecomte et al., AIAA J. 41, 2003, for the count of modes.)
+conjugate gradients see what it lacks in a step or two (see linalg.solvers.shifted). Last, the basis is compressed to
+the few combinations that the tolerance asks for (see outcome). (Panzer & Wolf, 2014; Bonin, Fassbender, Soppa & Zaeh,
+2016; Lecomte et al., AIAA J. 41, 2003, for the count of modes.)
 
 Without factors (see linalg.solvers.multigrid) the first point is at 0 Hz, until the basis has the modes of the band;
 beside such a basis points in the band are solved for in the same way. With a given D, or many inputs, the blocks of a
