@@ -109,7 +109,8 @@ def driven_response(
 
 def _random(reduced, loads, band, modes):
     found = random_response(reduced, loads.over, loads.values, band=band, orders=loads.orders, stress=modes)
-    units = [unit_of_output(name) or "1" for name in found.names]
+    units = [unit_of_output(name) or "1" for name in reduced.output_names]
+    units += ["Pa"] * (len(found.names) - len(units))  # of stresses
     rows = [{"output": name, "RMS": rms, "unit": unit}
             for name, rms, unit in zip(found.names, found.rms, units, strict=True)]  # fmt: skip
     curves = zip(found.names, map(unit_of_density, units), found.psd.T, strict=True)

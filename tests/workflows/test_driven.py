@@ -1,6 +1,7 @@
 """Random, harmonic and shock loads of a result by the command line, and each refusal of a table."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from mpi4py import MPI
 import hpcred
 from hpcred.cli.main import run
 from hpcred.settings.job_file import read_job
+from hpcred.workflows.driven import _random
 from hpcred.workflows.model_of_job import model_of_job
 
 ON_BASE = """model = "model.h5"
@@ -54,6 +56,15 @@ def test_miles(folder, monkeypatch, capsys):
     assert report["rows"][1]["RMS"] == pytest.approx(miles, rel=1e-3) and report["rows"][1]["unit"] == "m/s^2"
     assert (folder / "out.csv").read_text().startswith("f_hz,1:z [m^2/Hz],absolute acceleration 1:z [(m/s^2)^2/Hz]")
     assert run(["response", "result.h5", "--psd", "psd.csv"]) == 0
+
+
+def test_units_of_stresses(folder):
+    loads = SimpleNamespace(over=np.array([1.0, 50.0]), values=np.ones((2, 2)), orders=None)
+    stress = hpcred.body.StressModes(np.array([7]), np.ones((1, 1, 6)), "made up")
+    reduced = hpcred.read_result(folder / "result.h5").reduced
+    _, curves, rows = _random(reduced, loads, None, stress)
+    assert [row["unit"] for row in rows] == ["m", "m/s^2", *["Pa"] * 7]
+    assert [unit for _, unit, _ in curves[2:]] == ["Pa^2/Hz"] * 7
 
 
 def test_harmonic_and_shock(folder, monkeypatch):
