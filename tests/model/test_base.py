@@ -188,7 +188,7 @@ def test_inputs_of_before(comm):
         assert shaken.input_names[-2:] == ("foot:y", "foot:rz") and len(shaken.input_names) == 8
         assert [item.name for item in shaken.interfaces] == ["tip"]
         assert shaken.output_names == shaken.input_names[:6]
-        assert "left out the inputs foot:x" in shaken.remarks[-1]
+        assert "left out the inputs foot:x" in shaken.loads[0].notes[0]
         mass = shaken.loads[-2].force[1]
         whole = columns_of(shaken.B)
     assert np.isfinite(whole).all() and mass < 0

@@ -304,9 +304,9 @@ def _assembled(model, framed, bases, R, columns, loads, free):
     if places:
         parts.setdefault("Ca", np.zeros((len(called) + len(places), len(free))))[len(called) :] = absolute[free].T
         called = [*called, *(f"{ABSOLUTE}acceleration {name}" for name in places)]
-    remark = ()
     if lost := [name for name, there in zip(model.input_names, acts, strict=True) if not there]:
-        remark = (f"base: left out the inputs {', '.join(lost)}, which act on nodes that move as they are told",)
+        remark = f"left out the inputs {', '.join(lost)}, which act on nodes that move as they are told"
+        loads = (replace(loads[0], remark="; ".join(filter(None, [loads[0].remark, remark]))), *loads[1:])
     with framed.with_input_columns(B, [*names, *(item.name for item in loads)]) as moved:
         columns = (np.ascontiguousarray(parts[key].T) if key in parts else None for key in ("C", "Cv", "Ca"))
         Ct, rates = measured_columns(moved.K, *columns, called, where)
@@ -316,8 +316,4 @@ def _assembled(model, framed, bases, R, columns, loads, free):
             rates = Rates(rates.parts, comm.bcast(direct))
         elif not {"Cv", "Ca"} & parts.keys():
             rates = Rates()
-        return moved.with_fields(
-            Ct=Ct, rates=rates, own_output_names=tuple(called), loads=(*kept, *loads),
-            remarks=(*model.remarks, *remark),
-        )  # fmt: skip
-
+        return moved.with_fields(Ct=Ct, rates=rates, own_output_names=tuple(called), loads=(*kept, *loads))
