@@ -181,9 +181,9 @@ def owner(number):
 
 def taken():
     """The items of the blocks that this session gets, until it meets the others."""
-    numbers = range(len(blocks))
+    numbers, parent = range(len(blocks)), os.getppid()
     for number in numbers if NAME == OUTSIDE else reversed(numbers):
-        if owner(number) != NAME:
+        if owner(number) != NAME or (NAME != OUTSIDE and os.getppid() != parent):  # which was killed
             return
         yield from blocks[number]
 
