@@ -220,3 +220,12 @@ def element(type_, number, nodes):
     head = [1, type_, 1, 1, 0, 0, 0, 0, len(nodes), 0, number]
     items = [f"{item:9d}" for item in (*head, *nodes)]
     return "".join(items[:19]) + "\n" + ("".join(items[19:]) + "\n" if items[19:] else "")
+
+
+def turn(angles):
+    """Rz Rx Ry, by hand."""
+    a, b, c = np.deg2rad(angles)
+    z = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
+    y = np.array([[np.cos(c), 0, np.sin(c)], [0, 1, 0], [-np.sin(c), 0, np.cos(c)]])
+    return z @ x @ y

@@ -39,3 +39,9 @@ def assembled(path, comm):
 def gathered(comm, *arrays):
     """Arrays of all ranks end to end."""
     return [np.concatenate(parts) for parts in zip(*comm.allgather(arrays), strict=True)]
+
+
+def everywhere(comm, found):
+    """Nodes, displacements and stresses of all ranks, ascending."""
+    node, *steps = gathered(comm, found.node, found.displacement.swapaxes(0, 1), found.stress.swapaxes(0, 1))
+    return node, *(item.swapaxes(0, 1) for item in steps)

@@ -185,6 +185,13 @@ def refused(capsys, *arguments):
     return message
 
 
+def said(capsys, *arguments):
+    """What a command line prints, in words with one blank between them."""
+    capsys.readouterr()
+    assert run(list(arguments)) == 0
+    return " ".join(capsys.readouterr().out.split())
+
+
 def write_matrices(change):
     """K.mtx and M.mtx of a chain of four masses, after a change of the arrays."""
     mats = {"K": np.diag([2.0, 2, 2, 1]) - np.eye(4, k=1) - np.eye(4, k=-1), "M": np.eye(4)}

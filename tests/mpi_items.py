@@ -15,9 +15,11 @@ while the inner one goes on. A failure on one rank ends the inner session, as do
 HPCRED_TEST_TIMEOUT seconds, or a crash; the items after it go to a new one. `mpiexec -n 4 python -m pytest -m mpi` runs
 the items on the ranks that it was given.
 
-With `--beside` inner sessions go on beside the other items where the machine has cores for all their ranks but AWAIT,
-and the items of one rank are in an inner session too. Where a core is left, the last half of the other items that
-remain goes to a further one, which comes first. What is shown, and in which order, does not change.
+With `--beside` inner sessions on ranks go on beside the items of one rank, where the machine has cores for all their
+ranks but AWAIT. On each further core a helper, an inner session without mpiexec, takes items of one rank too: blocks of
+them (a file, or a part of a large one), beginning with the last, while this session takes them beginning with the
+first, until they meet. Who has taken a block is the target of a link of its number, in a folder for all. If a helper
+crashes, the items that it has not begun run here. What is shown, and in which order, does not change.
 """
 
 import json
@@ -30,6 +32,7 @@ import tempfile
 import time
 from contextlib import suppress
 from functools import cache
+from itertools import chain, groupby, pairwise
 from pathlib import Path
 from zlib import crc32
 
@@ -41,12 +44,15 @@ from hpcred.parallel import startup
 TIMEOUT = float(os.environ.get("HPCRED_TEST_TIMEOUT", "300"))
 INNER = os.environ.get("HPCRED_TEST_SESSION")  # in an inner session: its folder
 ITS_SUFFIX = os.environ.get("HPCRED_TEST_SUFFIX")  # and that of its items
+OUTSIDE = "outside"
+NAME = os.environ.get("HPCRED_TEST_HELPER", OUTSIDE)  # of this session among those that share blocks of items
 
 HERE = "1-rank"
 LAUNCHED = {HERE: (1, ""), "1-rank-complex": (1, "complex"), "2-ranks": (2, ""), "3-ranks": (3, ""),
             "2-ranks-complex": (2, "complex")}  # fmt: skip  # suffix: ranks, build
 MORE = ["2-ranks"] * 4 + ["2-ranks-complex"] * 3 + ["3-ranks"]
-AWAIT = 2  # of the processes of sessions beside each other, those that wait for others at any time
+AWAIT = 5  # of the processes of sessions beside each other, those that wait for others at any time
+BLOCK = 30  # so many items in a block, or more where they are of one function
 CASES = 3  # of so many cases of a test, but for the first, one runs on more ranks
 if not (TWO_BUILDS or INNER):
     LAUNCHED = {suffix: job for suffix, job in LAUNCHED.items() if not job[1]}
@@ -119,22 +125,90 @@ def pytest_itemcollected(item):
 def suffix_of(item):
     """The suffix of an item that is to run in an inner session, else None."""
     # a test on one rank may have a `job` of its own
-    suffix = item.callspec.params["job"] if item.get_closest_marker("mpi") else handed.get(item.nodeid)
-    here = world().size > 1 or (suffix == HERE and not item.config.getoption("beside"))
-    return None if here else suffix
+    suffix = item.callspec.params["job"] if item.get_closest_marker("mpi") else HERE
+    return None if suffix == HERE or world().size > 1 else suffix
 
 
 @pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(items, config):
     if INNER:
         by_name = {item.nodeid: item for item in items}
         items[:] = [by_name[name] for name in json.loads(Path(INNER, "items.json").read_text())]
         private()
-        startup.start()  # as the first items do for all behind them, wherever a part begins
+        startup.start()  # as the first items do for all behind them, wherever a block begins
     else:
         order = [None, *LAUNCHED]
         items.sort(key=lambda item: order.index(suffix_of(item)))
         waiting.extend(dict.fromkeys(filter(None, map(suffix_of, items))))
+    if NAME != OUTSIDE or (not INNER and config.getoption("beside") and world().size == 1):
+        blocks.extend(blocks_of([item for item in items if suffix_of(item) is None]))
+        shared.update({item.nodeid: number for number, block in enumerate(blocks) for item in block})
+
+
+# blocks of items that the session outside and its helpers share
+
+
+blocks = []
+shared = {}  # nodeid: the number of its block
+
+
+def blocks_of(items):
+    """The items in runs of one file, of whole functions."""
+    for _, in_file in groupby(items, lambda item: item.path):
+        block = []
+        for _, of_function in groupby(in_file, lambda item: item.nodeid.partition("[")[0]):
+            block += of_function
+            if len(block) >= BLOCK:
+                yield block
+                block = []
+        if block:
+            yield block
+
+
+@cache
+def claims():
+    """The folder of the links, which the session outside makes."""
+    return Path(os.environ["HPCRED_TEST_CLAIMS"] if INNER else tempfile.mkdtemp(prefix="hpcred-tests-"))
+
+
+def owner(number):
+    """The name of the session that has taken a block: this one where none has."""
+    link = claims() / str(number)
+    with suppress(FileExistsError):
+        os.symlink(NAME, link)
+    return os.readlink(link)
+
+
+def taken():
+    """The items of the blocks that this session gets, until it meets the others."""
+    numbers, parent = range(len(blocks)), os.getppid()
+    for number in numbers if NAME == OUTSIDE else reversed(numbers):
+        if owner(number) != NAME or (NAME != OUTSIDE and os.getppid() != parent):  # which was killed
+            return
+        yield from blocks[number]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop(session):
+    if not blocks or session.testsfailed or session.config.option.collectonly:
+        return None  # pytest's own loop says what could not be collected
+
+    def run(item, following):
+        item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+        if session.shouldfail:
+            raise session.Failed(session.shouldfail)
+        if session.shouldstop:
+            raise session.Interrupted(session.shouldstop)
+
+    here = set()
+    for item, following in pairwise(chain(taken(), [None])):
+        here.add(item.nodeid)
+        run(item, following)
+    if NAME == OUTSIDE:
+        for item in session.items:
+            if item.nodeid not in here:
+                run(item, None)
+    return True
 
 
 # inside: every rank tells what happens
@@ -180,22 +254,23 @@ def pytest_runtest_logfinish(nodeid):
 
 
 class Session:
-    """One inner session for the items of one suffix: its process, and what it has told so far."""
+    """One inner session for items of one suffix: its process, and what it has told so far."""
 
-    def __init__(self, suffix, items):
-        self.last = items[-1].nodeid
+    def __init__(self, items, suffix, helper=""):
         self.started, self.finished, self.reports = set(), set(), {}
         self._read = 0
         self._folder = Path(tempfile.mkdtemp(prefix="hpcred-tests-"))
         (self._folder / "items.json").write_text(json.dumps([item.nodeid for item in items]))
         (self._folder / "events").touch()
-        self.ranks, build = LAUNCHED.get(suffix, (1, ""))
+        self.ranks, build = LAUNCHED[suffix]
         options = ["-q", "--color=no", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={TIMEOUT:g}"]
         files = dict.fromkeys(str(item.path) for item in items)
         more = {"HPCRED_TEST_SESSION": str(self._folder), "HPCRED_TEST_SUFFIX": suffix,
                 **({"HPCRED_SCALAR": build} if build else {})}  # fmt: skip
         more["OMPI_MCA_hwloc_base_binding_policy"] = "none"  # several sessions would take the same cores
-        launcher = ["mpiexec", "-n", str(self.ranks)] if suffix in LAUNCHED else []
+        if helper:
+            more |= {"HPCRED_TEST_HELPER": helper, "HPCRED_TEST_CLAIMS": str(claims())}
+        launcher = [] if helper else ["mpiexec", "-n", str(self.ranks)]
         with open(self._folder / "output", "w") as output:
             self.process = subprocess.Popen(
                 [*launcher, sys.executable, "-m", "pytest", *options, *files],
@@ -250,17 +325,16 @@ class Session:
     def output(self):
         return (self._folder / "output").read_text(errors="replace")[-8000:]
 
-    def close(self):
-        if self.last in self.finished:
+    def close(self, at_its_end=False):
+        if at_its_end:
             with suppress(subprocess.TimeoutExpired):
                 self.process.wait(30)
         self._stop()
         shutil.rmtree(self._folder)
 
 
-handed = {}  # nodeid: the suffix of an item without the mark that was handed over
 waiting = []  # suffixes of items whose inner session has not started
-sessions = {}  # suffix: its latest inner session
+sessions = {}  # suffix or name of a helper: its latest inner session
 broken = {}  # suffix: what a session told that ended before its first item
 
 
@@ -268,32 +342,30 @@ def start_session(suffix, items):
     """The inner session for those of the items that have the suffix, started."""
     if suffix in waiting:
         waiting.remove(suffix)
-    sessions[suffix] = Session(suffix, [item for item in items if suffix_of(item) == suffix])
+    sessions[suffix] = Session([item for item in items if suffix_of(item) == suffix], suffix)
     return sessions[suffix]
 
 
-def start_beside(item):
-    """Start the inner sessions for which there are cores beside this item and what runs."""
-    busy = sum(session.ranks for session in sessions.values() if not session.ended()) + (suffix_of(item) is None)
+def start_beside(items):
+    """Start the inner sessions for which there are cores beside this session and what runs."""
     cores = len(os.sched_getaffinity(0))
-    if suffix_of(item) is None and busy < cores and (half := last_half(item)):
-        suffix = f"part {len(sessions)}"
-        handed.update((other.nodeid, suffix) for other in half)
-        busy += start_session(suffix, half).ranks
+    if not sessions:
+        for number in range(1, min(cores, len(blocks))):
+            sessions[f"helper {number}"] = Session(list(chain(*blocks)), HERE, f"helper {number}")
+    busy = 1 + sum(session.ranks for session in sessions.values() if not session.ended())
     for suffix in list(waiting):
         ranks = LAUNCHED[suffix][0]
         if busy + ranks <= cores + AWAIT:
-            busy += start_session(suffix, item.session.items).ranks
+            busy += start_session(suffix, items).ranks
 
 
-def last_half(item, few=20):
-    """Items without the mark to hand over while this one runs: of whole files, and none where but few are left."""
-    items = item.session.items
-    left = [other for other in items[items.index(item) :] if suffix_of(other) is None and other.path != item.path]
-    if len(left) <= few:
-        return []
-    middle = left[len(left) // 2].path
-    return left[next(k for k, other in enumerate(left) if other.path == middle) :]
+def helper_of(item):
+    """The helper that has run an item of one rank, None where it runs here."""
+    name = owner(shared[item.nodeid])
+    if name == OUTSIDE:
+        return None
+    sessions[name].wait_for(item.nodeid)
+    return name if item.nodeid in sessions[name].started else None
 
 
 def reports_of(item, suffix):
@@ -312,7 +384,7 @@ def reports_of(item, suffix):
         told = [event for event in told if event["report"]["outcome"] == "failed"][:1]
     if told:
         return [report_from(item, event, suffix) for event in told]
-    text = f"mpiexec {how} with exit status {session.process.poll()}; the end of its output:\n{session.output()}"
+    text = f"the job {how} with exit status {session.process.poll()}; the end of its output:\n{session.output()}"
     if not session.started:
         broken[suffix] = text
     return [failure(item, text)]
@@ -336,8 +408,9 @@ def pytest_runtest_protocol(item):
     if INNER:
         return None
     if item.config.getoption("beside"):
-        start_beside(item)
-    if (suffix := suffix_of(item)) is None:
+        start_beside(item.session.items)
+    suffix = helper_of(item) if item.nodeid in shared else suffix_of(item)
+    if suffix is None:
         return None
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     for report in reports_of(item, suffix):
@@ -346,7 +419,10 @@ def pytest_runtest_protocol(item):
     return True
 
 
-def pytest_sessionfinish():
-    for session in sessions.values():
-        session.close()
+def pytest_sessionfinish(session, exitstatus):
+    whole = exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED)
+    for inner in sessions.values():
+        inner.close(at_its_end=whole and not (session.shouldstop or session.shouldfail))
     sessions.clear()
+    if blocks and not INNER:
+        shutil.rmtree(claims())

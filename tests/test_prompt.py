@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import DATA
-from helpers import CHORD_JOB, SIMULATION, refused
+from helpers import CHORD_JOB, SIMULATION, refused, said
 from launch import mpi_environment
 
 import hpcred
@@ -184,12 +184,6 @@ def test_a_picture_numbers_modes_as_the_table_does(linkage_folder, monkeypatch):
     frequencies = json.loads(Path("m.json").read_text())["frequencies_hz"]
     (shapes,) = seen
     assert shapes.first == 7 and shapes.names == [f"pseudo-mode {k}: {frequencies[k - 1]:.6g} Hz" for k in (7, 8)]
-
-
-def said(capsys, *arguments):
-    capsys.readouterr()
-    assert run(list(arguments)) == 0
-    return " ".join(capsys.readouterr().out.split())
 
 
 def test_info_of_everything_that_hpcred_writes(linkage_folder, capsys):

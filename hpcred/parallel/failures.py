@@ -10,13 +10,16 @@ that fails and one that comes to the end of a block meet in it, and see that the
 """
 
 import errno
+import fcntl
 import logging
 import os
 import pickle
 import re
 import shutil
 import signal
+import stat
 import sys
+import termios
 import time
 import zlib
 from contextlib import ExitStack, contextmanager, suppress
@@ -272,7 +275,20 @@ def end_job(error: BaseException):
     finally:
         if MPI.COMM_WORLD.size == 1:
             os._exit(exit_status(error))
+        await_reader(sys.stderr)
         MPI.COMM_WORLD.Abort(exit_status(error))
+
+
+def await_reader(stream, patience=1.0):
+    """Wait until all that was printed into a pipe is read: a launcher may end the job before it has passed it on."""
+    with suppress(OSError, ValueError, AttributeError):  # closed, or no file at all
+        stream.flush()
+        end = time.monotonic() + patience
+        while stat.S_ISFIFO(os.fstat(stream.fileno()).st_mode) and time.monotonic() < end:
+            unread = fcntl.ioctl(stream.fileno(), termios.FIONREAD, bytes(4))
+            if not int.from_bytes(unread, sys.byteorder):
+                return
+            time.sleep(0.01)
 
 
 def _others_say_it():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
-from helpers import close, dense_model, to_dense
+from helpers import bar, close, dense_model, to_dense
 from viscoelastic_models import MAXWELL, SPRINGPOT, ZENER, Sandwich, law_at, sandwich
 
 import hpcred
@@ -180,7 +180,7 @@ def test_a_part_that_holds_a_free_body_is_refused(comm):
 def test_a_free_body(comm):
     """K_v = K, by modes: the elastic part of a body of viscoelastic material."""
     law, f = Maxwell(factors=[1.0, 0.3], times=[1e-3, 1e-5]), np.array([20.0, 90.0])
-    with hpcred.linkage(comm) as model:
+    with bar(comm, 2.0, 6) as beam, beam.with_inputs([(1, "y"), (3, "z")]) as model:
         K, M, B = dense_model(model)
         with model.with_viscoelastic([Viscoelastic(model.K.copy(), law, "core")]) as free:
             values, modes = scipy.linalg.eigh(K, M)

@@ -1,5 +1,8 @@
 """A fault on one rank ends the job on all, and an error of all is told once."""
 
+import os
+import threading
+
 import pytest
 
 from hpcred.parallel import failures
@@ -50,6 +53,26 @@ def test_an_exception_on_one_rank_ends_the_job_on_all(hpcred, tmp_path, error):
     assert run.returncode != 0
     assert "only here" in run.stderr and "program.py\", line 6, in <module>" in run.stderr
     assert "hpcred: this error (rank 1) is not that of all ranks, and ends the job" in run.stderr
+
+
+def test_what_was_printed_is_read_before_the_job_ends(tmp_path):
+    """A launcher ends all at once, also what it has not passed on; nobody waits for ever for one that does not read."""
+    reading, writing = os.pipe()
+    with open(reading) as reader, open(writing, "w") as stream:
+        stream.write("only here\n")
+        failures.await_reader(stream, patience=0.02)
+        waiting = threading.Thread(target=failures.await_reader, args=(stream, 60.0))
+        waiting.start()
+        waiting.join(0.05)
+        assert waiting.is_alive() and reader.readline() == "only here\n"
+        waiting.join(30.0)
+        assert not waiting.is_alive()
+    with open(tmp_path / "log", "w") as stream:
+        stream.write("only here\n")
+        failures.await_reader(stream, 60.0)
+        assert (tmp_path / "log").read_text() == "only here\n"
+    failures.await_reader(stream, 60.0)  # closed
+    failures.await_reader(None, 60.0)
 
 
 def test_an_error_of_all_ranks_is_told_once(hpcred):

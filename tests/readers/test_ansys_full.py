@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.linalg
-from ansys_files import BLOCK, archive, write_full, write_rst
+from ansys_files import BLOCK, archive, turn, write_full, write_rst
 from foreign import gathered, write
 from helpers import to_dense
 from shared_data import shared, unpacked
@@ -169,15 +169,6 @@ def test_dofs_that_follow_others_are_left_out(comm, folder):
     assert [part.tolist() for part in node_and_direction(removed)] == [[7], [0]]
     with pytest.raises(InputError, match="constraint equations were not applied yet"):
         read_parts(made(comm, folder, {"K": mats["K"], "M": M}, slaves=slaves), comm)
-
-
-def turn(angles):
-    """Rz Rx Ry, by hand."""
-    a, b, c = np.deg2rad(angles)
-    z = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
-    x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
-    y = np.array([[np.cos(c), 0, np.sin(c)], [0, 1, 0], [-np.sin(c), 0, np.cos(c)]])
-    return z @ x @ y
 
 
 def test_turned_axes_of_nodes_become_global(comm, folder):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from ansys_files import record, write_full, write_rst
+from ansys_files import record, turn, write_full, write_rst
 from foreign import gathered, write
 from shared_data import unpacked
 
@@ -26,15 +26,6 @@ def static(comm, folder, held=(), rst=True, name="static.full", **options):
             write_rst(folder / "static.rst", PLACES)
     comm.Barrier()
     return folder / name
-
-
-def turn(angles):
-    """Rz Rx Ry, by hand."""
-    a, b, c = np.deg2rad(angles)
-    z = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
-    x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
-    y = np.array([[np.cos(c), 0, np.sin(c)], [0, 1, 0], [-np.sin(c), 0, np.cos(c)]])
-    return z @ x @ y
 
 
 @pytest.mark.mpi

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from conftest import DATA
-from foreign import gathered
+from foreign import everywhere
 from op2_files import displaced, op2, stressed
 from shared_data import unpacked
 
@@ -16,12 +16,6 @@ from hpcred.parallel.failures import InputError
 from hpcred.parallel.petsc import MPI
 from hpcred.readers.nastran.op2 import walk
 from hpcred.readers.stresses.source import read_answers
-
-
-def everywhere(comm, found):
-    """Nodes, displacements and stresses of all ranks, ascending."""
-    node, *steps = gathered(comm, found.node, found.displacement.swapaxes(0, 1), found.stress.swapaxes(0, 1))
-    return node, *(item.swapaxes(0, 1) for item in steps)
 
 
 @pytest.mark.mpi

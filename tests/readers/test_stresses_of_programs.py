@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from foreign import gathered
+from foreign import everywhere
 from shared_data import shared
 
 from hpcred.fe.element_rules import rule_of
@@ -13,12 +13,6 @@ from hpcred.readers.ansys import rst
 from hpcred.readers.ansys.records import STANDARD, RecordFile
 from hpcred.readers.stresses import ansys_rst
 from hpcred.readers.stresses.source import read_answers
-
-
-def everywhere(comm, found):
-    """Nodes, displacements and stresses of all ranks."""
-    node, *steps = gathered(comm, found.node, found.displacement.swapaxes(0, 1), found.stress.swapaxes(0, 1))
-    return node, *(item.swapaxes(0, 1) for item in steps)
 
 
 @pytest.mark.mpi

@@ -251,11 +251,14 @@ def test_differences_of_nested_models_are_exact(outputs):
 
 
 @pytest.mark.mpi
-def test_interface_coordinates_and_the_basis_turn_k_v(solid):
+def test_interface_coordinates_and_the_basis_turn_k_v(comm):
     """K_v = K in a part of the body: its projection is that of K, in either coordinates."""
     interface = hpcred.Interface(name="end", nodes=hpcred.Nodes(box=((0.035, -1, -1), (1, 1, 1))))
-    core = Viscoelastic(solid.K.copy(), MAXWELL)
-    with solid.with_viscoelastic([core]) as model, model.with_interfaces([interface]) as body:
+    with (
+        hpcred.solid((2, 1, 2), size=(0.04, 0.02, 0.03), inputs=3, comm=comm) as solid,
+        solid.with_viscoelastic([Viscoelastic(solid.K.copy(), MAXWELL)]) as model,
+        model.with_interfaces([interface]) as body,
+    ):
         for coordinates in ("modal", "interface"):
             with hpcred.reduce(body, tolerance=1e-3, band=(0.0, 20000.0), coordinates=coordinates) as rom:
                 assert close(rom.K, (1 + MAXWELL.static) * rom.viscoelastic[0].matrix) < 1e-9

@@ -9,10 +9,9 @@ import pytest
 import scipy.io
 import scipy.sparse
 from conftest import DATA
-from helpers import refused, write_matrices
+from helpers import refused, said, write_matrices
 
 import hpcred as package
-from hpcred.cli.main import run
 from hpcred.readers.registry import readers_of
 
 
@@ -20,12 +19,6 @@ from hpcred.readers.registry import readers_of
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def said(capsys, *arguments):
-    capsys.readouterr()
-    assert run(list(arguments)) == 0
-    return " ".join(capsys.readouterr().out.split())
 
 
 def test_every_format_is_in_the_table_with_what_tells_it(capsys):

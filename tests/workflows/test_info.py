@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import block_with_ends, dense_model, gather, refused
+from helpers import block_with_ends, dense_model, gather, refused, said
 from mpi4py import MPI
 
 import hpcred as package
@@ -13,12 +13,6 @@ from hpcred.cli.main import run
 from hpcred.model.rigid_body.modes import rigid_motions
 from hpcred.workflows.export import export_result
 from hpcred.writers.registry import WRITERS
-
-
-def said(capsys, *arguments):
-    capsys.readouterr()
-    assert run(list(arguments)) == 0
-    return " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.mpi

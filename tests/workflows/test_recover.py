@@ -18,7 +18,6 @@ from hpcred.cli.main import run
 from hpcred.files.result_points import read_points
 
 ALL = ("displacement", "velocity", "acceleration")
-MOVING = 't = 0.05\nvelocity = [0.5, 0.0, 1.0]\nangular_velocity = [0.0, 3.0, 1.0]\n'
 
 
 @pytest.fixture(scope="module")
