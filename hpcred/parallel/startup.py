@@ -39,6 +39,7 @@ _NOT_ASKED = object()
 _insisted = _NOT_ASKED  # "real", "complex" or None, once it was asked
 _petsc_args = ()
 _scalar = None  # "real" or "complex" once PETSc is imported
+_held: list = []  # an object of PETSc that stays
 _mpi_started = False
 
 
@@ -139,6 +140,9 @@ def start(scalar: str | None = None, petsc_args=(), *, preferred: str = "real", 
         from petsc4py import PETSc
 
         _scalar = "complex" if PETSc.ScalarType().dtype.kind == "c" else "real"
+        # With the last object on a rank PETSc frees its duplicate of the communicator, and makes another with the next
+        # object: ranks of which one still had an object would wait for each other for ever.
+        _held.append(PETSc.Vec().create(PETSc.COMM_WORLD))
     if _insisted and _insisted != _scalar:
         raise InputError(
             f"--scalar {_insisted}: the PETSc of this environment is {_scalar}; "

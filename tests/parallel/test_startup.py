@@ -139,3 +139,21 @@ def test_it_is_said_where_pip_brings_no_petsc(python, system, says):
 def test_the_extra_and_the_sentence_have_the_same_conditions():
     extra = (Path(__file__).parents[2] / "pyproject.toml").read_text()
     assert "python_version >= '3.12' and sys_platform == 'linux' and platform_machine == 'x86_64'" in extra
+
+
+PROGRAM = """
+import hpcred
+from hpcred.parallel.petsc import MPI, PETSc
+
+first = PETSc.Vec().create(MPI.COMM_WORLD)
+if MPI.COMM_WORLD.rank:
+    first.destroy()
+PETSc.Vec().create(MPI.COMM_WORLD)
+print("made")
+"""
+
+
+def test_ranks_may_lose_their_last_object_of_petsc_at_other_times(hpcred, tmp_path):
+    """PETSc gives up its duplicate of the communicator with it, which only all ranks together can make again."""
+    (tmp_path / "program.py").write_text(PROGRAM)
+    assert hpcred(program=("program.py",), ranks=2, timeout=60).stdout == "made\n" * 2
