@@ -8,15 +8,20 @@ them (NAME.recorded.json, with the date and commit of that page).
 
 import json
 import math
+import os
 import re
 import shutil
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 OUTCOMES = Path(__file__).parent / "outcomes"
 BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(<!-- end of table -->)", re.S)
-PAGES = ("README.md", "docs/evidence.md", "docs/choose.md", "docs/errors.md", "docs/simulate.md", "docs/benchmarks.md")
+PAGES = (
+    "README.md", "docs/evidence.md", "docs/choose.md", "docs/errors.md", "docs/simulate.md", "docs/large.md",
+    "docs/benchmarks.md", "docs/theory/assembly.md",
+)  # fmt: skip
 
 
 # of benchmarks.md
@@ -277,6 +282,27 @@ def cells_of_scaling(rows):
     return made
 
 
+def cells_of_sizes(rows):
+    sizes = [row for row in rows if row["dofs"] != "exponent"]
+    return [[shown(row["dofs"]), shown(row["MB in all"] / 1e3), machine]
+            for row, machine in zip(sizes, MACHINES, strict=True)]  # fmt: skip
+
+
+def cells_of_doubling(rows):
+    """How many times as fast twice as many ranks are, and what half as many of two threads take of time and memory."""
+    by = {(row["dofs"], row["ranks"], row["threads"]): row for row in rows if not row["case"].endswith("PARDISO")}
+    made = []
+    for dofs in dict.fromkeys(row["dofs"] for row in rows):
+        times = [by[dofs, ranks, 1]["seconds"] for ranks in (1, *DOUBLED)]
+        threads, one = by[dofs, DOUBLED[-1] // 2, 2], by[dofs, DOUBLED[-1], 1]
+        ratios = [*(slow / fast for slow, fast in pairwise(times)),
+                  *(threads[key] / one[key] for key in ("seconds", "GB"))]  # fmt: skip
+        made.append([shown(dofs), *map(shown, ratios)])
+    return made
+
+
+MACHINES = ("a laptop", "a workstation or a node", "several nodes, `--low-rank` or `--out-of-core`")
+DOUBLED = (2, 4, 8, 16)  # ranks
 CARDS = (16, 24, 32, 48, 80, 141)  # GB
 PEER = "Exudyn at this error (s)"
 
@@ -304,7 +330,12 @@ EVIDENCE = {
     "promise": (("of", "eps bounds", "the rod"), cells_of_promise, "bounds"),
     "cards": (("GB of the card", *map(str, CARDS)), cells_of_cards, "gpu"),
     "extrapolation": columns("dofs", "operations", "entries", "MB in all"),
+    "sizes": (("dofs", "GB", "machine"), cells_of_sizes, "extrapolation"),
+    "doubling": (("dofs", *(f"{ranks // 2} to {ranks} ranks" for ranks in DOUBLED), "two threads: time", "memory"),
+                 cells_of_doubling, "strong-scaling"),
     "programs": columns("program", "what", "largest difference"),
+    "machines": columns("exponent", "machines", "errors above 1e-5", "not known", "smallest ratio",
+                        "median ratio of the largest"),
     "simulations": (("settings", "error", "seconds", PEER), cells_of_simulations),
 }  # fmt: skip
 
@@ -399,7 +430,8 @@ def table(name):
 
 def written(page):
     """The text of a page with its tables made anew; the runs are on the page of evidence."""
-    place = {"README.md": "docs/evidence.md", "docs/evidence.md": ""}.get(page, "evidence.md")
+    evidence_page = ROOT / "docs/evidence.md"
+    place = "" if ROOT / page == evidence_page else os.path.relpath(evidence_page, (ROOT / page).parent)
 
     def made(found):
         text = table(found[2]).replace("(#runs)", f"({place}#runs)")

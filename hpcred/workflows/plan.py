@@ -38,7 +38,7 @@ ON_TWO, MORE_BY_RANKS = 1.3, 1.1
 # docs/large.md, "Options for large models": 3.0 of 5.8 GB of MUMPS, and 85 instead of 60 s
 ON_DISK, DISK_SLOWER = 0.5, 1.4
 PROGRAM = 0.15 * GB  # a rank: 0.09 GB after the start, buffers of messages and files
-MATRICES = 160  # bytes a nonzero, docs/large.md, "At 10^7 dofs": M and K with two copies, 12 kB a dof of a solid
+MATRICES = 160  # bytes a nonzero, docs/large.md, "Time and memory": M and K with two copies
 # docs/evidence.md, "Large models": bytes a nonzero in all, and processor seconds a nonzero, to a tolerance of 1e-4 over
 # 38 modes; three times as many dofs have the same
 MULTIGRID, SECONDS_OF_MULTIGRID = 75, 485 / 79_800_000
