@@ -10,6 +10,7 @@ coordinates of all units count alike. Receptances Y of uncoupled bodies couple a
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -28,6 +29,7 @@ from ..model.second_order_model import listed
 from ..parallel.declared import nearest
 from ..parallel.failures import InputError
 from ..reduction.parametric.reduced import ParametricReducedModel, with_terms
+from ..reduction.result.record import JointRecord
 from ..reduction.result.reduced_model import ReducedModel
 from .joints import GROUND, SIX, BushingJoint, PointMass, RigidJoint, matrix_of
 from .parts import ROUND_OFF, UNDAMPED, Channels, Part, part_and_node
@@ -37,6 +39,7 @@ NOTHING = 1e-14  # of M + tau^2 K in scaled coordinates: motions that nothing re
 STILL = 1e-13  # of the largest squared frequency of coordinates with mass: rigid-body motion, but for round-off
 FAINT = 1e-11  # of the same: modes below it have lost five digits of sixteen
 MASSLESS = 1e-12  # of the largest mass, in coordinates that are scaled
+FAR = 0.3  # of the smaller body: ends of a joint that are meant to lie together, or beside each other, are closer
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,13 +63,15 @@ class Condition:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Machine:
     """Parts by name, the conditions of its joints, and its inputs and outputs: names, and rows (l, k) of the inputs
-    and outputs of all parts."""
+    and outputs of all parts. `far`: a sentence on each of the joints whose ends lie far apart."""
 
     parts: dict[str, Part]
     conditions: tuple[Condition, ...]
     parameters: tuple[Parameter, ...]
     inputs: Channels
     outputs: Channels
+    joints: tuple[JointRecord, ...] = ()
+    far: tuple[str, ...] = ()
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -124,8 +129,9 @@ class Machine:
         (n, m) from them to the coordinates of all parts; `tau` (s): 1 / (2 pi f) of the frequencies that count. Raises
         InputError."""
         # the modes at the reference of what rigid conditions leave free
-        T = self._resisted(self._free(tau), tau)
-        squares, X, without = self._modes_seen(T, tau)
+        with _after(self.far):
+            T = self._resisted(self._free(tau), tau)
+            squares, X, without = self._modes_seen(T, tau)
         if (squares < 0).any():
             raise InputError(f"the machine is unstable at rest: {(squares < 0).sum()} of its modes have a negative "
                              "stiffness, as of a body beyond buckling; give it more support")  # fmt: skip
@@ -311,20 +317,69 @@ def machine_of(parts: list[Part], joints, masses=(), inputs=None, outputs=None, 
         if part.name in by_name:
             raise InputError(f"body.name: found '{part.name}' twice, expected a name of its own for every body")
         by_name[part.name] = part
-    conditions = []
-    for k, joint in enumerate(joints):
-        conditions += _conditions(by_name, joint, f"joint[{k}]", (tables or {}).get(k, {}))
+    of_joints = [_conditions(by_name, joint, f"joint[{k}]", (tables or {}).get(k, {}))
+                 for k, joint in enumerate(joints)]  # fmt: skip
+    conditions = sum(of_joints, [])
     for k, mass in enumerate(masses):
         conditions += _of_mass(by_name, mass, f"mass[{k}]")
+    known, far = _distances(by_name, joints)
     machine = Machine(parts=by_name, conditions=tuple(conditions), parameters=_parameters(parts),
                       inputs=_chosen(parts, "inputs", inputs), outputs=_chosen(parts, "outputs", outputs),
-                      warnings=[text for part in parts for text in part.warnings])  # fmt: skip
+                      joints=known, far=far, warnings=[*far, *(text for part in parts for text in part.warnings)],
+                      )  # fmt: skip
     rigid = [k for k, item in enumerate(conditions) if item.rigid]
-    _unheld(machine.conditions_of(0)[rigid], [conditions[k].label for k in rigid])
+    with _after(far):
+        _unheld(machine.conditions_of(0)[rigid], [conditions[k].label for k in rigid])
+    machine.warnings.extend(_twice(joints, of_joints, masses))
     loose = [part.name for part in parts if len(parts) > 1 and not any(part.name in item.rows for item in conditions)]
     if loose:
         machine.warnings.append(f"body '{loose[0]}' has no joint: it moves by itself")
     return machine
+
+
+@contextmanager
+def _after(far):
+    """Say first which joints have ends far apart, where a machine is refused: that may be why."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError("; ".join([*far, str(error)])) from error
+
+
+def _distances(parts, joints) -> tuple[tuple[JointRecord, ...], tuple[str, ...]]:
+    """Return the joints with the distances of their ends, and a sentence on each where it is large beside a body."""
+    known, far = [], []
+    for k, joint in enumerate(joints):
+        ends = [part_and_node(parts, name, f"joint[{k}]") for name in joint.bodies if name != GROUND]
+        places = np.array([part.places[node] for part, node in ends])
+        apart = None
+        if len(ends) == 2 and np.isfinite(places).all():
+            apart = float(np.linalg.norm(places[0] - places[1]))
+            apart = apart if apart > SAME_PLACE * np.abs(places).max() else 0.0
+        known.append(JointRecord(key=f"joint[{k}]", kind=joint.kind, ends=joint.bodies, apart=apart))
+        size = min([part.extent for part, _ in ends if part.extent], default=np.inf)
+        if apart is not None and apart > FAR * size:
+            far.append(f"joint[{k}]: {joint.bodies[0]} and {joint.bodies[1]} are {apart:.3g} m apart, and one of the "
+                       f"bodies is about {size:.3g} m large: a rigid lever joins them; if that is not meant, check "
+                       "position (m) and turn of the bodies")  # fmt: skip
+    return tuple(known), tuple(far)
+
+
+def _twice(joints, of_joints, masses) -> list[str]:
+    """Return a remark on bushings that act between the same ends in the same directions, and on masses at one place."""
+    places: dict = {}
+    for k, joint in enumerate(joints):
+        if isinstance(joint, BushingJoint):
+            for item in of_joints[k]:
+                places.setdefault((frozenset(joint.bodies), item.label.rpartition(":")[2]), []).append(k)
+    found = {tuple(numbers): joints[numbers[0]].bodies for numbers in places.values() if len(numbers) > 1}
+    told = [f"{len(numbers)} bushings between {ends[0]} and {ends[1]} ({', '.join(f'joint[{k}]' for k in numbers)}): "
+            "what they have in the same directions adds up" for numbers, ends in found.items()]  # fmt: skip
+    at: dict = {}
+    for k, mass in enumerate(masses):
+        at.setdefault(mass.at, []).append(k)
+    return told + [f"{len(numbers)} masses at {name} ({', '.join(f'mass[{k}]' for k in numbers)}): they add up"
+                   for name, numbers in at.items() if len(numbers) > 1]  # fmt: skip
 
 
 def _conditions(parts, joint, key, laws_of_table) -> list[Condition]:

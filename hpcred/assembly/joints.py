@@ -9,6 +9,7 @@ import numpy as np
 
 from ..fe.dofs import DIRECTIONS
 from ..model.laws.registry import AnyLaw
+from ..model.operator import Law
 from ..model.rotation import skew, unit_axis
 from ..parallel.declared import Settings, as_declared
 from ..parallel.failures import InputError
@@ -51,6 +52,15 @@ class Turn(Settings):
         return cosine * np.eye(3) + sine * skew(axis) + (1 - cosine) * np.outer(axis, axis)
 
 
+def _with_turn(settings, where):
+    """Make the turn of a body or a joint a Turn where it is a dict, as in a file. Raises InputError for other types."""
+    if isinstance(settings.turn, dict):
+        object.__setattr__(settings, "turn", Turn(**{"axis": None, "degrees": None, **settings.turn}))
+    if not isinstance(settings.turn, Turn | None):
+        raise InputError(f"{where}turn: found {str(settings.turn)[:60]!r}, expected "
+                         'hpcred.assembly.Turn(axis="z", degrees=90.0), or a dict of both')  # fmt: skip
+
+
 def matrix_of(turn: Turn | None) -> np.ndarray:
     """Return the rotation matrix (3, 3) of a turn, that of none where there is none."""
     return np.eye(3) if turn is None else turn.matrix
@@ -69,8 +79,8 @@ class MachineBody:
         or .npz, see docs/assembly.md.
     position : tuple of three floats, default (0, 0, 0)
         Of the origin of the body in the machine, in m.
-    turn : Turn, optional
-        Of the body about its origin.
+    turn : Turn or dict, optional
+        Of the body about its origin, such as {"axis": "z", "degrees": 90.0}.
     nodes : dict of str to int
         Names for nodes by number, such as {foot = 20}.
     kind : {"reduced", "measured"}, default "reduced"
@@ -94,7 +104,8 @@ class MachineBody:
     exact: bool = False
 
     def __post_init__(self):
-        as_declared(self, "body.", keys=("name", "position", "turn", "kind", "nodes", "exact"))
+        _with_turn(self, "body.")
+        as_declared(self, "body.", keys=("name", "position", "kind", "nodes", "exact"))
         if self.exact and self.kind == "measured":
             raise InputError(f"body.exact: body '{self.name}' is measured, and has no coordinates; leave it out")
         for key, name in (("name", self.name), *(("nodes", name) for name in self.nodes)):
@@ -117,7 +128,7 @@ class RigidJoint(Settings):
         rigidly at the first.
     directions : str or sequence of str, default ("x", "y", "z", "rx", "ry", "rz")
         Such as "xyz" or ["x", "rz"].
-    turn : Turn, optional
+    turn : Turn or dict, optional
         Of the axes of the directions; by default those of the machine.
     """
 
@@ -129,6 +140,7 @@ class RigidJoint(Settings):
     where = "joint."
 
     def __post_init__(self):
+        _with_turn(self, self.where)
         super().__post_init__()
         check_bodies(self)
         unknown = [name for name in self.directions if name not in SIX]
@@ -155,7 +167,7 @@ class BushingJoint:
         and perhaps a column for a parameter, such as amplitude.
     at : dict of str to float
         The value of the parameter of the table, such as {amplitude = 1e-5}; between its values it is linear.
-    turn : Turn, optional
+    turn : Turn or dict, optional
         Of the axes x, y, z; by default those of the machine.
     """
 
@@ -169,13 +181,17 @@ class BushingJoint:
     kind: Literal["bushing"] = "bushing"
 
     def __post_init__(self):
-        as_declared(self, "joint.", keys=("bodies", "stiffness", "damping", "table", "turn", "at"))
+        _with_turn(self, "joint.")
+        as_declared(self, "joint.", keys=("bodies", "stiffness", "damping", "table", "at"))
         check_bodies(self)
         for key in ("stiffness", "damping"):
             if (count := len(getattr(self, key))) not in (0, 3, 6):
                 raise InputError(f"joint.{key}: found {count} numbers, expected three, or six with rotations")
         if not any(self.stiffness) and not any(self.damping) and self.table is None:
             raise InputError("joint: a bushing without stiffness, damping and table holds nothing; give one of them")
+        if not isinstance(self.law, Law | None):
+            raise InputError(f"joint.law: found {str(self.law)[:60]!r}, expected a law, such as "
+                             "hpcred.laws.Maxwell((0.5,), (1e-3,))")  # fmt: skip
         if self.law is not None and not any(self.stiffness):
             raise InputError("joint.law: multiplies `stiffness`, and there is none; give it")
         if self.at and self.table is None:
@@ -204,6 +220,9 @@ class PointMass(Settings):
 
     def __post_init__(self):
         super().__post_init__()
+        if self.at == GROUND or not all(self.at.partition(".")):
+            raise InputError(f"mass.at: found '{self.at[:60]}', expected a body and an interface with a dot between "
+                             "them, such as spindle.tool; the ground does not move")  # fmt: skip
         if not self.mass and not any(self.inertia):
             raise InputError("mass.mass: found 0 and no inertia, which change nothing; give one of them")
 

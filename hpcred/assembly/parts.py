@@ -53,7 +53,8 @@ class Part:
     `model`: in axes of the body, with rigid-body motions, at all values of its parameters. `inputs`, `outputs`: see
     Channels. `places` of its nodes by label, in the machine. `elastic`: the model that its `accuracy` speaks of; None
     where there is none, or the result counts as `exact`. `rigid_motions` (6, k) about `origin` in its axes: the
-    first k coordinates, which were put before those of the result.
+    first k coordinates, which were put before those of the result. `extent`: how large it is about (m), 0 where that
+    is not known.
     """
 
     name: str
@@ -70,6 +71,7 @@ class Part:
     origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
     warnings: tuple[str, ...] = ()
     exact: bool = False
+    extent: float = 0.0
 
     @property
     def size(self) -> int:
@@ -201,6 +203,7 @@ def part_of(body: MachineBody, result: Any) -> Part:
         places={node: turn @ place + body.position for node, place in places.items()}, turn=turn,
         shift=np.array(body.position), labels=labels, elastic=elastic,
         accuracy=accuracy, rigid_motions=motions, origin=origin, warnings=tuple(warnings), exact=body.exact,
+        extent=_extent(places, result.floating_frame),
     )  # fmt: skip
 
 
@@ -243,8 +246,18 @@ def measured_part(body: MachineBody, frf) -> MeasuredPart:
     places = {node: turn @ at[node] + body.position if node in at else np.full(3, np.nan) for node in nodes}
     return MeasuredPart(
         name=body.name, model=None, inputs=_channels(body.name, inputs, turn), places=places, turn=turn,
-        outputs=_channels(body.name, outputs, turn), lines=frf.frequencies, H=frf.response,
+        outputs=_channels(body.name, outputs, turn), lines=frf.frequencies, H=frf.response, extent=_extent(at),
     )  # fmt: skip
+
+
+def _extent(places, frame=None) -> float:
+    """Return the diagonal (m) of a box around nodes, or of a uniform body of the inertia of a floating frame."""
+    points = np.array(list(places.values())).reshape(-1, 3)
+    nodes = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
+    if frame is None or not frame.mass > 0:
+        return nodes
+    spread = np.trace(frame.J) / (2 * frame.mass) - (frame.mc / frame.mass) @ (frame.mc / frame.mass)
+    return max(nodes, float(np.sqrt(12 * spread)) if spread > 0 else 0.0)  # not where M knows no inertia
 
 
 def units_of(reduced) -> str:
@@ -399,11 +412,17 @@ def _channels(body, names, turn) -> Channels:
 def part_and_node(parts: dict[str, Part], name: str, key: str) -> tuple[Part, str]:
     """Return the part and the node that "bed.guide" names. Raises InputError, with the name that was meant."""
     body, _, node = name.partition(".")
+    if body == GROUND:
+        raise InputError(f"{key}: found '{name}': the ground has no interfaces; joints call it \"{GROUND}\" alone")
     if body not in parts:
         raise InputError(f"{key}: '{name}': there is no body '{body}'{nearest(body, [*parts, GROUND])}; there are "
                          f"{', '.join(parts)}")  # fmt: skip
     part = parts[body]
     known = [label for label in part.places if any(item.rpartition(":")[0] == label for item in part.inputs.names)]
+    if node not in known and node in part.places:
+        raise InputError(f"{key}: '{name}': body '{body}' has the interface '{node}', but no inputs there, by which "
+                         f"joints act; reduce it with inputs = outputs = [..., \"{node}\"], in Python "
+                         f"model.with_inputs([..., \"{node}\"])")  # fmt: skip
     if node not in known:
         raise InputError(f"{key}: '{name}': body '{body}' has no interface '{node}'{nearest(node, known)}; it has "
                          f"{', '.join(known) or 'none'}")  # fmt: skip

@@ -10,6 +10,7 @@ import hpcred
 
 from ..report.tables import say, show_table
 from . import session
+from .details import show_joints
 from .options import JsonFile
 
 LOWEST = 10  # frequencies that are printed
@@ -28,6 +29,7 @@ def assemble(
     session.verdict(report["sentence"], report["reached"])
     show_table("Errors of the bodies", [{key: "not known" if value is None else value for key, value in row.items()}
                                         for row in report["budget"]])  # fmt: skip
+    show_joints(report["joints"])
     if "size" in report:
         frequencies = report["pseudo_frequencies_hz"]
         lowest = ", ".join(f"{f:.6g}" for f in frequencies[:LOWEST])

@@ -15,11 +15,12 @@ MOST_SETS = 20  # node sets that are listed
 
 def show_report(file, report, details=False):
     """Print what is known of a file, in numbers and sentences; interfaces and loads where no details have them."""
-    below_it = ("sets", "interfaces", "bases", "parameters", "terms", "loads", "sentences", "warnings")
+    below_it = ("sets", "interfaces", "joints", "bases", "parameters", "terms", "loads", "sentences", "warnings")
     rows = [{"": key.replace("_", " "), file: in_words(value)} for key, value in report.items() if key not in below_it]
     show_table(None, rows)
     if not details:
         show_table(INTERFACES, report.get("interfaces", []))
+        show_joints(report.get("joints", []))
         show_table("Bases that move", report.get("bases", []))
         session.show_loads(report.get("loads", []))
     show_table("Parameters", report.get("parameters", []))
@@ -32,6 +33,12 @@ def show_report(file, report, details=False):
         say(sentence)
 
 
+def show_joints(rows):
+    """Print the joints of a machine, and how far apart their ends are."""
+    show_table("Joints", [row | {"apart (m)": "" if row["apart (m)"] is None else f"{row['apart (m)']:.3g}"}
+                          for row in rows])  # fmt: skip
+
+
 def show_details(record):
     """Print what the record of a result has beside its verdict."""
     accuracy, stored = record.accuracy, any(item.from_store for item in record.components)
@@ -42,6 +49,7 @@ def show_details(record):
          **({"from": "store" if item.from_store else ""} if stored else {})} for item in record.components
     ])  # fmt: skip
     show_table(INTERFACES, record.interface_rows)
+    show_joints([item.row for item in record.joints])
     session.show_loads([item.row for item in record.loads])
     if accuracy is not None:
         show_table("Expansion points", [

@@ -85,8 +85,6 @@ def evaluate(
     if wrong or (estimate and check is not None):
         raise InputError(f"{'--check' if check is not None else '--estimate'}: cannot be combined with "
                          f"{', '.join(wrong) or '--estimate'}; call evaluate twice")  # fmt: skip
-    if pairs and not figure:
-        raise InputError("--pairs: belongs to --figure")
     if check is not None and full is None:
         raise InputError("--check: the model file is missing; give it by --full MODEL.h5, or see --estimate for a "
                          "machine, which has none")  # fmt: skip
@@ -143,6 +141,12 @@ def _show_responses(result, full, **keywords):
     report = hpcred.evaluate(result, full, **keywords)
     columns = {"f (Hz)": "frequencies_hz", "|H| reduced": "reduced_norm", "|H| full": "full_norm", "eps": "eps"}
     columns = {title: report[key] for title, key in columns.items() if key in report}
+    # of pairs that were named their own responses, in place of norms over all, whose units may be mixed
+    if "pairs" in report:
+        own = {f"|H| {key} {row['pair']} ({row['unit']})": row[key]
+               for row in report["pairs"] for key in ("reduced", "full") if key in row}  # fmt: skip
+        columns = {title: columns[title] for title in ("f (Hz)", "eps") if title in columns}
+        columns = {"f (Hz)": columns.pop("f (Hz)"), **own, **columns}
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
     if "pseudo_frequencies_hz" in report:
         found = ", ".join(f"{f:.6g}" for f in report["pseudo_frequencies_hz"])

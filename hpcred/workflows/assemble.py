@@ -233,8 +233,10 @@ def _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs
     warnings = list(machine.warnings)
     known = [bool(units_of(result.reduced)) for result in results]
     if any(known) and not all(known):
-        warnings.append(f"body '{parts[known.index(False)].name}': the units of its model are not known, and are taken "
-                        "for SI")  # fmt: skip
+        names = [f"body '{part.name}'" for part, units in zip(parts, known, strict=True) if not units]
+        whose = "its model" if len(names) == 1 else "their models"
+        warnings.append(f"{', '.join(names)}: the units of {whose} are not known, and are taken for SI; convert models "
+                        "in other units with --units, such as mm,t,s")  # fmt: skip
     still = int((reduced.frequencies == 0).sum())
     if still:
         warnings.append(f"the machine has {still} rigid-body motions without force: it has no response at 0 Hz")
@@ -304,7 +306,7 @@ def _record(results, parts, numbers, made: Assembly, progress, comm) -> Record:
         rigid_body_modes=int((reduced.frequencies == 0).sum()), frame=NoFrame(), damping=GivenDamping(),
         orthonormality_defect=float(np.abs(np.diag(np.diag(reduced.M)) - reduced.M).max()),
         unstable_poles=tuple((root.real, root.imag) for root in unstable), warnings=tuple(warnings),
-        timing=progress.timing(), interface_nodes=nodes, accuracy=accuracy,
+        timing=progress.timing(), interface_nodes=nodes, joints=made.machine.joints, accuracy=accuracy,
     )  # fmt: skip
 
 
@@ -322,8 +324,8 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
     Returns
     -------
     dict
-        Plain numbers for a table or JSON: the file written, the size, the frequencies, the budget of the error, the
-        verdict and warnings.
+        Plain numbers for a table or JSON: the file written, the size, the frequencies, the joints with the distances of
+        their ends, the budget of the error, the verdict and warnings.
 
     Raises
     ------
@@ -360,6 +362,7 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
                 "error": None if accuracy is None or not np.isfinite(accuracy.largest) else accuracy.largest,
             }  # fmt: skip
     return {"output": job.output, **known, "inputs": list(made.machine.inputs.own),
-            "outputs": list(made.machine.outputs.own), "budget": made.budget, "sentence": made.sentence,
+            "outputs": list(made.machine.outputs.own), "joints": [item.row for item in made.machine.joints],
+            "budget": made.budget, "sentence": made.sentence,
             "reached": accuracy is None or accuracy.reached, "warnings": made.warnings,
             "timing": asdict(progress.timing())}  # fmt: skip

@@ -111,12 +111,13 @@ def _superelement(source, output, variables, units, comm, progress) -> dict:
     with progress.stage("write", str(output)):
         rescued(lambda place: write_result(place, reduced, nodes=result.nodes), output, comm)
     others = [node.label for node in result.nodes if node.label not in {item.name for item in reduced.interfaces}]
-    placed = len(reduced.input_names)
+    placed, frequencies = len(reduced.input_names), np.sort(reduced.frequencies)
+    known = frequencies.any() or not reduced.K.any()  # not of a spring, which has no mass
     return {
         "output": str(output), "size": reduced.size, "nodes_with_six_directions": [i.name for i in reduced.interfaces],
         "other_nodes": others, "coordinates_without_place": reduced.size - placed,
-        "rigid_body_modes": record.rigid_body_modes,
-        "lowest_frequencies_hz": np.sort(reduced.frequencies)[:10].tolist(),
+        "rigid_body_modes": int((frequencies == 0).sum()) if known else None,
+        "lowest_frequencies_hz": frequencies[:10].tolist() if known else None,
         "warnings": warnings,
     }  # fmt: skip
 

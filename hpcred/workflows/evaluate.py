@@ -18,6 +18,7 @@ from ..files.together import rescued, together
 from ..model.damping import NoDamping
 from ..model.frames import NoFrame
 from ..model.loads.kinds import motions_of
+from ..model.units import unit_of_response
 from ..parallel.declared import flattened
 from ..parallel.failures import InputError
 from ..parallel.petsc import is_complex
@@ -25,6 +26,7 @@ from ..parallel.progress import Progress
 from ..reduction.interface_coordinates import elastic_part
 from ..reduction.result.directions import rows_of_directions
 from ..reduction.result.record import versions
+from ..report.figures import UNKNOWN
 from .full_model import full_of_record
 from .keywords import At, FullFile, Grid, Load, Measured, Pairs, ResponseFiles, Solving
 from .pair_figures import figures_of_pairs, pairs_by_name, pairs_to_show
@@ -56,7 +58,7 @@ def evaluate_result(
     figure : str or PathLike, optional
         A .png, .svg or .pdf of a response and its error, for each of the `pairs`.
     pairs : sequence of str
-        "output/input"; by default the largest.
+        "output/input", whose responses are shown with their units; by default figures are those of the largest.
     measure : {"directions", "paper"}, optional
         What eps is; by default as the model was reduced.
     groups, factoring : optional
@@ -124,6 +126,12 @@ def evaluate_result(
             "directions": [asdict(item) for item in errors.directions],
             "direction_rows": rows_of_directions(errors.directions, grid),
         }  # fmt: skip
+    if shown:
+        report["pairs"] = [
+            {"pair": name, "unit": unit_of_response(*name.split("/", 1), record.loads) or UNKNOWN,
+             **{key: np.abs(arrays[key][:, i, j]).tolist() for key in ("reduced", "full") if key in arrays}}
+            for name, (i, j) in zip(pairs, shown, strict=True)
+        ]  # fmt: skip
     with together(comm):
         if output is not None:
             made = {"result": str(result), "model": record.model, "versions": versions(),

@@ -72,6 +72,8 @@ def result(path, comm) -> dict:
         report["blas"] = blas
     if record.interface_rows:
         report["interfaces"] = record.interface_rows
+    if record.joints:
+        report["joints"] = [item.row for item in record.joints]
     if record.loads:
         report["loads"] = [item.row for item in record.loads]
     return report | {"warnings": list(record.warnings)}

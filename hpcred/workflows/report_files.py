@@ -110,9 +110,12 @@ def write_tables(folder, sheets) -> list[str]:
         for found in sheet.diagrams:
             written.append(target(f"poles_over_{found.parameter}", sheet))
             write_campbell(written[-1], found, MPI.COMM_SELF)
+        if sheet.record.joints:
+            tables["joints"] = [item.row for item in sheet.record.joints]
         for key, rows in tables.items():
-            written.append(target(key, sheet))
-            _write_table(written[-1], rows)
+            if rows:  # a machine has no points
+                written.append(target(key, sheet))
+                _write_table(written[-1], rows)
         # responses in the form that `evaluate -o` writes
         names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
         responses = {"response": (sheet.frequencies, {"reduced": sheet.response})}

@@ -110,6 +110,7 @@ def _shown(sheet):
         "alarms": list(accuracy.warnings) if accuracy is not None and accuracy.reached else [],
         "directions": directions_of(sheet),
         "facts": _facts(sheet),
+        "joints": [item.row | ({} if item.apart is not None else {"apart (m)": ""}) for item in record.joints],
         "warnings": [item for item in record.warnings if accuracy is None or item not in accuracy.warnings],
         "errors": [] if sheet.errors is None else [
             {"f (Hz)": f, "measured eps": eps}

@@ -70,7 +70,7 @@ def read_op4(path, comm, variables=None) -> Parts:
     taken = {key: contents[place] for key, place in choice.places.items()}
     parts = _parts(path, comm, {key: op4.read_matrix(files[key], comm, matrix) for key, matrix in taken.items()},
                    {key: f"{files[key]}, matrix {taken[key].name}" for key in taken}, names)  # fmt: skip
-    parts.warnings += warnings
+    parts.warnings += [*_left_out(path, names, se, choice, variables), *warnings]
     parts.matrices, number = _without_empty_rows(comm, parts.matrices, parts.warnings)
     if rows is not None:
         _label_rows(comm, parts, rows, number)
@@ -158,6 +158,24 @@ def _choices(path, names, se, variables):
                 f"{path}: found {len(again)} matrices {names[place]}; choose by --variables {key}={names[place]}:1"
             )
     return choices
+
+
+def _left_out(path, names, se, choice, variables) -> list[str]:
+    """Return which superelement was taken without being named, where there are several, and how others are."""
+    number = se[choice.places["K"]]
+    groups = sorted(set(se) - {None})
+    if variables or len(groups) < 2:
+        return []
+    ways = []
+    for other in groups:
+        places = {key: next((k for k, name in enumerate(names) if name == names[place] and se[k] == other), None)
+                  for key, place in choice.places.items()}  # fmt: skip
+        if other != number and None not in places.values():
+            ways.append(f"{other} by --variables " + ",".join(
+                f"{key}={names[k]}:{names[: k + 1].count(names[k])}" for key, k in places.items()))  # fmt: skip
+    what = "the residual structure (0)" if number == 0 else f"superelement {number}"
+    return [f"{path}: has the superelements {', '.join(map(str, groups))}, of which {what} is taken; others are: "
+            f"{'; '.join(ways)}"] if ways else []  # fmt: skip
 
 
 def _taken(path, origins, names):
@@ -369,7 +387,8 @@ def read_bulk(path, comm, variables=None) -> Parts:
         return _read_beside(path, comm, variables)
     names = [matrix.name for _, matrix in contents]
     with agreed(comm):
-        choice = _choices(path, names, [section and section.number for section, _ in contents], variables)[0]
+        se = [section and section.number for section, _ in contents]
+        choice = _choices(path, names, se, variables)[0]
         section = contents[choice.places["K"]][0]
         if other := next((key for key, place in choice.places.items() if contents[place][0] != section), None):
             raise InputError(f"{path}: found K and {other} in two sections BEGIN SUPER, expected those of one "
@@ -377,7 +396,7 @@ def read_bulk(path, comm, variables=None) -> Parts:
     wanted = {key: contents[place][1] for key, place in choice.places.items()}
     matrices, warnings, lacking = dmig.read_matrices(path, comm, wanted, section)
     parts = _parts(path, comm, matrices, {key: f"{path}, matrix {wanted[key].name}" for key in wanted}, names)
-    parts.warnings += warnings
+    parts.warnings += [*_left_out(path, names, se, choice, variables), *warnings]
     parts.open_ended, parts.loose = set(matrices), choice.letter == "G"
     if choice.letter == "G":
         parts.warnings.append(LOOSE.format("KAAX and MAAX"))

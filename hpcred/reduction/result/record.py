@@ -68,6 +68,23 @@ class ComponentRecord:
 
 
 @dataclass(frozen=True, kw_only=True)
+class JointRecord:
+    """A joint of a machine: its `key`, such as joint[0], its kind, its ends, and how far `apart` they are in m; None
+    where one is the ground, or has no place."""
+
+    key: str
+    kind: str
+    ends: tuple[str, str]
+    apart: float | None = None
+
+    @property
+    def row(self) -> dict:
+        """For a table."""
+        return {"joint": self.key, "kind": self.kind, "from": self.ends[0], "to": self.ends[1],
+                "apart (m)": self.apart}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
 class Record:
     """What made a reduced model.
 
@@ -85,6 +102,8 @@ class Record:
         Their names.
     interfaces, interface_nodes, loads : tuples
         The interfaces and their nodes, and loads with their sums.
+    joints : tuple of JointRecord
+        Of a machine.
     frame, damping, basis, projection, coordinates, deflation_tolerance, drop_above, groups
         Settings of the reduction.
     components : tuple of ComponentRecord
@@ -145,6 +164,7 @@ class Record:
     interfaces: tuple[Interface, ...] = ()
     interface_nodes: tuple[InterfaceNode, ...] = ()
     loads: tuple[LoadColumn, ...] = ()
+    joints: tuple[JointRecord, ...] = ()
     coordinates: str = "modal"
     accuracy: Accuracy | None = None
     factorisations_saved: int = 0
@@ -223,12 +243,14 @@ class Record:
 
     @property
     def interface_rows(self) -> list[dict]:
-        """For a table: name, number, kind, number of nodes and place in m of each interface; empty in older files."""
-        pairs = zip(self.interfaces, self.interface_nodes, strict=False)
+        """For a table: name, number, kind, number of nodes and place in m of each interface; of a machine without kind
+        and number of nodes."""
+        kinds = [{"kind": known.kind, "nodes": node.count}
+                 for known, node in zip(self.interfaces, self.interface_nodes, strict=False)]  # fmt: skip
         return [
-            {"interface": node.name, "node": node.node, "kind": interface.kind, "nodes": node.count,
+            {"interface": node.name, "node": node.node, **kind,
              **{axis: round(value, 12) + 0.0 for axis, value in zip("xyz", node.position, strict=True)}}
-            for interface, node in pairs
+            for node, kind in zip(self.interface_nodes, kinds or [{}] * len(self.interface_nodes), strict=False)
         ]  # fmt: skip
 
 
