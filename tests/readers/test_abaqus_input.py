@@ -292,6 +292,10 @@ def test_elements_of_several_lines(comm, folder, monkeypatch):
     elements = read(write(folder / "a.inp", text + "*Element, type=XYZ\n1, 2\n*Step\n", comm), comm).elements
     (found,) = gathered(comm, elements["hexahedron20"])
     assert np.array_equal(found, np.tile(numbers, (7, 1))) and set(elements) == {"hexahedron20"}
+    comm.Barrier()
+    again = write(folder / "a.inp", text + f"*Element, type=C3D4\n8, 1, 2, 3, 4\n7, {', '.join('5678')}\n", comm)
+    with pytest.raises(InputError, match="a.inp: found the element 7 more than once, expected each once"):
+        read(again, comm)
 
 
 @pytest.mark.parametrize("piece", [10, 2**19])

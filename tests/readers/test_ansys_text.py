@@ -343,6 +343,10 @@ def test_elements_of_archives(comm, folder):
     }  # fmt: skip
     blocks = "".join(element(*kinds[kind][:1], k, kinds[kind][1]) for k, kind in enumerate([*kinds] * 5, 1))
     text = archive(many, elements=f"EBLOCK,19,SOLID,{40:10d},{40:10d}\n(19i9)\n{blocks}{-1:9d}\n")
+    kind, nodes = kinds["quad"]
+    twice = text.replace(element(kind, 7, nodes), element(kind, 6, nodes))
+    with pytest.raises(InputError, match="a.cdb: found the element 6 more than once"):
+        ansys_cdb.read(write(folder / "a.cdb", twice, comm), comm)
     for content in (text, text.replace("\n", "\r\n")):
         comm.Barrier()
         found = ansys_cdb.read(write(folder / "a.cdb", content, comm), comm).elements

@@ -241,6 +241,7 @@ def test_includes_are_followed(comm, folder):
         ("BEGIN BULK\nGRID,1\n", "found BEGIN BULK but no ENDDATA"),
         ("BEGIN BULK\nGRID,1\nBEGIN SUPER=2\nENDDATA\n", "found 2 sections of bulk data"),
         ("GRID,1\nSPOINT,9,THRU,4\n", "SPOINT: found 9 THRU 4"),
+        ("GRID,1\nGRID,2\nGRID,3\nGRID,4\nCTETRA,7,1,1,2,3,4\nCBAR,7,2,1,2\n", "found the element 7 more than once"),
     ],
 )
 def test_decks_that_cannot_be_are_refused(comm, folder, deck, says):

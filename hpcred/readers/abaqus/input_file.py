@@ -32,9 +32,9 @@ from ...files.text_numbers import labels, padded, ragged
 from ...parallel.decisions import decided
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, sort_over_ranks
-from ..nodes.table import LARGEST_COORDINATE, NodeTable, elements_of, finite
+from ..nodes.table import GROUP, LARGEST_COORDINATE, NodeTable, elements_of, finite, require_elements_once
 from .materials import materials_of, names_of, number_of, properties_of
-from .sets import GROUP, read_sets, scopes_of
+from .sets import read_sets, scopes_of
 
 KEYWORD = re.compile(rb"(?m)^[ \t]*\*(?!\*)")
 GOES_ON = re.compile(rb",[ \t\r]*(\n|$)")
@@ -159,6 +159,7 @@ def read(path, comm, calculix=False, surfaces=False, steps=True) -> Mesh:
     nodes = _nodes(path, comm, nodes, named, 1 if calculix else 2)
     elements, keys, types, tables, counts = _elements(comm, elements, groups, named, unread, calculix)
     _require_nodes(path, comm, nodes, elements)
+    require_elements_once(path, comm, keys.values())
     # sets that sections and surfaces name are read although they are internal
     wanted = {name for block in solids for name in names_of(block)}
     wanted |= {scope + section.parameters["elset"].lower() for block in sets for section in [block.section]

@@ -17,8 +17,8 @@ from ...parallel.declared import nearest
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import sort_over_ranks
 from ..deck_loads import DeckLoads, faces_at, find_elements, place_of_face
+from ..nodes.table import GROUP
 from . import input_file
-from .sets import GROUP
 
 LOADS = ("cload", "dload", "dsload")
 FACES = {  # corners of the faces P1, P2, ...

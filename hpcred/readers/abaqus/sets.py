@@ -14,10 +14,10 @@ from ...files.text_numbers import labels, ragged, refuse_empty_fields, require_c
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, sort_over_ranks
 from ...parallel.petsc import MPI
+from ..nodes.table import GROUP
 
 WORD = re.compile(rb'"[^"\n]*"|[^\s,][^,\n]*[A-Za-z_][^,\n]*|[A-Za-z_][^,\n]*')
 IN_INSTANCE = re.compile(r".+\.(\d{1,18})")
-GROUP = 2**32  # keys of elements: GROUP times the number of their instance, plus their own
 NOTHING = np.zeros(0, np.int64)
 
 

@@ -21,7 +21,7 @@ from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import sort_over_ranks
 from ...parallel.petsc import MPI
 from ..fixed_width import Field, fields_of_format, separated
-from ..nodes.table import elements_of, finite, in_ranges
+from ..nodes.table import elements_of, finite, in_ranges, require_elements_once
 from ..parts import used_properties
 
 COMMAND = re.compile(
@@ -115,6 +115,7 @@ def read(path, comm, turned=False) -> Archive:
     # materials, and components of nodes and elements
     elements = elements_of(comm, elements)
     tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *tables.get(kind, [])]) for kind in elements}
+    require_elements_once(path, comm, [table[:, 0] for table in tables.values()])
     properties, remarks = _properties(comm, path, heads, types, tables)
     commands = [(position, line) for position, kind, line in heads if kind == "set"]
     label, position, angles = map(np.concatenate, zip(*nodes, strict=True))

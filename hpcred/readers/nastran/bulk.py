@@ -20,7 +20,7 @@ from ...files.system_errors import open_input, read_bytes
 from ...files.text import Piece, first_bytes, first_line, line_number, pieces, records, refuse_packed, require_file
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up, require_once, sort_over_ranks
-from ..nodes.table import LARGEST_COORDINATE, elements_of, in_ranges
+from ..nodes.table import LARGEST_COORDINATE, elements_of, in_ranges, require_elements_once
 from ..nodes.table import VERTICAL_FIRST as VTK
 from ..parts import used_properties
 from .cards import CARD, Card, components, lines_of, reals, wholes
@@ -181,9 +181,10 @@ def read_deck(path, comm, section=None) -> Deck:
         np.concatenate([np.zeros(0, np.int64), *other]), set().union(*comm.allgather(unknown)),
         comm.allreduce(point_mass), sets, remarks, section and section.number,
     )  # fmt: skip
+    tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *numbers.get(kind, [])]) for kind in elements}
+    require_elements_once(path, comm, [table[:, 0] for table in tables.values()])
     with agreed(comm):
         # the materials of the elements, by their properties
-        tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *numbers.get(kind, [])]) for kind in elements}
         deck.properties = properties_of(comm, cards, list(ELEMENTS), tables, deck.mass_unit)
     return deck
 

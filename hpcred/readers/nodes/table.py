@@ -18,6 +18,7 @@ LARGEST_COORDINATE = 1e15  # more than a body has, in any unit
 VERTICAL_FIRST = {
     "hexahedron20": [*range(12), *range(16, 20), *range(12, 16)], "wedge15": [*range(9), 12, 13, 14, 9, 10, 11],
 }  # fmt: skip
+GROUP = 2**32  # keys of elements: GROUP times the number of their instance, plus their own
 
 
 @dataclass
@@ -48,6 +49,15 @@ def elements_of(comm, parts: dict[str, list[np.ndarray]], order=None) -> dict[st
     kinds = sorted(set().union(*comm.allgather(set(parts))))
     elements = {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *parts.get(kind, [])]) for kind in kinds}
     return {kind: nodes[:, (order or {}).get(kind, slice(None))] for kind, nodes in elements.items()}
+
+
+def require_elements_once(path, comm, keys):
+    """Raise InputError where two elements have one number; `keys`: arrays of those of this rank, of elements of several
+    instances GROUP times that of the instance more. Collective."""
+    require_once(comm, np.concatenate([np.zeros(0, np.int64), *keys]), lambda key: (
+        f"{path}: found the element {key % GROUP} more than once, expected each once; was a part of the file written "
+        "or included twice?"
+    ))  # fmt: skip
 
 
 def read(path, comm) -> NodeTable:

@@ -84,7 +84,7 @@ class Greedy:
         self.ratio = 1.0  # by how much measured errors exceed estimated ones
         self.lost = 0.0  # error by the columns that were left out last, which no estimate has seen
         self._zeros: list[tuple[float, ...]] = []  # points beside zeros of responses
-        self._count = 0  # columns of the model that the next point checks
+        self._count: int  # columns of the model that the next point checks
         self._proofs = 0  # new points in a row that have proven it
 
     def run_to_end(self):
