@@ -131,12 +131,13 @@ def _plain(content: bytes) -> bytes:
     """A table of loads with each number in one form. Raises Nonsense where one is none."""
     require(content.endswith(b"\n"), "no end")
     text = content.decode("utf-8-sig")
-    rows = [row for row in csv.reader(io.StringIO(text, newline="")) if row and not row[0].lstrip().startswith("#")]
+    rows = [row for row in csv.reader(io.StringIO(text, newline=""))
+            if row and not row[0].lstrip().startswith(("#", "%", "**"))]  # fmt: skip
     require(rows, "no head")
     for row in rows[1:]:
         require(all(NUMBER.fullmatch(cell) for cell in row), "no number")
     lines, file = [rows[0], *([float(cell) for cell in row] for row in rows[1:])], io.StringIO()
-    require(all(abs(value) <= 1e30 for row in lines[1:] for value in row), "a number beyond all units")
+    require(all(value == 0 or 1e-200 <= abs(value) <= 1e30 for row in lines[1:] for value in row), "beyond all units")
     csv.writer(file, lineterminator="\n").writerows(lines)
     return file.getvalue().encode()
 

@@ -142,6 +142,8 @@ def meshed(rng, kind):
     else:
         where = places(rng)
         content, count = write(where, rng), len(where)
+    if kind in REMARKS and rng.random() < 0.1:  # a head that is longer than what formats are told by
+        content = REMARKS[kind] + content
     matrix = grounded(3 * count)
     files = {"K.mtx": matrix, "M.mtx": matrix, "nodes": content}
     command = ["convert", "-K", "K.mtx", "-M", "M.mtx", "--nodes", "nodes", "-o", "m.h5"]
@@ -154,6 +156,8 @@ def meshed(rng, kind):
     return case(rng, kind, files, "nodes", command, second)
 
 
+REMARKS = {kind: (mark + 70 * b"x" + b"\n") * 99
+           for kind, mark in (("ANSYS .cdb", b"! "), ("Nastran bulk", b"$ "), ("Abaqus assembly", b"** "))}  # fmt: skip
 GRAMMAR = {
     "UFF": (universal, node_readings.uff), "ANSYS .cdb": (archive, node_readings.cdb),
     "ANSYS list": (listed, node_readings.listed), "Nastran bulk": (bulk, node_readings.bulk),

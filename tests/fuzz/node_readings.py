@@ -210,7 +210,7 @@ def fields(line, widths, wholes, zeros):
 
 def bulk(text: bytes):
     """GRID cards, in systems that CORD2 cards define; scalar points and elements are not nodes. Sets of nodes."""
-    text, case = text.upper(), b""
+    text, case = text.removeprefix(b"\xef\xbb\xbf").upper(), b""
     if re.search(rb"(?m)^[ \t]*BEGIN\b", text):
         require(len(re.findall(rb"(?m)^[ \t]*BEGIN\b", text)) == 1, "two sections")
         begin = re.search(rb"(?m)^[ \t]*BEGIN\b[^\n$]*", text)
