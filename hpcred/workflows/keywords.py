@@ -39,7 +39,7 @@ FileUnits = Annotated[str, Option("Units of the files: SI; mm,t,s; mm-kg-ms; inc
 FullFile = Annotated[Name, Option("Compare with this full model.", "MODEL.h5")]
 Load = Annotated[Preload | None, Option("Constant load: '{omega = [0, 0, 300]}' (rad/s).", "TABLE", texts.preload)]
 Measured = Annotated[str | None, Option("What eps is: directions, or paper, the Frobenius norm (55).")]
-Pairs = Annotated[Sequence[str], Option("Responses to draw, such as 20:z/20:z,20:z/1:x.", "OUT/IN,...", texts.words)]
+Pairs = Annotated[Sequence[str], Option("Responses to show, such as 20:z/20:z,20:z/1:x.", "OUT/IN,...", texts.words)]
 Points = Annotated[int, Option("Number of equally spaced frequencies in the band.")]
 Variables = Annotated[dict[str, str] | None, Option("Names of matrices in a file.", "K=...,M=...", texts.names)]
 

@@ -1,6 +1,7 @@
 """Machines of reduced bodies against full models put together, and the files and commands around them."""
 
 import json
+import re
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -122,6 +123,7 @@ def test_the_command_writes_a_result_that_commands_take(machine, capsys):
     assert run(["assemble", "machine.toml", "--json", "a.json"]) == 0
     shown = capsys.readouterr().out
     assert "largest error of the machine" in shown and "bed" in shown
+    assert re.search(r"joint\[0\] +rigid +bed.right +arm.left +0.0141", shown)
     report = json.loads(Path("a.json").read_text())
     result = hpcred.read_result("machine.h5")
     # a body again, with the damping that the errors of its bodies were measured with
@@ -150,6 +152,27 @@ def test_the_command_writes_a_result_that_commands_take(machine, capsys):
                     ["export", "machine.h5", "--format", "statespace-npz", "-o", "m.npz"],
                     ["export", "machine.h5", "--format", "statespace-mat", "-o", "m.mat"]):  # fmt: skip
         assert run([*command, "--quiet"]) == 0, (command, capsys.readouterr())
+    # joints and places, and only tables that have a line
+    capsys.readouterr()
+    assert run(["info", "machine.h5"]) == 0
+    shown = capsys.readouterr().out
+    assert re.search(r"joint\[0\] +rigid +bed.right +arm.left +0.0141", shown)
+    assert re.search(r"bed.right +\d+ +0.06 +0.01 +0.015\n", shown)
+    assert run(["report", "machine.h5", "-o", "r.html", "--csv", "tabs"]) == 0
+    assert {"joints_machine.csv", "error_machine.csv"} <= {path.name for path in Path("tabs").iterdir()}
+    assert Path("tabs/joints_machine.csv").read_text().splitlines()[1].startswith("joint[0],rigid,bed.right,arm.left")
+    assert not Path("tabs/points_machine.csv").exists() and "Joints of machine" in Path("r.html").read_text()
+    # responses of pairs that are named, each in its unit
+    pairs = ("arm.right:z/arm.right:z", "arm.right:ry/arm.left:x")
+    capsys.readouterr()
+    command = ["evaluate", "machine.h5", "--frequencies", "500,9000", "--pairs", ",".join(pairs), "--json", "e.json"]
+    assert run(command) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "(m/N)" in shown and "(rad/N)" in shown and shown.count("|H|") == 2
+    H, names = result.reduced.frequency_response([500.0, 9000.0]), result.reduced.input_names
+    for row, pair in zip(json.loads(Path("e.json").read_text())["pairs"], pairs, strict=True):
+        i, j = (names.index(name) for name in pair.split("/"))
+        assert row["pair"] == pair and row["reduced"] == pytest.approx(np.abs(H[:, i, j]), rel=1e-9)
     state_space = result.reduced.to_state_space()
     assert state_space.A.shape == (2 * report["size"],) * 2
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import hpcred
 from hpcred.assembly.coupling import Machine, laws_of_table, machine_of, warnings_of_table
 from hpcred.assembly.error import Sensitivity, damping_of_errors
-from hpcred.assembly.joints import MachineBody, Turn
+from hpcred.assembly.joints import BushingJoint, MachineBody, PointMass, RigidJoint, Turn
 from hpcred.assembly.parts import part_of
 from hpcred.files.machine_basis import _turned
 from hpcred.settings.machine_file import MachineJob
@@ -207,6 +207,13 @@ def test_errors_of_bodies_have_one_damping_or_none():
 
 @pytest.mark.parametrize(("made", "words"), [
     (lambda: hpcred.assembly.PointMass(at="a.b", mass=0.0), "mass.mass: found 0 and no inertia"),
+    (lambda: PointMass(at="ground", mass=1.0), "mass.at: found 'ground'.*the ground does not move"),
+    (lambda: PointMass(at="tool", mass=1.0), "mass.at: found 'tool', expected a body and an interface"),
+    (lambda: MachineBody(name="a", result="a.h5", turn="z"), "body.turn: found 'z', expected hpcred.assembly.Turn"),
+    (lambda: RigidJoint(bodies=("a.b", "ground"), turn={"axis": "z"}), "turn.degrees: found None, expected a number"),
+    (lambda: RigidJoint(bodies=("a.b", "ground"), turn={"axes": "z", "degrees": 9}), "unknown keyword 'axes'"),
+    (lambda: BushingJoint(bodies=("a.b", "ground"), stiffness=(1, 1, 1), law={"kind": "maxwell"}),
+     "joint.law: found .*expected a law, such as hpcred.laws.Maxwell"),
     (lambda: hpcred.assemble([], inputs=[]), "inputs: found none, expected some; leave it out for all"),
     (lambda: MachineJob(body=(MachineBody(name="a", result="a.npz", kind="measured"),), write_basis=False),
      "write_basis: a machine with measured bodies has no basis"),
@@ -272,7 +279,86 @@ def test_units_that_are_known_are_not_doubted():
     bodies = [MachineBody(name=name, result="-") for name in ("b", "other")]
     results = [found, result(np.eye(2), np.eye(2), ("a:x", "b:x"))]
     told = _assembled(bodies, results, [], [], None, None, None, None).warnings
-    assert "body 'other': the units of its model are not known, and are taken for SI" in told
+    assert any("body 'other': the units of its model are not known, and are taken for SI" in text for text in told)
+    bodies.append(MachineBody(name="third", result="-"))
+    told = _assembled(bodies, [*results, results[1]], [], [], None, None, None, None).warnings
+    assert any(text.startswith("body 'other', body 'third': the units of their models") and "--units" in text
+               for text in told)  # fmt: skip
+
+
+def placed(extent=0.3, labels=("a", "b"), frame=None):
+    """A result with two interfaces that lie apart, along x, or with one at the origin."""
+    names = tuple(f"{label}:{d}" for label in labels for d in ("x", "y", "z", "rx", "ry", "rz"))
+    found = result(np.eye(len(names)), np.eye(len(names)), names)
+    found.nodes[-1].position = np.array([extent if len(labels) > 1 else 0.0, 0.0, 0.0])
+    found.floating_frame = frame
+    return found
+
+
+@pytest.mark.parametrize(("position", "turn", "apart", "warned"), [
+    ((0.3, 0.0, 0.0), None, 0.0, False),
+    ((0.3, 0.04, 0.03), None, 0.05, False),  # beside each other
+    ((300.0, 0.0, 0.0), None, 299.7, True),  # mm
+    ((0.03, 0.0, 0.0), None, 0.27, True),
+    ((0.6, 0.0, 0.0), {"axis": "z", "degrees": 180}, 0.3, True),
+    ((0.3, 0.0, 0.0), Turn(axis="z", degrees=180.0), 0.0, False),
+])  # fmt: skip
+def test_ends_of_joints_that_are_far_apart_are_told(position, turn, apart, warned):
+    other = MachineBody(name="c", result="-", position=position, turn=turn)
+    parts = [part_of(MachineBody(name="b", result="-"), placed()), part_of(other, placed())]
+    found = machine_of(parts, [RigidJoint(bodies=("b.b", "c.a")), RigidJoint(bodies=("b.a", "ground"))])
+    assert found.joints[0].apart == pytest.approx(apart) and found.joints[1].apart is None
+    told = [text for text in found.warnings if text.startswith("joint[0]: b.b and c.a are ")]
+    assert len(told) == warned == len(found.far) and all("check position (m) and turn" in text for text in told)
+
+
+def test_a_refusal_says_first_what_is_far_apart():
+    """Springs on levers of a length in mm seem too stiff, and loops that do not fit overdetermined."""
+    parts = [part_of(MachineBody(name="b", result="-"), placed()),
+             part_of(MachineBody(name="c", result="-", position=(1e9, 0.0, 0.0)), placed())]  # fmt: skip
+    ends = ("b.b", "c.a")
+    spring = BushingJoint(bodies=ends, stiffness=(1.0,) * 6)
+    with pytest.raises(hpcred.InputError, match=r"^joint\[0\]: b.b and c.a are 1e\+09 m apart.*as stiff or heavy"):
+        machine_of(parts, [spring]).model(1.0)
+    with pytest.raises(hpcred.InputError, match=r"^joint\[0\]: b.b and c.a are 1e\+09 m apart.*overdetermined"):
+        machine_of(parts, [RigidJoint(bodies=ends), RigidJoint(bodies=ends[::-1])])
+
+
+def test_a_body_with_one_interface_is_as_large_as_its_inertia_says():
+    """A uniform cube of 1 m about its corner: its diagonal."""
+    centre = np.full(3, 0.5)
+    J = np.eye(3) / 6 + centre @ centre * np.eye(3) - np.outer(centre, centre)
+    frame = SimpleNamespace(mass=1.0, mc=centre, J=J)
+    parts = [part_of(MachineBody(name=name, result="-", position=(place, 0.0, 0.0)), placed(labels=("a",), frame=frame))
+             for name, place in (("b", 0.0), ("c", 0.5), ("d", 0.9))]  # fmt: skip
+    assert parts[0].extent == pytest.approx(3**0.5)
+    found = machine_of(parts, [RigidJoint(bodies=("b.a", "c.a")), RigidJoint(bodies=("d.a", "b.a"))])
+    assert [text[:8] for text in found.far] == ["joint[1]"]
+
+
+def test_what_acts_twice_at_a_place_is_told():
+    parts = [part_of(MachineBody(name=name, result="-"), placed()) for name in ("b", "c")]
+    x, y = (BushingJoint(bodies=("b.a", "c.a"), stiffness=value) for value in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+    again = BushingJoint(bodies=("c.a", "b.a"), damping=(2.0, 0.0, 0.0))
+    masses = [PointMass(at="b.b", mass=1.0), PointMass(at="c.b", mass=1.0), PointMass(at="b.b", mass=2.0)]
+
+    def told(*joints, masses=()):
+        return [text for text in machine_of(parts, joints, masses).warnings if "add" in text]
+
+    assert not told(x, y, masses=masses[:2])
+    assert told(x, y, again) == ["2 bushings between b.a and c.a (joint[0], joint[2]): what they have in the same "
+                                 "directions adds up"]  # fmt: skip
+    assert told(x, masses=masses) == ["2 masses at b.b (mass[0], mass[2]): they add up"]
+
+
+def test_a_force_at_an_interface_without_inputs_is_refused():
+    found = result(np.eye(3), np.eye(3), ("20:x", "20:y", "20:z"))
+    found.reduced.record.interface_nodes = [SimpleNamespace(name="foot", node=9, position=(0.0, 0.0, 0.0))]
+    for name, words in (("b.foot", r"has the interface 'foot', but no inputs there.*model.with_inputs\("),
+                        ("b.feet", r"has no interface 'feet'; it has 20"),
+                        ("ground.foot", "the ground has no interfaces")):  # fmt: skip
+        with pytest.raises(hpcred.InputError, match=words):
+            machine(found, [RigidJoint(bodies=(name, "ground"), directions="x")])
 
 
 @pytest.mark.mpi

@@ -54,7 +54,10 @@ def test_superelements_of_one_run_put_together_are_its_residual_structure(folder
     comm = MPI.COMM_SELF
     listed = {matrix.name: matrix for matrix in op4.contents("nas2cam.op4", comm)}
     known = np.sqrt(np.maximum(op4.read_matrix("nas2cam.op4", comm, listed["LAMBDA"]).values[-48:], 0)) / (2 * np.pi)
-    assert made.reduced.size == 54 == read("nas2cam.op4").reduced.size
+    whole = read("nas2cam.op4").reduced
+    assert made.reduced.size == 54 == whole.size
+    assert any("the residual structure (0) is taken" in text and "101 by --variables K=KAA:1,M=MAA:1" in text
+               for text in whole.record.warnings)  # fmt: skip
     assert made.reduced.frequencies[6:30] == pytest.approx(known[:24], rel=1e-6)
     # nothing is known of their errors, unless they count as exact
     assert made.accuracy is None and [row["error"] for row in made.budget] == [None, None]
@@ -214,6 +217,8 @@ def test_a_spring_of_a_superelement_is_a_bushing(tmp_path, monkeypatch):
     stiffness = np.diag([2e5, 1e5, 3e5])
     write_run(substructure(np.kron([[1.0, -1.0], [-1.0, 1.0]], stiffness), nodes=(1, 2), lines=("1, 2, 3",)), NODES[:2])
     spring = read("sub.mtx")
+    report = hpcred.convert("sub.mtx", "spring.h5", superelement=True)
+    assert report["rigid_body_modes"] is report["lowest_frequencies_hz"] is None  # it has no mass
     write_run(substructure(np.diag([1e4, 2e4, 3e4]), 2.0 * np.eye(3), nodes=(1,), lines=("1, 2, 3",)))
     mass = read("sub.mtx")
     bodies = [MachineBody(name="low", result=mass), MachineBody(name="high", result=mass, position=(0.5, 0.0, 0.0))]
@@ -235,6 +240,8 @@ def test_only_rigid_motions_that_the_rows_know_have_frequency_zero(tmp_path, mon
     write_run(substructure(K, 2.0 * np.eye(3), ("3",), nodes=(1, 2, 3)), line)
     found = read("sub.mtx").reduced
     assert found.frequencies == pytest.approx(np.sqrt(1e4 / 2.0 * np.array([0.0, 1.0, 3.0])) / (2 * np.pi), rel=1e-9)
+    report = hpcred.convert("sub.mtx", "chain.h5", superelement=True)
+    assert report["rigid_body_modes"] == 1 and len(report["lowest_frequencies_hz"]) == 3
 
 
 DAMPING = "*MATRIX INPUT, NAME=DV, TYPE=SYMMETRIC\n1, 1, 1, 1, 3.0\n1, 1, 1, 3, 2.0D-1\n"

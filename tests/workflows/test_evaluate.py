@@ -274,7 +274,7 @@ def test_a_figure_of_every_response(linkage_folder, monkeypatch, capsys):
     Path("g.svg").unlink()
     for arguments, says in (
         ([*draw, "--pairs", "12:x/20:z"], "found '12:x/20:z', expected output/input of r.h5, such as 20:z/20:z"),
-        (["evaluate", "r.h5", "--pairs", "12:z/20:z"], "--pairs: belongs to --figure"),
+        (["evaluate", "r.h5", "--pairs", "12:z"], "found '12:z', expected output/input of r.h5"),
     ):
         assert says in refused(capsys, *arguments)
 
