@@ -105,7 +105,12 @@ def test_the_largest_errors_are_looked_at_closely(monkeypatch):
     def pair_at(_, point):  # whose error is largest at the frequency of its number
         return SimpleNamespace(outer=point, inner=None, noise=lambda S: np.array([1e-3 * point, 0.0]))
 
-    monkeypatch.setattr(compression, "grid", lambda models, band: models[0])
+    def largest_error(pair, look, _):
+        S, curve = look(pair)
+        return curve.max(), S[curve.argmax()]
+
+    monkeypatch.setattr(compression, "grid", lambda models, *_: models[0])
+    monkeypatch.setattr(compression, "largest_error", largest_error)
     monkeypatch.setattr(compression, "largest", lambda pair, point, least, rounds: (
         np.array([point, 0.0]), np.array([10.0 + point, least])))  # fmt: skip
     form = SimpleNamespace(parametric=SimpleNamespace(comm=MPI.COMM_SELF))
@@ -132,14 +137,19 @@ def test_independent_columns_span_what_the_first_of_them_span():
 def test_what_is_known_of_quiet_columns_at_several_points():
     """Silent is what is so at all points; the largest limit counts, and the round-off of the quietest that is not."""
     known = AffineProjections.__new__(AffineProjections)
-    known.silent, known.quiet, known.round_off, known._limits = None, False, 0.0, {}
+    known.silent, known.quiet, known.round_off, known._limits, known._made = None, False, 0.0, {}, {(1.0,): {}}
     known.note_quiet({0: (1e-12, 1e-10), 1: (1e-12, 2e-10)})
+    assert not known._made  # models with other limits
+    known._made[1.0,] = {}
     assert known.silent == {0, 1} and not known.quiet and known.round_off == 0.0
     assert known.limits == {0: QUIET, 1: QUIET}
     known.note_quiet({0: (3e-11, 3e-11), 1: (1e-8, 1e-10)})
     known.note_quiet({0: (0.0, 1e-11), 1: (1e-6, 1e-10)})
     assert known.silent == {0} and known.quiet and known.round_off == UNIT / 1e-8
-    assert known.limits == {0: QUIET, 1: 2e-10}
+    assert known.limits == {0: QUIET, 1: 2e-10} and not known._made
+    known._made[1.0,] = {}
+    known.note_quiet({0: (0.0, 1e-11), 1: (1e-6, 1e-10)})
+    assert known._made
 
 
 def test_pseudo_modes_are_those_of_the_symmetric_part():
