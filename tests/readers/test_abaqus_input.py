@@ -395,6 +395,7 @@ def test_sets_of_nodes_and_elements(comm, folder, monkeypatch):
         ("*Nset, nset=a, generate\n1, 2, 3, 4\n", "expected first, last and step"),
         ("*Nset, nset=a, generate\n5, 2\n", "the first not above the last"),
         ("*Nset, nset=a\n1, b\n", "found the set 'b' in the set of nodes 'a', expected one of the sets"),
+        ("*Nset, nset=a\nb, #\n", "line 4: found .b, #., expected numbers and names of sets"),
     ],
 )
 def test_sets_that_cannot_be_are_refused(comm, folder, lines, says):

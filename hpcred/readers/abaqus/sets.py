@@ -119,6 +119,9 @@ def _read_block(comm, block, offset, known, wanted):
         require_commas(piece, fields)
         # numbers alone remain to be read, and labels of instances such as Part-1.5
         plain = Piece(piece.path, WORD.sub(b" ", text).replace(b",", b" "), piece.start)
+        if (whole := without_comments(plain.text)) != plain.text:  # a mark of comments behind a name is none
+            pairs = zip(whole.split(b"\n"), plain.text.split(b"\n"), strict=True)
+            raise piece.refusal(next(k for k, (a, b) in enumerate(pairs) if a != b), "numbers and names of sets")
         values, counts, lines = ragged(plain, expected="whole numbers")
         numbers = labels(plain, values, np.repeat(lines, counts), "a number")
         inside = [int(match[1]) for match in map(IN_INSTANCE.fullmatch, words) if match]
