@@ -139,14 +139,13 @@ def _show_check(result, full, count, **keywords):
 
 def _show_responses(result, full, **keywords):
     report = hpcred.evaluate(result, full, **keywords)
-    columns = {"f (Hz)": "frequencies_hz", "|H| reduced": "reduced_norm", "|H| full": "full_norm", "eps": "eps"}
-    columns = {title: report[key] for title, key in columns.items() if key in report}
     # of pairs that were named their own responses, in place of norms over all, whose units may be mixed
     if "pairs" in report:
-        own = {f"|H| {key} {row['pair']} ({row['unit']})": row[key]
-               for row in report["pairs"] for key in ("reduced", "full") if key in row}  # fmt: skip
-        columns = {title: columns[title] for title in ("f (Hz)", "eps") if title in columns}
-        columns = {"f (Hz)": columns.pop("f (Hz)"), **own, **columns}
+        sizes = {f"|H| {key} {row['pair']} ({row['unit']})": row[key]
+                 for row in report["pairs"] for key in ("reduced", "full") if key in row}  # fmt: skip
+    else:
+        sizes = {f"|H| {key}": report[f"{key}_norm"] for key in ("reduced", "full") if f"{key}_norm" in report}
+    columns = {"f (Hz)": report["frequencies_hz"], **sizes, **({"eps": report["eps"]} if "eps" in report else {})}
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
     if "pseudo_frequencies_hz" in report:
         found = ", ".join(f"{f:.6g}" for f in report["pseudo_frequencies_hz"])

@@ -140,8 +140,9 @@ class Solver(ABC):
         return None
 
     def solve_below(self, mass, right, solution, basis, stiffness, rough=0.0):
-        """Solve with K + mass M, mass < 0, by what was made for another mass, beside a basis, as `rough` as may be; see
-        IterativeSolves, and NearbyFactor.
+        """Solve with K + mass M, mass < 0, by what was made for another mass, beside a basis.
+
+        `rough`: how much may be left, of the residual of the load (IterativeSolves), or of the energy (NearbyFactor).
 
         Raises NotSolved, as here, where the solver cannot.
         """

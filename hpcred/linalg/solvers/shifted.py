@@ -102,9 +102,9 @@ class ShiftedSolver(DirectSolver):
         mat.copy(self.matrix, structure=SAME)
         self.matrix.stateIncrease()
 
-    def solve_below(self, mass, right, solution, basis, stiffness, share=NEARBY):
-        """Solve with K + mass M by the factor that there is for another mass; see IterativeSolves and NearbyFactor."""
-        NearbyFactor(self, self._back_substitute, share).solve_below(mass, right, solution, basis, stiffness)
+    def solve_below(self, mass, right, solution, basis, stiffness, rough=NEARBY):
+        """Solve with K + mass M by the factor that there is for another mass, to the share `rough` of NearbyFactor."""
+        NearbyFactor(self, self._back_substitute, rough).solve_below(mass, right, solution, basis, stiffness)
 
     def factor(self, mass, damping=0.0):
         """See Solver. Raises SingularMatrix also when s^2 is an undamped eigenvalue.
