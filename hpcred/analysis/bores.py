@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -119,8 +119,8 @@ def bores_and_warnings(model, turn: float) -> tuple[tuple[Bore, ...], list[str]]
             f"{model.name} has no elements with faces, by which bores are found; convert it from an input file that "
             "has them, or name the nodes of a bearing by {cylinder = [[x, y, z], [x, y, z], radius]} or a node set"
         )
-    found, hidden = decided(model.comm, _bores, surface, turn)
-    return found, [
+    bores, hidden = decided(model.comm, _bores, surface, turn)
+    return bores, [
         f"{hidden} faces of the surface are left out, since a node of theirs has no row in {model.name}: it follows "
         "others, as in a rigid body; name its reference node in `inputs`, or export the body without it"
     ] * bool(hidden)
@@ -128,23 +128,23 @@ def bores_and_warnings(model, turn: float) -> tuple[tuple[Bore, ...], list[str]]
 
 def _bores(surface, turn):
     """Return the bores of a surface, and how many faces it lacks; on one rank."""
-    found = []
-    for item in find_cylinders(surface.faces, surface.points, turn):
-        taken = surface.faces.take(item.faces)
-        nodes = np.unique(np.concatenate([taken.corners.ravel(), taken.middles.ravel()]))
-        kind = {None: "shell", True: "bore", False: "pin"}[item.inwards]
+    bores = []
+    for cylinder in find_cylinders(surface.faces, surface.points, turn):
+        faces = surface.faces.take(cylinder.faces)
+        nodes = np.unique(np.concatenate([faces.corners.ravel(), faces.middles.ravel()]))
+        kind = {None: "shell", True: "bore", False: "pin"}[cylinder.inwards]
         # as many digits as mean something, so that 1e-19 is 0
-        places = DIGITS - 1 - int(np.floor(np.log10(item.radius)))
-        ends = [tuple(part + 0.0 for part in np.round(end, places).tolist()) for end in (item.start, item.end)]
-        found.append(Bore(
-            name="", kind=kind, start=ends[0], end=ends[1], radius=round(item.radius, places),
-            turn=round(item.turn, 1), nodes=tuple(surface.nodes[nodes[nodes >= 0]].tolist()),
+        places = DIGITS - 1 - int(np.floor(np.log10(cylinder.radius)))
+        start, end = ((np.round(point, places) + 0.0).tolist() for point in (cylinder.start, cylinder.end))
+        bores.append(Bore(
+            name="", kind=kind, start=tuple(start), end=tuple(end), radius=round(cylinder.radius, places),
+            turn=round(cylinder.turn, 1), nodes=tuple(surface.nodes[nodes[nodes >= 0]].tolist()),
         ))  # fmt: skip
     order = ("bore", "pin", "shell")
-    found.sort(key=lambda item: (order.index(item.kind), -item.radius, item.start, item.end))
+    bores.sort(key=lambda bore: (order.index(bore.kind), -bore.radius, bore.start, bore.end))
     number = dict.fromkeys(order, 0)
     named = []
-    for item in found:
-        number[item.kind] += 1
-        named.append(Bore(**vars(item) | {"name": f"{item.kind}{number[item.kind]}"}))
+    for bore in bores:
+        number[bore.kind] += 1
+        named.append(replace(bore, name=f"{bore.kind}{number[bore.kind]}"))
     return tuple(named), surface.without_place

@@ -67,7 +67,7 @@ def campbell(
     which the diagram leaves out.
     """
     refuse_file("model", model, "campbell_file")
-    known = {item.name: item for item in getattr(model, "parameters", ())}
+    known = {parameter.name: parameter for parameter in getattr(model, "parameters", ())}
     if known and over not in known:
         raise InputError(f"over: found the parameter '{over}', expected one of {', '.join(known)}")
     if over in (at or ()):
@@ -127,44 +127,44 @@ def _campbell(matrices, values, shapes, axis, orders, highest, over, unit) -> Ca
         ends = [np.sort(tracker.at(value).poles.imag) for value in values[[0, -1]]]
         highest = 1.05 * max(end[:MODES].max(initial=0.0) for end in ends) / (2 * np.pi) or 1.0
     tracker.limit = 2 * np.pi * highest
-    found, branches, unsure = tracker.over(values)
+    steps, branches, unsure = tracker.over(values)
     # columns of the branches that come below the limit somewhere
-    chosen = _shown(found, branches, tracker.limit)
+    chosen = _shown(steps, branches, tracker.limit)
     column = {branch: k for k, branch in enumerate(chosen)}
-    poles = np.full((len(found), len(chosen)), np.nan + 1j * np.nan)
+    poles = np.full((len(steps), len(chosen)), np.nan + 1j * np.nan)
     round_ = np.full(poles.shape, np.nan)
     speed = SPEEDS.get(unit)
-    for row, (part, numbers) in enumerate(zip(found, branches, strict=True)):
+    for row, (step, numbers) in enumerate(zip(steps, branches, strict=True)):
         there = np.flatnonzero(np.isin(numbers, chosen))
         columns = [column[number] for number in numbers[there]]
-        poles[row, columns] = part.poles[there]
-        round_[row, columns] = _orbits(part, shapes, axis, speed)[there]
+        poles[row, columns] = step.poles[there]
+        round_[row, columns] = _orbits(step, shapes, axis, speed)[there]
     # what the branches cross: stability, and the lines of orders
     warnings = []
     if unsure:
         listed = ", ".join(f"{value:.6g}" for value in unsure[:5])
         warnings.append(f"at {over} = {listed} the smallest step does not tell which mode goes on as which")
-    limit, unstable = _stability(tracker, found)
-    critical = () if speed is None else _critical(tracker, found, branches, column, orders, speed, shapes, axis)
-    above = [part.value for part in found if limit is None and growth_of(part, np.inf)[0] > 0]
+    limit, unstable = _stability(tracker, steps)
+    critical = () if speed is None else _critical(tracker, steps, branches, column, orders, speed, shapes, axis)
+    above = [step.value for step in steps if limit is None and growth_of(step, np.inf)[0] > 0]
     if above:
         warnings.append(
             f"at {over} = {above[0]:.6g} a pole above {highest:.6g} Hz is unstable, which may be one of the reduction"
         )
     return Campbell(
-        parameter=over, unit=unit, values=np.array([part.value for part in found]), poles=poles, orbits=round_,
+        parameter=over, unit=unit, values=np.array([step.value for step in steps]), poles=poles, orbits=round_,
         highest=highest, orders=() if speed is None else orders,
         stability_limit=limit, unstable_frequency=unstable, critical_speeds=critical, warnings=tuple(warnings),
     )  # fmt: skip
 
 
-def _shown(found, branches, limit) -> list[int]:
+def _shown(steps, branches, limit) -> list[int]:
     """Return the branches that come below the limit: those of the first value, by frequency, and then those that begin
     later, but for second zeros, as a mode has them where it passes zero."""
     first, moving, low = {}, set(), set()
-    for row, (part, numbers) in enumerate(zip(found, branches, strict=True)):
-        for number, pole in zip(numbers.tolist(), part.poles, strict=True):
-            if abs(pole) > ZERO * part.size:
+    for row, (step, numbers) in enumerate(zip(steps, branches, strict=True)):
+        for number, pole in zip(numbers.tolist(), step.poles, strict=True):
+            if abs(pole) > ZERO * step.size:
                 moving.add(number)
             first.setdefault(number, (row, pole.imag, number))
             if pole.imag <= limit:
@@ -173,68 +173,68 @@ def _shown(found, branches, limit) -> list[int]:
     return sorted(low - begun_as_zero, key=first.get)
 
 
-def _orbits(part, shapes, axis, speed):
+def _orbits(poles, shapes, axis, speed):
     """Return the orbits (u,) of the poles of a value, in the sense of the rotation where there is one."""
     if not len(shapes):
-        return np.full(len(part.poles), np.nan)
-    motions = np.tensordot(shapes, part.shapes, (2, 0))
-    found = np.where(are_seen(motions, part.poles), orbits(motions, axis), np.nan)
-    sense = np.sign(part.value) if speed is not None and part.value else 1.0
+        return np.full(len(poles.poles), np.nan)
+    motions = np.tensordot(shapes, poles.shapes, (2, 0))
+    sizes = np.where(are_seen(motions, poles.poles), orbits(motions, axis), np.nan)
+    sense = np.sign(poles.value) if speed is not None and poles.value else 1.0
     # modes of one frequency have no orbits of their own, and what does not vibrate has none
-    return np.where(part.single & (part.poles.imag > 0), sense * found, 0.0)
+    return np.where(poles.single & (poles.poles.imag > 0), sense * sizes, 0.0)
 
 
-def _stability(tracker, found) -> tuple[float | None, float | None]:
+def _stability(tracker, steps) -> tuple[float | None, float | None]:
     """Return the first value where a pole crosses the imaginary axis, and its frequency in Hz."""
-    growths = [growth_of(part, tracker.limit)[0] > 0 for part in found]
+    growths = [growth_of(step, tracker.limit)[0] > 0 for step in steps]
     if True not in growths:
         return None, None
     place = growths.index(True)
-    high = found[place].value
+    high = steps[place].value
     if place:
-        low = found[place - 1].value
-        while high - low > EXACT * (found[-1].value - found[0].value):
+        low = steps[place - 1].value
+        while high - low > EXACT * (steps[-1].value - steps[0].value):
             middle = (low + high) / 2
             low, high = (low, middle) if tracker.growth(middle)[0] > 0 else (middle, high)
     return high, abs(tracker.growth(high)[1].imag) / (2 * np.pi)
 
 
-def _critical(tracker, found, branches, column, orders, speed, shapes, axis) -> tuple[CriticalSpeed, ...]:
+def _critical(tracker, steps, branches, column, orders, speed, shapes, axis) -> tuple[CriticalSpeed, ...]:
     """Return where modes cross the lines of the orders."""
     critical = []
-    for before, after, numbers, following in zip(found, found[1:], branches, branches[1:], strict=False):
+    for before, after, numbers, following in zip(steps, steps[1:], branches, branches[1:], strict=False):
         for i, number in enumerate(numbers):
             j = np.flatnonzero(following == number)
             if number not in column or not len(j):
                 continue
             for order in orders:
-                ends = [part.poles[k].imag - abs(order * speed * part.value)
-                        for part, k in ((before, i), (after, j[0]))]  # fmt: skip
+                ends = [step.poles[k].imag - abs(order * speed * step.value)
+                        for step, k in ((before, i), (after, j[0]))]  # fmt: skip
                 if ends[0] == 0 or (ends[0] > 0) == (ends[1] > 0) or before.value * after.value < 0:
                     continue
-                part, k = _crossing(tracker, before, after, i, order * speed)
-                pole = part.poles[k]
-                if abs(pole) < ZERO * part.size:  # a free motion, whose frequency is round-off
+                step, k = _crossing(tracker, before, after, i, order * speed)
+                pole = step.poles[k]
+                if abs(pole) < ZERO * step.size:  # a free motion, whose frequency is round-off
                     continue
                 critical.append(CriticalSpeed(
-                    order=order, mode=column[number], value=part.value, frequency=pole.imag / (2 * np.pi),
-                    damping_ratio=float(damping_ratios(pole)), whirl=in_words(_orbits(part, shapes, axis, speed)[k]),
+                    order=order, mode=column[number], value=step.value, frequency=pole.imag / (2 * np.pi),
+                    damping_ratio=float(damping_ratios(pole)), whirl=in_words(_orbits(step, shapes, axis, speed)[k]),
                 ))  # fmt: skip
-    return tuple(sorted(critical, key=lambda item: (item.order, item.value)))
+    return tuple(sorted(critical, key=lambda crossing: (crossing.order, crossing.value)))
 
 
 def _crossing(tracker, before, after, place, factor):
     """Return the poles where the mode at a place before crosses the line, and its place there."""
 
     def at(value):
-        part, places, _ = tracker.next(before, value)
-        return part, places[place]
+        step, places, _ = tracker.next(before, value)
+        return step, places[place]
 
     def difference(value):
         if value == before.value:
             return before.poles[place].imag - abs(factor * value)
-        part, k = at(value)
-        return part.poles[k].imag - abs(factor * value)
+        step, k = at(value)
+        return step.poles[k].imag - abs(factor * value)
 
     width = after.value - before.value
     return at(scipy.optimize.brentq(difference, before.value, after.value, xtol=EXACT * width, rtol=1e-12))

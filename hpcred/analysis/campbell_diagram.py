@@ -150,9 +150,9 @@ class Campbell:
             self.parameter + unit: f"{self.values[0]:.6g} to {self.values[-1]:.6g}",
             "modes": f"{self.poles.shape[1]} up to {self.highest:.6g} Hz",
         }
-        rows = [{"order": item.order, "mode": item.mode + 1, f"{self.parameter}{unit}": item.value,
-                 "f (Hz)": item.frequency, "damping (%)": 100 * item.damping_ratio, "whirl": item.whirl}
-                for item in self.critical_speeds]  # fmt: skip
+        rows = [{"order": critical.order, "mode": critical.mode + 1, f"{self.parameter}{unit}": critical.value,
+                 "f (Hz)": critical.frequency, "damping (%)": 100 * critical.damping_ratio, "whirl": critical.whirl}
+                for critical in self.critical_speeds]  # fmt: skip
         return as_html(f"Campbell diagram: {self.sentence}", facts, rows, self.warnings)
 
     @property
@@ -175,13 +175,13 @@ class Campbell:
         """Return a row for each pole of the full model below `highest`: its value, frequency (Hz) and damping ratio,
         and the relative distance of the nearest pole of the reduced model, where it has the value."""
         rows = []
-        for item in self.full:
-            near = self.poles[np.flatnonzero(self.values == item.value)]
+        for check in self.full:
+            near = self.poles[np.flatnonzero(self.values == check.value)]
             near = near[np.isfinite(near)]
-            for pole in item.poles[item.frequencies <= self.highest]:
+            for pole in check.poles[check.frequencies <= self.highest]:
                 distance = np.abs(near - pole).min(initial=np.inf) / max(abs(pole), 1e-300)
                 rows.append({
-                    "value": item.value, "frequency": float(pole.imag / (2 * np.pi)),
+                    "value": check.value, "frequency": float(pole.imag / (2 * np.pi)),
                     "damping_ratio": float(damping_ratios(pole)), "distance": float(distance),
                 })  # fmt: skip
         return rows
@@ -226,10 +226,10 @@ class Campbell:
             below = self.frequencies[np.argmin(np.abs(self.values - value))] <= self.highest
             with model.at(**(at or {}), **{self.parameter: value}) as there:
                 wanted = min(count or int(below.sum()) + SPARE, there.size)
-                found = damped_modes(there, wanted, frame, damping, factoring=factoring, progress=progress)
-                found.close()  # its shapes
-            full.append(FullPoles(value=value, poles=found.poles, residual=float(found.residuals.max())))
-            warnings += found.warnings
+                modes = damped_modes(there, wanted, frame, damping, factoring=factoring, progress=progress)
+                modes.close()  # its shapes
+            full.append(FullPoles(value=value, poles=modes.poles, residual=float(modes.residuals.max())))
+            warnings += modes.warnings
         return replace(self, full=tuple(full), warnings=tuple(dict.fromkeys(warnings)))
 
     @property

@@ -52,7 +52,7 @@ class Found:
 def find_cylinders(faces: Faces, points: np.ndarray, least_turn: float) -> list[Found]:
     """Return the cylinders of at least so many degrees on a surface; `faces`: indices of points (v, 3) in m."""
     search = _Search(faces, points)
-    return [found for found in search.all() if found.turn >= least_turn]
+    return [cylinder for cylinder in search.all() if cylinder.turn >= least_turn]
 
 
 class _Search:
@@ -78,13 +78,13 @@ class _Search:
         for seed in np.flatnonzero(self.waiting):
             if not (self.waiting[seed] and self.free[seed]):
                 continue
-            found = self._from(seed)
-            if found is None:
+            cylinder = self._from(seed)
+            if cylinder is None:
                 alike = self._flood(seed, lambda new, seed=seed: self._cosine(new, seed) >= SIDES, PATCH)
                 self.waiting[alike] = False
                 self.waiting[seed] = False
                 continue
-            yield found
+            yield cylinder
 
     def _from(self, seed):
         """Return the cylinder that a piece belongs to, or None; its pieces are no longer free."""
@@ -102,15 +102,15 @@ class _Search:
         """Return the free pieces (k,) that are reached from one over smooth edges, all of which `fits(pieces)`; at most
         about `most`. Empty where the first does not fit."""
         seen = ~self.free
-        front, found = np.array([seed]), [np.zeros(0, int)]
-        while len(front) and sum(map(len, found)) < most:
+        front, fronts = np.array([seed]), [np.zeros(0, int)]
+        while len(front) and sum(map(len, fronts)) < most:
             seen[front] = True
             front = front[fits(front)]
-            found.append(front)
+            fronts.append(front)
             edges = self._edges(front)
             front = np.unique(self.beside[edges[self.cosine[edges] >= SMOOTH]])
             front = front[~seen[front]]
-        return np.concatenate(found)
+        return np.concatenate(fronts)
 
     def _edges(self, pieces):
         """Return the places in `beside` of the neighbours of pieces (k,)."""
@@ -120,16 +120,16 @@ class _Search:
 
     def _guesses(self, seed):
         """Yield cylinders through pieces around one, as far as they fit these."""
-        found = []
+        axes = []
         for cosine in GUESSES:
             patch = self._flood(seed, lambda new, cosine=cosine: self._cosine(new, seed) >= cosine, PATCH)
-            found.append((_least_direction(self.normals[patch]), cosine))
+            axes.append((_least_direction(self.normals[patch]), cosine))
         mine = slice(self.first[seed], self.first[seed + 1])
         for other, cosine in zip(self.beside[mine], self.cosine[mine], strict=True):
             if SMOOTH <= cosine <= COARSE:
                 axis = np.cross(self.normals[seed], self.normals[other])
-                found.append((axis / np.linalg.norm(axis), GUESSES[0]))
-        for axis, cosine in found:
+                axes.append((axis / np.linalg.norm(axis), GUESSES[0]))
+        for axis, cosine in axes:
             patch = self._flood(seed, lambda new, axis=axis, cosine=cosine: (self._cosine(new, seed) >= cosine)
                                 & (np.abs(self.normals[new] @ axis) <= ACROSS), PATCH)  # fmt: skip
             if len(patch) > 1:
@@ -200,8 +200,8 @@ class _Search:
         along = cylinder.along(self._corners(region))
         start, end = along.min(), along.max()
         # parts beside each other, as of a bore with a keyway, are one
-        for part in _parts(self.faces.corners[on]):
-            a, b = low[part].min(), high[part].max()
+        for faces in _parts(self.faces.corners[on]):
+            a, b = low[faces].min(), high[faces].max()
             if min(b, end) - max(a, start) > 0.5 * min(b - a, end - start):
                 start, end = min(a, start), max(b, end)
         on = on[(low >= start - tolerance) & (high <= end + tolerance)]
@@ -250,7 +250,7 @@ def _pieces(faces, points):
     middles; middles on the chords say nothing."""
     ends = _ends(faces.corners)
     there = (faces.middles >= 0) & (ends >= 0)
-    a, b, m = (points[np.where(there, part, 0)] for part in (faces.corners, ends, faces.middles))
+    a, b, m = (points[np.where(there, nodes, 0)] for nodes in (faces.corners, ends, faces.middles))
     off = np.linalg.norm(m - (a + b) / 2, axis=2) > STRAIGHT * np.linalg.norm(b - a, axis=2)
     curved, three = (there & off).any(axis=1), faces.corners[:, 3] < 0
     both, number = np.hstack([faces.corners, faces.middles, np.full((len(three), 1), -1)]), np.arange(len(three))
@@ -300,7 +300,7 @@ def _parts(corners):
     links = coo_array((np.ones(len(face)), (face, len(corners) + node.reshape(-1))), shape=(total, total))
     _, label = connected_components(links, directed=False)
     label = label[: len(corners)]
-    return [np.flatnonzero(label == part) for part in np.unique(label)]
+    return [np.flatnonzero(label == number) for number in np.unique(label)]
 
 
 def _least_direction(normals):

@@ -146,19 +146,19 @@ def damped_modes(
                 solver.factor(shift**2, shift)
         with progress.stage("damped modes", f"{count} nearest to {target:g} Hz"):
             poles, block = damped_eigenpairs(free.M, free.D, free.K, count, shift, solver.solve)
-        found = damped_residuals(free.M, free.D, free.K, poles, block)
+        residuals = damped_residuals(free.M, free.D, free.K, poles, block)
         shapes = everywhere(model, framed, block)
-    warnings = (*warnings_of_rows_alone(model), *_warnings(count, poles, found))
-    return progress.found(DampedModes(poles=poles, residuals=found, shapes=shapes, warnings=warnings))
+    warnings = (*warnings_of_rows_alone(model), *_warnings(count, poles, residuals))
+    return progress.found(DampedModes(poles=poles, residuals=residuals, shapes=shapes, warnings=warnings))
 
 
-def _warnings(count, poles, found):
+def _warnings(count, poles, residuals):
     warnings = []
     if len(poles) < count:
         warnings.append(f"{len(poles)} of the {count} damped modes asked for were found")
-    if found.max() > INACCURATE:
-        worst = int(found.argmax())
+    if residuals.max() > INACCURATE:
+        worst = int(residuals.argmax())
         warnings.append(
-            f"the mode at {poles[worst].imag / (2 * np.pi):.6g} Hz has a relative residual of {found[worst]:.1e}"
+            f"the mode at {poles[worst].imag / (2 * np.pi):.6g} Hz has a relative residual of {residuals[worst]:.1e}"
         )
     return tuple(warnings)

@@ -95,7 +95,7 @@ class Errors:
 
 
 def errors_of(
-    reduced: ReducedModel, frequencies, full, found, drive, measure: str | Measure | None = None, anew=False
+    reduced: ReducedModel, frequencies, full, of_reduced, drive, measure: str | Measure | None = None, anew=False
 ) -> Errors:
     """Return the errors of responses `found` (F, r, p) of a reduced model, of those of the full one, at frequencies
     (F,) in Hz, ascending.
@@ -103,7 +103,7 @@ def errors_of(
     `drive` (F, p): drive-point responses of the full model. `measure`: by default that which the model was reduced
     with, else "directions", whose floors are those of `full` where the reduction states none; with `anew` always.
     """
-    full, found = (_of_displacements(reduced, frequencies, H) for H in (full, found))
+    full, of_reduced = (_of_displacements(reduced, frequencies, H) for H in (full, of_reduced))
     asked = None if measure is None else measure_called(measure)
     record = reduced.record
     accuracy = record.accuracy if record is not None else None
@@ -120,9 +120,9 @@ def errors_of(
     used = asked or (by if accuracy is None or anew else known)
     used = by if isinstance(used, Directions) else used
     table = directions_table(
-        by, [(frequencies, by.each(full - found, full, drive), full)], reduced.output_names, reduced.input_names
+        by, [(frequencies, by.each(full - of_reduced, full, drive), full)], reduced.output_names, reduced.input_names
     )
-    return Errors(relative_error(full, found, used, drive=drive), used, table)
+    return Errors(relative_error(full, of_reduced, used, drive=drive), used, table)
 
 
 def _silent(reduced, frequencies, known):
@@ -130,9 +130,9 @@ def _silent(reduced, frequencies, known):
     if isinstance(known, Directions):
         return known.silent
     count = 1 + len(frequencies) * reduced.size**2 // NUMBERS_AT_A_TIME
-    states = (reduced.states(2j * np.pi * part) for part in np.array_split(frequencies, count))
-    parts = np.concatenate(reduced.output_parts)
-    quiet = np.isin(np.arange(len(parts)), silent_outputs(parts, states)).reshape(-1, len(reduced.C)).all(axis=0)
+    states = (reduced.states(2j * np.pi * some) for some in np.array_split(frequencies, count))
+    rows = np.concatenate(reduced.output_parts)
+    quiet = np.isin(np.arange(len(rows)), silent_outputs(rows, states)).reshape(-1, len(reduced.C)).all(axis=0)
     return np.flatnonzero(quiet).tolist()
 
 
@@ -162,8 +162,8 @@ def as_compared(reduced: ReducedModel, band) -> tuple[ReducedModel, Damping, str
     if not isinstance(damping, ModalDamping):
         return reduced, damping, ""
     by, _, words = measured_damping(damping, 0.0, band)
-    other = replace(with_zero_D(reduced), loss_factor=by.eta, columns=None, left_columns=None)
-    return other, Structural(by.eta), words
+    structural = replace(with_zero_D(reduced), loss_factor=by.eta, columns=None, left_columns=None)
+    return structural, Structural(by.eta), words
 
 
 def error_integral(frequencies: np.ndarray, errors: np.ndarray) -> float:

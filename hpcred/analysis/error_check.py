@@ -104,9 +104,9 @@ class Check:
         if undecided:
             verdict += f"above at {undecided} where the last digits of K decide, "
         if unknown:
-            part = in_percent(min(float(self._by_digits[self._unknown].max()), 1.0), self.bound)
+            share = in_percent(min(float(self._by_digits[self._unknown].max()), 1.0), self.bound)
             verdict += (
-                f"NOT KNOWN at {unknown}, where the last digits of the matrix K change the response by {part} or more "
+                f"NOT KNOWN at {unknown}, where the last digits of the matrix K change the response by {share} or more "
                 "of itself, so that full solves do not know it either (give more damping, or larger elements), "
             )
         where = f", {self.beside_resonances} of them beside resonances" if self.beside_resonances else ""

@@ -104,11 +104,11 @@ def frequency_response(
         check_free_motions(framed.model, framed.rigid, factoring)
         if groups == 1:
             with progress.stage("full model", f"{len(frequencies)} frequencies"):
-                found = _full(framed, frequencies, factoring, progress)
+                response = _full(framed, frequencies, factoring, progress)
         else:
             with progress.stage("full model", f"{len(frequencies)} frequencies in {groups} groups"):
-                found = _in_groups(framed, frequencies, factoring, progress, groups)
-    return model.rates.at(2j * np.pi * frequencies, unscaled(found, inputs * outputs))
+                response = _in_groups(framed, frequencies, factoring, progress, groups)
+    return model.rates.at(2j * np.pi * frequencies, unscaled(response, inputs * outputs))
 
 
 def response_and_drive(
@@ -117,14 +117,14 @@ def response_and_drive(
     """Return H (F, r, p) of a SecondOrderModel, and the responses (F, p) of its inputs where they act; see
     frequency_response. `measured`: H without the factors s and s^2 of velocities and accelerations. Collective."""
     if model.Ct is None:
-        found = frequency_response(model, frequencies, frame, damping, **keywords)
-        return found, np.einsum("fpp->fp", found)
+        response = frequency_response(model, frequencies, frame, damping, **keywords)
+        return response, np.einsum("fpp->fp", response)
     both = np.hstack([mat.getDenseArray().real for mat in (model.Ct, model.B)])
-    other = model.with_output_columns(both, tuple(map(str, range(both.shape[1]))))
-    found = frequency_response(other, frequencies, frame, damping, **keywords)
-    outputs = model.Ct.getSize()[1]
+    with_drive = model.with_output_columns(both, tuple(map(str, range(both.shape[1]))))
+    response = frequency_response(with_drive, frequencies, frame, damping, **keywords)
+    response, drive = np.split(response, [model.Ct.getSize()[1]], axis=1)
     applied = model.rates.responses if measured else model.rates.at
-    return applied(2j * np.pi * np.asarray(frequencies), found[:, :outputs]), np.einsum("fpp->fp", found[:, outputs:])
+    return applied(2j * np.pi * np.asarray(frequencies), response), np.einsum("fpp->fp", drive)
 
 
 def checked_frequencies(frequencies) -> np.ndarray:
@@ -153,8 +153,8 @@ def frequencies_to_draw(band, resonances, tabulated=()) -> np.ndarray:
     damped = ratios > SHARPEST
     near = at[:, None] * (1 + np.maximum(ratios, SHARPEST)[:, None] * NEAR)
     near = near[damped[:, None] | (NEAR != 0)]
-    found = np.concatenate([np.linspace(low or high / DRAWN, high, DRAWN), near])
-    return np.union1d(found[(found > 0) & (found >= low) & (found <= high)], tabulated)
+    drawn = np.concatenate([np.linspace(low or high / DRAWN, high, DRAWN), near])
+    return np.union1d(drawn[(drawn > 0) & (drawn >= low) & (drawn <= high)], tabulated)
 
 
 def _in_groups(framed, frequencies, factoring, progress, groups):
@@ -163,9 +163,9 @@ def _in_groups(framed, frequencies, factoring, progress, groups):
     with Owned(comm) as owned:
         group = owned.owns(Group(framed, groups))
         with agreed(comm), Owned(group.comm):
-            part = _full(group.framed, frequencies[group.number :: groups], factoring, progress)
-        shares = comm.allgather((group.number, part) if group.leads else (None, None))
-    response = np.zeros((len(frequencies), *part.shape[1:]), dtype=complex)
+            own = _full(group.framed, frequencies[group.number :: groups], factoring, progress)
+        shares = comm.allgather((group.number, own) if group.leads else (None, None))
+    response = np.zeros((len(frequencies), *own.shape[1:]), dtype=complex)
     for owner, values in shares:
         if owner is not None:
             response[owner::groups] = values
@@ -184,14 +184,14 @@ def _reduced(reduced, frequencies, response_at=None, comm=MPI.COMM_WORLD):
     mine = frequencies[comm.rank :: comm.size]
     with agreed(comm):
         try:
-            mine = [response_at(2j * np.pi * mine[part]) for part in slices_of(len(mine), reduced.size)]
+            mine = [response_at(2j * np.pi * mine[chunk]) for chunk in slices_of(len(mine), reduced.size)]
         except np.linalg.LinAlgError as error:
-            found = "0 Hz, where rigid-body motions have" if not frequencies.all() else "a pole of the model, which has"
-            raise InputError(f"frequencies: found {found} no response; leave it out") from error
+            place = "0 Hz, where rigid-body motions have" if not frequencies.all() else "a pole of the model, which has"
+            raise InputError(f"frequencies: found {place} no response; leave it out") from error
     response = np.zeros((len(frequencies), len(reduced.C), reduced.B.shape[1]), dtype=complex)
-    for rank, part in enumerate(comm.allgather(mine)):
-        if part:
-            response[rank :: comm.size] = np.concatenate(part)
+    for rank, chunk in enumerate(comm.allgather(mine)):
+        if chunk:
+            response[rank :: comm.size] = np.concatenate(chunk)
     return response
 
 
@@ -251,17 +251,17 @@ def _by_full_matrices(solvers, frequencies, response, step) -> np.ndarray:
         return np.flatnonzero(left)
     operator, B = model.operator.map(_full_matrix), _full_matrix(model.B)
     C = B.T if model.Ct is None else _full_matrix(model.Ct).T
-    for part in slices_of(len(frequencies), model.size):
-        omega = 2 * np.pi * frequencies[part]
+    for chunk in slices_of(len(frequencies), model.size):
+        omega = 2 * np.pi * frequencies[chunk]
         A = operator.at(1j * omega) + 1j * solvers.loss * operator["K"]
         try:
             X = np.linalg.solve(A, np.broadcast_to(B.astype(complex), (len(A), *B.shape)))
         except np.linalg.LinAlgError:
             continue
         residual = np.linalg.norm(A @ X - B, axis=1)
-        response[part] = C @ X
+        response[chunk] = C @ X
         small = (residual <= REFINE_ABOVE * np.linalg.norm(B, axis=0)).all(axis=1)  # NaN is not
-        left[part] = (frequencies[part] == 0) | ~small
+        left[chunk] = (frequencies[chunk] == 0) | ~small
         step(np.count_nonzero(~left))
     return np.flatnonzero(left)
 

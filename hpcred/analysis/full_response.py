@@ -190,11 +190,11 @@ def full_response(
     factoring = factoring or Factoring()
     # searched in units in which inputs and outputs are alike
     with in_usual_units(model) as (usual, inputs, outputs):
-        found, models = _by_search(usual, frequencies, frame, damping, adaptive, factoring, progress)
+        result, models = _by_search(usual, frequencies, frame, damping, adaptive, factoring, progress)
         # set against full solves at fresh frequencies, and beside resonances
         if check:
             with progress.stage("check"):
-                accuracy = found.accuracy
+                accuracy = result.accuracy
                 seed, fresh = fresh_frequencies(accuracy.band, models.resonances, check, seed, model.comm)
                 solved = frequency_response(
                     usual, fresh, frame, measuring_damping(accuracy, damping), factoring=factoring, groups=groups,
@@ -205,11 +205,11 @@ def full_response(
                 seed=seed, bound=bound_of(accuracy), frequencies=tuple(fresh.tolist()), estimated=estimated,
                 measured=measured, beside_resonances=len(fresh) - check,
             )
-            found = replace(found, check=checked, timing=progress.timing())
+            result = replace(result, check=checked, timing=progress.timing())
     if usual is model:
-        return found
+        return result
     scale = inputs * outputs
-    return replace(found, response=unscaled(found.response, scale), accuracy=found.accuracy.times(inputs, outputs),
+    return replace(result, response=unscaled(result.response, scale), accuracy=result.accuracy.times(inputs, outputs),
                    scale=scale)  # fmt: skip
 
 
@@ -334,9 +334,9 @@ class _Models:
         pair = self.pair.with_damping(damping)
         curve, noise = pair.curve(frequencies), pair.noise(frequencies)
         H, drive = pair.outer.responses(frequencies)
-        for one in self.again:
-            other = replace(one, damping=damping).response(frequencies)
-            noise = np.maximum(noise, pair.measure.eps(other - H, H, drive))
+        for rounded in self.again:
+            damped = replace(rounded, damping=damping).response(frequencies)
+            noise = np.maximum(noise, pair.measure.eps(damped - H, H, drive))
         return curve, noise
 
     def against(self, frequencies, solved):

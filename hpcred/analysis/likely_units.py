@@ -71,9 +71,9 @@ def _numbers_of_material(model, mass, size, first):
 
 def _volume_of_elements(model) -> float | None:
     """Return the volume of solids, or None. Collective."""
-    parts = [part for part in (model.dofs, model.held) if part is not None]
-    label, first = np.unique(np.concatenate([part.node for part in parts]), return_index=True)
-    position = np.concatenate([part.position for part in parts])[first]
+    labels = [dofs for dofs in (model.dofs, model.held) if dofs is not None]
+    label, first = np.unique(np.concatenate([dofs.node for dofs in labels]), return_index=True)
+    position = np.concatenate([dofs.position for dofs in labels])[first]
     label, *places = sort_over_ranks(model.comm, label, list(position.T))
     once = np.diff(label, prepend=-1) > 0
     return solid_volume(model.comm, model.elements, label[once], np.stack(places, axis=1)[once])
@@ -90,25 +90,25 @@ def _beyond(numbers, units=SI, written=SI) -> list[float]:
 def _outside(numbers) -> list[float]:
     """Return how many times the speed of waves, density, and speed of the first mode are outside of what is usual, and
     Young's modulus of the first two below that of any material so dense."""
-    found = [max(low / value, value / high, 1.0) for value, (low, high) in
+    factors = [max(low / value, value / high, 1.0) for value, (low, high) in
              zip(numbers, (SPEEDS, DENSITIES, FIRST), strict=True) if value]  # fmt: skip
     speed, density, _ = numbers
-    return [*found, max(STIFF / (density * speed**2), 1.0) if density > HEAVY else 1.0]
+    return [*factors, max(STIFF / (density * speed**2), 1.0) if density > HEAVY else 1.0]
 
 
 def _mistakes(numbers, written=SI) -> list[str]:
     """Return sentences on the MISTAKES that make a usual material of numbers that are clearly of none as written."""
     if not numbers or max(_outside(numbers)) < CLEARLY:
         return []
-    found = []
+    sentences = []
     for name, times, words in MISTAKES:
         L, M, T = np.divide(units_of(name).sizes, written.sizes)
         speed, density, first = numbers
         faster = L / T * np.sqrt(times)
         right = speed * faster, density * M / L**3 / times, first and first * faster
         if right[1] > LIGHT and max(_outside(right)) == 1:
-            found.append(f"{words} would explain it (K in {name}, M {times:.4g} times what it should be)")
-    return found
+            sentences.append(f"{words} would explain it (K in {name}, M {times:.4g} times what it should be)")
+    return sentences
 
 
 def _share_of_elements(model) -> float:
@@ -171,9 +171,9 @@ def wave_speed(model) -> float | None:
         ratio = np.divide(K, M, out=np.zeros(len(K)), where=M > 0)
     direction, medians = model.dofs.direction, []
     for k in range(3):
-        part = ratio[(direction == k) & (ratio > 0)]
-        found = [value for value in model.comm.allgather(float(np.median(part)) if part.size else None) if value]
-        medians.append(float(np.median(found)) if found else 0.0)
+        along = ratio[(direction == k) & (ratio > 0)]
+        by_rank = [value for value in model.comm.allgather(float(np.median(along)) if along.size else None) if value]
+        medians.append(float(np.median(by_rank)) if by_rank else 0.0)
     total, count = model.comm.allreduce(_distances(model), op=MPI.SUM)
     if not count or not max(medians):
         return None
@@ -192,7 +192,7 @@ def _distances(model):
     near = (columns >= 0) & (columns < model.local_rows) & (values != 0)
     rows, columns = rows[near], columns[near]
     placed = model.dofs.direction != SCALAR
-    rows, columns = (part[placed[rows] & placed[columns]] for part in (rows, columns))
+    rows, columns = (places[placed[rows] & placed[columns]] for places in (rows, columns))
     length = np.linalg.norm(model.dofs.position[rows] - model.dofs.position[columns], axis=1)
     rows, length = rows[length > 0], length[length > 0]
     starts = np.flatnonzero(np.diff(rows, prepend=-1))

@@ -135,9 +135,9 @@ def natural_modes(
         still = values <= ZERO * framed.model.mean_eigenvalue
         residual = float(residuals(run, values, block)[~still].max(initial=0.0))
         # shapes of all motions, rigid ones first, and the part of the mass that moves in each
-        found = [framed.rigid.R] if rigid else []
+        blocks = [framed.rigid.R] if rigid else []
         shapes = None if block is None else everywhere(model, framed, block)
-        participation, masses = _participation(model, [*found, *([] if shapes is None else [shapes])])
+        participation, masses = _participation(model, [*blocks, *([] if shapes is None else [shapes])])
         frequencies = np.sqrt(np.where(still, 0.0, values)) / (2 * np.pi)
         elastic = np.where(still, np.inf, values)
         warnings = warnings_of_rows_alone(model)
@@ -163,5 +163,5 @@ def _participation(model, blocks):
         return None, None
     motions = rigid_motions(model, np.nan_to_num(rigid_body_quantities(model).centre))
     momentum = times(model.M, motions)
-    parts = [inner(block, momentum) for block in blocks]
-    return np.concatenate([np.zeros((0, 6)), *parts]), np.diag(inner(motions, momentum)).copy()
+    participation = [inner(block, momentum) for block in blocks]
+    return np.concatenate([np.zeros((0, 6)), *participation]), np.diag(inner(motions, momentum)).copy()

@@ -46,7 +46,7 @@ class PoleTracker:
 
     def __init__(self, matrices, first: float, limit: float):
         self.matrices, self.limit = matrices, limit
-        M, _, K = (np.asarray(part, dtype=float) for part in matrices(first)[:3])
+        M, _, K = (np.asarray(matrix, dtype=float) for matrix in matrices(first)[:3])
         squares, vectors = eigh((K + K.T) / 2, (M + M.T) / 2)
         squares = np.maximum(np.abs(squares), 1e-12 * np.abs(squares).max() or 1.0)
         self._to_modes = vectors.T @ ((M + M.T) / 2)
@@ -65,21 +65,21 @@ class PoleTracker:
         else:
             A = np.block([[np.zeros((size, size)), scale * np.eye(size)],
                           [-to_acceleration[:, :size] / scale, -to_acceleration[:, size:]]])  # fmt: skip
-        found, vectors = np.linalg.eig(A)
-        largest = np.abs(found).max(initial=0.0)
-        found = np.where(np.abs(found.imag) <= REAL * largest, found.real, found)
+        poles_, vectors = np.linalg.eig(A)
+        largest = np.abs(poles_).max(initial=0.0)
+        poles_ = np.where(np.abs(poles_.imag) <= REAL * largest, poles_.real, poles_)
         if elements:
-            moving = -found.real <= np.maximum(RELAXING * np.abs(found), ZERO * largest)
-            found, vectors = found[moving], vectors[:, moving]
-            largest = np.abs(found).max(initial=0.0)
-        found = np.where(np.abs(found.real) <= UNDAMPED * largest, 1j * found.imag, found)
-        upper = np.flatnonzero(found.imag >= 0)
-        upper = upper[np.lexsort((found[upper].real, found[upper].imag))]
-        found, shapes = found[upper].astype(complex), vectors[:size, upper]
+            moving = -poles_.real <= np.maximum(RELAXING * np.abs(poles_), ZERO * largest)
+            poles_, vectors = poles_[moving], vectors[:, moving]
+            largest = np.abs(poles_).max(initial=0.0)
+        poles_ = np.where(np.abs(poles_.real) <= UNDAMPED * largest, 1j * poles_.imag, poles_)
+        upper = np.flatnonzero(poles_.imag >= 0)
+        upper = upper[np.lexsort((poles_[upper].real, poles_[upper].imag))]
+        poles_, shapes = poles_[upper].astype(complex), vectors[:size, upper]
         modal = self._to_modes @ shapes
-        states = np.concatenate([self._roots * modal, found * modal])
+        states = np.concatenate([self._roots * modal, poles_ * modal])
         length = np.linalg.norm(states, axis=0)
-        poles = Poles(value, found, shapes / length, states / length, np.ones(len(found), dtype=bool), largest)
+        poles = Poles(value, poles_, shapes / length, states / length, np.ones(len(poles_), dtype=bool), largest)
         return _orthonormal(poles)
 
     def next(self, before: Poles, value: float) -> tuple[Poles, np.ndarray, bool]:
@@ -103,11 +103,11 @@ class PoleTracker:
         """Return the poles at ascending `values` and those between that were needed, the branch of each pole as arrays
         of numbers, and the values where the smallest step did not decide."""
         smallest = FINEST * (values[-1] - values[0])
-        found, unsure = [self.at(values[0])], []
-        branches = [np.arange(len(found[0].poles))]
+        steps, unsure = [self.at(values[0])], []
+        branches = [np.arange(len(steps[0].poles))]
         count, waiting = len(branches[0]), list(values[:0:-1])
         while waiting:
-            before, value = found[-1], waiting[-1]
+            before, value = steps[-1], waiting[-1]
             after, places, sure = self.next(before, value)
             if not sure and value - before.value > smallest:
                 waiting.append((before.value + value) / 2)
@@ -119,10 +119,10 @@ class PoleTracker:
             new = numbers < 0
             numbers[new] = count + np.arange(new.sum())
             count += int(new.sum())
-            found.append(after)
+            steps.append(after)
             branches.append(numbers)
             waiting.pop()
-        return found, branches, unsure
+        return steps, branches, unsure
 
     def growth(self, value: float) -> tuple[float, complex]:
         """Return the largest real part of the poles below the limit, less what is round-off, and that pole."""

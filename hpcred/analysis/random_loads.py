@@ -69,8 +69,8 @@ class RandomResponse:
         """Return the same as a table for notebooks."""
         shown = zip(self.names[:SHOWN], self.rms.tolist(), strict=False)
         rows = [{"output": name, "RMS": value} for name, value in shown]
-        more = [f"and {len(self.names) - SHOWN} more outputs"] * (len(self.names) > SHOWN)
-        return as_html(self._title, {}, rows, more)
+        rest = [f"and {len(self.names) - SHOWN} more outputs"] * (len(self.names) > SHOWN)
+        return as_html(self._title, {}, rows, rest)
 
 
 def random_response(
@@ -116,8 +116,8 @@ def random_response(
 
     def psd(f):
         step = max(TOGETHER // max(reduced.size * max(reduced.size, len(names)), 1), 1)
-        return np.concatenate([_psd(reduced, part, over, density, orders, rows, squares)
-                               for part in np.split(f, range(step, len(f), step))])  # fmt: skip
+        return np.concatenate([_psd(reduced, chunk, over, density, orders, rows, squares)
+                               for chunk in np.split(f, range(step, len(f), step))])  # fmt: skip
 
     # panels begin at the table, and around the resonances, which they resolve
     at, ratios = resonances_of(reduced)
@@ -216,8 +216,8 @@ def _coherences(density):
     """Return densities (N, p, p) over the roots of the own ones, 0 where one of these is."""
     root = np.sqrt(np.einsum("fpp->fp", density).real)
     with np.errstate(divide="ignore", invalid="ignore"):  # one after the other: their product may be below all numbers
-        found = density / root[:, :, None] / root[:, None, :]
-    return np.where((root[:, :, None] > 0) & (root[:, None, :] > 0), found, 0.0)
+        coherence = density / root[:, :, None] / root[:, None, :]
+    return np.where((root[:, :, None] > 0) & (root[:, None, :] > 0), coherence, 0.0)
 
 
 def _rows(reduced, stress):
@@ -226,12 +226,12 @@ def _rows(reduced, stress):
     if stress is None:
         return None, tuple(names), squares
     of_nodes = stress.stress.transpose(1, 2, 0)  # (s, 6, m)
-    rows = np.concatenate([np.concatenate([part, DEVIATOR @ part]) for part in of_nodes])
+    rows = np.concatenate([np.concatenate([rows_of_node, DEVIATOR @ rows_of_node]) for rows_of_node in of_nodes])
     for node in stress.node:
-        names += [f"{node}:{item}" for item in (*COMPONENTS, "mises")]
-    one = np.zeros((7, 12))
-    one[:6, :6], one[6, 6:] = np.eye(6), 1.0
-    return rows, tuple(names), block_diag(squares, *[one] * len(of_nodes))
+        names += [f"{node}:{component}" for component in (*COMPONENTS, "mises")]
+    six = np.zeros((7, 12))
+    six[:6, :6], six[6, 6:] = np.eye(6), 1.0
+    return rows, tuple(names), block_diag(squares, *[six] * len(of_nodes))
 
 
 def _psd(reduced, f, over, density, orders, rows, squares):
@@ -244,8 +244,8 @@ def _psd(reduced, f, over, density, orders, rows, squares):
     if rows is not None:
         H = np.concatenate([H, rows @ states], axis=1)
     H = H * s[:, None, None] ** orders
-    own, vectors = np.linalg.eigh(_interpolated(f, over, density))
-    loads = vectors * np.sqrt(np.maximum(own, 0.0))[:, None, :]
+    values, vectors = np.linalg.eigh(_interpolated(f, over, density))
+    loads = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
     return (np.abs(H @ loads.conj()) ** 2).sum(axis=2) @ squares.T
 
 
@@ -255,14 +255,14 @@ def _interpolated(f, over, density):
     place = np.clip(np.searchsorted(over, f, side="right") - 1, 0, len(over) - 2)
     a, b = over[place], over[place + 1]
     share = ((f - a) / (b - a))[:, None]
-    own = np.einsum("fpp->fp", density).real
-    low, high = own[place], own[place + 1]
+    diagonal = np.einsum("fpp->fp", density).real
+    low, high = diagonal[place], diagonal[place + 1]
     both = (low > 0) & (high > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         log = np.where(a > 0, np.log(f / a) / np.log(b / a), share[:, 0])[:, None]
-        found = np.where(both, low ** (1 - log) * high**log, low + share * (high - low))
+        autopower = np.where(both, low ** (1 - log) * high**log, low + share * (high - low))
     coherence = _coherences(density)
     coherence = coherence[place] + share[:, :, None] * (coherence[place + 1] - coherence[place])
-    coherence[:, np.arange(len(own[0])), np.arange(len(own[0]))] = 1.0
-    root = np.sqrt(found)
+    coherence[:, np.arange(len(diagonal[0])), np.arange(len(diagonal[0]))] = 1.0
+    root = np.sqrt(autopower)
     return coherence * root[:, :, None] * root[:, None, :]

@@ -109,7 +109,7 @@ def shock_spectrum(
     if not len(f) or not (np.isfinite(f).all() and (f > 0).all()):
         raise InputError("frequencies: found none, or one that is not positive, expected natural frequencies in Hz")
     ratio = damping_ratio(q, damping)
-    found = np.zeros((2, len(f)))
+    extremes = np.zeros((2, len(f)))
     for k, frequency in enumerate(f):
         omega = 2 * np.pi * frequency
         step = min(np.diff(t).min(), 1 / (SAMPLES * frequency))
@@ -130,8 +130,8 @@ def shock_spectrum(
         first = np.arctan2(damped * B - decay * A, damped * A + decay * B) % np.pi / damped
         after = first + np.pi / damped * np.arange(2)
         rest = np.exp(-decay * after) * (A * np.cos(damped * after) + B * np.sin(damped * after))
-        found[:, k] = max(y.max(), rest.max(), 0.0), min(y.min(), rest.min(), 0.0)
-    return ShockSpectrum(f, found[0], found[1], np.abs(found).max(axis=0))
+        extremes[:, k] = max(y.max(), rest.max(), 0.0), min(y.min(), rest.min(), 0.0)
+    return ShockSpectrum(f, extremes[0], extremes[1], np.abs(extremes).max(axis=0))
 
 
 def damping_ratio(q: float | None = None, damping: float | None = None) -> float:

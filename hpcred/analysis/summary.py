@@ -109,16 +109,16 @@ def inspect(
     if sets := model.set_sizes:
         report["sets"] = sets
     if loads := loads_of(model):
-        report["loads"] = [item.row for item in loads]
+        report["loads"] = [load.row for load in loads]
     # the lowest modes
     if frequencies or band_top or modes is not None:
         check_definite(model)
     first, rounded = None, ()
     if modes is not None:
-        found = natural_modes(model, min(modes, model.size), factoring=factoring, progress=progress)
-        report["lowest_frequencies_hz"] = found.frequencies.tolist()
-        rounded = found.warnings
-        first = next(iter(found.frequencies[found.rigid :].tolist()), None)
+        modes_found = natural_modes(model, min(modes, model.size), factoring=factoring, progress=progress)
+        report["lowest_frequencies_hz"] = modes_found.frequencies.tolist()
+        rounded = modes_found.warnings
+        first = next(iter(modes_found.frequencies[modes_found.rigid :].tolist()), None)
     # the body that the nodes make of it
     sentences, rigid_count = [_on_symmetry(model)], None
     exchanged = exchange_of_matrices(model)
@@ -128,12 +128,12 @@ def inspect(
     if model.dofs is not None:
         support = support_of(model)
         rigid_count = support.movable.shape[1]
-        more, warnings = _of_body(model, support, exchanged, warnings, first)
-        report |= more
+        body, warnings = _of_body(model, support, exchanged, warnings, first)
+        report |= body
         sentences.append(_on_rigid_motions(support))
-        if more["units"]:
+        if body["units"]:
             sentences.append(
-                f"looks like {more['units']}: from the mass, the size, and the speed of waves between neighbouring "
+                f"looks like {body['units']}: from the mass, the size, and the speed of waves between neighbouring "
                 "nodes"
             )
     if (digits := digits_of(model.K) or FEW_DIGITS) < FEW_DIGITS:
@@ -223,12 +223,12 @@ def _on_unsymmetric(model):
 
 
 def _on_diagonals(model):
-    found = []
+    warnings = []
     if model.D is not None and model.comm.allreduce(float(diagonal_of(model.D).sum())) < 0:
-        found.append(f"{model.name}: D has a negative trace, -D? Expected M q'' + D q' + K q = B u")
+        warnings.append(f"{model.name}: D has a negative trace, -D? Expected M q'' + D q' + K q = B u")
     if count := massless(model):
-        found.append(f"{model.name}: {count} rows have no mass on the diagonal of M, which is singular")
-    return found
+        warnings.append(f"{model.name}: {count} rows have no mass on the diagonal of M, which is singular")
+    return warnings
 
 
 def _known(values):
@@ -282,9 +282,9 @@ def _definiteness(mass, factoring):
     factoring = factoring.exact()
     if not factoring.counts():
         return f"not known ({'complex PETSc' if is_complex() else factoring.solver.package})"
-    found = _inertia_of(mass, factoring)
-    if found != "indefinite":
-        return found
+    sign = _inertia_of(mass, factoring)
+    if sign != "indefinite":
+        return sign
     lifted, diagonal = mass.duplicate(copy=True), mass.getDiagonal()
     diagonal.abs()
     values = diagonal.getArray()

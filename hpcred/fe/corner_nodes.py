@@ -67,4 +67,4 @@ def _nodes_by_place(elements):
         corners.append(table[:, :count].ravel())
         middles.append(table[:, count : count + len(edges)].ravel())
         ends.append(np.sort(table[:, edges], axis=2).reshape(-1, 2))
-    return [np.concatenate(part).astype(np.int64) for part in (corners, middles, ends)]
+    return [np.concatenate(tables).astype(np.int64) for tables in (corners, middles, ends)]

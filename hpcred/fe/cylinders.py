@@ -101,7 +101,7 @@ def nodes_on_cylinder(model, ends, radius: float, inwards: bool) -> np.ndarray:
     near = cylinder.near(position, tolerance) & (along >= -tolerance) & (along <= length + tolerance)
     # faces of the elements that have them, of which those between two elements drop out; as large as the set
     nodes = np.unique(np.concatenate(comm.allgather(np.unique(model.dofs.node[near]))))
-    beside = {kind: part[np.isin(part, nodes).sum(axis=1) >= 3] for kind, part in model.elements.items()}
+    beside = {kind: cells[np.isin(cells, nodes).sum(axis=1) >= 3] for kind, cells in model.elements.items()}
     faces = faces_of_elements(beside)
     table = faces.all_nodes[((faces.corners < 0) | np.isin(faces.corners, nodes)).all(axis=1)]
     table = np.concatenate(comm.allgather(table))
@@ -114,5 +114,5 @@ def nodes_on_cylinder(model, ends, radius: float, inwards: bool) -> np.ndarray:
     placed = ((table < 0) | np.isin(table, nodes)).all(axis=1)
     faces = faces_of(np.where(table < 0, -1, index)[placed])
     on = faces.take(on_cylinder(faces, points, normals_of(faces, points), cylinder, tolerance, inwards))
-    found = np.unique(np.hstack([on.corners, on.middles]))
-    return nodes[found[found >= 0]]
+    indices = np.unique(np.hstack([on.corners, on.middles]))
+    return nodes[indices[indices >= 0]]

@@ -50,14 +50,16 @@ class Dofs:
     def __post_init__(self):
         self.node, self.direction, self.position = map(np.asarray, (self.node, self.direction, self.position))
         rows = self.node.shape
-        for key, part, shape, kinds in (
+        for key, array, shape, kinds in (
             ("node", self.node, (self.node.size,), "iu"),
             ("direction", self.direction, rows, "iu"),
             ("position", self.position, (*rows, 3), "iuf"),
         ):
-            if part.shape != shape or (part.size and part.dtype.kind not in kinds):
+            if array.shape != shape or (array.size and array.dtype.kind not in kinds):
                 numbers = "numbers" if "f" in kinds else "whole numbers"
-                raise InputError(f"dofs.{key}: found an array {part.shape} of {part.dtype}, expected {numbers} {shape}")
+                raise InputError(
+                    f"dofs.{key}: found an array {array.shape} of {array.dtype}, expected {numbers} {shape}"
+                )
 
     def take(self, rows) -> "Dofs":
         """Return those of some local `rows`, from 0, or a mask."""
@@ -113,10 +115,10 @@ def rows_of_node(model, node: int) -> dict[int, int]:
     local = np.flatnonzero(dofs.node == node)
     mine = {int(dofs.direction[i]): int(i) + model.first_row for i in local}
     rows = {}
-    for part in model.comm.allgather(mine):
-        rows |= part
+    for theirs in model.comm.allgather(mine):
+        rows |= theirs
     if not rows:
-        averaged = next((item for item in model.interfaces if item.node == node), None)
+        averaged = next((interface for interface in model.interfaces if interface.node == node), None)
         if averaged is not None:
             raise InputError(
                 f"interface '{averaged.name}' of {model.name} has no dofs of its own, since it is an averaging one; "
@@ -138,7 +140,7 @@ def rows_of_node(model, node: int) -> dict[int, int]:
 def held_directions(model, node: int) -> list[int]:
     """Return the directions (0..5) in which a node is held and has no row. Collective."""
     mine = [] if model.held is None else model.held.direction[model.held.node == node].tolist()
-    return sorted({direction for part in model.comm.allgather(mine) for direction in part})
+    return sorted({direction for theirs in model.comm.allgather(mine) for direction in theirs})
 
 
 def position_of_node(model, node: int) -> np.ndarray:

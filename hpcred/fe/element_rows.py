@@ -65,7 +65,7 @@ def node_rows(model, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             keys.append(3 * dofs.node[moved].astype(np.int64) + dofs.direction[moved])
             row.append(model.first_row + moved if dofs is model.dofs else np.full(len(moved), -1))
             place.append(dofs.position[moved])
-    keys, row, place = (np.concatenate(parts) for parts in (keys, row, place))
+    keys, row, place = (np.concatenate(arrays) for arrays in (keys, row, place))
     # what other ranks have of the nodes that this one asks for
     wanted = (3 * np.asarray(numbers, dtype=np.int64)[:, None] + np.arange(3)).ravel()
     there, (row, *place) = look_up(model.comm, keys, [row, *place.T.astype(float)], wanted)
@@ -107,10 +107,10 @@ class ValuesAtRows:
 def added_up(adding: PETSc.Mat, values: np.ndarray) -> np.ndarray:
     """Return the products (rows of this rank, c) of a sparse matrix of ones and values (l, c) of this rank.
     Collective."""
-    given = PETSc.Mat().createDense(((len(values), None), (None, values.shape[1])), comm=adding.comm)
-    given.setUp()
-    given.getDenseArray()[...] = values
-    given.assemble()
+    factors = PETSc.Mat().createDense(((len(values), None), (None, values.shape[1])), comm=adding.comm)
+    factors.setUp()
+    factors.getDenseArray()[...] = values
+    factors.assemble()
     sums = create_dense(adding, values.shape[1])
-    multiply_dense(adding, given, sums)
+    multiply_dense(adding, factors, sums)
     return sums.getDenseArray().real.copy()

@@ -97,9 +97,9 @@ def all_faces(cells: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.
         for face in FACES.get(kind, ()):
             count = CORNERS[len(face)]
             for target, places in ((corners, face[:count]), (middles, face[count:])):
-                part = np.full((len(nodes), 4), -1)
-                part[:, : len(places)] = nodes[:, list(places)]
-                target.append(part)
+                columns = np.full((len(nodes), 4), -1)
+                columns[:, : len(places)] = nodes[:, list(places)]
+                target.append(columns)
             solid.append(np.full(len(nodes), kind not in SHELLS))
     return np.concatenate(corners), np.concatenate(middles), np.concatenate(solid)
 
@@ -107,16 +107,16 @@ def all_faces(cells: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.
 def nodes_behind(cells: dict[str, np.ndarray]) -> np.ndarray:
     """Return a corner (f,) of the element of each face, as all_faces has them, that is not on the face; -1 for
     shells."""
-    parts = [np.zeros(0, dtype=int)]
+    behind = [np.zeros(0, dtype=int)]
     for kind, nodes in cells.items():
         for face in FACES.get(kind, ()):
             if kind in SHELLS:
-                parts.append(np.full(len(nodes), -1))
+                behind.append(np.full(len(nodes), -1))
                 continue
             corners = nodes[:, : NODES[kind.rstrip("0123456789")]]
             off = (corners[:, :, None] != nodes[:, None, list(face)]).all(axis=2)
-            parts.append(corners[np.arange(len(nodes)), off.argmax(axis=1)])
-    return np.concatenate(parts)
+            behind.append(corners[np.arange(len(nodes)), off.argmax(axis=1)])
+    return np.concatenate(behind)
 
 
 def free(corners: np.ndarray, solid: np.ndarray) -> np.ndarray:
@@ -149,15 +149,15 @@ def triangles_of(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
     """Return the triangles (t, 3) of faces, those of curved ones through their middles; without folded ones."""
     three, curved = corners[:, 3] < 0, middles[:, 0] >= 0
     both = np.hstack([corners, middles])  # places 0 to 3 are corners, 4 to 7 the middles of the edges after them
-    parts = []
+    triangles_by_kind = []
     for chosen, places in (
         (three & ~curved, [(0, 1, 2)]),
         (~three & ~curved, [(0, 1, 2), (0, 2, 3)]),
         (three & curved, [(0, 4, 6), (4, 1, 5), (6, 5, 2), (4, 5, 6)]),
         (~three & curved, [(0, 4, 7), (1, 5, 4), (2, 6, 5), (3, 7, 6), (4, 5, 6), (4, 6, 7)]),
     ):
-        parts += [both[chosen][:, list(place)] for place in places]
-    triangles = np.concatenate(parts)
+        triangles_by_kind += [both[chosen][:, list(place)] for place in places]
+    triangles = np.concatenate(triangles_by_kind)
     a, b, c = triangles.T
     return triangles[(a != b) & (b != c) & (c != a)]
 
@@ -187,7 +187,7 @@ def solid_volume(comm, elements, label, position) -> float | None:
     `elements`: node numbers by kind, of this rank; `label` (k,), no number on two ranks, and `position` (k, 3) of
     nodes. Collective.
     """
-    kinds = sorted(set().union(*comm.allgather({kind for kind, part in elements.items() if len(part)})))
+    kinds = sorted(set().union(*comm.allgather({kind for kind, table in elements.items() if len(table)})))
     if not kinds or any(kind not in FACES or kind in SHELLS for kind in kinds):
         return None
     total, known = 0.0, True

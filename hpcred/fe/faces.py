@@ -68,11 +68,11 @@ def places_of(model, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def placed_nodes(model) -> tuple[np.ndarray, np.ndarray]:
     """Return the nodes (k,) of this rank that have a place, held ones too, and their positions (k, 3) in m."""
-    parts = [(model.dofs, model.dofs.direction != SCALAR)]
+    labelled = [(model.dofs, model.dofs.direction != SCALAR)]
     if model.held is not None:
-        parts.append((model.held, np.ones(len(model.held.node), bool)))
-    node = np.concatenate([part.node[there] for part, there in parts]).astype(np.int64)
-    position = np.concatenate([part.position[there] for part, there in parts])
+        labelled.append((model.held, np.ones(len(model.held.node), bool)))
+    node = np.concatenate([dofs.node[there] for dofs, there in labelled]).astype(np.int64)
+    position = np.concatenate([dofs.position[there] for dofs, there in labelled])
     node, first = np.unique(node, return_index=True)
     return node, position[first]
 
@@ -101,7 +101,7 @@ def gathered_surface(model, more: np.ndarray | tuple = ()) -> ModelSurface | Non
     gathered = model.comm.gather((table, mine[there], points[there]))
     if gathered is None:
         return None
-    table, nodes, points = (np.concatenate(part) for part in zip(*gathered, strict=True))
+    table, nodes, points = (np.concatenate(arrays) for arrays in zip(*gathered, strict=True))
     # each node once, and faces as indices of them, without those of nodes that have no place
     nodes, first = np.unique(nodes, return_index=True)
     points = points[first]

@@ -108,9 +108,9 @@ class ElementProperties:
 
     def with_material(self, material: Material) -> ElementProperties:
         """Return the same elements, all of one `material`."""
-        table = {kind: part.copy() for kind, part in self.table.items()}
-        for part in table.values():
-            part[:, MATERIAL] = 0
+        table = {kind: rows.copy() for kind, rows in self.table.items()}
+        for rows in table.values():
+            rows[:, MATERIAL] = 0
         return replace(self, materials=(material,), table=table)
 
 
@@ -122,16 +122,18 @@ def properties_in_words(properties: ElementProperties, comm, units: bool = True)
         counts += np.bincount(table[:, TYPE], minlength=len(counts))
     words = {"element_types": dict(zip(properties.types, comm.allreduce(counts).tolist(), strict=True))}
     if properties.materials:
-        words["materials"] = {item.name: _in_words(item, units) for item in properties.materials}
+        words["materials"] = {material.name: _in_words(material, units) for material in properties.materials}
     return words
 
 
-def _in_words(item, units):
+def _in_words(material, units):
     """Return the constants of a material in a line."""
-    parts = [f"{text} = {value:g}{unit if units else ''}" for text, value, unit in (
-        ("E", item.young, " Pa"), ("nu", item.poisson, ""), ("density", item.density, " kg/m^3"),
-        ("expansion", item.expansion, " 1/K")) if value is not None]  # fmt: skip
-    return ", ".join([*parts, *([f"not isotropic and linear: {item.reason}"] if not item.isotropic else [])])
+    constants = [f"{text} = {value:g}{unit if units else ''}" for text, value, unit in (
+        ("E", material.young, " Pa"), ("nu", material.poisson, ""), ("density", material.density, " kg/m^3"),
+        ("expansion", material.expansion, " 1/K")) if value is not None]  # fmt: skip
+    if not material.isotropic:
+        constants.append(f"not isotropic and linear: {material.reason}")
+    return ", ".join(constants)
 
 
 def check_properties(properties: ElementProperties | None, elements: dict | None, name: str):
@@ -141,8 +143,8 @@ def check_properties(properties: ElementProperties | None, elements: dict | None
     for kind, nodes in (elements or {}).items():
         table = properties.table.get(kind)
         if table is None or table.shape != (len(nodes), 3):
-            found = "none" if table is None else f"an array {table.shape}"
-            raise InputError(f"{name}: element properties: found {found} of {kind}, expected ({len(nodes)}, 3)")
+            what = "none" if table is None else f"an array {table.shape}"
+            raise InputError(f"{name}: element properties: found {what} of {kind}, expected ({len(nodes)}, 3)")
         for column, names, low in ((TYPE, properties.types, 0), (MATERIAL, properties.materials, -1)):
             if len(table) and not low <= table[:, column].min() <= table[:, column].max() < len(names):
                 raise InputError(

@@ -38,13 +38,13 @@ class PointStresses:
                 continue
             points = len(integration_points(kind, scheme)[1])
             wanted = number[:, None] * MOST_POINTS + np.arange(1, points + 2)  # and none more
-            there, parts = look_up(self.comm, self.key, list(self.stress.T), wanted.ravel())
+            there, components = look_up(self.comm, self.key, list(self.stress.T), wanted.ravel())
             there = there.reshape(wanted.shape)
             mine = left & there[:, :-1].all(axis=1) & ~there[:, -1] & placed
             left &= ~mine
             self.used += int(mine.sum()) * points
-            yield scheme, mine, np.stack(parts, axis=-1).reshape(*wanted.shape, 6)[mine, :-1]
-        lost = [item for part in self.comm.allgather(number[left][:1].tolist()) for item in part]
+            yield scheme, mine, np.stack(components, axis=-1).reshape(*wanted.shape, 6)[mine, :-1]
+        lost = [element for elements in self.comm.allgather(number[left][:1].tolist()) for element in elements]
         if lost:
             raise InputError(
                 f"{self.name}: found no stresses of element {lost[0]} ({kind}) of {self.mesh} at all its integration "
@@ -53,9 +53,9 @@ class PointStresses:
 
     def require_all(self):
         """Raise InputError for stresses of other elements than those that were asked for. Collective."""
-        given, used = self.comm.allreduce(len(self.key)), self.comm.allreduce(self.used)
-        if given != used:
+        printed, used = self.comm.allreduce(len(self.key)), self.comm.allreduce(self.used)
+        if printed != used:
             raise InputError(
-                f"{self.name}: found stresses at {given} integration points, expected {used} as the solids of "
+                f"{self.name}: found stresses at {printed} integration points, expected {used} as the solids of "
                 f"{self.mesh} have; the file is that of another mesh"
             )

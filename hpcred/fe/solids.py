@@ -62,22 +62,22 @@ class Solids:
         # elements that touch a wanted node
         require_dofs(model, "a stress")
         self.model, self.remarks = model, []
-        cells = {kind: np.asarray(part, np.int64) for kind, part in model.elements.items()
+        cells = {kind: np.asarray(table, np.int64) for kind, table in model.elements.items()
                  if kind in (*SOLIDS, "pyramid")}  # fmt: skip
         self._require_solids(cells)
         inside = self._elements_at(cells, nodes)
         keys = self._types(cells, inside)
         # their nodes as local indices, places and rows
         chosen = {kind: cells[kind][mask] for kind, mask in inside.items()}
-        every = np.concatenate([NO_NODES, *(part.ravel() for part in chosen.values())])
+        every = np.concatenate([NO_NODES, *(nodes_of_kind.ravel() for nodes_of_kind in chosen.values())])
         self.number, place = np.unique(every, return_inverse=True)
         self.position, self.rows = node_rows(model, self.number)
         self.wanted = self._wanted(self.number)
         # elements of one kind, rule and material together, without those whose nodes have no place
         self.groups, start = [], 0
-        for kind, part in chosen.items():
-            local = place.reshape(-1)[start : start + part.size].reshape(part.shape)
-            start += part.size
+        for kind, nodes_of_kind in chosen.items():
+            local = place.reshape(-1)[start : start + nodes_of_kind.size].reshape(nodes_of_kind.shape)
+            start += nodes_of_kind.size
             table = model.properties.table.get(kind, NO_TABLE)[inside[kind]]
             placed = np.isfinite(self.position[local]).all(axis=(1, 2))
             for type_, material in sorted((t, m) for k, t, m in keys if k == kind):
@@ -89,7 +89,7 @@ class Solids:
     def _require_solids(self, cells):
         """Refuse a model without solids, or without their types and materials."""
         model = self.model
-        if not any(model.comm.allgather(any(len(part) for part in cells.values()))):
+        if not any(model.comm.allgather(any(len(table) for table in cells.values()))):
             there = ", ".join(sorted(set().union(*model.comm.allgather(set(model.elements))))) or "no elements"
             raise InputError(
                 f"{model.name}: stress: found {there}, expected solids ({', '.join(SOLIDS)}); of other elements "
@@ -105,7 +105,7 @@ class Solids:
         """Return which elements (e,) of each kind have a wanted node."""
         model, self._chosen = self.model, None
         if nodes is None:
-            return {kind: np.ones(len(part), bool) for kind, part in cells.items()}
+            return {kind: np.ones(len(table), bool) for kind, table in cells.items()}
         nodes = [nodes] if isinstance(nodes, (int, str)) else list(nodes)
         numbers = [np.array([int(node) for node in nodes if not isinstance(node, str)], np.int64)]
         known = model.set_sizes
@@ -116,13 +116,13 @@ class Solids:
         self._chosen, _ = number_over_ranks(model.comm, np.concatenate(numbers))
         inside = {}
         for kind in sorted(set().union(*model.comm.allgather(set(cells)))):
-            part = cells.setdefault(kind, np.zeros((0, 1), np.int64))
-            inside[kind] = self._wanted(part.ravel()).reshape(part.shape).any(axis=1)
-        found = np.unique(np.concatenate([NO_NODES, *(cells[kind][mask].ravel() for kind, mask in inside.items())]))
-        lacking = set(numbers[0].tolist()).difference(*model.comm.allgather(np.intersect1d(numbers[0], found).tolist()))
-        if lacking:
+            table = cells.setdefault(kind, np.zeros((0, 1), np.int64))
+            inside[kind] = self._wanted(table.ravel()).reshape(table.shape).any(axis=1)
+        touched = np.unique(np.concatenate([NO_NODES, *(cells[kind][mask].ravel() for kind, mask in inside.items())]))
+        touched_here = np.intersect1d(numbers[0], touched).tolist()
+        if lacking := set(numbers[0].tolist()).difference(*model.comm.allgather(touched_here)):
             raise InputError(f"stress: node {min(lacking)} of {model.name} belongs to no solid element; choose another")
-        if not any(model.comm.allgather(len(found))):
+        if not any(model.comm.allgather(len(touched))):
             raise InputError(f"stress: no node of {', '.join(map(str, nodes))} belongs to a solid element")
         return inside
 
@@ -149,8 +149,8 @@ class Solids:
                     "choose nodes of other elements"
                 )
             if material < 0 or not properties.materials[material].isotropic:
-                item = None if material < 0 else properties.materials[material]
-                what = f"of the material '{item.name}' ({item.reason})" if item else "without a material"
+                known = None if material < 0 else properties.materials[material]
+                what = f"of the material '{known.name}' ({known.reason})" if known else "without a material"
                 raise InputError(
                     f"{model.name}: stress: found elements {name} {what}, expected Young's modulus and Poisson's "
                     f"ratio; give them in Python (with_material), or {BY_PROGRAM}"

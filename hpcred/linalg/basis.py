@@ -117,8 +117,8 @@ class Basis:
         self._block = create_block(mass, deflated + self.width * room)
         self._mass_images = create_block(mass, deflated + self.width * room) if keeps else None
         if deflate is not None:  # motions without force: K adds nothing to them but round-off
-            given = WithMassImages(mass, deflate)
-            self._append(given.block, given.mass_images)
+            rigid = WithMassImages(mass, deflate)
+            self._append(rigid.block, rigid.mass_images)
             self._leading, self.size = deflated, 0
 
     @staticmethod
@@ -273,9 +273,9 @@ class Basis:
         """
         largest, massless = 0.0, 0
         for _ in range(PASSES):
-            found = self._project(pending)
+            products = self._project(pending)
             scale, weight, gram, done, dropped, none, cancelled = decided(
-                self.comm, _judge, *found, weight, taken, self.tolerance
+                self.comm, _judge, *products, weight, taken, self.tolerance
             )
             largest, massless = max(largest, dropped), massless + none
             pending.combine(self._factor(scale), cancelled)
@@ -291,10 +291,10 @@ class Basis:
     def _append(self, block, mass_images):
         count = block.getActiveColumns()[1] - block.getActiveColumns()[0]
         end = self._end + count
-        for own, given in zip(self._blocks(), (block, mass_images), strict=False):
-            if end > own.getSizes()[1]:
-                own.resize(max(end, own.getSizes()[1] * 4 // 3), copy=True)
-            with dense(given) as source, dense(View(own, end - count, end)) as target:
+        for stored, new in zip(self._blocks(), (block, mass_images), strict=False):
+            if end > stored.getSizes()[1]:
+                stored.resize(max(end, stored.getSizes()[1] * 4 // 3), copy=True)
+            with dense(new) as source, dense(View(stored, end - count, end)) as target:
                 source.copy(target)
         self.size += count // self.width
 

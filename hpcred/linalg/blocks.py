@@ -191,11 +191,11 @@ def multiply_dense(mat: PETSc.Mat, source: PETSc.Mat, target: PETSc.Mat):
         mat.matMult(source, target)
         return
     x, y = mat.createVecs()
-    given, found = source.getDenseArray(readonly=True), target.getDenseArray()
+    factors, products = source.getDenseArray(readonly=True), target.getDenseArray()
     for k in range(source.getSize()[1]):
-        x.setArray(given[:, k])
+        x.setArray(factors[:, k])
         mat.mult(x, y)
-        found[:, k] = y.getArray(readonly=True)
+        products[:, k] = y.getArray(readonly=True)
     target.stateIncrease()
     for vector in (x, y):
         vector.destroy()

@@ -59,8 +59,8 @@ def without_zeros(mat: PETSc.Mat) -> PETSc.Mat:
     """
     indptr, indices, values = mat.getValuesCSR()
     kept = np.flatnonzero(values)
-    found = mat.comm.tompi4py().allreduce(np.array([kept.size, values.size]))
-    if found[0] > (1 - MANY) * found[1]:
+    counts = mat.comm.tompi4py().allreduce(np.array([kept.size, values.size]))
+    if counts[0] > (1 - MANY) * counts[1]:
         return copy(mat)
     ends = np.searchsorted(kept, indptr).astype(PETSc.IntType)
     sizes = mat.getSizes()

@@ -74,15 +74,15 @@ def _invariant_states(mat, operator, wanted, states, begin):
         eps.setDeflationSpace(states)
     eps.setFromOptions()
     solve_by(eps, operator)
-    found = eps.getInvariantSubspace() if eps.getConverged() else []
+    invariant = eps.getInvariantSubspace() if eps.getConverged() else []
     eps.destroy()  # which refers to the solver of the caller
-    return found
+    return invariant
 
 
-def _independent(states, found):
-    """Return the vectors found, orthonormal to the states and to each other, without those in their span."""
+def _independent(states, vectors):
+    """Return the vectors, orthonormal to the states and to each other, without those in their span."""
     new = []
-    for vector in found:
+    for vector in vectors:
         known, before = states + new, vector.norm()
         for _ in range(2 if known else 0):
             vector.maxpy(-_products(known, vector), known)
@@ -154,12 +154,12 @@ class _Operator:
         try:
             if self.error is None:
                 M, D = self._matrices
-                one, two = np.split(state.getArray(readonly=True), 2)
-                force = self._times(M, self._shift * one + self._scale * two)
+                first, second = np.split(state.getArray(readonly=True), 2)
+                force = self._times(M, self._shift * first + self._scale * second)
                 if D is not None:
-                    force += self._times(D, one)
+                    force += self._times(D, first)
                 x = -self._solved(force)
-                result.setArray(np.concatenate([x, (one + self._shift * x) / self._scale]))
+                result.setArray(np.concatenate([x, (first + self._shift * x) / self._scale]))
         except Exception as error:
             self.error = error
         if self.error is not None:
@@ -169,8 +169,8 @@ class _Operator:
 def _products(states, vector) -> np.ndarray:
     """Return the inner products (m,) of states with a vector. Collective."""
     array = vector.getArray(readonly=True)
-    own = np.array([np.vdot(state.getArray(readonly=True), array) for state in states])
-    return summed(vector.comm.tompi4py(), own)
+    local = np.array([np.vdot(state.getArray(readonly=True), array) for state in states])
+    return summed(vector.comm.tompi4py(), local)
 
 
 def _upper(mat, states, count, shift):

@@ -43,10 +43,10 @@ def modes_in_interval(K, M, low, high, options):
                 raise _failed("spectrum slicing", error) from error
     inertias = eps.getKrylovSchurInertias()[1]
     expected = int(max(inertias) - min(inertias)) if len(inertias) else eps.getConverged()
-    found = eps.getConverged()
-    if found != expected:
-        raise ComputationError(f"spectrum slicing found {found} modes, the inertia counts {expected}")
-    return _pairs(eps, K, found)
+    converged = eps.getConverged()
+    if converged != expected:
+        raise ComputationError(f"spectrum slicing found {converged} modes, the inertia counts {expected}")
+    return _pairs(eps, K, converged)
 
 
 def lowest_modes(K, M, count, most, solve, monitor=None):
@@ -145,9 +145,9 @@ def graded_eigenpairs(matrix: np.ndarray, eigenpairs=np.linalg.eigh):
         apart = group[:, None] != group
         if not (coupled := _coupled(coupling, values) & apart).any():
             gap = values - values[:, None]
-            found = vectors + vectors @ np.divide(coupling, gap, out=np.zeros(gap.shape), where=apart & (gap != 0))
+            turned = vectors + vectors @ np.divide(coupling, gap, out=np.zeros(gap.shape), where=apart & (gap != 0))
             order = np.argsort(values, kind="stable")
-            return values[order], (found @ (1.5 * np.eye(len(gap)) - found.T @ found / 2))[:, order]
+            return values[order], (turned @ (1.5 * np.eye(len(gap)) - turned.T @ turned / 2))[:, order]
         group = _groups(coupled | ~apart)  # the diagonal did not show how close their eigenvalues are
     return eigenpairs(matrix)
 
@@ -173,8 +173,8 @@ def _by_groups(matrix, group, eigenpairs):
     """Return eigenvalues (m,) and eigenvectors (m, m) of the groups of coordinates, each by itself."""
     values, vectors = np.diag(matrix).copy(), np.eye(len(matrix))
     for k in np.flatnonzero(np.bincount(group) > 1):
-        own = np.flatnonzero(group == k)
-        values[own], vectors[np.ix_(own, own)] = eigenpairs(matrix[np.ix_(own, own)])
+        members = np.flatnonzero(group == k)
+        values[members], vectors[np.ix_(members, members)] = eigenpairs(matrix[np.ix_(members, members)])
     return values, vectors
 
 
@@ -185,8 +185,8 @@ def symmetric_part(matrix: np.ndarray) -> np.ndarray:
 
 def congruent(matrix: np.ndarray, X: np.ndarray) -> np.ndarray:
     """Return X^T A X, exactly symmetric where the matrix A is. Local."""
-    found = X.T @ matrix @ X
-    return (found + found.T) / 2 if np.array_equal(matrix, matrix.T) else found
+    product = X.T @ matrix @ X
+    return (product + product.T) / 2 if np.array_equal(matrix, matrix.T) else product
 
 
 def eigenpairs_with_gram(K: np.ndarray, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -22,18 +22,18 @@ def symmetry_defect(mat: PETSc.Mat, skew=False) -> float:
     that nearly cancel is some 1e-15 of the diagonal, which stands for them there.
     """
     indptr, indices, ours = mat.getValuesCSR()
-    other = mat.transpose(PETSc.Mat())
-    starts, places, theirs = other.getValuesCSR()
-    other.destroy()
+    transposed = mat.transpose(PETSc.Mat())
+    starts, places, theirs = transposed.getValuesCSR()
+    transposed.destroy()
     ours, theirs = ours.real, theirs.real
     # both on one pattern
     if not (np.array_equal(indptr, starts) and np.array_equal(indices, places)):
         shape = (len(indptr) - 1, mat.getSize()[1])
-        one, two = csr_array((ours, indices, indptr), shape), csr_array((theirs, places, starts), shape)
-        pattern = (abs(one) + abs(two)).tocoo()
+        A, At = csr_array((ours, indices, indptr), shape), csr_array((theirs, places, starts), shape)
+        pattern = (abs(A) + abs(At)).tocoo()
         pattern.data[:] = 1.0
         indptr, indices = pattern.tocsr().indptr, pattern.col
-        ours, theirs = (np.asarray(matrix[pattern.row, pattern.col]).ravel() for matrix in (one, two))
+        ours, theirs = (np.asarray(matrix[pattern.row, pattern.col]).ravel() for matrix in (A, At))
     # entries that differ, which are few of most matrices, and the diagonal entries of the row and of the column of each
     difference = np.abs(ours + theirs if skew else ours - theirs)
     unequal = np.flatnonzero(difference > 0)
@@ -51,19 +51,19 @@ def symmetry_defect(mat: PETSc.Mat, skew=False) -> float:
 def entries_of(vector: PETSc.Vec, places: np.ndarray) -> np.ndarray:
     """Return entries of a distributed vector at global places. Collective."""
     first, last = vector.getOwnershipRange()
-    own = (places >= first) & (places < last)
+    mine = (places >= first) & (places < last)
     # most are on this rank: only the others are sorted
-    needed, back = np.unique(places[~own], return_inverse=True)
+    needed, back = np.unique(places[~mine], return_inverse=True)
     chosen = PETSc.IS().createGeneral(needed.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
     local = PETSc.Vec().createSeq(len(needed), comm=PETSc.COMM_SELF)
     scatter = PETSc.Scatter().create(vector, chosen, local, None)
     scatter.scatter(vector, local)
-    found = np.empty(len(places))
-    found[own] = vector.getArray(readonly=True).real[places[own] - first]
-    found[~own] = local.getArray().real[back]
+    values = np.empty(len(places))
+    values[mine] = vector.getArray(readonly=True).real[places[mine] - first]
+    values[~mine] = local.getArray().real[back]
     for owned in (scatter, chosen, local):
         owned.destroy()
-    return found
+    return values
 
 
 def extreme_quotients(matrix: PETSc.Mat, symmetric=True) -> tuple[float, float]:

@@ -61,16 +61,17 @@ class Multigrid:
                 level.interpolation, near_null = corners[0], real_rows(corners[1])
                 corners = None
             else:
-                found = aggregates(matrix, near_null, prefix, threshold, aggressive)
-                if _stuck(found, size) and threshold > 0:
+                tentative = aggregates(matrix, near_null, prefix, threshold, aggressive)
+                if _stuck(tentative, size) and threshold > 0:
                     threshold = 0.0  # all neighbours are strong
-                    found = aggregates(matrix, near_null, prefix, threshold, aggressive)
-                if _stuck(found, size):
+                    tentative = aggregates(matrix, near_null, prefix, threshold, aggressive)
+                if _stuck(tentative, size):
                     return
-                if small and found[0].getSize()[1] > DENSE * size:
+                if small and tentative[0].getSize()[1] > DENSE * size:
                     raise TooDense("multigrid: small aggregates would take more than the matrix")
                 aggressive, block = False, near_null.shape[1]
-                level.interpolation, near_null = smoothed(matrix, level.inverses, level.largest, found[0]), found[1]
+                interpolation, near_null = tentative
+                level.interpolation = smoothed(matrix, level.inverses, level.largest, interpolation)
             matrix = coarse(matrix, level.interpolation)
             matrix.setBlockSize(block)
 
@@ -119,8 +120,8 @@ class Multigrid:
         level.smooth(self.sweeps, residual=False)
 
 
-def _stuck(found, size):
-    return found is None or found[0].getSize()[1] > STUCK * size
+def _stuck(tentative, size):
+    return tentative is None or tentative[0].getSize()[1] > STUCK * size
 
 
 class _Level:

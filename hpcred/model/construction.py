@@ -44,8 +44,8 @@ class Labels(TypedDict, total=False):
 def from_given(M, D, K, B, C, comm, **labels) -> dict:
     """Return the fields from SciPy or NumPy matrices that every rank holds, or from PETSc matrices."""
     if not isinstance(K, PETSc.Mat):
-        given = {key: mat for key, mat in (("M", M), ("D", D), ("K", K)) if mat is not None and np.ndim(mat)}
-        _require_one_size("SecondOrderModel", {key: np.shape(mat)[0] for key, mat in given.items()})
+        sparse = {key: mat for key, mat in (("M", M), ("D", D), ("K", K)) if mat is not None and np.ndim(mat)}
+        _require_one_size("SecondOrderModel", {key: np.shape(mat)[0] for key, mat in sparse.items()})
         B, Ct = _columns(B, C, np.shape(K)[0] if np.ndim(K) else 0)
         return from_arrays(K, M, D, comm or MPI.COMM_WORLD, B, None if _same(B, Ct) else Ct, **labels)
     if comm is not None:
@@ -72,8 +72,8 @@ def from_csr(comm, size, indptr, indices, values, inputs=None, outputs=None, *, 
         check_columns(indptr, indices, size, first, name, dofs)
         check_rows(indptr, indices, values, first, name, dofs)
     if comm.size > size:
-        found = f"{size} rows cannot be distributed over {comm.size} ranks"
-        raise InputError(f"{name}: {found}; start at most {size} ranks")
+        problem = f"{size} rows cannot be distributed over {comm.size} ranks"
+        raise InputError(f"{name}: {problem}; start at most {size} ranks")
     indptr, indices = (np.asarray(array, dtype=PETSc.IntType) for array in (indptr, indices))
     mats = {key: PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=(indptr, indices, data), comm=comm)
             for key, data in values.items()}  # fmt: skip
@@ -82,9 +82,9 @@ def from_csr(comm, size, indptr, indices, values, inputs=None, outputs=None, *, 
 
 def from_arrays(K, M, D, comm, inputs=None, outputs=None, **labels) -> dict:
     """Return the fields from matrices, columns and labels that every rank holds."""
-    given = {"K": K, "M": M, "D": D}
-    given = {key: coordinates(f"from_scipy: {key}", mat) for key, mat in given.items() if mat is not None}
-    sizes = {key: triplets[3] for key, triplets in given.items()}
+    triplets_of = {"K": K, "M": M, "D": D}
+    triplets_of = {key: coordinates(f"from_scipy: {key}", mat) for key, mat in triplets_of.items() if mat is not None}
+    sizes = {key: triplets[3] for key, triplets in triplets_of.items()}
     size = max(sizes.values(), default=0)
     _require_one_size("from_scipy", sizes)
     check_labels(dofs := labels.get("dofs"), size, "from_scipy")
@@ -96,7 +96,7 @@ def from_arrays(K, M, D, comm, inputs=None, outputs=None, **labels) -> dict:
     if dofs is not None:
         labels["dofs"] = dofs.take(slice(first, last))
     mine = {}
-    for key, (i, j, v, _) in given.items():
+    for key, (i, j, v, _) in triplets_of.items():
         # a structurally symmetric pattern, also for an unsymmetric D
         i, j, v = np.concatenate([i, j]), np.concatenate([j, i]), np.concatenate([v, np.zeros(len(v))])
         local = (i >= first) & (i < last)
@@ -160,13 +160,13 @@ def measured_columns(K: PETSc.Mat, C, Cv, Ca, names, what: str) -> tuple[PETSc.M
     Ca^T, each or None."""
     comm, rows = K.comm.tompi4py(), K.getLocalSize()[0]
     with agreed(comm):
-        given = {key: real_columns(columns, rows, f"{what}: {key}")
+        columns_of = {key: real_columns(columns, rows, f"{what}: {key}")
                  for key, columns in (("C", C), ("Cv", Cv), ("Ca", Ca)) if columns is not None}  # fmt: skip
-        shapes = {key: columns.shape for key, columns in given.items()}
+        shapes = {key: columns.shape for key, columns in columns_of.items()}
         if set(shapes.values()) != {(rows, len(names))}:
-            found = ", ".join(f"{key} of {shape[1]} rows" for key, shape in shapes.items())
-            raise InputError(f"{what}: found {found} and {len(names)} names, expected as many rows as names")
-    rows_by_order = np.stack([given.get(key, np.zeros((rows, len(names)))).T for key in ("C", "Cv", "Ca")])
+            shapes_found = ", ".join(f"{key} of {shape[1]} rows" for key, shape in shapes.items())
+            raise InputError(f"{what}: found {shapes_found} and {len(names)} names, expected as many rows as names")
+    rows_by_order = np.stack([columns_of.get(key, np.zeros((rows, len(names)))).T for key in ("C", "Cv", "Ca")])
     there = np.any(comm.allgather(rows_by_order.any(axis=2)), axis=0)
     check_names(names, there, what)
     columns, rates = packed_parts(rows_by_order, there)
@@ -176,8 +176,8 @@ def measured_columns(K: PETSc.Mat, C, Cv, Ca, names, what: str) -> tuple[PETSc.M
 def _require_one_size(where, sizes: dict[str, int]):
     """Refuse matrices, by name, with different numbers of rows."""
     if len(set(sizes.values())) > 1:
-        found = ", ".join(f"{rows} rows of {key}" for key, rows in sizes.items())
-        raise InputError(f"{where}: found {found}, expected the same number")
+        sizes_found = ", ".join(f"{rows} rows of {key}" for key, rows in sizes.items())
+        raise InputError(f"{where}: found {sizes_found}, expected the same number")
 
 
 def _columns(B, C, rows):

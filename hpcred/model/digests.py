@@ -23,11 +23,11 @@ def digest_of(model, key: str) -> str | None:
     if key == RATES:
         if not model.rates:
             return None
-        parts, direct = model.rates.parts.tolist(), model.rates.direct
+        arrays, direct = model.rates.parts.tolist(), model.rates.direct
         if direct is None:
-            return digest_of_plain(parts)
+            return digest_of_plain(arrays)
         scale, values = _rounded(MPI.COMM_SELF, direct, np.arange(direct.shape[1]))  # sums, as those of B
-        return digest_of_plain([parts, scale, values.tolist()])
+        return digest_of_plain([arrays, scale, values.tolist()])
     held = model.matrices[key] if key in model.matrices else getattr(model, field)
     if held is None or held == ():
         return None
@@ -49,8 +49,8 @@ def digest_of(model, key: str) -> str | None:
         return digest_of_plain([scale, digest(model.comm, first, [(indptr, indices.astype(number)), (indptr, values)])])
     kept = np.flatnonzero(values)  # the patterns of other matrices leave zeros
     starts = np.searchsorted(kept, indptr)
-    parts = [(starts, indices[kept].astype(number, copy=False)), (starts, values[kept].real)]
-    return digest(model.comm, first, parts)
+    arrays = [(starts, indices[kept].astype(number, copy=False)), (starts, values[kept].real)]
+    return digest(model.comm, first, arrays)
 
 
 def _rounded(comm, values, columns, count=None):

@@ -221,11 +221,11 @@ def _holds(model, rigid, rows):
         mine = {row: view[row - model.first_row].real.copy()
                 for row in rows if 0 <= row - model.first_row < model.local_rows}  # fmt: skip
         largest = float(np.abs(view).max(initial=0.0))
-    found = {}
+    motion_of = {}
     for refused in model.comm.allgather(mine):
-        found |= refused
+        motion_of |= refused
     largest = max(model.comm.allgather(largest))
-    return np.linalg.svd(np.array([found[row] for row in rows]) / largest)[1].min() > 1e-6
+    return np.linalg.svd(np.array([motion_of[row] for row in rows]) / largest)[1].min() > 1e-6
 
 
 def _rows_of_chord(model, frame):

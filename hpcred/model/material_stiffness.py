@@ -73,15 +73,15 @@ def material_stiffness(model: SecondOrderModel, material: str) -> PETSc.Mat:
 def _check_rows(model, material, mat, where):
     """Refuse matrices of elements that are not those of K, in the rows of nodes that no other element has. Collective.
     """
-    own, others = [NO_NODES], [NO_NODES]
+    solid, others = [NO_NODES], [NO_NODES]
     number = [material.name for material in model.properties.materials].index(material)
     for kind, nodes in model.elements.items():
         table = model.properties.table.get(kind, NO_TABLE)
         chosen = table[:, MATERIAL] == number if len(table) == len(nodes) else np.zeros(len(nodes), bool)
-        own.append(np.asarray(nodes)[chosen].ravel())
+        solid.append(np.asarray(nodes)[chosen].ravel())
         others.append(np.asarray(nodes)[~chosen].ravel())
-    own, others = (number_over_ranks(model.comm, np.concatenate(ids).astype(np.int64))[0] for ids in (own, others))
-    inner = look_up(model.comm, own, [], model.dofs.node)[0] & ~look_up(model.comm, others, [], model.dofs.node)[0]
+    solid, others = (number_over_ranks(model.comm, np.concatenate(ids).astype(np.int64))[0] for ids in (solid, others))
+    inner = look_up(model.comm, solid, [], model.dofs.node)[0] & ~look_up(model.comm, others, [], model.dofs.node)[0]
     rest = model.K.copy()
     rest.axpy(-1.0, mat, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     left, whole = (_row_norms(matrix) for matrix in (rest, model.K))

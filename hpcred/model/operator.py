@@ -95,10 +95,10 @@ class Operator:
     @classmethod
     def of(cls, M=None, D=None, K=None, added: Iterable[Term] = ()) -> Operator:
         """Return the operator of M, D, K, each a matrix or None, and of added terms."""
-        own = {
+        main = {
             key: Term(mat, Power(ORDERS[key]), key) for key, mat in (("M", M), ("K", K), ("D", D)) if mat is not None
         }
-        return cls(own | {f"{KEY}{number}": term for number, term in enumerate(added, 1)})
+        return cls(main | {f"{KEY}{number}": term for number, term in enumerate(added, 1)})
 
     def __iter__(self) -> Iterator[Term]:
         return iter(self.terms.values())
@@ -141,10 +141,10 @@ class Operator:
     @property
     def families(self) -> dict[str, list[str]]:
         """Names and laws of added terms in words, by what they are called."""
-        found: dict[str, list[str]] = {}
+        words: dict[str, list[str]] = {}
         for term in self.added:
-            found.setdefault(term.law.family, []).append(term.in_words)
-        return found
+            words.setdefault(term.law.family, []).append(term.in_words)
+        return words
 
     def map(self, function: Callable) -> Operator:
         """Return the same terms with function(matrix) for each matrix."""

@@ -24,9 +24,9 @@ def questions_on_order(model) -> list[str]:
         return []
     ratio = damping / 2 / np.sqrt(mass * stiffness)
     if damping > LONG * stiffness and ratio > OVERDAMPED:
-        found = f"the diagonal of D is {damping / stiffness:.1e} s times that of K, damped {ratio:.1e} times critically"
+        fault = f"the diagonal of D is {damping / stiffness:.1e} s times that of K, damped {ratio:.1e} times critically"
     elif model.dofs is None and stiffness < SLOW * mass:
-        found = f"the diagonal of K is {stiffness / mass:.1e} 1/s^2 times that of M"
+        fault = f"the diagonal of K is {stiffness / mass:.1e} 1/s^2 times that of M"
     elif _is_fast(model, mats):
         return [
             f"{model.name}: are K and M in the units of one system? Most dofs by themselves vibrate at more than "
@@ -34,7 +34,7 @@ def questions_on_order(model) -> list[str]:
         ]
     else:
         return []
-    return [f"{model.name}: are the matrices in their order? K is expected to be the largest, but {found}; {ORDERS}"]
+    return [f"{model.name}: are the matrices in their order? K is expected to be the largest, but {fault}; {ORDERS}"]
 
 
 def _is_fast(model, mats) -> bool:

@@ -180,15 +180,15 @@ class SecondOrderModel:
         circulatory: bool = False,
     ) -> None:
         if K is None or len({*np.shape(K)}) > 1:
-            found = "K is missing" if K is None else f"K: found an array {np.shape(K)}, expected a square matrix"
-            raise InputError(f"SecondOrderModel: {found}; the order is M, D, K, B, C, and without damping "
+            fault = "K is missing" if K is None else f"K: found an array {np.shape(K)}, expected a square matrix"
+            raise InputError(f"SecondOrderModel: {fault}; the order is M, D, K, B, C, and without damping "
                              "SecondOrderModel(M=M, K=K, B=B)")  # fmt: skip
         rates = Cv is not None or Ca is not None
-        given = construction.from_given(
+        made = construction.from_given(
             M, D, K, B, None if rates else C, comm, dofs=dofs, input_names=input_names,
             output_names=() if rates else output_names, name=name, circulatory=circulatory,
         )  # fmt: skip
-        self._take({"operator": Operator.of(*(given.pop(key, None) for key in "MDK"))} | given)
+        self._take({"operator": Operator.of(*(made.pop(key, None) for key in "MDK"))} | made)
         if rates:
             local = [construction.local_columns(self, key, rows, isinstance(K, PETSc.Mat))
                      for key, rows in (("C", C), ("Cv", Cv), ("Ca", Ca))]  # fmt: skip
@@ -287,14 +287,14 @@ class SecondOrderModel:
             kept["operator"] = self.operator.with_matrices(changed | mats)
         fresh = {key: value for key, value in changed.items() if key not in {*ORDERS, *self.operator.terms}}
         own = {attribute.name: getattr(self, attribute.name) for attribute in fields(self)}
-        other = self.of_operator(**own | kept | fresh)
+        new = self.of_operator(**own | kept | fresh)
         # what is known of the parts that stay
         other_parts = {*changed, "labels" if "dofs" in changed else "", "interfaces" if "Gt" in changed else ""}
         other_parts |= {*ORDERS, ADDED} if "operator" in changed else set()
         other_parts |= {ADDED} if changed.keys() & self.added.terms.keys() else set()
-        other._known.update({(what, key): value for (what, key), value in self._known.items()
+        new._known.update({(what, key): value for (what, key), value in self._known.items()
                              if key not in other_parts and not key.startswith(KEY)})  # fmt: skip
-        return other
+        return new
 
     @cached_property
     def _known(self) -> dict[tuple[str, str], Any]:
@@ -434,8 +434,8 @@ class SecondOrderModel:
     def digests(self) -> dict[str, str]:
         """What tells the model from others: digests of all that its numbers depend on, by name of the part. Collective.
         """
-        found = {key: self.digest_of(key) for key in PARTS}
-        return {key: value for key, value in found.items() if value is not None}
+        digests = {key: self.digest_of(key) for key in PARTS}
+        return {key: value for key, value in digests.items() if value is not None}
 
     @cached_property
     def mean_diagonal_of_k(self) -> float:

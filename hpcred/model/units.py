@@ -96,8 +96,8 @@ def units_of(text: str) -> Units:
     if known is not None:
         return known
     words = re.split(r"[\s,-]+", text.strip())
-    found = [[word for word in words if word in table] for table in (LENGTHS, TIMES, MASSES, FORCES)]
-    length, time, mass, force = found
+    by_quantity = [[word for word in words if word in table] for table in (LENGTHS, TIMES, MASSES, FORCES)]
+    length, time, mass, force = by_quantity
     if len(words) != 3 or len(length) != 1 or len(time) != 1 or len(mass + force) != 1:
         raise InputError(
             f"units: found '{text}', expected SI, or three words such as mm,t,s: a length ({', '.join(LENGTHS)}), a "
@@ -127,7 +127,7 @@ def unit_of_output(name: str) -> str:
 def unit_of_input(name: str, loads: Iterable[LoadColumn] = ()) -> str:
     """Return the SI unit of an input by its name, "" where there is none; `loads`: those of the model, among which are
     the motions of bases."""
-    known = next((item for item in loads if item.name == name and item.kind != "given"), None)
+    known = next((load for load in loads if load.name == name and load.kind != "given"), None)
     turns = _turns(name)
     if known is not None:
         return ("m", "rad")[turns] + ("/s^2", "/s", "")[known.integrated] if known.is_motion else ""
@@ -145,7 +145,7 @@ def unit_of_response(output: str, given: str, loads: Iterable[LoadColumn] = ()) 
     """Return the SI unit of a response, such as rad/N, from the names of its output and input, see unit_of_input; ""
     where one of them does not tell."""
     unit, load = unit_of_output(output), unit_of_input(given, loads)
-    unit, load = (f"({item})" if set(item) & marks else item for item, marks in ((unit, {" "}), (load, {" ", "/"})))
+    unit, load = (f"({text})" if set(text) & marks else text for text, marks in ((unit, {" "}), (load, {" ", "/"})))
     return unit and load and f"{unit}/{load}"
 
 

@@ -67,19 +67,19 @@ def with_viscoelastic(model, parts):
         return model.shared()
     if any(cut_output_of(name) for name in model.own_output_names):
         raise cuts_refused(model, Operator.of(added=parts))
-    named = tuple(replace(part, name=part.name or f"{KEY}{number}") for number, part in enumerate(parts, 1))
-    names = [part.name for part in named]
+    named = tuple(replace(term, name=term.name or f"{KEY}{number}") for number, term in enumerate(parts, 1))
+    names = [term.name for term in named]
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise InputError(f"{model.name}: found two viscoelastic parts with the name '{twice}', expected one of each "
                          "name; give another one a name of its own")  # fmt: skip
-    given = {f"{KEY}{number}": _of_rows(model, part.matrix, part.name) for number, part in enumerate(named, 1)}
+    given = {f"{KEY}{number}": _of_rows(model, term.matrix, term.name) for number, term in enumerate(named, 1)}
     mats, _ = taken(model.operator.matrices | given, None, model.name)
     operator = Operator.of(added=named).with_matrices(mats)
     K = mats["K"].copy()
-    for part in operator.added:
-        _check(model, part)
-        if more := part.law.static - getattr(part, "within", False):
-            K.axpy(more, part.matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    for term in operator.added:
+        _check(model, term)
+        if missing := term.law.static - getattr(term, "within", False):
+            K.axpy(missing, term.matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
     K.stateIncrease()
     return model.with_fields(operator=operator.with_matrices(mats | {"K": K}))
 
@@ -94,26 +94,26 @@ def _of_rows(model, matrix, name) -> PETSc.Mat:
             raise InputError(f"{name}: found {size} rows of K_v, expected {model.size} as K of {model.name} has")
     first, last = model.first_row, model.first_row + model.local_rows
     mine = (i >= first) & (i < last) & (v != 0)
-    indptr, indices, found = compress({"": (i[mine], j[mine], v[mine])}, first, last, model.size)
-    csr = (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType), found[""])
+    indptr, indices, values = compress({"": (i[mine], j[mine], v[mine])}, first, last, model.size)
+    csr = (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType), values[""])
     return PETSc.Mat().createAIJ(model.K.getSizes(), csr=csr, comm=model.K.comm)
 
 
-def _check(model, part):
+def _check(model, term):
     """Refuse a K_v that is not symmetric and positive semidefinite, or has no numbers. Collective."""
     with agreed(model.comm):
-        indptr, _, values = part.matrix.getValuesCSR()
-        check_finite(indptr, {part.name: values}, model.first_row, model.name, model.dofs)
-    if not part.matrix.norm(PETSc.NormType.FROBENIUS) > 0:
-        raise InputError(f"{part.name}: K_v is zero, expected the stiffness of the viscoelastic parts of {model.name}")
-    if (defect := symmetry_defect(part.matrix)) > SYMMETRIC_TO:
+        indptr, _, values = term.matrix.getValuesCSR()
+        check_finite(indptr, {term.name: values}, model.first_row, model.name, model.dofs)
+    if not term.matrix.norm(PETSc.NormType.FROBENIUS) > 0:
+        raise InputError(f"{term.name}: K_v is zero, expected the stiffness of the viscoelastic parts of {model.name}")
+    if (defect := symmetry_defect(term.matrix)) > SYMMETRIC_TO:
         raise InputError(
-            f"{part.name}: found an unsymmetric K_v (a_ij and a_ji differ by {defect:.1e} of them), expected a "
+            f"{term.name}: found an unsymmetric K_v (a_ij and a_ji differ by {defect:.1e} of them), expected a "
             "symmetric one, as stiffness of a material is"
         )
-    low, high = extreme_quotients(part.matrix)
+    low, high = extreme_quotients(term.matrix)
     if low < -NEGATIVE * max(high, 1.0):
         raise InputError(
-            f"{part.name}: x^T K_v x comes down to {low:.1e} of its diagonal, expected none below zero: K_v would put "
+            f"{term.name}: x^T K_v x comes down to {low:.1e} of its diagonal, expected none below zero: K_v would put "
             "energy in"
         )

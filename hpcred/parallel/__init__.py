@@ -11,8 +11,8 @@ def how_to_install(python: tuple[int, int] = sys.version_info[:2], system: str |
     nothing.
     """
     system = system or f"{platform.system()} {platform.machine()}"
-    found = [f"Python {'.'.join(map(str, python))}"] * (python < (3, 12)) + [system] * (system != "Linux x86_64")
-    nothing = f", and nothing here, on {' and '.join(found)}" if found else ""
+    unsupported = [f"Python {'.'.join(map(str, python))}"] * (python < (3, 12)) + [system] * (system != "Linux x86_64")
+    nothing = f", and nothing here, on {' and '.join(unsupported)}" if unsupported else ""
     newer = "; `uv venv --python 3.12` makes an environment with a newer Python" if python < (3, 12) else ""
     return (
         "hpcred needs petsc4py, slepc4py and mpi4py, made for one PETSc with MUMPS: `pip install 'hpcred[petsc]'` "

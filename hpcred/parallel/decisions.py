@@ -28,5 +28,5 @@ def shared_out(comm, function, items) -> list:
     take long. Collective."""
     with agreed(comm):
         mine = [function(item) for item in items[comm.rank :: comm.size]]
-    parts = comm.allgather(mine)
-    return [parts[i % comm.size][i // comm.size] for i in range(len(items))]
+    by_rank = comm.allgather(mine)
+    return [by_rank[i % comm.size][i // comm.size] for i in range(len(items))]

@@ -63,12 +63,12 @@ def check_as_annotated(key: str, value, kind):
         if callable(check):
             check(key, value)
     kind = plain_type(kind)
-    parts = get_args(kind)
+    inner = get_args(kind)
     if get_origin(kind) in (Union, UnionType):
-        check_as_annotated(key, value, next(part for part in parts if _fits(value, part)))
+        check_as_annotated(key, value, next(entry_kind for entry_kind in inner if _fits(value, entry_kind)))
     elif get_origin(kind) is tuple and isinstance(value, tuple):
-        for item, part in zip(value, repeat(parts[0]) if ... in parts else parts, strict=False):
-            check_as_annotated(key, item, part)
+        for entry, entry_kind in zip(value, repeat(inner[0]) if ... in inner else inner, strict=False):
+            check_as_annotated(key, entry, entry_kind)
 
 
 @cache
@@ -98,10 +98,10 @@ def renamed(name: str, before: str):
 
 def _class_of_kind(word, kind) -> str | None:
     """The name of the one of several dataclasses whose field `kind` is a word, as in frame="buckens"."""
-    parts = [plain_type(part) for part in (kind, *get_args(kind))]
-    for part in [*parts, *(inner for outer in parts for inner in get_args(outer))]:
-        if is_dataclass(part) and word in [item.default for item in fields(part) if item.name == "kind"]:
-            return part.__name__
+    kinds = [plain_type(inner) for inner in (kind, *get_args(kind))]
+    for table in [*kinds, *(inner for outer in kinds for inner in get_args(outer))]:
+        if is_dataclass(table) and word in [field.default for field in fields(table) if field.name == "kind"]:
+            return table.__name__
     return None
 
 
@@ -109,7 +109,7 @@ def _class_of_kind(word, kind) -> str | None:
 def types_of(table) -> dict:
     """Names and types of the fields of a dataclass."""
     hints = get_type_hints(table, include_extras=True)
-    return {item.name: hints[item.name] for item in fields(table)}
+    return {field.name: hints[field.name] for field in fields(table)}
 
 
 @cache
@@ -133,8 +133,9 @@ def spelled_with(table: type) -> Callable[[Function], Function]:
 
     def decorated(function: Function) -> Function:
         parameters = [*signature(function).parameters.values()]
-        names = [item.name for item in parameters if item.kind in (item.POSITIONAL_OR_KEYWORD, item.KEYWORD_ONLY)]
-        names = [name for name in names if name != "self"] + list(getattr(table, "__annotations__", ()))
+        by_name = (Parameter.POSITIONAL_OR_KEYWORD, Parameter.KEYWORD_ONLY)
+        names = [key.name for key in parameters if key.kind in by_name and key.name != "self"]
+        names += getattr(table, "__annotations__", ())
         *_, owner, own = ("", *function.__qualname__.split("."))
         called = owner if own == "__init__" else own
 
@@ -148,11 +149,11 @@ def spelled_with(table: type) -> Callable[[Function], Function]:
                     )
             return function(*arguments, **keywords)
 
-        more = [Parameter(key, Parameter.KEYWORD_ONLY, default=None, annotation=getattr(kind, "__forward_arg__", kind))
+        keys = [Parameter(key, Parameter.KEYWORD_ONLY, default=None, annotation=getattr(kind, "__forward_arg__", kind))
                 for key, kind in getattr(table, "__annotations__", {}).items()]  # fmt: skip
-        if more:  # shown in place of **keywords
-            plain = [item for item in parameters if item.kind is not Parameter.VAR_KEYWORD]
-            checked.__signature__ = Signature([*plain, *more])  # type: ignore[attr-defined]
+        if keys:  # shown in place of **keywords
+            plain = [parameter for parameter in parameters if parameter.kind is not Parameter.VAR_KEYWORD]
+            checked.__signature__ = Signature([*plain, *keys])  # type: ignore[attr-defined]
         return checked  # type: ignore[return-value]
 
     return decorated
@@ -188,7 +189,7 @@ class Keywords:
 
     def changed(self) -> list[str]:
         """Return the options of what is not as by default."""
-        defaults = {item.name: item.default for item in fields(self)}  # type: ignore[arg-type]
+        defaults = {field.name: field.default for field in fields(self)}  # type: ignore[arg-type]
         return [get_args(kind)[-1].name(key) for key, kind in types_of(type(self)).items()
                 if getattr(self, key) != defaults[key]]  # fmt: skip
 
@@ -198,13 +199,14 @@ def flattened(function: Callable[..., Any]) -> Callable[..., Any]:
     kinds = get_type_hints(function, include_extras=True)
     tables = {name: kind for name, kind in kinds.items() if isinstance(kind, type) and issubclass(kind, Keywords)}
     parameters, annotations = [], {name: kind for name, kind in kinds.items() if name not in tables}
-    for item in signature(function).parameters.values():
-        if item.name not in tables:
-            parameters.append(item.replace(annotation=kinds.get(item.name, item.annotation)))
+    for parameter in signature(function).parameters.values():
+        if parameter.name not in tables:
+            parameters.append(parameter.replace(annotation=kinds.get(parameter.name, parameter.annotation)))
             continue
-        annotations |= types_of(tables[item.name])
-        parameters += [Parameter(key.name, item.KEYWORD_ONLY, default=key.default, annotation=annotations[key.name])
-                       for key in fields(tables[item.name])]  # fmt: skip
+        annotations |= types_of(tables[parameter.name])
+        for field in fields(tables[parameter.name]):
+            kind = annotations[field.name]
+            parameters.append(Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=kind))
 
     @wraps(function)
     def called(*arguments, **keywords):
@@ -212,17 +214,17 @@ def flattened(function: Callable[..., Any]) -> Callable[..., Any]:
             keywords[name] = table(**{key: keywords.pop(key) for key in types_of(table) if key in keywords})
         return function(*arguments, **keywords)
 
-    parameters.sort(key=lambda item: item.kind)
+    parameters.sort(key=lambda parameter: parameter.kind)
     called.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     called.__annotations__ = annotations
     return called
 
 
-def with_spelled_fields(item):
+def with_spelled_fields(table):
     """Have a dataclass refuse keywords that it does not have, as spelled functions do; others are as they were."""
-    if isinstance(item, type) and is_dataclass(item) and not hasattr(item.__init__, "__wrapped__"):
-        item.__init__ = spelled(item.__init__)
-    return item
+    if isinstance(table, type) and is_dataclass(table) and not hasattr(table.__init__, "__wrapped__"):
+        table.__init__ = spelled(table.__init__)
+    return table
 
 
 def refuse_file(key: str, value, instead: str):
@@ -234,19 +236,19 @@ def refuse_file(key: str, value, instead: str):
 
 def nearest(word, words) -> str:
     """Words in brackets that ask whether the one of some words was meant that is most alike; empty for none."""
-    asked, by_lower = str(word).lower(), {str(item).lower(): item for item in words}
+    asked, by_lower = str(word).lower(), {str(known).lower(): known for known in words}
     close = get_close_matches(asked, by_lower, n=5, cutoff=0.55)
-    close += [item for item in by_lower if len(asked) > 2 and item.startswith(asked) and item not in close]
+    close += [known for known in by_lower if len(asked) > 2 and known.startswith(asked) and known not in close]
     # two letters that changed places come first, and what begins so
-    close.sort(key=lambda item: sorted(item) != sorted(asked) and not item.startswith(f"{asked}_"))
+    close.sort(key=lambda known: sorted(known) != sorted(asked) and not known.startswith(f"{asked}_"))
     return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""
 
 
 def meant_by(value, kind) -> str:
     """As nearest, of the words that a type takes."""
     kind = plain_type(kind)
-    parts = [plain_type(part) for part in (kind, *get_args(kind))]
-    words = [word for part in parts if get_origin(part) is Literal for word in get_args(part)]
+    kinds = [plain_type(inner) for inner in (kind, *get_args(kind))]
+    words = [word for inner in kinds if get_origin(inner) is Literal for word in get_args(inner)]
     return nearest(value, words) if isinstance(value, str) else ""
 
 
@@ -257,40 +259,40 @@ def in_words(kind, table: str = "") -> str:
         return WORDS[kind]
     if get_origin(kind) is Literal:
         return " or ".join(f"'{word}'" for word in get_args(kind))
-    parts = [plain_type(part) for part in get_args(kind) if part not in (NoneType, ...)]
+    inner = [plain_type(inner_kind) for inner_kind in get_args(kind) if inner_kind not in (NoneType, ...)]
     if get_origin(kind) is tuple:
         if ... in get_args(kind):
-            return f"a list of {MANY.get(parts[0]) or in_words(parts[0], table)}"
-        return f"[{', '.join(in_words(part, table) for part in parts)}]"
+            return f"a list of {MANY.get(inner[0]) or in_words(inner[0], table)}"
+        return f"[{', '.join(in_words(inner_kind, table) for inner_kind in inner)}]"
     if get_origin(kind) is dict:
-        return f"{MANY.get(parts[1]) or in_words(parts[1], table)} by name"
+        return f"{MANY.get(inner[1]) or in_words(inner[1], table)} by name"
     if get_origin(kind) in (Union, UnionType):
-        return " or ".join(dict.fromkeys(in_words(part, table) for part in parts))
+        return " or ".join(dict.fromkeys(in_words(inner_kind, table) for inner_kind in inner))
     return table or kind.__name__
 
 
 def _fitted(value, kind):
     kind, value = plain_type(kind), _plain(value)
-    origin, parts = get_origin(kind), tuple(map(plain_type, get_args(kind)))
+    origin, inner = get_origin(kind), tuple(map(plain_type, get_args(kind)))
     if origin in (Union, UnionType):
-        if NoneType in parts and is_blank(value):  # which is not the same as nothing
+        if NoneType in inner and is_blank(value):  # which is not the same as nothing
             raise _Misfit
-        for part in parts:
+        for choice in inner:
             try:
-                return _fitted(value, part)
+                return _fitted(value, choice)
             except _Misfit:
                 pass
     elif origin is tuple and isinstance(value, tuple):
-        if ... in parts:
-            if parts[0] is float and all(type(item) is float for item in value):  # thousands of frequencies
+        if ... in inner:
+            if inner[0] is float and all(type(entry) is float for entry in value):  # thousands of frequencies
                 return value
-            return tuple(_fitted(item, parts[0]) for item in value)
-        if len(parts) == len(value):
-            return tuple(map(_fitted, value, parts))
+            return tuple(_fitted(entry, inner[0]) for entry in value)
+        if len(inner) == len(value):
+            return tuple(map(_fitted, value, inner))
     elif origin is dict and isinstance(value, dict):
-        return {_fitted(key, parts[0]): _fitted(item, parts[1]) for key, item in value.items()}
+        return {_fitted(key, inner[0]): _fitted(entry, inner[1]) for key, entry in value.items()}
     elif origin is Literal:
-        if isinstance(value, str) and value in parts:
+        if isinstance(value, str) and value in inner:
             return value
     elif kind is float:
         if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < 2**1024:

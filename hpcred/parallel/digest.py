@@ -29,24 +29,24 @@ def digest(comm, first: int, parts) -> str:
     begin = first - first % ROWS_OF_DIGEST
     owner = next((rank for rank, (low, count) in enumerate(held) if low <= begin < low + count), 0)
     lengths = [np.diff(starts).astype("<i8") for starts, _ in parts]
-    more = []
+    tail = []
     for length, (starts, values) in zip(lengths, parts, strict=True):
         for sent in (length[:head], values[starts[0] : starts[head]]):
-            more += exchange(comm, np.full(len(sent), owner), [sent])
-    found = []
+            tail += exchange(comm, np.full(len(sent), owner), [sent])
+    digests = []
     for low in range(head, rows, ROWS_OF_DIGEST):
         high = min(low + ROWS_OF_DIGEST, rows)
         chunk = xxh3_128()
         for i, (length, (starts, values)) in enumerate(zip(lengths, parts, strict=True)):
             chunk.update(length[low:high].data)
             if high == rows:
-                chunk.update(more[2 * i].data)
+                chunk.update(tail[2 * i].data)
             chunk.update(np.ascontiguousarray(values[starts[low] : starts[high]]).data)
             if high == rows:
-                chunk.update(more[2 * i + 1].data)
-        found.append(chunk.digest())
-    found = comm.gather(b"".join(found))
-    return comm.bcast(xxh3_128(b"".join(found)).hexdigest() if comm.rank == 0 else None)
+                chunk.update(tail[2 * i + 1].data)
+        digests.append(chunk.digest())
+    digests = comm.gather(b"".join(digests))
+    return comm.bcast(xxh3_128(b"".join(digests)).hexdigest() if comm.rank == 0 else None)
 
 
 def digest_of_block(comm, first: int, values: np.ndarray) -> str:

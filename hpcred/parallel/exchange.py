@@ -22,12 +22,12 @@ def exchange(comm, owner: np.ndarray, arrays: list[np.ndarray]) -> list[np.ndarr
         requests = []
         for rank in range(comm.size):
             for low in range(0, incoming[rank], ENTRIES_OF_MESSAGE):
-                part = receive[start_in[rank] + low : start_in[rank] + min(low + ENTRIES_OF_MESSAGE, incoming[rank])]
-                requests.append(comm.Irecv(part, source=rank))
+                piece = receive[start_in[rank] + low : start_in[rank] + min(low + ENTRIES_OF_MESSAGE, incoming[rank])]
+                requests.append(comm.Irecv(piece, source=rank))
         for rank in range(comm.size):
             for low in range(0, counts[rank], ENTRIES_OF_MESSAGE):
-                part = send[start_out[rank] + low : start_out[rank] + min(low + ENTRIES_OF_MESSAGE, counts[rank])]
-                requests.append(comm.Isend(part, dest=rank))
+                piece = send[start_out[rank] + low : start_out[rank] + min(low + ENTRIES_OF_MESSAGE, counts[rank])]
+                requests.append(comm.Isend(piece, dest=rank))
         MPI.Request.Waitall(requests)
         results.append(receive)
     return results

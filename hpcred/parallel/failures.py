@@ -76,9 +76,9 @@ def reason_of(error: BaseException) -> str | None:
     """The words of the system where it refused a file or memory (OSError, errors of HDF5); None for other errors."""
     if isinstance(error, HpcredError | BrokenPipeError):
         return None
-    found = IN_HDF5.search(str(error))
-    number = int(found[1]) if found else getattr(error, "errno", None)
-    if number is None or (found and number == errno.EINVAL and int(found[2] or FARTHEST) >= FARTHEST):
+    match = IN_HDF5.search(str(error))
+    number = int(match[1]) if match else getattr(error, "errno", None)
+    if number is None or (match and number == errno.EINVAL and int(match[2] or FARTHEST) >= FARTHEST):
         return None  # an address of a damaged file
     return os.strerror(number)
 
@@ -215,14 +215,14 @@ def watched(comm):
 
 
 def _private_of(comm):
-    return next((item for item in _private if _alike(item, comm)), None)
+    return next((duplicate for duplicate in _private if _alike(duplicate, comm)), None)
 
 
 def forget(comm):
     """Free the private duplicate of a communicator that is about to be freed. Collective."""
-    for item in [item for item in _private if _alike(item, comm)]:
-        _private.remove(item)
-        item.Free()
+    for duplicate in [duplicate for duplicate in _private if _alike(duplicate, comm)]:
+        _private.remove(duplicate)
+        duplicate.Free()
 
 
 def _alike(one, other):

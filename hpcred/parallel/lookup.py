@@ -47,8 +47,8 @@ def repeated_key(comm, keys: np.ndarray) -> int | None:
     """A key that occurs twice or more, or None. Collective; the same answer on all ranks."""
     (ordered,) = sort_over_ranks(comm, keys)
     twice = ordered[1:][ordered[1:] == ordered[:-1]]
-    found = [key for key in comm.allgather(int(twice[0]) if twice.size else None) if key is not None]
-    return found[0] if found else None
+    repeated = [key for key in comm.allgather(int(twice[0]) if twice.size else None) if key is not None]
+    return repeated[0] if repeated else None
 
 
 def require_once(comm, keys: np.ndarray, sentence):

@@ -21,20 +21,20 @@ def available_mb(comm) -> float:
 
     The environment variable HPCRED_MEMORY_MB sets it by hand, per rank. Raises InputError where that is no number.
     """
-    given = os.environ.get("HPCRED_MEMORY_MB")
-    if given:
+    by_hand = os.environ.get("HPCRED_MEMORY_MB")
+    if by_hand:
         with suppress(ValueError):
-            if 0 < float(given) < float("inf"):
-                return float(given)
-        raise InputError(f"HPCRED_MEMORY_MB: found '{given}' in the environment, expected a number of MB above 0")
-    own, taken = node_mb() / startup.ranks_on_node, psutil.Process().memory_info()
+            if 0 < float(by_hand) < float("inf"):
+                return float(by_hand)
+        raise InputError(f"HPCRED_MEMORY_MB: found '{by_hand}' in the environment, expected a number of MB above 0")
+    free, process = node_mb() / startup.ranks_on_node, psutil.Process().memory_info()
     per_cpu = os.environ.get("SLURM_MEM_PER_CPU", "")
     if per_cpu.isdigit():
-        own = min(own, float(per_cpu) * int(os.environ.get("SLURM_CPUS_PER_TASK", "1")) - taken.rss / MB)
+        free = min(free, float(per_cpu) * int(os.environ.get("SLURM_CPUS_PER_TASK", "1")) - process.rss / MB)
     soft = resource.getrlimit(resource.RLIMIT_AS)[0]
     if soft != resource.RLIM_INFINITY:
-        own = min(own, (soft - taken.vms) / MB)
-    return SHARE * max(min(comm.allgather(own)), 0.0)
+        free = min(free, (soft - process.vms) / MB)
+    return SHARE * max(min(comm.allgather(free)), 0.0)
 
 
 def node_mb() -> float:
@@ -55,9 +55,9 @@ def _groups_of_process():
 
 def _control_groups():
     """What the control groups of this process (version 2 and 1) leave, in MB. File cache can be given back."""
-    found = []
-    for line in _groups_of_process():
-        _, controllers, name = line.split(":", 2)
+    free = []
+    for group in _groups_of_process():
+        _, controllers, name = group.split(":", 2)
         if controllers not in ("", "memory"):
             continue
         root = GROUPS if not controllers else GROUPS / "memory"
@@ -70,11 +70,11 @@ def _control_groups():
                 most = (place / limit).read_text().strip()
                 if most != "max" and int(most) < 2**60:
                     now = int((place / used).read_text())
-                    stat = dict(item.split() for item in (place / "memory.stat").read_text().splitlines())
-                    found.append((int(most) - now + int(stat.get("inactive_file", 0))) / MB)
+                    stat = dict(line.split() for line in (place / "memory.stat").read_text().splitlines())
+                    free.append((int(most) - now + int(stat.get("inactive_file", 0))) / MB)
             except (OSError, ValueError):
                 continue
-    return found
+    return free
 
 
 def give_back():

@@ -40,8 +40,8 @@ class Parts:
         fits = node.size == self._comm.size
         node.Free()
         try:
-            found = os.statvfs(SHARED)
-            fits = fits and SPARE * size <= found.f_bavail * found.f_frsize
+            disk = os.statvfs(SHARED)
+            fits = fits and SPARE * size <= disk.f_bavail * disk.f_frsize
         except OSError:
             fits = False
         return self._comm.allreduce(fits, op=MPI.LAND)
@@ -62,10 +62,10 @@ class Parts:
     def scatter(self, rows: np.ndarray):
         """Take the rows (rows, columns) of each rank from their places."""
         columns, rank = rows.shape[1], self._comm.rank
-        found = self._exchange(rows, columns, back=True)
-        if found is None:
-            found = self.place(rank, columns)
-        rows[...] = found
+        values = self._exchange(rows, columns, back=True)
+        if values is None:
+            values = self.place(rank, columns)
+        rows[...] = values
 
     def _exchange(self, rows, columns, back):
         """Let ranks see what others have written; returns rows that came in a message."""
@@ -78,9 +78,9 @@ class Parts:
             move = comm.Isend if back else comm.Irecv
             MPI.Request.Waitall([move(self.place(rank, columns), rank) for rank in range(1, comm.size)])
         elif back:
-            found = np.empty(rows.shape, self._dtype, order="F")
-            comm.Recv(found, 0)
-            return found
+            received = np.empty(rows.shape, self._dtype, order="F")
+            comm.Recv(received, 0)
+            return received
         else:
             comm.Send(np.asfortranarray(rows, self._dtype), 0)
         return None

@@ -82,7 +82,7 @@ def petsc_errors():
 def without_gil(name: str, *objects):
     """Call a function of PETSc or SLEPc that takes long on objects, such as KSPSetUp, and let other threads of Python
     run, which petsc4py does not. Raises PETSc.Error. Not for what calls Python back."""
-    code = _function(name)(*(ctypes.c_void_p(item.handle) for item in objects))
+    code = _function(name)(*(ctypes.c_void_p(object_.handle) for object_ in objects))
     if code:
         raise PETSc.Error(code)
 

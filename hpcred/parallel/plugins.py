@@ -46,9 +46,9 @@ class Registry:
     @cached_property
     def others(self) -> tuple[Registered, ...]:
         """The entries of other packages."""
-        found = {Registered(item.name, item.value, getattr(item.dist, "name", "unknown"))
-                 for item in entry_points(group=self._group)}  # fmt: skip
-        return tuple(sorted(found, key=astuple))
+        entries = {Registered(entry.name, entry.value, getattr(entry.dist, "name", "unknown"))
+                   for entry in entry_points(group=self._group)}  # fmt: skip
+        return tuple(sorted(entries, key=astuple))
 
     @property
     def broken(self) -> list[str]:
@@ -64,10 +64,10 @@ class Registry:
         """Return the instance of an entry. Raises InputError where another package has no such class."""
         if entry not in self._loaded:
             try:
-                found, base = EntryPoint("", entry.address, "").load(), found_at(self._base)
-                if not (isinstance(found, type) and issubclass(found, base)):
-                    raise TypeError(f"found {found!r}, expected a class derived from hpcred.{base.__name__}")
-                item = found()
+                class_, base = EntryPoint("", entry.address, "").load(), found_at(self._base)
+                if not (isinstance(class_, type) and issubclass(class_, base)):
+                    raise TypeError(f"found {class_!r}, expected a class derived from hpcred.{base.__name__}")
+                instance = class_()
             except (Exception, SystemExit) as error:  # whatever the import of a module raises
                 if entry.package == OWN:
                     raise
@@ -76,8 +76,8 @@ class Registry:
                     f"used ({type(error).__name__}: {error}); update or remove the package"
                 )
                 raise InputError(self._failed[entry]) from error
-            item.package, item.name = entry.package, item.name or entry.name
-            self._loaded[entry] = item
+            instance.package, instance.name = entry.package, instance.name or entry.name
+            self._loaded[entry] = instance
         return self._loaded[entry]
 
     def fitting(self, fits: Callable[..., bool], entries=None) -> Iterator[Registered]:

@@ -44,8 +44,8 @@ def hints(comm) -> tuple[str, ...]:
     else:
         there = [name for name in SINCE_2013 if hasattr(library, f"gotoblas_{name.upper()}")]
         slow = unknown_processor(made, there)
-    found = [slow, shared_cores(*threads_of(made), cores)]
-    return tuple(dict.fromkeys(line for lines in comm.allgather(found) for line in lines if line))
+    mine = [slow, shared_cores(*threads_of(made), cores)]
+    return tuple(dict.fromkeys(line for lines in comm.allgather(mine) for line in lines if line))
 
 
 def flags() -> set[str]:

@@ -78,8 +78,8 @@ def within(key: str, value, range_: tuple):
     None is no number, and passes.
     """
     if isinstance(value, (tuple, list)):
-        for item in value:
-            within(key, item, range_)
+        for entry in value:
+            within(key, entry, range_)
     elif isinstance(value, (int, float)):
         low, high, unit = range_
         if not low <= value <= high:  # NaN too

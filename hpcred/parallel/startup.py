@@ -69,11 +69,11 @@ def _chosen():
     """Whether the environment, or the program before it came here, has settled which petsc4py there is."""
     if os.environ.get("PETSC_DIR") or "petsc4py" in sys.modules:
         return True
-    found = importlib.util.find_spec("petsc4py")
-    if found is None:
+    spec = importlib.util.find_spec("petsc4py")
+    if spec is None:
         return False
     # with Debian's development files comes a link to its default build, which Python then finds: nobody's choice
-    folder = os.path.dirname(os.path.dirname(os.path.realpath(found.origin)))
+    folder = os.path.dirname(os.path.dirname(os.path.realpath(spec.origin)))
     return folder not in map(os.path.realpath, sum(debian_builds().values(), []))
 
 
@@ -201,9 +201,9 @@ def unused_options() -> list[str]:
     names, values = (ctypes.POINTER(ctypes.c_char_p)() for _ in range(2))
     pointers = count.ctypes.data_as(ctypes.c_void_p), ctypes.byref(names), ctypes.byref(values)
     library.PetscOptionsLeftGet(None, *pointers)
-    found = [f"-{names[i].decode()} {(values[i] or b'').decode()}".rstrip() for i in range(int(count[0]))]
+    unused = [f"-{names[i].decode()} {(values[i] or b'').decode()}".rstrip() for i in range(int(count[0]))]
     library.PetscOptionsLeftRestore(None, *pointers)
-    return found
+    return unused
 
 
 def _load_scotch():

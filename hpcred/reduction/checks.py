@@ -145,8 +145,8 @@ def warnings_of(model, frame, exchanged: str | None, constant=None) -> tuple[str
 def warnings_of_band(model, band) -> tuple[str, ...]:
     """Return what looks wrong of a band: one in rad/s, one far above what the bearings transmit, and one above all that
     the mesh follows. Collective."""
-    found = (_in_radians(band[1]), _beyond_bearings(model, band[1]), _beyond_mesh(model, band[1]))
-    return tuple(sentence for sentence in found if sentence)
+    sentences = (_in_radians(band[1]), _beyond_bearings(model, band[1]), _beyond_mesh(model, band[1]))
+    return tuple(sentence for sentence in sentences if sentence)
 
 
 def _in_radians(upper) -> str | None:
@@ -169,11 +169,11 @@ def _beyond_bearings(model, upper) -> str | None:
     materials = model.properties.materials if model.properties is not None else ()
     speeds = [(material.young / (2 * (1 + material.poisson) * material.density)) ** 0.5 for material in materials
               if None not in (material.young, material.poisson, material.density) and material.density > 0]  # fmt: skip
-    made = [interface for interface in model.interfaces if interface.definition]
-    if not speeds or not made:
+    interfaces = [interface for interface in model.interfaces if interface.definition]
+    if not speeds or not interfaces:
         return None
     wide = []
-    for interface in made:
+    for interface in interfaces:
         away = model.dofs.position[members(model, interface.definition)] - interface.position
         wide.append(2 * model.comm.allreduce(np.sqrt((away**2).sum(axis=1)).max(initial=0.0), op=MPI.MAX))
     transmitted = max(speeds) / min(wide) if min(wide) > 0 else np.inf

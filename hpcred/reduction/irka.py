@@ -57,7 +57,7 @@ class TangentialPoints(Component):
         return True
 
     def extend(self, basis, run) -> None:
-        solver, found = run.solvers.complex(), 0
+        solver, kept = run.solvers.complex(), 0
         with run.progress.stage("solve"):
             loads = from_dense(run.model.B)
             load, solution = (create_block(run.model.K, 2) for _ in range(2))
@@ -65,8 +65,8 @@ class TangentialPoints(Component):
                 add_product(load, loads, np.array(weights), beta=0.0)
                 solver.factor(complex(*s) ** 2, complex(*s))
                 solver.solve(load, solution)
-                found += basis.extend(solution).kept
-        run.note("tangential points", 2 * len(self.points), found)
+                kept += basis.extend(solution).kept
+        run.note("tangential points", 2 * len(self.points), kept)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -78,9 +78,9 @@ class ParametricBasisReductor(AtReference, BasisReductor):
         for values in self.parameter_points:
             point = tuple(self.parametric.checked(values).values())
             with run_at(self, first, point) as run:
-                own = run.new_basis(run.columns)
-                extend_by_all(self.basis, [own], [run], 1)
-                vectors.extend(copy_of(own.columns, first.model.K))
+                local = run.new_basis(run.columns)
+                extend_by_all(self.basis, [local], [run], 1)
+                vectors.extend(copy_of(local.columns, first.model.K))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,10 +180,10 @@ def reduced_with_terms(reductor, model) -> ParametricReducedModel:
     with model.at() as reference:
         check_reference(model, reference)
         reduced = replace(reductor, parametric=model).reduced(reference)
-        parts = projected_parts(model, reduced, reductor.damping)
+        projected = projected_parts(model, reduced, reductor.damping)
         reduced = replace(reduced, resultants=resultants(reference), model=reference.shared())
     free_dropped(model.comm)
-    whole = ParametricReducedModel.of(reduced, parameters=model.parameters, **parts)
+    whole = ParametricReducedModel.of(reduced, parameters=model.parameters, **projected)
     warnings = (*whole.record.warnings, *warnings_of_stability(whole, model.comm))
     digests = whole.record.digests | {TERMS: digest_of_plain(digests_of_terms(model))}
     return replace(whole, record=replace(whole.record, warnings=warnings, digests=digests))
@@ -255,8 +255,8 @@ def digests_of_terms(parametric) -> list:
     digests: list = [parametric.model.digests]
     for term in parametric.terms:
         key = FIELD[term.of]
-        with parametric.model.with_fields(**{key: copy(term.matrix)}) as other:
-            digests.append([term.of, term.factor, other.digest_of(key)])
+        with parametric.model.with_fields(**{key: copy(term.matrix)}) as with_term:
+            digests.append([term.of, term.factor, with_term.digest_of(key)])
     return digests
 
 

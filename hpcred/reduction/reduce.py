@@ -134,9 +134,9 @@ def reduce(
     refuse_file("model", model, "reduce_job")
     parametric = isinstance(model, ParametricModel)
     require_model(model.model if parametric else model)
-    given = {key: value for key, value in asked.items() if value is not None}
-    accuracy = {key: given.pop(key) for key in Accurately.__annotations__ if key in given}
-    settings = replace(declared("settings", settings, Reduction | None) or Reduction(), **given)
+    keywords = {key: value for key, value in asked.items() if value is not None}
+    accuracy = {key: keywords.pop(key) for key in Accurately.__annotations__ if key in keywords}
+    settings = replace(declared("settings", settings, Reduction | None) or Reduction(), **keywords)
     declared("factoring", factoring, Factoring | None)
     declared("progress", progress, Progress | None)
     if store is not None and not isinstance(store, Store):
@@ -181,13 +181,13 @@ def _known_part(component):
     if not isinstance(component, UnknownPart):
         return component
     try:
-        found = from_table(BasisPart, UnknownPart, table_of(component))
+        part = from_table(BasisPart, UnknownPart, table_of(component))
     except ValueError as error:
-        found = f"found the kind '{component.kind}' with settings that it does not take"
-        raise InputError(f"basis: {found}: {error}") from error
-    if isinstance(found, UnknownPart):
+        fault = f"found the kind '{component.kind}' with settings that it does not take"
+        raise InputError(f"basis: {fault}: {error}") from error
+    if isinstance(part, UnknownPart):
         raise InputError(f"basis: found the kind '{component.kind}', whose class is not known here; import it first")
-    return found
+    return part
 
 
 def _asked_accuracy(adaptive, tolerance=None, band=None, **more) -> Adaptive | None:

@@ -28,9 +28,9 @@ class Auto(Factorisation):
         against = decided(matrix.comm.tompi4py(), _against_gpu, factoring or Factoring(), matrix.getSize()[0])
         if not against:
             return super().__new__(cls)
-        found = Mumps(matrix, symmetric, prefix, factoring, *arguments, **keywords)
-        found.because = against
-        return found
+        mumps = Mumps(matrix, symmetric, prefix, factoring, *arguments, **keywords)
+        mumps.because = against
+        return mumps
 
     def __init__(self, matrix, symmetric, prefix, factoring=None, *arguments, **keywords):
         super().__init__(matrix, symmetric, prefix, factoring, *arguments, **keywords)

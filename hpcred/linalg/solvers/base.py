@@ -276,11 +276,11 @@ class Factorisation(ABC):
         # the state of a parallel matrix does not follow MatAXPY, and setUp looks at new values only when told
         self.matrix.stateIncrease()
         start = time.perf_counter()
-        found = {"analysis_seconds": 0.0, "package_because": self.because, **self._factor()}
-        seconds = round(time.perf_counter() - start - found["analysis_seconds"], 4)
+        facts = {"analysis_seconds": 0.0, "package_because": self.because, **self._factor()}
+        seconds = round(time.perf_counter() - start - facts["analysis_seconds"], 4)
         self.records.append(
             FactorRecord(**labels, kind=self.kind, package=self.name, factor_seconds=seconds,
-                         precision=self.factoring.solver.precision, source=self.source, **found)
+                         precision=self.factoring.solver.precision, source=self.source, **facts)
         )  # fmt: skip
         if self.source != EXACT:
             self._confirm_inertia()

@@ -37,8 +37,8 @@ class ComplexSolver(DirectSolver):
         if self.factored == (mass, damping, stiffness, *added):
             return
         self.factored = None
-        own = dict(zip(self.model.added.terms, added, strict=False))
-        self._form.fill({"M": mass, "D": damping, "K": stiffness} | own)
+        by_term = dict(zip(self.model.added.terms, added, strict=False))
+        self._form.fill({"M": mass, "D": damping, "K": stiffness} | by_term)
         self.factors.factor(mass=str(mass), damping=str(damping), inertia_relief=False)
         if self.rigid is not None:
             # A^-1 M R, which is R / s^2 when D R = 0

@@ -89,24 +89,24 @@ class Cudss(Factorisation):
         return len(set().union(*self._comm.allgather(gpus_seen())))
 
     def _factor(self):
-        found = self._by_first_rank(self._factored)
-        self.analyses += found.pop("analyses")
-        self.source = PERTURBED if found.get("null_pivots") else self.source_of(self.factoring, self.prefix)
-        return found
+        facts = self._by_first_rank(self._factored)
+        self.analyses += facts.pop("analyses")
+        self.source = PERTURBED if facts.get("null_pivots") else self.source_of(self.factoring, self.prefix)
+        return facts
 
     def _by_first_rank(self, function):
         """What a function of the first rank returns, which has the matrix as it is now, on all; others sleep."""
         self._gather_matrix()
-        found = None
+        result = None
         try:
             with agreed(self._comm):
                 if self._leads:
                     with _failures():
-                        found = function()
+                        result = function()
         except Exception:
             self.release()
             raise
-        return self._comm.bcast(found)
+        return self._comm.bcast(result)
 
     def _factored(self):
         """Factor on the GPU, with an analysis before the first factor."""
@@ -119,17 +119,17 @@ class Cudss(Factorisation):
             self._on_gpu.take(self._values.whole)
         factor = self._on_gpu
         factor.factorise()
-        found = {
+        facts = {
             "analyses": int(new), "analysis_seconds": round(seconds, 4), "ordering": "METIS",
             "factor_entries": factor.entries, "memory_mb_estimated_total": self._need,
             "memory_mb_estimated_max_rank": self._need, "memory_mb_used_total": self._need,
             "memory_mb_used_max_rank": self._need,
         }  # fmt: skip
         if self._in_host:
-            found["package_because"] = self._in_host
+            facts["package_because"] = self._in_host
         if self.counts() and self.kind == "LDL^T":
-            found |= {"negative_pivots": factor.inertia[1], "null_pivots": factor.perturbed}
-        return found
+            facts |= {"negative_pivots": factor.inertia[1], "null_pivots": factor.perturbed}
+        return facts
 
     def _analyse(self):
         """Order and analyse for the GPU; for the memory of the host too where the factor is larger than the GPU.
@@ -221,10 +221,10 @@ class Cudss(Factorisation):
 
     def _solve_on_gpu(self, columns):
         """Replace so many right-hand sides by solutions; on the first rank."""
-        parts = self._columns
-        blocks = [(int(first), parts.place(rank, columns)) for rank, first in enumerate(parts.starts[:-1])]
+        shared = self._columns
+        blocks = [(int(first), shared.place(rank, columns)) for rank, first in enumerate(shared.starts[:-1])]
         with _failures():
-            self._on_gpu.lock(parts.whole)
+            self._on_gpu.lock(shared.whole)
             self._on_gpu.solve(blocks)
 
     @property
@@ -260,11 +260,11 @@ class Cudss(Factorisation):
 
 def _processors_of(beside: list[set[int]]) -> set[int]:
     """The processors of ranks; where a launcher leaves all of a node to each rank, other groups have their part."""
-    found, ranks = sorted(set().union(*beside)), startup.ranks_on_node
-    if len(found) < ranks or any(processors != beside[0] for processors in beside):
-        return set(found)
-    start = startup.rank_on_node * len(found) // ranks
-    return set(found[start : start + len(beside) * len(found) // ranks])
+    cores, ranks = sorted(set().union(*beside)), startup.ranks_on_node
+    if len(cores) < ranks or any(processors != beside[0] for processors in beside):
+        return set(cores)
+    start = startup.rank_on_node * len(cores) // ranks
+    return set(cores[start : start + len(beside) * len(cores) // ranks])
 
 
 @contextmanager
@@ -330,9 +330,9 @@ def gpus_in_words() -> str:
     """The GPUs that this process sees, with their memory, and the library; or why there is nothing to use."""
     if reason := unusable():
         return f"not used: cuDSS {reason}"
-    found = []
+    gpus = []
     for gpu in range(count_of_gpus()):
         properties = runtime("cudaGetDeviceProperties", gpu)
-        found.append(f"{properties.name.decode()} ({properties.totalGlobalMem / 2**30:.0f} GB)")
+        gpus.append(f"{properties.name.decode()} ({properties.totalGlobalMem / 2**30:.0f} GB)")
     cudss = ".".join(str(library().get_property(part)) for part in range(3))
-    return f"{', '.join(found)}; cuDSS {cudss} by nvmath-python {version('nvmath-python')}"
+    return f"{', '.join(gpus)}; cuDSS {cudss} by nvmath-python {version('nvmath-python')}"

@@ -127,11 +127,12 @@ class GpuFactor:
         value = np.array([value], self._library.get_config_param_dtype(self._library.ConfigParam[name]))
         self._library.config_set(self._config, self._library.ConfigParam[name], value.ctypes.data, value.nbytes)
 
-    def _get(self, name, found):
+    def _get(self, name, values):
         size = np.zeros(1, np.uint64)
-        self._library.data_get(self._handle, self._data, self._library.DataParam[name], found.ctypes.data, found.nbytes,
-                               size.ctypes.data)  # fmt: skip
-        return found
+        self._library.data_get(
+            self._handle, self._data, self._library.DataParam[name], values.ctypes.data, values.nbytes, size.ctypes.data
+        )
+        return values
 
     def _room(self, name, size) -> int:
         """Have memory of the GPU under a name, which only grows; returns its place."""
@@ -226,10 +227,10 @@ def runtime(name, *arguments):
     """Call a function of CUDA's runtime."""
     from cuda.bindings import runtime
 
-    code, *found = getattr(runtime, name)(*arguments)
+    code, *results = getattr(runtime, name)(*arguments)
     if code != runtime.cudaError_t.cudaSuccess:
         raise RuntimeError(f"{name}: {runtime.cudaGetErrorString(code)[1].decode()} ({code.name})")
-    return found[0] if len(found) == 1 else found
+    return results[0] if len(results) == 1 else results
 
 
 def count_of_gpus() -> int:
@@ -250,8 +251,8 @@ def threads_library() -> str | None:
         return chosen
     wheels = find_spec("nvidia")
     folders = [] if wheels is None else map(Path, wheels.submodule_search_locations)
-    found = [path for folder in folders for path in sorted(folder.glob("c*/lib/libcudss_mtlayer_gomp.so.*"))]
-    return str(found[0]) if found else None
+    libraries = [path for folder in folders for path in sorted(folder.glob("c*/lib/libcudss_mtlayer_gomp.so.*"))]
+    return str(libraries[0]) if libraries else None
 
 
 @contextmanager

@@ -70,8 +70,8 @@ class IterativeSolves:
                 deflation = views.enter_context(local_rows(deflation[0])), deflation[1]
             for low in range(0, b.shape[1], WIDTH):
                 columns = slice(low, low + WIDTH)
-                found = self._solve_columns(b[:, columns], x[:, columns], scale[columns], terms, deflation, rough)
-                iterations, residual = max(iterations, found[0]), max(residual, found[1])
+                steps, left = self._solve_columns(b[:, columns], x[:, columns], scale[columns], terms, deflation, rough)
+                iterations, residual = max(iterations, steps), max(residual, left)
         if self.rigid is not None:
             self.rigid.project(solution)
         self._note(len(scale), time.perf_counter() - start, iterations, 0.0 if rough else residual)

@@ -93,12 +93,12 @@ class MultigridSolver(IterativeSolves, Solver):
         blocks, goal = self._blocks, self.settings.residual
         values = self._try_levels(aggressive=blocks.corners is None)
         if blocks.corners is None and iterations_to(goal, values) > SLOW:
-            kept, before, own = self._levels, values, self._matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
+            kept, before, entries = self._levels, values, self._matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
             try:
                 values = self._try_levels(aggressive=False)
             except (TooDense, NegativeCurvature):
                 self._levels = kept
-            work = [iterations_to(goal, seen) * (own + levels.entries)
+            work = [iterations_to(goal, seen) * (entries + levels.entries)
                     for seen, levels in ((before, kept), (values, self._levels))]  # fmt: skip
             if work[0] <= work[1]:
                 self._levels, values = kept, before
@@ -164,13 +164,13 @@ class MultigridSolver(IterativeSolves, Solver):
             return lambda r, z: np.multiply(r, self._inverse, out=z)
         cycle, blocks = self._levels.apply, self._blocks
         if blocks.expansion is not None:
-            plain, wide, made = (create_dense(mat, columns) for mat in (self.model.K, self._matrix, self._matrix))
+            plain, wide, result = (create_dense(mat, columns) for mat in (self.model.K, self._matrix, self._matrix))
 
             def cycle(r, z):
                 plain.getDenseArray()[...] = r
                 multiply_dense(blocks.expansion, plain, wide)
-                self._levels.apply(wide.getDenseArray(), made.getDenseArray())
-                multiply_dense(blocks.contraction, made, plain)
+                self._levels.apply(wide.getDenseArray(), result.getDenseArray())
+                multiply_dense(blocks.contraction, result, plain)
                 z[...] = plain.getDenseArray()
 
         if self.rigid is None:

@@ -89,16 +89,16 @@ class Mumps(PetscFactorisation):
     def expected(self, orderings) -> dict[int, dict]:
         """What a factor with each of the orderings (icntl_7) takes, as MUMPS estimates by analyses alone: `flops`,
         `entries`, `mb` in all and `mb_max_rank`, and `mb_on_disk`, those in all where factors are on a disk."""
-        found = {}
+        reports = {}
         for ordering in orderings:
             mumps = self._set_up(ANALYSIS | {"icntl_7": ordering})
-            found[ordering] = {
+            reports[ordering] = {
                 "flops": mumps.getMumpsRinfog(1), "entries": _entries(mumps.getMumpsInfog(20)),
                 "mb": mumps.getMumpsInfog(17), "mb_max_rank": mumps.getMumpsInfog(16),
                 "mb_on_disk": mumps.getMumpsInfog(27),
             }  # fmt: skip
             self.release()
-        return found
+        return reports
 
     def _choose_ordering(self):
         """Once, where MUMPS has several nested dissections and the user chose none: that of the fewest operations."""
@@ -106,10 +106,10 @@ class Mumps(PetscFactorisation):
             return
         self._chosen = True
         theirs = PETSc.Options(self.prefix).hasName("mat_mumps_icntl_7")
-        there = orderings()
-        if len(there) > 1 and not theirs and self.matrix.getSize()[0] >= CHOOSE_ABOVE:
-            found = self.expected(there)
-            flops = {key: report["flops"] for key, report in found.items() if report["flops"] > 0}  # 0: it failed
+        available = orderings()
+        if len(available) > 1 and not theirs and self.matrix.getSize()[0] >= CHOOSE_ABOVE:
+            reports = self.expected(available)
+            flops = {key: report["flops"] for key, report in reports.items() if report["flops"] > 0}  # 0: it failed
             self._settings["icntl_7"] = min(flops, key=flops.get, default=self._settings["icntl_7"])
 
     def estimate(self):
@@ -218,17 +218,17 @@ def nested_dissection() -> int:
 
 def orderings() -> tuple[int, ...]:
     """The nested dissections (icntl_7) that the MUMPS that is loaded was built with."""
-    found = {SCOTCH: "mumps_scotch_", METIS: "mumps_metis_kway_"}
-    return tuple(number for number, name in found.items() if _function(name) is not None)
+    symbols = {SCOTCH: "mumps_scotch_", METIS: "mumps_metis_kway_"}
+    return tuple(number for number, name in symbols.items() if _function(name) is not None)
 
 
 def controls(factoring: Factoring) -> dict:
     """What settings mean to MUMPS, once PETSc is loaded. Raises InputError where it cannot do it."""
-    found = _on_disk(factoring)
+    settings = _on_disk(factoring)
     if factoring.low_rank is not None:
         _check_low_rank()
-        found |= {"icntl_35": 2, "cntl_7": factoring.low_rank}
-    return found
+        settings |= {"icntl_35": 2, "cntl_7": factoring.low_rank}
+    return settings
 
 
 def _on_disk(factoring):
@@ -255,11 +255,11 @@ def _check_low_rank():
 
 def _check_single():
     """Raise InputError where PETSc cannot have MUMPS factor in single precision."""
-    found = PETSc.Sys.getVersion()
-    if found < SINGLE_SINCE:
+    version = PETSc.Sys.getVersion()
+    if version < SINGLE_SINCE:
         raise InputError(
             f"solver.precision: 'single' needs PETSc {'.'.join(map(str, SINGLE_SINCE))} or later, found "
-            f"{'.'.join(map(str, found))}; leave it out, or take another PETSc"
+            f"{'.'.join(map(str, version))}; leave it out, or take another PETSc"
         )
     if _function("cmumps_c" if is_complex() else "smumps_c") is None:
         raise InputError(

@@ -43,10 +43,10 @@ class PetscFactorisation(Factorisation):
 
     def _factor(self):
         before = self._event.getPerfInfo()
-        found = self._made()
+        facts = self._made()
         after = self._event.getPerfInfo()
         self.analyses += after["count"] - before["count"]
-        return {"analysis_seconds": round(after["time"] - before["time"], 4), **found}
+        return {"analysis_seconds": round(after["time"] - before["time"], 4), **facts}
 
     def _made(self) -> dict:
         """Factor; what FactorRecord shall have of it, but for the analysis."""
@@ -86,10 +86,10 @@ class PetscOwn(PetscFactorisation):
             )
 
     def _told(self, factor):
-        found = super()._told(factor)
+        facts = super()._told(factor)
         if self.counts() and self.kind == "LDL^T":
-            found["negative_pivots"], found["null_pivots"], _ = factor.getInertia()
-        return found
+            facts["negative_pivots"], facts["null_pivots"], _ = factor.getInertia()
+        return facts
 
 
 class SuperluDist(PetscFactorisation):

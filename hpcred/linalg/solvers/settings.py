@@ -137,11 +137,11 @@ class Factoring:
     @property
     def package(self) -> type:
         """The class of the direct solver, which derives from base.Factorisation."""
-        found = PACKAGES[self.solver.package]
-        if isinstance(found, str):
-            module, _, name = found.partition(":")
-            found = getattr(import_module(module), name)
-        return found
+        package = PACKAGES[self.solver.package]
+        if isinstance(package, str):
+            module, _, name = package.partition(":")
+            package = getattr(import_module(module), name)
+        return package
 
     @property
     def single(self) -> bool:

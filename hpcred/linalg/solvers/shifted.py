@@ -51,13 +51,13 @@ class NearbyFactor(IterativeSolves):
         return int(iterations.max(initial=0)), float((size[scale > 0] / scale[scale > 0]).max(initial=0.0))
 
     def _preconditioner(self, columns):
-        load, made = (create_block(self.model.K, columns) for _ in range(2))
+        load, solution = (create_block(self.model.K, columns) for _ in range(2))
 
         def precondition(r, z):
             with local_rows(load) as rows:
                 rows[...] = r
-            self._back_substitute(load, made)
-            with local_rows(made) as rows:
+            self._back_substitute(load, solution)
+            with local_rows(solution) as rows:
                 z[...] = rows
 
         return precondition

@@ -39,15 +39,15 @@ def _coupling(model, rigid):
     kept = comm.allreduce(len(free))
     triplets = [(free, (comm.exscan(len(free)) or 0) + np.arange(len(free)), np.ones(len(free)))]
     counts = [len(places) for _, places, _ in entries]
-    for (rows, places, E), count, more in zip(entries, counts, np.cumsum(counts), strict=True):
-        columns = kept + more - count + np.arange(count)
+    for (rows, places, E), count, added in zip(entries, counts, np.cumsum(counts), strict=True):
+        columns = kept + added - count + np.arange(count)
         triplets.append((np.repeat(rows, len(places)), np.tile(columns, len(rows)), E.ravel()))
     T = sparse_rows(model.K, triplets, (len(free) + (sum(counts) if last else 0), kept + sum(counts)))
     dofs = model.dofs.take(free)
     if last:
         number, position = ([getattr(interface, key) for interface in rigid] for key in ("node", "position"))
         places = np.concatenate([places for _, places, _ in entries])
-        more = Dofs(np.repeat(number, counts), places, np.repeat(position, counts, axis=0))
-        pairs = [(getattr(dofs, key), getattr(more, key)) for key in ("node", "direction", "position")]
+        added = Dofs(np.repeat(number, counts), places, np.repeat(position, counts, axis=0))
+        pairs = [(getattr(dofs, key), getattr(added, key)) for key in ("node", "direction", "position")]
         dofs = Dofs(*(np.concatenate(pair).astype(pair[0].dtype) for pair in pairs))  # the same on all ranks
     return T, dofs

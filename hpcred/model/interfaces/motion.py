@@ -56,19 +56,19 @@ def with_interfaces(model, interfaces):
         taken = model.comm.allreduce(bool((dofs.node == number).any()), op=MPI.LOR)
         if taken or numbers.count(number) > 1:
             raise InputError(f"interface '{interface.name}': node: the number {number} is taken; take another one")
-    found, entries, coupled, sets = [], [], [], {}
+    made, entries, coupled, sets = [], [], [], {}
     for interface, number in zip(interfaces, numbers, strict=True):
         mask = members(model, interface)
-        own = _set_of(model, mask)
-        position, directions, rows, weights = _reference(model, interface, mask, own)
-        warnings = _warnings(model, interface, own, position, sets)
+        nodes = _set_of(model, mask)
+        position, directions, rows, weights = _reference(model, interface, mask, nodes)
+        warnings = _warnings(model, interface, nodes, position, sets)
         place = tuple(position.tolist())
-        found.append(InterfaceNode(interface.name, number, place, directions, interface, len(own.nodes), warnings))
-        sets[interface.name] = own.nodes
+        made.append(InterfaceNode(interface.name, number, place, directions, interface, len(nodes.nodes), warnings))
+        sets[interface.name] = nodes.nodes
         entries.append((rows, weights))
         coupled.append(rows)
     _check_overlaps(model, interfaces, coupled)
-    return model.with_fields(Gt=_sparse_columns(model, entries), interfaces=tuple(found))
+    return model.with_fields(Gt=_sparse_columns(model, entries), interfaces=tuple(made))
 
 
 def members(model, interface) -> np.ndarray:
@@ -168,30 +168,31 @@ class _Set:
 
 def _set_of(model, mask) -> _Set:
     """Return the set whose rows of this rank are given (rows,). Collective."""
-    found = model.comm.allgather((model.dofs.node[mask], model.dofs.position[mask]))  # as large as the set
-    nodes, positions = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    by_rank = model.comm.allgather((model.dofs.node[mask], model.dofs.position[mask]))  # as large as the set
+    nodes, positions = (np.concatenate(arrays) for arrays in zip(*by_rank, strict=True))
     nodes, first = np.unique(nodes, return_index=True)
     points = positions[first]
     return _Set(nodes, points, surface_areas(model.comm, model.elements, nodes, points))
 
 
-def _warnings(model, interface, own, position, sets) -> tuple[str, ...]:
+def _warnings(model, interface, members, position, sets) -> tuple[str, ...]:
     """Return sentences on a set that takes most of the body, that shares nodes with others (`sets` by name), or whose
     reference node lies far from it. Collective."""
     where, warnings, total = f"interface '{interface.name}'", [], model.node_count
-    share = len(own.nodes) / max(total, 1)
-    if share > SOME and len(own.nodes) > 1:
-        surface = share_of_faces(model.comm, model.elements, own.nodes)
-        if max(share, surface) > MOST and total > len(own.nodes) // 2:
+    share = len(members.nodes) / max(total, 1)
+    if share > SOME and len(members.nodes) > 1:
+        surface = share_of_faces(model.comm, model.elements, members.nodes)
+        if max(share, surface) > MOST and total > len(members.nodes) // 2:
             much = f"{surface:.0%} of the surface" if surface > share else f"{share:.0%} of all nodes"
             warnings.append(
-                f"{where}: its set has {len(own.nodes)} nodes, {much} of {model.name}; are its places and radii in m?"
+                f"{where}: its set has {len(members.nodes)} nodes, {much} of {model.name}; are its places and radii in "
+                "m?"
             )
     for name, nodes in sets.items():
-        if common := len(np.intersect1d(nodes, own.nodes)):
-            warnings.append(f"{where}: {common} of its {len(own.nodes)} nodes belong to '{name}' as well")
-    centre = own.points.mean(axis=0)
-    reach, off = np.linalg.norm(own.points - centre, axis=1).max(), np.linalg.norm(position - centre)
+        if common := len(np.intersect1d(nodes, members.nodes)):
+            warnings.append(f"{where}: {common} of its {len(members.nodes)} nodes belong to '{name}' as well")
+    centre = members.points.mean(axis=0)
+    reach, off = np.linalg.norm(members.points - centre, axis=1).max(), np.linalg.norm(position - centre)
     if reach > 0 and off > OFF * reach:
         warnings.append(
             f"{where}: at: its reference node lies {off:.3g} m from the centre of its set, which reaches {reach:.3g} m "
@@ -219,18 +220,18 @@ def rigid_rows(direction, arm) -> np.ndarray:
     return E
 
 
-def _reference(model, interface, mask, own):
+def _reference(model, interface, mask, members):
     """Return position (3,) and directions of the reference node, rows of this rank, and their rows (rows, 6) of G^T.
     Collective."""
     comm = model.comm
     rows, direction, position = coupled_rows(model, interface, mask)
-    weight = _weights(model, interface, rows, own)
+    weight = _weights(model, interface, rows, members)
     share = weight * (direction < 3)
     total = comm.allreduce(share.sum())
     centre = comm.allreduce(share @ position) / total if total else np.zeros(3)
     at = centre if interface.at is None else np.array(interface.at)
-    if interface.at is None and interface.weights == "equal" and own.centre is not None:
-        at = own.centre
+    if interface.at is None and interface.weights == "equal" and members.centre is not None:
+        at = members.centre
     reach = np.max(comm.allgather(np.abs(model.dofs.position - centre).max(initial=0.0)))
     if np.abs(at - centre).max() > FAR * reach:
         raise InputError(
@@ -278,7 +279,7 @@ def _inverse(gram, length, engaged, interface):
     return scale[:, None] * (vectors / values) @ vectors.T * scale * np.outer(engaged, engaged)
 
 
-def _weights(model, interface, rows, own) -> np.ndarray:
+def _weights(model, interface, rows, members) -> np.ndarray:
     """Return the weight of each row. Raises InputError."""
     node = model.dofs.node[rows]
     if isinstance(interface.weights, tuple):
@@ -286,12 +287,12 @@ def _weights(model, interface, rows, own) -> np.ndarray:
         return np.array(interface.weights)[order][np.searchsorted(np.array(interface.nodes)[order], node)]
     if interface.weights == "equal":
         return np.ones(len(rows))
-    if not own.areas.any():
+    if not members.areas.any():
         raise InputError(
             f"interface '{interface.name}': weights: 'area' needs elements with a face on the set, and "
             f"{model.name} has none there; take 'equal', or give a list of weights"
         )
-    return own.areas[np.searchsorted(own.nodes, node)]
+    return members.areas[np.searchsorted(members.nodes, node)]
 
 
 def _check_overlaps(model, interfaces, coupled):

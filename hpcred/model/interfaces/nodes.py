@@ -55,10 +55,10 @@ class Nodes(Settings):
 
     def __post_init__(self):
         super().__post_init__()
-        given = [key for key in WAYS if getattr(self, key) is not None]
-        if len(given) != 1:
+        ways = [key for key in WAYS if getattr(self, key) is not None]
+        if len(ways) != 1:
             raise InputError(
-                f"nodes: found {', '.join(given) or 'none'}, expected exactly one of {', '.join(WAYS)}, "
+                f"nodes: found {', '.join(ways) or 'none'}, expected exactly one of {', '.join(WAYS)}, "
                 "or node numbers"
             )
         axial = self.cylinder or self.surface
@@ -66,7 +66,7 @@ class Nodes(Settings):
         if radius <= 0:
             raise InputError(f"nodes: found radius {radius:g} m, expected a positive one")
         if axial is not None and axial[0] == axial[1]:
-            raise InputError(f"nodes.{given[0]}: its two points are the same, expected the ends of its axis")
+            raise InputError(f"nodes.{ways[0]}: its two points are the same, expected the ends of its axis")
 
     @property
     def surface(self) -> tuple[Point, Point, float] | None:
@@ -194,13 +194,13 @@ def find_interface(model, node) -> int | None:
 
 def warnings_of_interfaces(model) -> list[str]:
     """Return warnings of sets that look unintended, or with nodes without rows, which do not contribute. Collective."""
-    made = [interface for interface in model.interfaces
+    interfaces = [interface for interface in model.interfaces
             if interface.definition and isinstance(interface.definition.nodes, Nodes)]  # fmt: skip
-    sizes = model.set_sizes if made else {}
+    sizes = model.set_sizes if interfaces else {}
     return [warning for interface in model.interfaces for warning in interface.warnings] + [
         f"interface '{interface.name}': {total - interface.count} of the {total} nodes of the set '{name}' have no row "
         f"in {model.name}, since they follow others; it moves with the {interface.count} that have"
-        for interface in made
+        for interface in interfaces
         if (name := interface.definition.nodes.set) and interface.count < (total := sizes.get(name, 0))
     ]  # fmt: skip
 

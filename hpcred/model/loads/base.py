@@ -99,10 +99,10 @@ def with_bases(model, bases, factoring=None):
     require_dofs(model, "a base that moves")
     _check_names(model, bases)
     # rows that move with each base, and the motions R of all rows when it does
-    moved = [_rows_of(model, item) for item in bases]
+    moved = [_rows_of(model, base) for base in bases]
     _check_rows(model, bases, moved)
     gone = np.any(moved, axis=0)
-    shapes = [_rigid(model, item, mask, gone) for item, mask in zip(bases, moved, strict=True)]
+    shapes = [_rigid(model, base, mask, gone) for base, mask in zip(bases, moved, strict=True)]
     model_f, free = _without_rows(model, gone, bases)
     with model_f:
         _deflect(model, model_f, bases, shapes, gone, free, factoring)
@@ -122,42 +122,42 @@ class _Shape:
 
 
 def _check_names(model, bases):
-    gone = [item.on for item in bases if isinstance(item.on, str)]  # with the interfaces there go their inputs
+    gone = [base.on for base in bases if isinstance(base.on, str)]  # with the interfaces there go their inputs
     names = [name for name in model.input_names if name.rpartition(":")[0] not in gone]
-    names += [name for item in bases for name in item.input_names]
+    names += [name for base in bases for name in base.input_names]
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise InputError(f"base: found two inputs '{twice}', expected each once; give the base another name")
-    for item in bases:
-        if find_interface(model, item.name) is not None and item.on != item.name:
+    for base in bases:
+        if find_interface(model, base.name) is not None and base.on != base.name:
             raise InputError(
-                f"{item.where}name: an interface is called so, whose forces have these names; give the base another "
+                f"{base.where}name: an interface is called so, whose forces have these names; give the base another "
                 "name, or name the interface by `on`"
             )
-    if sum(item.on is None for item in bases) > 1:
+    if sum(base.on is None for base in bases) > 1:
         raise InputError("base: found two bases without `on`, expected one: all that the program holds moves with it")
 
 
-def _rows_of(model, item) -> np.ndarray:
+def _rows_of(model, base) -> np.ndarray:
     """Return which rows of this rank move with a base, none of one that is held already. Collective."""
     comm, held = model.comm, model.held
     count = comm.allreduce(0 if held is None else len(held.node))
-    if item.on is None:
+    if base.on is None:
         if not count:
             raise InputError(
-                f"{item.where}{model.name} has no held nodes that could move, as far as is known; name the nodes of "
+                f"{base.where}{model.name} has no held nodes that could move, as far as is known; name the nodes of "
                 "the base by `on`, or export the body with its supports"
             )
         return np.zeros(model.local_rows, bool)
-    chosen = inside(model, item.on, model.dofs.node, item.where.removesuffix(": "))
+    chosen = inside(model, base.on, model.dofs.node, base.where.removesuffix(": "))
     mask = chosen & (model.dofs.direction != SCALAR)
     if not comm.allreduce(int(mask.sum())):
-        raise InputError(f"{item.where}on: none of these nodes has a row in {model.name}; leave `on` out where the "
+        raise InputError(f"{base.where}on: none of these nodes has a row in {model.name}; leave `on` out where the "
                          "program that wrote the matrices holds them")  # fmt: skip
     if count:
         numbers = np.unique(np.concatenate(comm.allgather(model.dofs.node[mask])))
-        stuck = [node for part in comm.allgather(np.intersect1d(held.node, numbers)[:1].tolist()) for node in part]
+        stuck = [node for nodes in comm.allgather(np.intersect1d(held.node, numbers)[:1].tolist()) for node in nodes]
         if stuck:
-            raise InputError(f"{item.where}on: node {stuck[0]} is held in some direction by the program that wrote the "
+            raise InputError(f"{base.where}on: node {stuck[0]} is held in some direction by the program that wrote the "
                              "matrices; leave `on` out, or export the body without that support")  # fmt: skip
     return mask
 
@@ -173,15 +173,15 @@ def _check_rows(model, bases, moved):
         raise InputError(f"{bases[0].where}{model.name} has dofs in directions of their own, whose motion is not known")
 
 
-def _rigid(model, item, mask, gone) -> _Shape:
+def _rigid(model, base, mask, gone) -> _Shape:
     """Return the motions of a base as those of a rigid body, without other bases. Collective."""
-    at = item.at
+    at = base.at
     if at is None:
-        place = find_interface(model, item.on) if isinstance(item.on, str) else None
-        position = model.held.position if item.on is None else model.dofs.position[mask]
+        place = find_interface(model, base.on) if isinstance(base.on, str) else None
+        position = model.held.position if base.on is None else model.dofs.position[mask]
         total, count = model.comm.allreduce(position.sum(axis=0)), model.comm.allreduce(len(position))
         at = total / count if place is None else model.interfaces[place].position
-    rigid = real_rows(rigid_motions(model, at))[:, item.axes].copy()
+    rigid = real_rows(rigid_motions(model, at))[:, base.axes].copy()
     return _Shape(np.where((gone & ~mask)[:, None], 0.0, rigid), rigid)
 
 
@@ -198,14 +198,14 @@ def _without_rows(model, gone, bases):
                for key in ("B", "Ct") if (mat := getattr(model, key)) is not None}  # fmt: skip
     away = model.dofs.take(np.flatnonzero(gone))
     if model.held is not None:
-        parts = [(getattr(model.held, key), getattr(away, key)) for key in ("node", "direction", "position")]
-        away = Dofs(*map(np.concatenate, parts))
+        labels = [(getattr(model.held, key), getattr(away, key)) for key in ("node", "direction", "position")]
+        away = Dofs(*map(np.concatenate, labels))
     bare = model.with_fields(
         operator=operator, **{"B": None, "Ct": None} | columns, dofs=model.dofs.take(free), held=away, Gt=None,
         interfaces=(),
     )  # fmt: skip
-    others = [item.definition for item in model.interfaces if item.name not in [base.on for base in bases]]
-    if others:
+    replaced = [base.on for base in bases]
+    if others := [interface.definition for interface in model.interfaces if interface.name not in replaced]:
         with bare:
             bare = with_interfaces(bare, others)
     return bare, free
@@ -218,7 +218,7 @@ def _deflect(model, framed, bases, shapes, gone, free, factoring):
         return  # all that is held moves as a rigid body
     residual = np.hstack([
         # of a base that the program holds, K R of the whole is what its rows that are not here take
-        shape.motion - (shape.rigid if item.on is None else 0.0) for item, shape in zip(bases, shapes, strict=True)
+        shape.motion - (shape.rigid if base.on is None else 0.0) for base, shape in zip(bases, shapes, strict=True)
     ])  # fmt: skip
     forces = real_rows(times(model.K, from_dense(residual, model.K)))[free]
     with Owned(model.comm) as owned:
@@ -235,10 +235,10 @@ def _deflect(model, framed, bases, shapes, gone, free, factoring):
         deflection = -real_rows(solution)
     first = 0
     for shape in shapes:
-        part = deflection[:, first : first + shape.motion.shape[1]]
-        first += part.shape[1]
-        shape.motion[free] += part
-        sizes = model.comm.allgather((np.abs(part).max(initial=0.0), np.abs(shape.motion).max(initial=0.0)))
+        motion = deflection[:, first : first + shape.motion.shape[1]]
+        first += motion.shape[1]
+        shape.motion[free] += motion
+        sizes = model.comm.allgather((np.abs(motion).max(initial=0.0), np.abs(shape.motion).max(initial=0.0)))
         whole, size = (max(values) for values in zip(*sizes, strict=True))
         beside = np.abs(shape.motion - shape.rigid).max(initial=0.0)
         shape.strains = max(model.comm.allgather(float(beside))) > STRAINS * max(whole, size)
@@ -247,14 +247,14 @@ def _deflect(model, framed, bases, shapes, gone, free, factoring):
 def _columns(model, bases, shapes):
     """Return the LoadColumns, and the columns -M R (rows of this rank, k), of all rows. Collective."""
     loads, columns = [], []
-    for item, shape in zip(bases, shapes, strict=True):
+    for base, shape in zip(bases, shapes, strict=True):
         R = from_dense(shape.motion, model.K)
         column = -real_rows(times(model.M, R))
         remarks = []
         beside = np.abs(column + diagonal_of(model.M)[:, None] * shape.motion).max(initial=0.0)
         sizes = model.comm.allgather((beside, np.abs(column).max(initial=0.0)))
         beside, size = (max(values) for values in zip(*sizes, strict=True))
-        if item.on is None and beside > ROUND_OFF * size:
+        if base.on is None and beside > ROUND_OFF * size:
             remarks.append("the mass of held dofs is not in M, nor is its part in the forces beside them; export the "
                            "body without supports, and name them by `on`, where these have to be exact")  # fmt: skip
         if shape.strains:
@@ -263,7 +263,7 @@ def _columns(model, bases, shapes):
         if model.D is not None and _resists(model, R):
             remarks.append("the damping matrix resists the motion of the base itself; here it acts on the motion "
                            "relative to the base alone")  # fmt: skip
-        for k, name in enumerate(item.input_names):
+        for k, name in enumerate(base.input_names):
             sums = sums_of_column(model, column[:, k], name, SUPPORT if shape.strains else BASE)
             loads.append(replace(sums, remark="; ".join(remarks)))
         columns.append(column)
@@ -285,35 +285,35 @@ def _assembled(model, framed, bases, R, columns, loads, free):
     acts = np.any(comm.allgather(before.any(axis=0)), axis=0)
     names = [name for name, there in zip(model.input_names, acts, strict=True) if there]
     B = np.hstack([before[:, acts], columns[free]])
-    kept = tuple(item for item in model.loads if item.name in names)
+    kept = tuple(load for load in model.loads if load.name in names)
     # outputs: those of before, by default where the other inputs act, and absolute accelerations
-    own, called = {"C": before[:, acts].T}, names
+    before_of, called = {"C": before[:, acts].T}, names
     if model.has_own_outputs:
         Ct = np.zeros((0, len(free))) if framed.Ct is None else framed.Ct.getDenseArray().real.T
-        own, called = model.rates.of(Ct), list(model.own_output_names)
-    targets = tuple(target for item in bases for target in item.absolute)
+        before_of, called = model.rates.of(Ct), list(model.own_output_names)
+    targets = tuple(target for base in bases for target in base.absolute)
     absolute, places = unit_columns(model, "base.absolute", targets) if targets else (np.zeros((len(R), 0)), [])
     if not called and not places:
         raise InputError(f"{bases[0].where}{model.name} has no outputs; name places by `outputs`, for motions relative "
                          "to the base, or by `absolute` of the base, for absolute accelerations")  # fmt: skip
     strained = next((name for name in called if stress_output_of(name) or cut_output_of(name)), None)
-    if strained and any(item.deflects for item in loads):
+    if strained and any(load.deflects for load in loads):
         raise InputError(f"{bases[0].where}the output '{strained}' would lack the stress of the static deflection, "
                          "since the body is held elsewhere too; leave it out, or let all supports move")  # fmt: skip
-    parts = {key: np.vstack([own[key], np.zeros((len(places), len(free)))]) for key in own}
+    rows_of = {key: np.vstack([before_of[key], np.zeros((len(places), len(free)))]) for key in before_of}
     if places:
-        parts.setdefault("Ca", np.zeros((len(called) + len(places), len(free))))[len(called) :] = absolute[free].T
+        rows_of.setdefault("Ca", np.zeros((len(called) + len(places), len(free))))[len(called) :] = absolute[free].T
         called = [*called, *(f"{ABSOLUTE}acceleration {name}" for name in places)]
     if lost := [name for name, there in zip(model.input_names, acts, strict=True) if not there]:
         remark = f"left out the inputs {', '.join(lost)}, which act on nodes that move as they are told"
         loads = (replace(loads[0], remark="; ".join(filter(None, [loads[0].remark, remark]))), *loads[1:])
-    with framed.with_input_columns(B, [*names, *(item.name for item in loads)]) as moved:
-        columns = (np.ascontiguousarray(parts[key].T) if key in parts else None for key in ("C", "Cv", "Ca"))
+    with framed.with_input_columns(B, [*names, *(load.name for load in loads)]) as moved:
+        columns = (np.ascontiguousarray(rows_of[key].T) if key in rows_of else None for key in ("C", "Cv", "Ca"))
         Ct, rates = measured_columns(moved.K, *columns, called, where)
         if places:
             direct = np.zeros((len(called), B.shape[1]))
             direct[-len(places) :, len(names) :] = inner(from_dense(absolute, model.K), from_dense(R, model.K))
             rates = Rates(rates.parts, comm.bcast(direct))
-        elif not {"Cv", "Ca"} & parts.keys():
+        elif not {"Cv", "Ca"} & rows_of.keys():
             rates = Rates()
         return moved.with_fields(Ct=Ct, rates=rates, own_output_names=tuple(called), loads=(*kept, *loads))

@@ -46,13 +46,13 @@ def with_loads(model, loads, given):
     if not loads and not given:
         return model.shared()
     # a column of each, with the sums of its forces and moments
-    made = []
+    columns = []
     for load in loads:
-        made += _moving(model, load) if load.kind == "moving" else [_column(model, load)]
+        columns += _moving(model, load) if load.kind == "moving" else [_column(model, load)]
     for name, column in given.items():
         local, _ = named_columns(model.comm, model.local_rows, np.reshape(column, (-1, 1)), [name], f"load '{name}'")
-        made.append((local[:, 0], sums_of_column(model, local[:, 0], name, "given")))
-    for (local, _), name in zip(made, names[len(model.input_names) :], strict=True):
+        columns.append((local[:, 0], sums_of_column(model, local[:, 0], name, "given")))
+    for (local, _), name in zip(columns, names[len(model.input_names) :], strict=True):
         if not any(model.comm.allgather(bool(local.any()))):
             raise InputError(
                 f"load '{name}': every force of it acts on held dofs or is zero, so that it deforms nothing; leave it "
@@ -60,9 +60,9 @@ def with_loads(model, loads, given):
             )
     # beside the columns that the model has
     before = np.zeros((model.local_rows, 0)) if model.B is None else model.B.getDenseArray().real
-    B = np.column_stack([before, *(local for local, _ in made)])
+    B = np.column_stack([before, *(local for local, _ in columns)])
     with model.with_input_columns(B, names) as loaded:
-        return loaded.with_fields(loads=(*model.loads, *(sums for _, sums in made)))
+        return loaded.with_fields(loads=(*model.loads, *(sums for _, sums in columns)))
 
 
 def _column(model, load):
@@ -101,7 +101,7 @@ def _moving(model, load):
             f"{where}: points: found {load.points} points on a path of {len(nodes)} nodes and {length[-1]:g} m, "
             "expected at most as many points as nodes"
         )
-    found = []
+    columns = []
     for name, at in zip(load.input_names, np.linspace(0.0, length[-1], load.points), strict=True):
         k = min(int(np.searchsorted(length, at, side="right")) - 1, len(nodes) - 2)
         share = (at - length[k]) / (length[k + 1] - length[k])
@@ -109,8 +109,8 @@ def _moving(model, load):
         value[:, :3] = np.outer([1 - share, share], load.value)
         mine = slice(None) if model.comm.rank == 0 else slice(0)  # a force is there once
         forces = NodalForces(nodes[k : k + 2][mine], value[mine], points[k : k + 2][mine])
-        found.append(column_of(model, forces, name, load.kind))
-    return found
+        columns.append(column_of(model, forces, name, load.kind))
+    return columns
 
 
 def _path(model, load, where):
@@ -250,10 +250,10 @@ def resultants(model) -> np.ndarray | None:
     act on held dofs; None without inputs or nodes. Collective."""
     if model.B is None or model.dofs is None:
         return None
-    found = inner(rigid_motions(model), from_dense(model.B)).T
+    sums = inner(rigid_motions(model), from_dense(model.B)).T
     for load in model.loads:
-        found[model.input_names.index(load.name)] += [*load.held_force, *load.held_moment]
-    return model.comm.bcast(found)
+        sums[model.input_names.index(load.name)] += [*load.held_force, *load.held_moment]
+    return model.comm.bcast(sums)
 
 
 def _sums(comm, position, value):
@@ -276,8 +276,8 @@ def column_of(model, forces: NodalForces, name, kind):
     place, direction = np.nonzero(np.abs(forces.value) > ROUND_OFF * size)
     keys, back = np.unique(forces.node[place] * STRIDE + direction, return_inverse=True)
     value = forces.value[place, direction]
-    own = np.flatnonzero(dofs.direction < SCALAR)
-    there, (row,) = look_up(comm, _keys(dofs.take(own)), [model.first_row + own], keys)
+    physical = np.flatnonzero(dofs.direction < SCALAR)
+    there, (row,) = look_up(comm, _keys(dofs.take(physical)), [model.first_row + physical], keys)
     held = np.zeros(len(keys), bool)
     if model.held is not None:
         held, _ = look_up(comm, _keys(model.held), [], keys)
@@ -356,13 +356,13 @@ def _chosen(model, on, table, where):
 def faces_on(model, on, where) -> Faces:
     """Return this rank's part of the faces of the surface that a load acts on. Collective. Raises InputError."""
     faces = _surface(model, where)
-    found = faces.take(_chosen(model, on, np.hstack([faces.corners, faces.middles]), where))
-    if not model.comm.allreduce(len(found.behind)):
+    chosen = faces.take(_chosen(model, on, np.hstack([faces.corners, faces.middles]), where))
+    if not model.comm.allreduce(len(chosen.behind)):
         raise InputError(
             f"{where}: on: no face of the surface of {model.name} has all its nodes there, those in the middle of its "
             "edges too; `hpcred info model.h5 --figure sets.png` draws the node sets"
         )
-    return found
+    return chosen
 
 
 def _surface(model, where):
@@ -378,8 +378,8 @@ def _edges(model, on, where):
     """Return this rank's part of the edges that a line load acts on. Collective. Raises InputError."""
     faces = _surface(model, where)
     edges = edges_of(model.comm, faces, model.elements)
-    found = edges[_chosen(model, on, edges, where)]
-    if not model.comm.allreduce(len(found)):
+    chosen = edges[_chosen(model, on, edges, where)]
+    if not model.comm.allreduce(len(chosen)):
         raise InputError(f"{where}: on: no edge of an element on the surface of {model.name} has all its nodes there")
     whole = _chosen(model, on, np.hstack([faces.corners, faces.middles]), where)
     if count := model.comm.allreduce(int(whole.sum())):
@@ -387,4 +387,4 @@ def _edges(model, on, where):
             f"{where}: on: found {count} whole faces among these nodes, expected nodes along a line; take kind = "
             "'traction' for faces"
         )
-    return found
+    return chosen

@@ -363,22 +363,22 @@ class LoadColumn:
     @property
     def row(self) -> dict:
         """For a table: name, kind, force and moment by axis."""
-        found = {"load": self.name, "kind": self.kind}
-        found |= {f"F{axis} (N)": value for axis, value in zip("xyz", self.force, strict=True)}
-        return found | {f"M{axis} (N m)": value for axis, value in zip("xyz", self.moment, strict=True)}
+        cells = {"load": self.name, "kind": self.kind}
+        cells |= {f"F{axis} (N)": value for axis, value in zip("xyz", self.force, strict=True)}
+        return cells | {f"M{axis} (N m)": value for axis, value in zip("xyz", self.moment, strict=True)}
 
     @property
     def notes(self) -> list[str]:
         """Sentences on it, and on the part that acts on held dofs."""
-        found = [f"load '{self.name}': {self.remark}"] if self.remark else []
+        notes = [f"load '{self.name}': {self.remark}"] if self.remark else []
         if any(self.held_force) or any(self.held_moment):
             lost = ", ".join(f"{value:.6g}" for value in self.held_force)
-            found.append(
+            notes.append(
                 f"load '{self.name}': [{lost}] N of it act on held dofs; they count in its sums, and deform nothing"
             )
-        return found
+        return notes
 
 
 def motions_of(loads) -> list[str]:
     """Return the names of inputs that are motions of bases, of the LoadColumns of a model or record."""
-    return [item.name for item in loads if item.is_motion]
+    return [load.name for load in loads if load.is_motion]

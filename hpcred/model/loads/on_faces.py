@@ -47,7 +47,7 @@ def forces_on_faces(model, faces: Faces, where: str, *, pressure=None, traction=
     """
     table = faces.all_nodes
     points = _points_of(model, table, where)
-    found, area = [], 0.0
+    forces_by_face, area = [], 0.0
     for kind, (places, three, curved) in FACE_KINDS.items():
         mine = np.flatnonzero(((faces.corners[:, 3] < 0) == three) & ((faces.middles[:, 0] >= 0) == curved))
         local, weights = integration_points(kind)
@@ -62,8 +62,8 @@ def forces_on_faces(model, faces: Faces, where: str, *, pressure=None, traction=
             at_nodes *= _inwards(points[mine], x, normal.sum(axis=1), faces.behind[mine])[:, None, None]
         else:
             at_nodes = np.einsum("g,gk,fg->fk", weights, N, sizes)[..., None] * traction[mine, None, :]
-        found.append(_forces(nodes, at_nodes, x))
-    forces = NodalForces.joined(found)
+        forces_by_face.append(_forces(nodes, at_nodes, x))
+    forces = NodalForces.joined(forces_by_face)
     return NodalForces(forces.node, forces.value, forces.position, model.comm.allreduce(area))
 
 
@@ -89,9 +89,9 @@ def _points_of(model, table, where):
                 f"{where}: node {wanted[~there][0]} of its faces or edges has no row in {model.name}, since it follows "
                 "another one or was condensed; leave it out, or export the body with it"
             )
-    found = np.zeros((*table.shape, 3))
-    found[table >= 0] = points[np.searchsorted(wanted, table[table >= 0])]
-    return found
+    places = np.zeros((*table.shape, 3))
+    places[table >= 0] = points[np.searchsorted(wanted, table[table >= 0])]
+    return places
 
 
 def edges_of(comm, faces: Faces, elements: dict) -> np.ndarray:
@@ -117,7 +117,7 @@ def edges_of(comm, faces: Faces, elements: dict) -> np.ndarray:
 
 def forces_on_edges(model, edges: np.ndarray, where: str, value) -> NodalForces:
     """Return the consistent forces of a load `value` (3,) in N/m on edges (e, 3) of this rank. Collective."""
-    points, found = _points_of(model, edges, where), []
+    points, forces = _points_of(model, edges, where), []
     s, weights = LINE_POINTS
     straight = edges[:, 2] < 0
     for mine, N, dN in (
@@ -128,5 +128,5 @@ def forces_on_edges(model, edges: np.ndarray, where: str, value) -> NodalForces:
         nodes, x = edges[mine][:, : N.shape[1]], points[mine][:, : N.shape[1]]
         length = np.linalg.norm(np.einsum("gk,ekx->egx", dN, x), axis=2)
         shares = np.einsum("g,gk,eg->ek", weights, N, length)
-        found.append(_forces(nodes, shares[..., None] * np.asarray(value), x))
-    return NodalForces.joined(found)
+        forces.append(_forces(nodes, shares[..., None] * np.asarray(value), x))
+    return NodalForces.joined(forces)

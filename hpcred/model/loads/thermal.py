@@ -20,7 +20,7 @@ def thermal_forces(model, where: str, temperature) -> NodalForces:
     """Return the forces on nodes of a rise in temperature; temperature(nodes) gives it in K at nodes (k,), and may be
     collective. Collective. Raises InputError for other elements than solids with rules and materials."""
     _require_solids(model, where)
-    found = []
+    forces = []
     for kind, rows in element_rows(model).items():
         nodes, place = np.unique(rows.nodes, return_inverse=True)
         rise = temperature(nodes)[place.reshape(rows.nodes.shape)]
@@ -35,8 +35,8 @@ def thermal_forces(model, where: str, temperature) -> NodalForces:
                 rule, item_of = _rule(model, where, kind, type_), _material(model, where, material)
                 for low in range(0, len(mine), AT_ONCE):
                     some = mine[low : low + AT_ONCE]
-                    found.append(_forces(kind, rule, item_of, rows.nodes[some], rows.position[some], rise[some]))
-    return NodalForces.joined(found)
+                    forces.append(_forces(kind, rule, item_of, rows.nodes[some], rows.position[some], rise[some]))
+    return NodalForces.joined(forces)
 
 
 def _forces(kind, rule, material, nodes, position, rise):

@@ -133,8 +133,8 @@ def _side(model, cut, where) -> np.ndarray:
     """Return which rows of this rank belong to nodes of the set (rows,). Collective. Raises InputError."""
     comm, dofs = model.comm, model.dofs
     numbers = numbers_of_set(model, cut.cut, where)
-    found = look_up(comm, number_over_ranks(comm, dofs.node)[0], [], numbers)[0]
-    lost = comm.allreduce(int(np.count_nonzero(~found)))
+    known = look_up(comm, number_over_ranks(comm, dofs.node)[0], [], numbers)[0]
+    lost = comm.allreduce(int(np.count_nonzero(~known)))
     if lost:
         raise InputError(
             f"{where}: {lost} of the {model.set_sizes[cut.cut]} nodes of the set have no row in {model.name}, since "
@@ -146,6 +146,6 @@ def _side(model, cut, where) -> np.ndarray:
 def _magnitudes(mat, block):
     """Return |X| of a block. Collective."""
     result = create_block(mat, 6)
-    with local_rows(block) as given, local_rows(result) as rows:
-        rows[...] = np.abs(given)
+    with local_rows(block) as columns, local_rows(result) as rows:
+        rows[...] = np.abs(columns)
     return result

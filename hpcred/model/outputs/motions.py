@@ -43,8 +43,8 @@ class MotionOutput(Settings):
         super().__post_init__()
         by_node = self.node is not None and self.direction is not None and self.dof is None
         if not by_node and (self.dof is None or self.node is not None or self.direction is not None):
-            found = ", ".join(key for key in ("node", "direction", "dof") if getattr(self, key) is not None)
-            raise InputError(f"outputs: found {found or 'no place'}, expected a node and its direction, or a dof")
+            keys = ", ".join(key for key in ("node", "direction", "dof") if getattr(self, key) is not None)
+            raise InputError(f"outputs: found {keys or 'no place'}, expected a node and its direction, or a dof")
         if by_node and self.direction != "all":
             direction_index(self.direction, "outputs.direction")
 

@@ -140,13 +140,12 @@ def packed_parts(parts: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, Rate
     """
     r = parts.shape[1]
     first = there.argmax(axis=0)
-    more = [(order, row) for row in range(r) for order in range(len(parts)) if there[order, row] and order > first[row]]
-    columns = [parts[first[row], row] for row in range(r)] + [parts[order, row] for order, row in more]
+    rows, orders = np.nonzero((there & (np.arange(len(parts))[:, None] > first)).T)  # those of higher orders
+    columns = np.concatenate([parts[first, np.arange(r)], parts[orders, rows]])
     factors = np.zeros((len(parts), r, len(columns)))
     factors[first, np.arange(r), np.arange(r)] = 1.0
-    for place, (order, row) in enumerate(more, r):
-        factors[order, row, place] = 1.0
-    return np.array(columns).T.reshape(parts.shape[2], len(columns)), Rates(factors)
+    factors[orders, rows, np.arange(r, len(columns))] = 1.0
+    return columns.T, Rates(factors)
 
 
 def check_names(names, there: np.ndarray, what: str):
@@ -156,10 +155,10 @@ def check_names(names, there: np.ndarray, what: str):
     """
     for name, row in zip(names, there.T, strict=True):
         quantity, place = named_quantity(name)
-        found = [word for word, is_there in zip(QUANTITIES, row, strict=True) if is_there]
-        if found and found != [quantity] and target_of(place) is not None:
-            better = f"'{quantity_name(found[0], place)}', or by " if len(found) == 1 else "by "
+        quantities = [word for word, is_there in zip(QUANTITIES, row, strict=True) if is_there]
+        if quantities and quantities != [quantity] and target_of(place) is not None:
+            better = f"'{quantity_name(quantities[0], place)}', or by " if len(quantities) == 1 else "by "
             raise InputError(
-                f"{what}: found '{name}', the name of a {quantity}, for a row of {' and '.join(found)}; name it "
+                f"{what}: found '{name}', the name of a {quantity}, for a row of {' and '.join(quantities)}; name it "
                 f"{better}a word of your own"
             )

@@ -76,11 +76,11 @@ def stress_columns(model, outputs) -> np.ndarray:
 
 def _parts(solids, place, component):
     """Return rows, values and number of elements of this rank of the stress at a node (its `place`, if it is here)."""
-    found, count = [(np.zeros(0, np.int64), np.zeros(0))], 0
+    entries, count = [(np.zeros(0, np.int64), np.zeros(0))], 0
     for group in solids.groups if len(place) else ():
         nodes = group.nodes[(group.nodes == place).any(axis=1)]
         matrices = nodal_stress_matrices(group.kind, group.rule, solids.position[nodes], group.elastic)
-        found.append((solids.rows[nodes].ravel(), matrices[nodes == place][:, component].ravel()))
+        entries.append((solids.rows[nodes].ravel(), matrices[nodes == place][:, component].ravel()))
         count += len(nodes)
-    rows, values = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    rows, values = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
     return rows, values, count

@@ -26,28 +26,28 @@ def output_columns(model, targets) -> tuple[dict[str, np.ndarray | None], list[s
     for target in _declared("outputs", targets, MotionOutput | StressOutput | CutOutput):
         quantity = target.quantity if isinstance(target, MotionOutput) else QUANTITIES[0]
         if isinstance(target, StressOutput):
-            found, called = [np.zeros(model.local_rows)], [target.name]  # all of them together, below
+            of_target, called = [np.zeros(model.local_rows)], [target.name]  # all of them together, below
         elif isinstance(target, CutOutput):
             if model.added:
                 raise cuts_refused(model, model.added)
-            found, called = list(cut_columns(model, target).T), target.names
+            of_target, called = list(cut_columns(model, target).T), target.names
         else:
             singles = _single_targets(model, target.target if isinstance(target, MotionOutput) else target)
-            found = [_column(model, target) for target in singles]
+            of_target = [_column(model, target) for target in singles]
             called = [quantity_name(quantity, target_name(target)) for target in singles]
-        columns, names, quantities = columns + found, names + called, quantities + [quantity] * len(found)
+        columns, names, quantities = columns + of_target, names + called, quantities + [quantity] * len(of_target)
     local = np.column_stack(columns)
     stresses = {j: stress for j, name in enumerate(names) if (stress := stress_output_of(name))}
     if stresses:
-        if any(item.deflects for item in model.loads):
+        if any(load.deflects for load in model.loads):
             raise InputError(f"outputs: stresses of {model.name} would lack those of its static deflection, since one "
                              "of several supports moves; leave them out")  # fmt: skip
         local[:, list(stresses)] = stress_columns(model, list(stresses.values()))
-    parts = {}
+    by_order = {}
     for key, quantity in zip(("C", "Cv", "Ca"), QUANTITIES, strict=True):
-        chosen = np.array([own == quantity for own in quantities])
-        parts[key] = local * chosen if chosen.any() else None
-    return parts, names
+        chosen = np.array([of_column == quantity for of_column in quantities])
+        by_order[key] = local * chosen if chosen.any() else None
+    return by_order, names
 
 
 def _declared(key, targets, more=int):

@@ -107,13 +107,13 @@ def checked_values(parameters: tuple[Parameter, ...], values: Mapping[str, float
 
 def factors_of(terms, values: Mapping[str, float]) -> list[float]:
     """Return the factors of terms at values of all parameters. Raises InputError."""
-    found = []
+    factors = []
     for term in terms:
         try:
-            found.append(term.expression.at(values))
+            factors.append(term.expression.at(values))
         except InputError as error:
             raise InputError(f"term of {term.of}: {error}") from None
-    return found
+    return factors
 
 
 def check_terms(parameters: tuple[Parameter, ...], terms):
@@ -130,13 +130,13 @@ def check_terms(parameters: tuple[Parameter, ...], terms):
                              f"expected the parameters {', '.join(names)}")  # fmt: skip
     ranges = {parameter.name: parameter.range for parameter in parameters}
     for term in terms:
-        values, found = without_value(term.expression, ranges), f"no number of {ANYTHING[0]:g} to {ANYTHING[1]:g} at"
+        values, fault = without_value(term.expression, ranges), f"no number of {ANYTHING[0]:g} to {ANYTHING[1]:g} at"
         if values is None:
-            values, found = possible_pole(term.expression, ranges), "a pole, or what cannot be told from one, near"
+            values, fault = possible_pole(term.expression, ranges), "a pole, or what cannot be told from one, near"
         if values is not None:
             where = ", ".join(f"{name} = {value:g}" for name, value in values.items()) or "any values"
             raise InputError(
-                f"term of {term.of}: factor '{term.factor}': found {found} {where}, expected a number in all of the "
+                f"term of {term.of}: factor '{term.factor}': found {fault} {where}, expected a number in all of the "
                 f"ranges ({in_words(parameters)}); change the range or the factor"
             )
     for name in names:

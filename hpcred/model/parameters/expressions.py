@@ -102,8 +102,8 @@ class Expression:
         except (ArithmeticError, ValueError):
             value = math.nan
         if not math.isfinite(value):
-            found = ", ".join(f"{name} = {values[name]:g}" for name in sorted(self.names)) or "any values"
-            raise InputError(f"expression '{self.text}': found no finite number at {found}")
+            where = ", ".join(f"{name} = {values[name]:g}" for name in sorted(self.names)) or "any values"
+            raise InputError(f"expression '{self.text}': found no finite number at {where}")
         return value
 
     def _names_in(self, node):

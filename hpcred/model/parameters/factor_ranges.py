@@ -54,9 +54,9 @@ def possible_pole(expression: Expression, ranges: Mapping[str, tuple[float, floa
             pending.append((boxes[:, :, BATCH:], depth[BATCH:]))
             boxes, depth = boxes[:, :, :BATCH], depth[:BATCH]
         bounded += len(depth)
-        found = bounds(dict(zip(names, boxes.transpose(1, 0, 2), strict=True)))
-        largest = np.maximum(np.abs(found.low), np.abs(found.high))
-        left = np.flatnonzero(~(found.sure & (largest <= (1 + SLACK) * ANYTHING[1])))
+        range_ = bounds(dict(zip(names, boxes.transpose(1, 0, 2), strict=True)))
+        largest = np.maximum(np.abs(range_.low), np.abs(range_.high))
+        left = np.flatnonzero(~(range_.sure & (largest <= (1 + SLACK) * ANYTHING[1])))
         if not len(left):
             continue
         boxes, depth = boxes[:, :, left], depth[left]
@@ -81,10 +81,10 @@ def _places(ranges) -> list[tuple[float, ...]]:
     if count := ALONG.get(len(ranges)):
         return list(product(*(np.linspace(low, high, count).tolist() for low, high in ranges)))
     middle = tuple((low + high) / 2 for low, high in ranges)
-    found = [middle, *zip(*ranges, strict=True)]
+    places = [middle, *zip(*ranges, strict=True)]
     for k, ends in enumerate(ranges):
-        found += [(*middle[:k], end, *middle[k + 1 :]) for end in ends]
-    return found
+        places += [(*middle[:k], end, *middle[k + 1 :]) for end in ends]
+    return places
 
 
 def _halved(boxes, depth):
@@ -198,9 +198,9 @@ def _whole_power(a, exponent):
         return _quotient(_Interval(one, one, a.sure), _whole_power(a, -exponent))
     ends = np.sort([a.low**exponent, a.high**exponent], axis=0)
     across = (a.low < 0) & (a.high > 0) & (exponent % 2 == 0) & (exponent > 0)
-    found = _outward(*ends, a, ulps=ULPS)
+    power = _outward(*ends, a, ulps=ULPS)
     even = exponent % 2 == 0  # which is never negative, whatever round-off
-    return found._replace(low=np.where(across, 0.0, np.maximum(found.low, 0.0) if even else found.low))
+    return power._replace(low=np.where(across, 0.0, np.maximum(power.low, 0.0) if even else power.low))
 
 
 def _not_negative(a):
@@ -210,8 +210,8 @@ def _not_negative(a):
 
 def _root(a):
     a = _not_negative(a)
-    found = _outward(np.sqrt(a.low), np.sqrt(a.high), a)
-    return found._replace(low=np.maximum(found.low, 0.0))
+    root = _outward(np.sqrt(a.low), np.sqrt(a.high), a)
+    return root._replace(low=np.maximum(root.low, 0.0))
 
 
 def _exponential(a):
@@ -232,18 +232,18 @@ def _has_multiple(a, offset, period):
 
 def _sine(a):
     ends = np.sort([np.sin(a.low), np.sin(a.high)], axis=0)
-    found = _outward(*ends, a, ulps=ULPS)
-    low = np.where(_has_multiple(a, -math.pi / 2, 2 * math.pi), -1.0, np.maximum(found.low, -1.0))
-    high = np.where(_has_multiple(a, math.pi / 2, 2 * math.pi), 1.0, np.minimum(found.high, 1.0))
-    return _Interval(low, high, found.sure)
+    sine = _outward(*ends, a, ulps=ULPS)
+    low = np.where(_has_multiple(a, -math.pi / 2, 2 * math.pi), -1.0, np.maximum(sine.low, -1.0))
+    high = np.where(_has_multiple(a, math.pi / 2, 2 * math.pi), 1.0, np.minimum(sine.high, 1.0))
+    return _Interval(low, high, sine.sure)
 
 
 def _cosine(a):
     ends = np.sort([np.cos(a.low), np.cos(a.high)], axis=0)
-    found = _outward(*ends, a, ulps=ULPS)
-    low = np.where(_has_multiple(a, math.pi, 2 * math.pi), -1.0, np.maximum(found.low, -1.0))
-    high = np.where(_has_multiple(a, 0.0, 2 * math.pi), 1.0, np.minimum(found.high, 1.0))
-    return _Interval(low, high, found.sure)
+    cosine = _outward(*ends, a, ulps=ULPS)
+    low = np.where(_has_multiple(a, math.pi, 2 * math.pi), -1.0, np.maximum(cosine.low, -1.0))
+    high = np.where(_has_multiple(a, 0.0, 2 * math.pi), 1.0, np.minimum(cosine.high, 1.0))
+    return _Interval(low, high, cosine.sure)
 
 
 def _tangent(a):

@@ -20,18 +20,18 @@ def term_matrix(model, term) -> PETSc.Mat:
     columns = term.of in ("B", "C")
     like = getattr(model, FIELD[term.of]) if columns else model.K
     if like is None:
-        found = "no inputs" if term.of == "B" else "the inputs as outputs, C = B^T"
-        raise InputError(f"{where}: {model.name} has {found}; give it {'inputs' if term.of == 'B' else 'outputs'} "
+        lacking = "no inputs" if term.of == "B" else "the inputs as outputs, C = B^T"
+        raise InputError(f"{where}: {model.name} has {lacking}; give it {'inputs' if term.of == 'B' else 'outputs'} "
                          "before its terms")  # fmt: skip
     shape = like.getSize()
     if isinstance(term.matrix, PETSc.Mat):
         return _of_petsc(model.K, term.matrix, shape, where, columns)
     first, last = model.K.getOwnershipRange()
     if columns:
-        given = term.matrix if hasattr(term.matrix, "tocsr") else np.asarray(term.matrix)
-        given = given.T if term.of == "C" and given.ndim == 2 else given
-        _check_shape(where, given.shape, shape)
-        return dense_matrix(model.K, real_columns(given, model.size, where)[first:last])
+        matrix = term.matrix if hasattr(term.matrix, "tocsr") else np.asarray(term.matrix)
+        matrix = matrix.T if term.of == "C" and matrix.ndim == 2 else matrix
+        _check_shape(where, matrix.shape, shape)
+        return dense_matrix(model.K, real_columns(matrix, model.size, where)[first:last])
     i, j, v, size = coordinates(where, term.matrix)
     _check_shape(where, (size, size), shape)
     _check_finite(where, v)

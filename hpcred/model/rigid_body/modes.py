@@ -85,16 +85,16 @@ def rigid_body_quantities(model) -> RigidBody:
     centre = np.zeros(3)
     for _ in range(2):
         motions = rigid_motions(model, centre)
-        found = rigid_body_of(inner(motions, times(model.M, motions)))
-        if found.masses.min() < 0 or found.mass == 0:
-            listed = ", ".join(f"{mass:g}" for mass in found.masses)
+        body = rigid_body_of(inner(motions, times(model.M, motions)))
+        if body.masses.min() < 0 or body.mass == 0:
+            listed = ", ".join(f"{mass:g}" for mass in body.masses)
             raise InputError(
                 exchange_of_matrices(model)
                 or f"{model.name}: the translational masses in x, y, z are {listed} kg, expected none negative and not "
                 "all zero; check the mass matrix and the order of its rows"
             )
-        centre = centre + np.nan_to_num(found.centre)
-    return RigidBody(found.masses, np.where(np.isnan(found.centre), np.nan, centre), found.inertia)
+        centre = centre + np.nan_to_num(body.centre)
+    return RigidBody(body.masses, np.where(np.isnan(body.centre), np.nan, centre), body.inertia)
 
 
 class RigidBodyModes:
@@ -168,8 +168,8 @@ def acts_on_free_motions(model, mat) -> bool:
         return False
     both = model.K.copy()
     both.axpy((norm or 1.0) / size, mat, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-    with model.with_fields(K=both) as other:
-        return support_of(other).movable.shape[1] < support_of(model).movable.shape[1]
+    with model.with_fields(K=both) as supported:
+        return support_of(supported).movable.shape[1] < support_of(model).movable.shape[1]
 
 
 def pushed_motions(model, loads) -> np.ndarray:
@@ -230,17 +230,17 @@ def warnings_of_nodes(model) -> list[str]:
     difference of masses that is none of the nodes.
     """
     misfit, masses = misfit_of_nodes(model), rigid_body_quantities(model).masses
-    found = [misfit] if misfit else []
+    warnings = [misfit] if misfit else []
     there = masses[masses > 0]
     held = model.comm.allreduce(0 if model.held is None else len(model.held.node))
     if there.size and not held and np.ptp(there) > SAME_MASS * there.max():
         names = _enumerated([name for name, mass in zip("xyz", masses, strict=True) if mass > 0])
-        found.append(
+        warnings.append(
             f"{model.name}: the masses in {names} are {_enumerated([f'{mass:.6g}' for mass in there])} kg, expected "
             "the same: nodes or directions are not those of the rows, supports hold some directions only, or the mass "
             "matrix is not one of a body"
         )
-    return found
+    return warnings
 
 
 def exchange_of_matrices(model) -> str | None:
@@ -298,17 +298,18 @@ def misfit_of_nodes(model) -> str | None:
     moving = np.isfinite(support.residuals)
     if support.movable.shape[1] == moving.sum() or not support.resisting:
         return None
-    found = (f"||K R|| / (||K|| ||R||) = {np.nanmax(support.residuals):.1e} for rigid-body motions R of the nodes")
+    residual = f"||K R|| / (||K|| ||R||) = {np.nanmax(support.residuals):.1e}"
+    fault = f"{model.name}: {residual} for rigid-body motions R of the nodes"
     if named := nodes_that_differ(model, support):
-        return f"{model.name}: {found}: {named}"
+        return f"{fault}: {named}"
     if not support.resists_translations:
         return (
-            f"{model.name}: {found}, though K resists no translation: the nodes are not those of the rows; check the "
+            f"{fault}, though K resists no translation: the nodes are not those of the rows; check the "
             "order of nodes against that of rows, and that all coordinates are in one unit and one system of axes"
         )
     if support.resisting > MOST_ROWS and model.node_count >= FEWEST_NODES:
         return (
-            f"{model.name}: {found}, in {100 * support.resisting:.0f} % of the rows: the body is held almost "
+            f"{fault}, in {100 * support.resisting:.0f} % of the rows: the body is held almost "
             "everywhere, or the nodes or directions are not those of the rows, or K is that of a preloaded or spinning "
             "body" + ("" if model.is_symmetric("K") else ", or unsymmetric forces act nearly everywhere")
         )
@@ -348,19 +349,19 @@ def nodes_that_differ(model, support) -> str | None:
         return None
     entries = [model.K.getRow(int(model.first_row + row)) for row in mine]
     resisted = np.any(comm.allgather(met.any(axis=0)), axis=0)
-    given = comm.gather((
+    by_rank = comm.gather((
         model.first_row + mine, dofs.node[mine], rows[np.ix_(mine, resisted)],
         [(columns, values.real) for columns, values in entries],
     ))  # fmt: skip
     # translations do not depend on coordinates
-    return decided(comm, _named, given, model.node_count, bool(resisted[:3].any()))
+    return decided(comm, _named, by_rank, model.node_count, bool(resisted[:3].any()))
 
 
-def _named(given, count, turned):
+def _named(by_rank, count, turned):
     """Return the sentence from what the ranks have of the rows: their numbers, nodes, forces, and entries of K; of
     `count` nodes; `turned`: whether axes differ, or else places; local."""
-    row, node, forces = (np.concatenate([of_rank[k] for of_rank in given]) for k in range(3))
-    entries = [entry for of_rank in given for entry in of_rank[3]]
+    row, node, forces = (np.concatenate([of_rank[k] for of_rank in by_rank]) for k in range(3))
+    entries = [entry for of_rank in by_rank for entry in of_rank[3]]
     # K E by the symmetry of K, on all rows that it reaches
     reached = np.unique(np.concatenate([row, *[columns for columns, _ in entries]]))
     K = np.zeros((len(reached), len(row)))
@@ -405,12 +406,12 @@ def _on_few(change, null, places):
     """Return the solution change + null c that is zero at most places, by reweighted least squares."""
     if not null.shape[1]:
         return change
-    found = change
+    corrected = change
     for _ in range(ROUNDS):
-        sizes = np.array([np.linalg.norm(found[place]) for place in places])
+        sizes = np.array([np.linalg.norm(corrected[place]) for place in places])
         weights = np.zeros(len(change))
         for place, size in zip(places, sizes, strict=True):
             weights[place] = 1 / np.sqrt(size + 1e-8 * sizes.max())
         c = np.linalg.lstsq(weights[:, None] * null, -weights[:, None] * change, rcond=None)[0]
-        found = change + null @ c
-    return found
+        corrected = change + null @ c
+    return corrected

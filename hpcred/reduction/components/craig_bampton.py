@@ -98,15 +98,15 @@ class FixedInterfaceModes(Component):
             run.note(where, 0, 0, frequencies_hz=(), from_store=served)
             return
         with run.progress.stage("orthogonalise"):
-            found = basis.extend(block)
-        run.note(where, len(values), found, frequencies_hz=frequencies, from_store=served)
+            extension = basis.extend(block)
+        run.note(where, len(values), extension, frequencies_hz=frequencies, from_store=served)
 
     def _modes(self, run, solver, free):
         if self.count:
             return *lowest_modes_by(run, self.count, free, solver.solve), KRYLOV
         low, high = ((2 * np.pi * f) ** 2 for f in self.band)
-        found = all_between(run, low, high, free, lambda count: lowest_modes_by(run, count, free, solver.solve))
-        return *found, KRYLOV
+        modes = all_between(run, low, high, free, lambda count: lowest_modes_by(run, count, free, solver.solve))
+        return *modes, KRYLOV
 
 
 @dataclass(frozen=True)
@@ -217,10 +217,10 @@ class InterfaceSolver:
         if rigid is not None and load is not None:
             pushed = -inner(rigid.R, load)
         forces, scale = np.concatenate([motion, pushed]), self._scale[:, None]
-        found = decided(self._run.model.comm, lambda: scale * np.linalg.solve(self._system, scale * forces))
-        add_product(block, self.flexible, found[: self.size], beta=beta)
+        shares = decided(self._run.model.comm, lambda: scale * np.linalg.solve(self._system, scale * forces))
+        add_product(block, self.flexible, shares[: self.size], beta=beta)
         if rigid is not None:
-            add_product(block, rigid.R, found[self.size :])
+            add_product(block, rigid.R, shares[self.size :])
 
 
 def _interface_system(flexibility, rigid, interfaces):
@@ -228,8 +228,8 @@ def _interface_system(flexibility, rigid, interfaces):
     refused where a direction of the interfaces depends on others."""
     count = rigid.shape[1]
     scale = 1 / np.sqrt(np.maximum(np.diag(flexibility), 1e-300))
-    other = 1 / np.maximum(np.linalg.norm(scale[:, None] * rigid, axis=0), 1e-300)
-    scale = np.concatenate([scale, other])
+    of_rigid = 1 / np.maximum(np.linalg.norm(scale[:, None] * rigid, axis=0), 1e-300)
+    scale = np.concatenate([scale, of_rigid])
     matrix = np.block([[flexibility, rigid], [rigid.T, np.zeros((count, count))]]) * np.outer(scale, scale)
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
     weakest = np.abs(values).argmin()
@@ -260,5 +260,5 @@ def interface_forces(model):
 
 def _add_constraint_modes(basis: Basis, run: Run, solver: InterfaceSolver):
     with run.progress.stage("orthogonalise"):
-        found = basis.extend(solver.constraint_modes())
-    run.note("constraint modes", solver.size, found, from_store=solver.from_store)
+        extension = basis.extend(solver.constraint_modes())
+    run.note("constraint modes", solver.size, extension, from_store=solver.from_store)

@@ -103,13 +103,13 @@ def number_of_groups(wanted, run, points: int) -> int:
         return 1
     need, have = estimate
     if gpus is not None:
-        found = max(1, min(most, gpus))
-        run.progress.say(f"{found} groups of ranks, one on each of {gpus} GPUs: a factor needs about {need:.0f} MB, a "
+        groups = max(1, min(most, gpus))
+        run.progress.say(f"{groups} groups of ranks, one on each of {gpus} GPUs: a factor needs about {need:.0f} MB, a "
                          f"GPU has {have:.0f} MB")  # fmt: skip
-        return found
-    found = max(1, min(most, int(have / (1.2 * max(need, 1)))))
-    run.progress.say(f"{found} groups of ranks: a factor needs about {need:.0f} MB, there are {have:.0f} MB")
-    return found
+        return groups
+    groups = max(1, min(most, int(have / (1.2 * max(need, 1)))))
+    run.progress.say(f"{groups} groups of ranks: a factor needs about {need:.0f} MB, there are {have:.0f} MB")
+    return groups
 
 
 @dataclass
@@ -144,23 +144,23 @@ def _blocks_by(group, basis, runs, groups) -> dict:
     points = [i for i, component in enumerate(basis) if isinstance(component, PointComponent)]
     arrived = {}
     with Owned(comm) as owned:
-        own = [owned.owns(runs[0].on_group(group.framed))]
+        own_runs = [owned.owns(runs[0].on_group(group.framed))]
         if len(runs) > 1:
-            own.append(owned.owns(own[0].dual()))
+            own_runs.append(owned.owns(own_runs[0].dual()))
         for first in range(0, len(points), groups):
-            made = {}
+            computed = {}
             with agreed(comm), Owned(group.comm):
                 if first + group.number < len(points):
                     place = points[first + group.number]
-                    for c, run in enumerate(own):
-                        made[place, c] = basis[place].blocks(run)
+                    for c, run in enumerate(own_runs):
+                        computed[place, c] = basis[place].blocks(run)
             for i in points[first : first + groups]:
                 for c in range(len(runs)):
                     with progress.stage("merge"):
-                        arrived[i, c] = bring(model, group, made.pop((i, c), None))
+                        arrived[i, c] = bring(model, group, computed.pop((i, c), None))
         for c, run in enumerate(runs):
             if c == 0 or run.notes is not runs[0].notes:
-                run.take_over(own[c], group.leads, components=c == 0)
+                run.take_over(own_runs[c], group.leads, components=c == 0)
     return arrived
 
 

@@ -106,14 +106,14 @@ class KrylovSequence:
 
     def blocks(self, count: int, name: str) -> PointBlocks:
         """Return the first `count` blocks, fewer where the loads are exhausted, for a basis. Raises SingularMatrix."""
-        parts = []
+        blocks = []
         while self._place < count and not (self.complete and self._place == len(self.ends)):
             self.run.progress.step("blocks", self._place, count)
             start, stop = self.advance()
             j = self._place - 1
-            parts.append(Part(f"{name}, block {j}", self.offered[j], start, stop, j < self.stored))
+            blocks.append(Part(f"{name}, block {j}", self.offered[j], start, stop, j < self.stored))
         self.keep()
-        return PointBlocks(self.vectors, parts)
+        return PointBlocks(self.vectors, blocks)
 
     def keep(self):
         """Have the store keep the sequence, if it has grown."""

@@ -87,7 +87,7 @@ class Modes(Component):
         rigid = run.framed.rigid_size
         self.check(run.model.size, rigid)
         require_real_modes(run.model)
-        more = {}
+        facts = {}
         with run.progress.stage("modes", self._name()):
             if self.band is not None:
                 claim = KRYLOV if self._slicing(run) is None else EXACT
@@ -100,7 +100,7 @@ class Modes(Component):
                     values, block = values[chosen], choose(run, block, chosen)
             if self.dominant is not None and block is not None:
                 values, block, dominance = _dominant(run, values, block, self.dominant)
-                more["dominance"] = tuple(dominance.tolist())
+                facts["dominance"] = tuple(dominance.tolist())
             residual = float(residuals(run, values, block).max(initial=0.0))
         frequencies = tuple((np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)).tolist())
         new = Extension()
@@ -108,7 +108,7 @@ class Modes(Component):
             with run.progress.stage("orthogonalise"):
                 new = basis.extend(block)
         run.note(self._name(), len(values), new, frequencies_hz=frequencies, residual=residual,
-                 from_store=served, **more)  # fmt: skip
+                 from_store=served, **facts)  # fmt: skip
 
     def _name(self):
         if self.band is not None:
@@ -272,12 +272,12 @@ def _lowest_at_once(run, count, most, solve, shift):
 
     wanted = count
     while wanted:
-        found = lowest_modes(
-            run.model.K, run.model.M, wanted, most - vectors.size, invert,
-            monitor=lambda more, known=vectors.size: run.progress.step("modes", min(known + more, count), count),
-        )[1]  # fmt: skip
         known, before = vectors.size, values[:count]
-        values = values if found is None else _with_modes(run, vectors, found, solve)
+        _, block = lowest_modes(
+            run.model.K, run.model.M, wanted, most - known, invert,
+            monitor=lambda more, known=known: run.progress.step("modes", min(known + more, count), count),
+        )  # fmt: skip
+        values = values if block is None else _with_modes(run, vectors, block, solve)
         if vectors.size == known < count:
             raise ComputationError(f"only {known} of the {count} modes found are independent")
         if known >= count and not (values[:count] < before - SAME * (np.abs(before) + shift)).any():

@@ -36,5 +36,5 @@ def join(parts, columns_between, basis, run, mass_images_between=lambda start, s
     for part in parts:
         with run.progress.stage("orthogonalise"):
             place = part.start, part.stop
-            found = basis.extend(columns_between(*place), mass_images_between(*place))
-        run.note(part.label, part.columns, found, minor=True, from_store=part.from_store)
+            extension = basis.extend(columns_between(*place), mass_images_between(*place))
+        run.note(part.label, part.columns, extension, minor=True, from_store=part.from_store)

@@ -27,5 +27,5 @@ def laplace(kind, frequency, decay, s=None) -> complex:
 
 def point_name(s: complex) -> str:
     """ "150 Hz", "150 Hz + 20 1/s", "20 1/s"."""
-    parts = [f"{s.imag / 2 / np.pi:g} Hz"] if s.imag or not s.real else []
-    return " + ".join(parts + ([f"{s.real:g} 1/s"] if s.real else []))
+    words = [f"{s.imag / 2 / np.pi:g} Hz"] if s.imag or not s.real else []
+    return " + ".join(words + ([f"{s.real:g} 1/s"] if s.real else []))

@@ -19,16 +19,16 @@ def factor_of_mass(M: np.ndarray, values: dict[str, float], sizes: np.ndarray | 
     """Return L (m, m) of M = L L^T at values of the parameters; local. Raises InputError where M is not positive
     definite. `sizes` (m,): the diagonal of M at the reference values, whose coordinates may have several units."""
     try:
-        found = np.linalg.cholesky((M + M.T) / 2)
+        factor = np.linalg.cholesky((M + M.T) / 2)
     except np.linalg.LinAlgError:
-        found = np.zeros_like(M)
-    pivots = np.diag(found) ** 2 / sizes
+        factor = np.zeros_like(M)
+    pivots = np.diag(factor) ** 2 / sizes
     if not pivots.min(initial=np.inf) > NO_MASS * pivots.max(initial=0.0):
         raise InputError(
             f"at {in_words(values)}: the reduced mass matrix is not positive definite: terms of M leave some motions "
             "without mass; look at their factors, or take ranges without these values"
         )
-    return found
+    return factor
 
 
 def check_static(projections, points, band):

@@ -35,7 +35,7 @@ def beside_zeros(projections, points, band) -> list[tuple[float, ...]]:
     form = projections.form
     comm, parameters = form.parametric.comm, form.parametric.parameters
     places = np.array([place_of(parameters, point) for point in points])
-    found = []
+    by_pass = []
     for responses, beside in ((_static, _beside), (_over_band, _around)):
         if responses is _static and band[0]:
             continue
@@ -43,8 +43,8 @@ def beside_zeros(projections, points, band) -> list[tuple[float, ...]]:
         ways = []
         for k in range(len(known[0])):
             ways += [(points[a], points[b], k) for a, b in _opposite(places, np.array([each[k] for each in known]))]
-        found += shared_out(comm, lambda way, beside=beside: beside(projections, band, *way), ways) if ways else []
-    return list(dict.fromkeys(point for some in found for point in some))
+        by_pass += shared_out(comm, lambda way, beside=beside: beside(projections, band, *way), ways) if ways else []
+    return list(dict.fromkeys(point for some in by_pass for point in some))
 
 
 def _static(projections, band, point) -> list[np.ndarray]:

@@ -27,16 +27,16 @@ def with_base_motion(reduced, quantity: str):
     if hasattr(reduced, "parameters"):
         raise InputError("quantity: found a model with parameters, whose matrices these inputs change; choose their "
                          "values first")  # fmt: skip
-    if any(item.integrated for item in reduced.record.loads):
+    if any(load.integrated for load in reduced.record.loads):
         raise InputError("quantity: the inputs are no accelerations of bases any more; take the model from before")
     order = len(QUANTITIES) - 1 - QUANTITIES.index(quantity)
     if not order:
         return reduced
     # rows (3, r, m) of outputs to motions, and to forces; what would need derivatives of the motion is left out
-    parts, absolute = reduced.output_parts, np.array([name.startswith(ABSOLUTE) for name in reduced.output_names])
-    of_motion = np.where(absolute[:, None], parts, np.roll(parts, order, axis=0))
-    of_force = np.where(absolute[:, None], np.roll(parts, -order, axis=0), parts)
-    kept = absolute | ~parts[-order:].any(axis=(0, 2))
+    by_order, absolute = reduced.output_parts, np.array([name.startswith(ABSOLUTE) for name in reduced.output_names])
+    of_motion = np.where(absolute[:, None], by_order, np.roll(by_order, order, axis=0))
+    of_force = np.where(absolute[:, None], np.roll(by_order, -order, axis=0), by_order)
+    kept = absolute | ~by_order[-order:].any(axis=(0, 2))
     if not kept.any():
         raise InputError(f"quantity: all outputs ({', '.join(reduced.output_names)}) would need derivatives of the "
                          f"{quantity} of the base; reduce with displacements as outputs")  # fmt: skip
@@ -46,7 +46,7 @@ def with_base_motion(reduced, quantity: str):
             for name, there in zip(reduced.output_names, kept, strict=True) if there),
         "feedthrough": None if reduced.feedthrough is None else reduced.feedthrough[kept],
         "record": replace(reduced.record, loads=tuple(
-            replace(item, integrated=order) if item.is_motion else item for item in reduced.record.loads)),
+            replace(load, integrated=order) if load.is_motion else load for load in reduced.record.loads)),
         "columns": None, "left_columns": None, "model": None,
     }  # fmt: skip
     B, forces = reduced.B, np.array([name not in moves for name in reduced.input_names])
@@ -58,6 +58,6 @@ def with_base_motion(reduced, quantity: str):
         known["interfaces"] = ()
     outputs = {key: part if key == "C" or part.any() else None
                for key, part in zip(("C", "Cv", "Ca"), rows, strict=True)}  # fmt: skip
-    made = replace(reduced, operator=operator, B=B, frequencies=frequencies, **outputs, **known)
-    last = np.argsort(~made.M.any(axis=0), kind="stable")  # coordinates without mass, which stand behind the others
-    return made.in_coordinates(np.eye(made.size)[:, last], frequencies=frequencies[last])
+    driven = replace(reduced, operator=operator, B=B, frequencies=frequencies, **outputs, **known)
+    last = np.argsort(~driven.M.any(axis=0), kind="stable")  # coordinates without mass, which stand behind the others
+    return driven.in_coordinates(np.eye(driven.size)[:, last], frequencies=frequencies[last])

@@ -112,9 +112,9 @@ def with_mass(reduced, where="a state space") -> WithMass:
 def first_order(reduced) -> dict:
     """Return A, B, C, D of x' = A x + B u, y = C x + D u, and E, EA, EB of E x' = EA x + EB u, of a model with
     coordinates without mass; x is that of with_mass() and its rate, without the integrals. Raises InputError."""
-    made = with_mass(reduced)
-    model, m = made.reduced, made.reduced.size
-    kept = np.delete(np.arange(2 * m), np.arange(m - made.integrals, m))
+    regular = with_mass(reduced)
+    model, m = regular.reduced, regular.reduced.size
+    kept = np.delete(np.arange(2 * m), np.arange(m - regular.integrals, m))
     zero, one = np.zeros((m, m)), np.eye(m)
     E = np.block([[one, zero], [zero, model.M]])
     EA, EB = np.block([[zero, one], [-model.K, -model.D]]), np.vstack([np.zeros_like(model.B), model.B])
@@ -122,7 +122,7 @@ def first_order(reduced) -> dict:
     C, Cv, Ca = model.output_parts
     C = np.hstack([C, Cv]) + Ca @ A[m:]
     square = np.ix_(kept, kept)
-    return {"A": A[square], "B": B[kept], "C": C[:, kept], "D": made.feedthrough + Ca @ B[m:], "E": E[square],
+    return {"A": A[square], "B": B[kept], "C": C[:, kept], "D": regular.feedthrough + Ca @ B[m:], "E": E[square],
             "EA": EA[square], "EB": EB[kept]}  # fmt: skip
 
 

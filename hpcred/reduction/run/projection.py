@@ -54,15 +54,15 @@ def project_stiffness(K, columns, cancels=CANCELS) -> np.ndarray:
     x^T K x of a nearly free body. Columns with less than `cancels` of the terms are multiplied in parts whose products
     have no round-off.
     """
-    found = project(K, columns)
-    soft = np.flatnonzero(np.abs(np.diag(found)) < cancels * terms_of_products(K, columns))
+    projected = project(K, columns)
+    soft = np.flatnonzero(np.abs(np.diag(projected)) < cancels * terms_of_products(K, columns))
     if len(soft):
         chosen = create_block(K, len(soft))
         with local_rows(columns) as rows, local_rows(chosen) as target:
             target[...] = rows[:, soft]
         right = inner(columns, split_product(K, chosen))
-        found[:, soft], found[soft] = right, right.T
-    return found
+        projected[:, soft], projected[soft] = right, right.T
+    return projected
 
 
 def project_columns(columns, mat) -> np.ndarray:
