@@ -103,8 +103,8 @@ def _matrices_of(model, over, fixed) -> Callable:
     there are added terms."""
 
     def matrices(value):
-        given = fixed | {over: float(value)}
-        reduced = model if hasattr(model, "matrices") else model.at(**given)
+        point = fixed | {over: float(value)}
+        reduced = model if hasattr(model, "matrices") else model.at(**point)
         if reduced.loss_factor:
             raise InputError(
                 f"damping: structural damping (loss factor {reduced.loss_factor:g}) has no poles; reduce with damping "
@@ -114,8 +114,8 @@ def _matrices_of(model, over, fixed) -> Callable:
         elements = [maxwell_states(added, "a Campbell diagram")] if added else []
         if reduced is not model:
             return reduced.M, reduced.D, reduced.K, *elements
-        found = model.matrices(given)  # at() has coordinates of its own at each value
-        return found["M"], found["D"], found["K"], *elements
+        at_value = model.matrices(point)  # at() has coordinates of its own at each value
+        return at_value["M"], at_value["D"], at_value["K"], *elements
 
     return matrices
 

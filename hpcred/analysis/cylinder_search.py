@@ -280,13 +280,13 @@ def _neighbours(corners, normals, shell):
     pairs = np.sort(np.stack([corners[there], ends[there]], axis=1), axis=1)
     order = np.lexsort(pairs.T)
     same = (pairs[order[1:]] == pairs[order[:-1]]).all(axis=1)
-    one, other = face[order[:-1]][same], face[order[1:]][same]
-    one, other = np.concatenate([one, other]), np.concatenate([other, one])
-    order = np.lexsort((other, one))
-    one, other = one[order], other[order]
-    cosine = (normals[one] * normals[other]).sum(axis=1)
-    cosine = np.where(shell[one] | shell[other], np.abs(cosine), cosine)
-    return np.searchsorted(one, np.arange(len(corners) + 1)), other, cosine
+    first, second = face[order[:-1]][same], face[order[1:]][same]
+    first, second = np.concatenate([first, second]), np.concatenate([second, first])
+    order = np.lexsort((second, first))
+    first, second = first[order], second[order]
+    cosine = (normals[first] * normals[second]).sum(axis=1)
+    cosine = np.where(shell[first] | shell[second], np.abs(cosine), cosine)
+    return np.searchsorted(first, np.arange(len(corners) + 1)), second, cosine
 
 
 def _parts(corners):

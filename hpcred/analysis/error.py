@@ -97,8 +97,8 @@ class Errors:
 def errors_of(
     reduced: ReducedModel, frequencies, full, of_reduced, drive, measure: str | Measure | None = None, anew=False
 ) -> Errors:
-    """Return the errors of responses `found` (F, r, p) of a reduced model, of those of the full one, at frequencies
-    (F,) in Hz, ascending.
+    """Return the errors of responses `of_reduced` (F, r, p) of a reduced model, of those of the `full` one, at
+    frequencies (F,) in Hz, ascending.
 
     `drive` (F, p): drive-point responses of the full model. `measure`: by default that which the model was reduced
     with, else "directions", whose floors are those of `full` where the reduction states none; with `anew` always.

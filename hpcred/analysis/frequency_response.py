@@ -289,8 +289,8 @@ class _Solvers:
 
     def response(self, omega, loads, sensors):
         """Return C A(i omega)^-1 B (r, p)."""
-        return self._undamped(omega, loads, sensors) if omega == 0 or not self.damped else self._damped(
-            omega, loads, sensors)  # fmt: skip
+        solve = self._damped if omega and self.damped else self._undamped
+        return solve(omega, loads, sensors)
 
     def _undamped(self, omega, loads, sensors):
         if self._complex is not None:

@@ -12,6 +12,7 @@ from ..linalg.csr import diagonal_of
 from ..model.units import POUND, POUND_FORCE, SI, UNITS, Units, units_of
 from ..parallel.lookup import sort_over_ranks
 from ..parallel.petsc import MPI
+from ..parallel.sums import joined
 
 SPEEDS = (200.0, 3e4)  # m/s: waves in plastics to ceramics, with an order of magnitude for the estimate
 DENSITIES = (50.0, 3e4)  # kg/m^3: mass over the volume of the surrounding box
@@ -91,7 +92,7 @@ def _outside(numbers) -> list[float]:
     """Return how many times the speed of waves, density, and speed of the first mode are outside of what is usual, and
     Young's modulus of the first two below that of any material so dense."""
     factors = [max(low / value, value / high, 1.0) for value, (low, high) in
-             zip(numbers, (SPEEDS, DENSITIES, FIRST), strict=True) if value]  # fmt: skip
+               zip(numbers, (SPEEDS, DENSITIES, FIRST), strict=True) if value]  # fmt: skip
     speed, density, _ = numbers
     return [*factors, max(STIFF / (density * speed**2), 1.0) if density > HEAVY else 1.0]
 
@@ -115,8 +116,7 @@ def _share_of_elements(model) -> float:
     """Return the part of the mass that is no point mass, by the diagonal of M. Collective."""
     masses = diagonal_of(model.M)
     mine = masses[(model.dofs.direction < 3) & (masses > 0)]
-    medians = [value for value in model.comm.allgather(float(np.median(mine)) if mine.size else None) if value]
-    most = POINT_MASS * float(np.median(medians)) if medians else 0.0
+    most = POINT_MASS * _median_of_ranks(model.comm, mine)
     usual, total = model.comm.allreduce(np.array([np.minimum(mine, most).sum(), mine.sum()]))
     return float(usual / total) if total else 1.0
 
@@ -171,13 +171,17 @@ def wave_speed(model) -> float | None:
         ratio = np.divide(K, M, out=np.zeros(len(K)), where=M > 0)
     direction, medians = model.dofs.direction, []
     for k in range(3):
-        along = ratio[(direction == k) & (ratio > 0)]
-        by_rank = [value for value in model.comm.allgather(float(np.median(along)) if along.size else None) if value]
-        medians.append(float(np.median(by_rank)) if by_rank else 0.0)
+        medians.append(_median_of_ranks(model.comm, ratio[(direction == k) & (ratio > 0)]))
     total, count = model.comm.allreduce(_distances(model), op=MPI.SUM)
     if not count or not max(medians):
         return None
     return float(total / count * np.sqrt(max(medians)) / 3)
+
+
+def _median_of_ranks(comm, values) -> float:
+    """Return the median of the medians of positive values on the ranks; 0 where there are none. Collective."""
+    medians = joined(comm, [float(np.median(values))] if values.size else [])
+    return float(np.median(medians)) if medians else 0.0
 
 
 def _distances(model):

@@ -135,9 +135,9 @@ def natural_modes(
         still = values <= ZERO * framed.model.mean_eigenvalue
         residual = float(residuals(run, values, block)[~still].max(initial=0.0))
         # shapes of all motions, rigid ones first, and the part of the mass that moves in each
-        blocks = [framed.rigid.R] if rigid else []
         shapes = None if block is None else everywhere(model, framed, block)
-        participation, masses = _participation(model, [*blocks, *([] if shapes is None else [shapes])])
+        blocks = [motions for motions in (framed.rigid_columns, shapes) if motions is not None]
+        participation, masses = _participation(model, blocks)
         frequencies = np.sqrt(np.where(still, 0.0, values)) / (2 * np.pi)
         elastic = np.where(still, np.inf, values)
         warnings = warnings_of_rows_alone(model)

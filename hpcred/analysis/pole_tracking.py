@@ -54,6 +54,7 @@ class PoleTracker:
 
     def at(self, value: float) -> Poles:
         """Return the poles of a value, not compared with others."""
+        # A of the states (x, x' / scale), and those of Maxwell elements
         M, D, K, *elements = self.matrices(value)
         size = len(M)
         to_acceleration = np.linalg.solve(M, np.hstack([K, D]))
@@ -65,21 +66,23 @@ class PoleTracker:
         else:
             A = np.block([[np.zeros((size, size)), scale * np.eye(size)],
                           [-to_acceleration[:, :size] / scale, -to_acceleration[:, size:]]])  # fmt: skip
-        poles_, vectors = np.linalg.eig(A)
-        largest = np.abs(poles_).max(initial=0.0)
-        poles_ = np.where(np.abs(poles_.imag) <= REAL * largest, poles_.real, poles_)
+        # poles but for round-off of real and imaginary parts, without relaxations, of each pair the upper one
+        s, vectors = np.linalg.eig(A)
+        largest = np.abs(s).max(initial=0.0)
+        s = np.where(np.abs(s.imag) <= REAL * largest, s.real, s)
         if elements:
-            moving = -poles_.real <= np.maximum(RELAXING * np.abs(poles_), ZERO * largest)
-            poles_, vectors = poles_[moving], vectors[:, moving]
-            largest = np.abs(poles_).max(initial=0.0)
-        poles_ = np.where(np.abs(poles_.real) <= UNDAMPED * largest, 1j * poles_.imag, poles_)
-        upper = np.flatnonzero(poles_.imag >= 0)
-        upper = upper[np.lexsort((poles_[upper].real, poles_[upper].imag))]
-        poles_, shapes = poles_[upper].astype(complex), vectors[:size, upper]
+            moving = -s.real <= np.maximum(RELAXING * np.abs(s), ZERO * largest)
+            s, vectors = s[moving], vectors[:, moving]
+            largest = np.abs(s).max(initial=0.0)
+        s = np.where(np.abs(s.real) <= UNDAMPED * largest, 1j * s.imag, s)
+        upper = np.flatnonzero(s.imag >= 0)
+        upper = upper[np.lexsort((s[upper].real, s[upper].imag))]
+        s, shapes = s[upper].astype(complex), vectors[:size, upper]
+        # states (x, s x) of unit energy
         modal = self._to_modes @ shapes
-        states = np.concatenate([self._roots * modal, poles_ * modal])
+        states = np.concatenate([self._roots * modal, s * modal])
         length = np.linalg.norm(states, axis=0)
-        poles = Poles(value, poles_, shapes / length, states / length, np.ones(len(poles_), dtype=bool), largest)
+        poles = Poles(value, s, shapes / length, states / length, np.ones(len(s), dtype=bool), largest)
         return _orthonormal(poles)
 
     def next(self, before: Poles, value: float) -> tuple[Poles, np.ndarray, bool]:

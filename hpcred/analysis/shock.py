@@ -118,6 +118,7 @@ def shock_spectrum(
             raise InputError(f"times: {count} samples are needed at {frequency:g} Hz, expected at most {MOST}; leave "
                              "out instants that follow each other more closely than others")  # fmt: skip
         step = (t[-1] - t[0]) / count
+        # the ramp-invariant filter of the oscillator
         damped = omega * np.sqrt(1 - ratio**2)
         E = np.exp(-ratio * omega * step)
         C, S = E * np.cos(damped * step), E * np.sinc(damped * step / np.pi)

@@ -115,10 +115,10 @@ def inspect(
         check_definite(model)
     first, rounded = None, ()
     if modes is not None:
-        modes_found = natural_modes(model, min(modes, model.size), factoring=factoring, progress=progress)
-        report["lowest_frequencies_hz"] = modes_found.frequencies.tolist()
-        rounded = modes_found.warnings
-        first = next(iter(modes_found.frequencies[modes_found.rigid :].tolist()), None)
+        lowest = natural_modes(model, min(modes, model.size), factoring=factoring, progress=progress)
+        report["lowest_frequencies_hz"] = lowest.frequencies.tolist()
+        rounded = lowest.warnings
+        first = next(iter(lowest.frequencies[lowest.rigid :].tolist()), None)
     # the body that the nodes make of it
     sentences, rigid_count = [_on_symmetry(model)], None
     exchanged = exchange_of_matrices(model)
@@ -189,6 +189,7 @@ def _of_body(model, support, exchanged, warnings, first):
         "held_dofs": model.comm.allreduce(held),
         "units": likely_units(model, body.mass, high - low),
     }
+    # what looks wrong
     if exchanged:
         warnings = [exchanged, *warnings]  # all others follow from it
     else:

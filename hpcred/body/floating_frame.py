@@ -24,6 +24,7 @@ import numpy as np
 
 from ..fe.dofs import OWN, SCALAR, require_dofs
 from ..linalg.blocks import create_block, inner, local_rows, real_rows, times
+from ..linalg.csr import diagonal_matrix
 from ..model.rigid_body.modes import SAME_MASS, rigid_body_of, rigid_motions
 from ..model.rotation import skew
 from ..parallel.exchange import exchange
@@ -317,8 +318,4 @@ def _lumped(model):
     values, moved = np.zeros(model.local_rows), model.dofs.direction < 3
     with local_rows(times(model.M, rigid_motions(model))) as rows:
         values[moved] = rows.real[moved, model.dofs.direction[moved]]
-    indptr = np.arange(model.local_rows + 1, dtype=PETSc.IntType)
-    indices = np.arange(model.first_row, model.first_row + model.local_rows, dtype=PETSc.IntType)
-    return PETSc.Mat().createAIJ(
-        ((model.local_rows, model.size),) * 2, csr=(indptr, indices, values), comm=model.K.comm
-    )
+    return diagonal_matrix(model.K, values)

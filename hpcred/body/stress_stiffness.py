@@ -9,8 +9,7 @@ import numpy as np
 
 from ..fe.element_rules import Rule
 from ..fe.shape_functions import gradients_in_space, integration_points, shape_functions
-from ..linalg.csr import compress
-from ..parallel.exchange import exchange
+from ..linalg.csr import sum_of_entries
 from ..parallel.petsc import PETSc
 
 PAIRS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # places of xx, yy, zz, xy, yz, zx in the tensor
@@ -57,9 +56,4 @@ def assembled(model, pairs) -> PETSc.Mat:
         columns.append(j[there])
         values.append(np.broadcast_to(matrices[..., None], shape).ravel()[there])
     rows, columns, values = (np.concatenate(arrays) for arrays in (rows, columns, values))
-    owner = np.searchsorted(model.row_starts, rows, side="right") - 1
-    mine = exchange(model.comm, owner, [rows, columns, values])
-    first, last = model.first_row, model.first_row + model.local_rows
-    indptr, indices, values = compress({"K": tuple(mine)}, first, last, model.size)
-    csr = (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType), values["K"])
-    return PETSc.Mat().createAIJ(((model.local_rows, model.size),) * 2, csr=csr, comm=model.K.comm)
+    return sum_of_entries(model.K, rows, columns, values)

@@ -22,19 +22,22 @@ def corner_interpolation(comm, elements, nodes: np.ndarray, size: int):
     twice, -1 for blocks that are not of the translations of a node. A node in the middle of an edge has the mean motion
     of its ends; it is a corner where one of them has no rows, for that may be held, or follow a reference node.
     """
+    # each middle node once, with the ends of an edge that has it
     corners, middles, ends = _nodes_by_place(elements)
     corners, _ = number_over_ranks(comm, corners)
-    middles, one, other = sort_over_ranks(comm, middles, list(ends.T))
+    middles, *ends = sort_over_ranks(comm, middles, list(ends.T))
     first = np.concatenate([[True], middles[1:] != middles[:-1]]) if len(middles) else np.zeros(0, bool)
+    # middles among the blocks: no corner of another element, and with rows at both ends
     named = np.flatnonzero(nodes >= 0)
     at_corner, _ = look_up(comm, corners, [], nodes[named])
-    known, pairs = look_up(comm, middles[first], [one[first], other[first]], nodes[named])
+    known, pairs = look_up(comm, middles[first], [end[first] for end in ends], nodes[named])
     known &= ~at_corner
     pairs = np.stack(pairs, axis=1)
     there, _ = look_up(comm, nodes[named[~known]], [], pairs.ravel())
     known &= there.reshape(-1, 2).all(axis=1)
     if not comm.allreduce(int(known.sum())):
         return None
+    # all other blocks are kept, and numbered over the ranks
     kept = np.ones(len(nodes), bool)
     kept[named[known]] = False
     number = np.cumsum(kept) - kept + (comm.exscan(int(kept.sum())) or 0)
@@ -44,8 +47,8 @@ def corner_interpolation(comm, elements, nodes: np.ndarray, size: int):
     count = comm.allreduce(int(kept.sum()))
     start, stop = row_range(comm, count)
     sizes = [(size * len(nodes), size * comm.allreduce(len(nodes))), (size * (stop - start), size * count)]
-    one = (columns[:, 0] == columns[:, 1])[:, None]  # a corner, or the edge of a collapsed element
-    shares = np.where(one, (1.0, 0.0), (0.5, 0.5)), np.where(kept[:, None], (1.0, 0.0), (0.0, 0.0))
+    single = (columns[:, 0] == columns[:, 1])[:, None]  # a corner, or the edge of a collapsed element
+    shares = np.where(single, (1.0, 0.0), (0.5, 0.5)), np.where(kept[:, None], (1.0, 0.0), (0.0, 0.0))
     return tuple(_in_blocks(comm, columns, values, size, sizes) for values in shares)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..parallel.declared import declared
 from ..parallel.failures import InputError
+from ..parallel.sums import joined
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz", "scalar", "own1", "own2", "own3", "own4", "own5", "own6")
 QUANTITIES = ("displacement", "velocity", "acceleration")  # of outputs, by the number of their derivatives
@@ -140,7 +141,7 @@ def rows_of_node(model, node: int) -> dict[int, int]:
 def held_directions(model, node: int) -> list[int]:
     """Return the directions (0..5) in which a node is held and has no row. Collective."""
     mine = [] if model.held is None else model.held.direction[model.held.node == node].tolist()
-    return sorted({direction for theirs in model.comm.allgather(mine) for direction in theirs})
+    return sorted(set(joined(model.comm, mine)))
 
 
 def position_of_node(model, node: int) -> np.ndarray:

@@ -212,13 +212,13 @@ def surface_areas(comm, elements, nodes, points) -> np.ndarray:
     all ranks. Collective.
     """
     # an element has a face on the set where it has three of its nodes
-    near = {kind: part[np.isin(part, nodes).sum(axis=1) >= 3] for kind, part in elements.items()}
-    parts = all_faces(near)
-    faces = np.hstack(parts[:2])
+    near = {kind: table[np.isin(table, nodes).sum(axis=1) >= 3] for kind, table in elements.items()}
+    tables = all_faces(near)
+    faces = np.hstack(tables[:2])
     on = ((faces < 0) | np.isin(faces, nodes)).all(axis=1)
     # as large as the set
-    corners, middles, solid = (np.concatenate(part) for part in zip(*comm.allgather([part[on] for part in parts]),
-                                                                    strict=True))  # fmt: skip
+    by_rank = comm.allgather([table[on] for table in tables])
+    corners, middles, solid = map(np.concatenate, zip(*by_rank, strict=True))
     seen = free(corners, solid)
     faces = np.hstack([corners, middles])[seen]
     place, there = np.searchsorted(nodes, faces), faces >= 0

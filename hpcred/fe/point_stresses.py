@@ -8,6 +8,7 @@ import numpy as np
 
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, require_once
+from ..parallel.sums import joined
 from .shape_functions import POINTS, integration_points
 
 MOST_POINTS = 64  # more than any element has
@@ -44,8 +45,7 @@ class PointStresses:
             left &= ~mine
             self.used += int(mine.sum()) * points
             yield scheme, mine, np.stack(components, axis=-1).reshape(*wanted.shape, 6)[mine, :-1]
-        lost = [element for elements in self.comm.allgather(number[left][:1].tolist()) for element in elements]
-        if lost:
+        if lost := joined(self.comm, number[left][:1].tolist()):
             raise InputError(
                 f"{self.name}: found no stresses of element {lost[0]} ({kind}) of {self.mesh} at all its integration "
                 "points, expected those of every solid; print S of all elements, or take the file of this mesh"

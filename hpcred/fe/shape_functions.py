@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..parallel.failures import InputError
+from .elements import edges
 
 SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 TRIANGLE = ((0, 0), (1, 0), (0, 1))
@@ -20,12 +21,8 @@ CORNERS = {
     "wedge": tuple((*place, level) for level in (-1, 1) for place in TRIANGLE),
     "hexahedron": tuple((*place, level) for level in (-1, 1) for place in SQUARE),
 }  # fmt: skip
-EDGES = {  # of the curved kinds, each with a node in its middle
-    "triangle6": ((0, 1), (1, 2), (2, 0)), "quad8": ((0, 1), (1, 2), (2, 3), (3, 0)),
-    "tetra10": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
-    "wedge15": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
-    "hexahedron20": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
-}  # fmt: skip
+# of the curved kinds, each with a node in its middle
+EDGES = {kind: edges(kind) for kind in ("triangle6", "quad8", "tetra10", "wedge15", "hexahedron20")}
 SOLIDS = ("tetra", "tetra10", "wedge", "wedge15", "hexahedron", "hexahedron20")
 GAUSS = {1: ((0.0,), (2.0,)), 2: ((-(3**-0.5), 3**-0.5), (1.0, 1.0)),
          3: ((-(0.6**0.5), 0.0, 0.6**0.5), (5 / 9, 8 / 9, 5 / 9))}  # fmt: skip
@@ -118,8 +115,8 @@ def integration_points(kind: str, scheme: str = "full") -> tuple[np.ndarray, np.
         For other kinds and schemes.
     """
     if scheme not in POINTS or kind not in POINTS["full"]:
-        found = f"'{kind}', '{scheme}'"
-        raise InputError(f"integration: found {found}, expected a solid or a face, and {' or '.join(POINTS)}")
+        asked = f"'{kind}', '{scheme}'"
+        raise InputError(f"integration: found {asked}, expected a solid or a face, and {' or '.join(POINTS)}")
     count, base = POINTS[scheme].get(kind, POINTS["full"][kind]), corner_kind(kind)
     if base in ("triangle", "tetra"):
         points, total = SIMPLEX[base, count]

@@ -15,6 +15,7 @@ from scipy.sparse import csr_array
 from ..linalg.blocks import create_block, local_rows, real_rows, times
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, number_over_ranks
+from ..parallel.sums import anywhere, joined
 from .dofs import require_dofs
 from .element_rows import ValuesAtRows, node_rows
 from .element_rules import UNIFORM, Rule, rule_of
@@ -89,7 +90,7 @@ class Solids:
     def _require_solids(self, cells):
         """Refuse a model without solids, or without their types and materials."""
         model = self.model
-        if not any(model.comm.allgather(any(len(table) for table in cells.values()))):
+        if not anywhere(model.comm, [len(table) for table in cells.values()]):
             there = ", ".join(sorted(set().union(*model.comm.allgather(set(model.elements))))) or "no elements"
             raise InputError(
                 f"{model.name}: stress: found {there}, expected solids ({', '.join(SOLIDS)}); of other elements "
@@ -122,7 +123,7 @@ class Solids:
         touched_here = np.intersect1d(numbers[0], touched).tolist()
         if lacking := set(numbers[0].tolist()).difference(*model.comm.allgather(touched_here)):
             raise InputError(f"stress: node {min(lacking)} of {model.name} belongs to no solid element; choose another")
-        if not any(model.comm.allgather(len(touched))):
+        if not anywhere(model.comm, len(touched)):
             raise InputError(f"stress: no node of {', '.join(map(str, nodes))} belongs to a solid element")
         return inside
 
@@ -213,31 +214,31 @@ class Solids:
                 for at, along in {(a, b), (b, a)}:
                     chosen = moved[dofs.direction[moved] == at]
                     rows[chosen, column] = dofs.position[chosen, along] - middle[along]
-        wanted = real_rows(times(model.K, fields))
+        of_K = real_rows(times(model.K, fields))
         # the forces of the elements, their sizes, and whether they are to be compared, at rows of wanted nodes
         at_rows = ValuesAtRows(model, self.rows)
         forces = at_rows.added(self._forces(at_rows.of(fields)))
-        given, size, judged = forces[:, :6], forces[:, 6:12].sum(axis=1), forces[:, 12] > 0
+        of_elements, size, judged = forces[:, :6], forces[:, 6:12].sum(axis=1), forces[:, 12] > 0
         judged &= forces[:, 13] == 0
         size = np.where(size > 0, size, 1.0)
         # another material throughout, whose forces are in one proportion, is no matter of missing elements
-        sums = (given[judged] * wanted[judged]).sum(), (wanted[judged] ** 2).sum()
+        sums = (of_elements[judged] * of_K[judged]).sum(), (of_K[judged] ** 2).sum()
         both, whole = model.comm.allreduce(np.array(sums))
-        apart = np.abs(given - (both / whole if whole > 0 else 1.0) * wanted).max(axis=1, initial=0.0) / size
-        if not any(model.comm.allgather(bool((judged & (apart > SAME_FORCE)).any()))):
+        apart = np.abs(of_elements - (both / whole if whole > 0 else 1.0) * of_K).max(axis=1, initial=0.0) / size
+        if not anywhere(model.comm, judged & (apart > SAME_FORCE)):
             return list(self.remarks)
-        off = np.abs(given - wanted).max(axis=1, initial=0.0) / size
-        worst = int(np.where(judged, off, 0.0).argmax()) if len(off) else 0
-        bad = judged & (off > SAME_FORCE)
-        nodes = model.comm.allgather((len(np.unique(dofs.node[bad])), *((off[worst], int(dofs.node[worst])) if bad.any()
-                                                                         else (0.0, 0))))  # fmt: skip
-        most = max(nodes, key=lambda item: item[1])
-        if not most[1]:
+        off = np.abs(of_elements - of_K).max(axis=1, initial=0.0) / size
+        bad, worst = judged & (off > SAME_FORCE), []
+        if bad.any():
+            row = int(np.where(judged, off, 0.0).argmax())
+            worst = [(float(off[row]), int(dofs.node[row]), len(np.unique(dofs.node[bad])))]
+        if not (worst := joined(model.comm, worst)):
             return list(self.remarks)
-        count = sum(count for count, *_ in nodes)
+        count = sum(nodes for *_, nodes in worst)
+        error, node, _ = max(worst, key=lambda of_rank: of_rank[0])
         return [*self.remarks, (
             f"stress: the forces of the solid elements of {model.name} are not those of K at {count} "
-            f"node{'s' * (count > 1)}, most at node {most[2]} (by {min(most[1], 1.0):.0%}): elements are missing "
+            f"node{'s' * (count > 1)}, most at node {node} (by {min(error, 1.0):.0%}): elements are missing "
             "there, as beside supports, or K has springs or other elements; where elements are missing the stress is "
             "that of the others"
         )]

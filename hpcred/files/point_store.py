@@ -26,7 +26,7 @@ from ..linalg.blocks import create_block, local_rows
 from ..parallel.digest import name_of_plain
 from ..parallel.failures import ComputationError, InputError, Owned, agreed, reason_of, unfinished
 from ..parallel.petsc import MPI
-from ..reduction.components.points import point_name
+from ..reduction.components.krylov import point_name
 from ..reduction.run.store import Entry
 from .checked import CheckedFile
 from .hdf5 import CheckedWriter, reading

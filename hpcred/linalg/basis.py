@@ -178,10 +178,12 @@ class Basis:
             return Extension(self.size - start, smallest_kept=1.0)
         pending, taken = self._pending(block, mass_images)
         for _ in range(PASSES):
+            # X <- X - V V^H M X, with unit columns
             weight, gram, dropped, none = self._project_and_scale(pending, weight, taken)
             largest, massless = max(largest, dropped), massless + none
             if not weight.size:
                 break
+            # directions that X^H M X resolves join V, the others are looked at again
             scaled, rest, weight, resolved, cancelled = decided(self.comm, _separate, gram, weight)
             smallest = min(smallest, resolved)
             fresh = pending.copy() if weight.size else pending

@@ -68,6 +68,7 @@ def conjugate_gradients(
         going = still & (size > targets)
         if not going.any() or since > STALLED or not np.isfinite(size).all():
             break
+        # z = P r, and the search direction p = z + (r^T z / r^T z before) p
         precondition(residual, z)
         product = summed(comm, _dot(residual, z))
         # about the energy of the error, which falls where the residual of thin bodies rises at first
@@ -77,6 +78,7 @@ def conjugate_gradients(
         for j in np.flatnonzero(going):
             p[:, j] *= product[j] / before[j]
             p[:, j] += z[:, j]
+        # the step along p that makes the energy of the error least, r^T z / p^T A p
         multiply(p, q)
         curvature = summed(comm, _dot(p, q))
         going &= _positive(curvature, going, size > NOISE * first, "the matrix")
@@ -93,9 +95,9 @@ def conjugate_gradients(
     return iterations
 
 
-def _dot(one, other):
+def _dot(left, right):
     """Products of columns (columns,) on this rank."""
-    return np.array([np.vdot(a, b).real for a, b in zip(one.T, other.T, strict=True)])
+    return np.array([np.vdot(a, b).real for a, b in zip(left.T, right.T, strict=True)])
 
 
 def _positive(products, going, large, what):

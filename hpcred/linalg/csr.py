@@ -6,6 +6,7 @@ from copy import copy
 
 import numpy as np
 
+from ..parallel.exchange import exchange
 from ..parallel.memory import give_back
 from ..parallel.petsc import PETSc, free_dropped
 
@@ -39,6 +40,28 @@ def compress(entries: dict, first: int, last: int, columns: int, repeats: dict |
     rows, indices = np.divmod(pattern, columns)
     indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=last - first))])
     return indptr, indices, values
+
+
+def assembled(like: PETSc.Mat, i, j, values) -> PETSc.Mat:
+    """A matrix in the layout of another one from entries in rows of this rank, duplicates summed. Collective."""
+    first, last = like.getOwnershipRange()
+    indptr, indices, summed = compress({"": (i, j, values)}, first, last, like.getSize()[1])
+    csr = (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType), summed[""])
+    return PETSc.Mat().createAIJ(like.getSizes(), csr=csr, comm=like.comm)
+
+
+def sum_of_entries(like: PETSc.Mat, i, j, values) -> PETSc.Mat:
+    """The same from entries in rows of any rank. Collective."""
+    owner = np.searchsorted(like.getOwnershipRanges()[1:], i, side="right")
+    return assembled(like, *exchange(like.comm.tompi4py(), owner, [i, j, values]))
+
+
+def diagonal_matrix(like: PETSc.Mat, values) -> PETSc.Mat:
+    """A diagonal matrix in the layout of another one, from the entries of the rows of this rank. Collective."""
+    first, last = like.getOwnershipRange()
+    indptr, indices = np.arange(last - first + 1), np.arange(first, last)
+    csr = (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType), values)
+    return PETSc.Mat().createAIJ(like.getSizes(), csr=csr, comm=like.comm)
 
 
 def sparse_rows(like: PETSc.Mat, triplets, width) -> PETSc.Mat:

@@ -41,6 +41,7 @@ def modes_in_interval(K, M, low, high, options):
             _give_up(eps)
             if attempt == 3:
                 raise _failed("spectrum slicing", error) from error
+    # as many as Sylvester's law counts
     inertias = eps.getKrylovSchurInertias()[1]
     expected = int(max(inertias) - min(inertias)) if len(inertias) else eps.getConverged()
     converged = eps.getConverged()

@@ -32,6 +32,7 @@ def refine(matrix, back_substitute, load, solution, scale=None, steps=0, approxi
     before, kept = inf, []
     columns = np.diff(load.getActiveColumns())[0]
     residual = create_block(matrix, columns)
+    # r = b - A x, and x + A^-1 r in place of x, while that makes r smaller
     for step in range(most + 1):
         apply(matrix, solution, residual)
         with local_rows(load) as b, local_rows(residual) as rows:
@@ -51,8 +52,9 @@ def refine(matrix, back_substitute, load, solution, scale=None, steps=0, approxi
         before = relative
     if relative <= REFINE_ABOVE or (approximate is None and relative < 1e-6):
         return relative
+    # a large residual is right where x is large: the backward error ||r|| / (||A|| ||x|| + ||b||) decides
     backward = inf
-    if relative < inf:  # ||r|| / (||A|| ||x|| + ||b||)
+    if relative < inf:
         norm = matrix.norm(PETSc.NormType.INFINITY)
         backward = float((r / np.maximum(norm * x + scale, 1e-300))[scale > 0].max())
     if approximate is not None and backward >= 1e-14:

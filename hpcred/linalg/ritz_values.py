@@ -24,6 +24,7 @@ def ritz_values(comm, multiply, precondition, residual, steps: int) -> np.ndarra
     before = last = first = None  # of r^T P r, and of the steps
     diagonal, beside, least = [], [], []
     for _ in range(steps):
+        # a step of conjugate gradients
         precondition(residual, z)
         product = _dot(comm, residual, z)
         first = product if first is None else first
@@ -40,6 +41,7 @@ def ritz_values(comm, multiply, precondition, residual, steps: int) -> np.ndarra
             return np.array([-inf])
         step = product / curvature
         residual -= step * q
+        # whose lengths are the entries of the tridiagonal matrix of Lanczos
         diagonal.append(1 / step + (ratio / last if last else 0.0))
         if last:
             beside.append(ratio**0.5 / last)
@@ -62,5 +64,5 @@ def rate(values: np.ndarray) -> float:
     return (root - 1) / (root + 1)
 
 
-def _dot(comm, one, other):
-    return float(summed(comm, np.vdot(one, other).real))
+def _dot(comm, left, right):
+    return float(summed(comm, np.vdot(left, right).real))

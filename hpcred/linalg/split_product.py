@@ -24,7 +24,7 @@ def split_product(mat, block):
     terms of A1 X1 cancel without round-off, and the rest, A1 X2 + A2 X, is small. Rows and columns are scaled by powers
     of two first, so that units do not matter.
     """
-    comm, one = mat.comm.tompi4py(), np.eye(block.getActiveColumns()[1])
+    comm, unit = mat.comm.tompi4py(), np.eye(block.getActiveColumns()[1])
     scale = mat.getDiagonal()
     scale.setArray(_to_one(scale.getArray(readonly=True).real))
     scaled, right = mat.copy(), copy_of(block, mat)
@@ -46,10 +46,10 @@ def split_product(mat, block):
         X1[...] = _leading(X, BITS - LEADING - int(np.ceil(np.log2(terms))), largest)
         X2[...] = X - X1
     # products, the largest last
-    result = create_block(mat, len(one))
+    result = create_block(mat, len(unit))
     for left, columns in ((values - leading, right), (leading, second), (leading, first)):
         matrix = PETSc.Mat().createAIJ(mat.getSizes(), csr=(indptr, indices, left), comm=mat.comm)
-        add_product(result, times(matrix, columns), one, beta=0.0 if columns is right else 1.0)
+        add_product(result, times(matrix, columns), unit, beta=0.0 if columns is right else 1.0)
         matrix.destroy()
     scaled.destroy()
     with local_rows(result) as product:

@@ -18,6 +18,7 @@ from ..linalg.csr import compress
 from ..parallel.failures import InputError, agreed
 from ..parallel.petsc import MPI, PETSc, free_dropped
 from ..parallel.shares import row_range
+from ..parallel.sums import anywhere
 from .checked_arrays import check_columns, check_rows, coordinates, named_columns, real_columns, real_values, row_name
 from .outputs.rates import Rates, check_names, packed_parts
 from .petsc_matrices import decoupled, labels_of, taken
@@ -114,7 +115,7 @@ def from_petsc(K, M, D, nodes=None, numbers=None, held=None, inputs=None, output
     if dofs is not None:
         away, dofs = dofs.take(np.setdiff1d(np.arange(len(dofs.node)), free)), dofs.take(free)
         away = away if comm.allreduce(len(away.node)) else None
-    choice_made = any(comm.allgather(held is not None))
+    choice_made = anywhere(comm, held is not None)
     first = mats["K"].getOwnershipRange()[0]
     with agreed(comm):
         check_elements(labels.get("elements"), name)
@@ -146,12 +147,12 @@ def columns_of(K: PETSc.Mat, local, names, what: str) -> tuple[PETSc.Mat | None,
     return None if local is None else dense_matrix(K, local), names
 
 
-def local_columns(model, key: str, given, is_local: bool) -> np.ndarray | None:
+def local_columns(model, key: str, rows_given, is_local: bool) -> np.ndarray | None:
     """Return the rows of this rank of C^T, from C (r, n) of all ranks, or (r, local rows) where it `is_local`."""
-    if given is None:
+    if rows_given is None:
         return None
     rows = model.local_rows if is_local else model.size
-    columns = real_columns(_columns(None, given, rows)[1], rows, f"{model.name}: {key}")
+    columns = real_columns(_columns(None, rows_given, rows)[1], rows, f"{model.name}: {key}")
     return columns if is_local else columns[model.first_row : model.first_row + model.local_rows]
 
 
@@ -160,13 +161,13 @@ def measured_columns(K: PETSc.Mat, C, Cv, Ca, names, what: str) -> tuple[PETSc.M
     Ca^T, each or None."""
     comm, rows = K.comm.tompi4py(), K.getLocalSize()[0]
     with agreed(comm):
-        columns_of = {key: real_columns(columns, rows, f"{what}: {key}")
-                 for key, columns in (("C", C), ("Cv", Cv), ("Ca", Ca)) if columns is not None}  # fmt: skip
-        shapes = {key: columns.shape for key, columns in columns_of.items()}
+        by_key = {key: real_columns(columns, rows, f"{what}: {key}")
+                  for key, columns in (("C", C), ("Cv", Cv), ("Ca", Ca)) if columns is not None}  # fmt: skip
+        shapes = {key: columns.shape for key, columns in by_key.items()}
         if set(shapes.values()) != {(rows, len(names))}:
             shapes_found = ", ".join(f"{key} of {shape[1]} rows" for key, shape in shapes.items())
             raise InputError(f"{what}: found {shapes_found} and {len(names)} names, expected as many rows as names")
-    rows_by_order = np.stack([columns_of.get(key, np.zeros((rows, len(names)))).T for key in ("C", "Cv", "Ca")])
+    rows_by_order = np.stack([by_key.get(key, np.zeros((rows, len(names)))).T for key in ("C", "Cv", "Ca")])
     there = np.any(comm.allgather(rows_by_order.any(axis=2)), axis=0)
     check_names(names, there, what)
     columns, rates = packed_parts(rows_by_order, there)

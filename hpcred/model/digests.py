@@ -18,6 +18,7 @@ SMALL = 1e-5  # of the largest entry of a column, from which on digits of entrie
 def digest_of(model, key: str) -> str | None:
     """Return the digest that SecondOrderModel.digest_of keeps. Collective."""
     field = "dofs" if key == "labels" else key
+    # what is small, and the same on all ranks
     if key == ADDED:
         return digest_of_plain(model.added.digest(model.digest_of)) if model.added else None
     if key == RATES:
@@ -31,6 +32,7 @@ def digest_of(model, key: str) -> str | None:
     held = model.matrices[key] if key in model.matrices else getattr(model, field)
     if held is None or held == ():
         return None
+    # what is distributed by rows: labels, columns of B and C^T, and matrices without their zeros
     first = model.first_row
     if field == "dofs":
         labels = [held.node, held.direction, *([held.position] if key == "dofs" else [])]

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from ..fe.dofs import DIRECTIONS, INTERFACE_THERE, direction_index, position_of_node, row_of, rows_of_node
 from ..linalg.blocks import column_norms, from_dense, local_rows, times
-from ..linalg.csr import compress, sparse_rows
+from ..linalg.csr import assembled, sparse_rows
 from ..parallel.declared import Settings, declared
 from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
@@ -230,6 +230,7 @@ def _holds(model, rigid, rows):
 
 def _rows_of_chord(model, frame):
     """Return global rows to hold, and the dofs of nodes to be rotated before."""
+    # the axes of the frame, from three points that are not on a line
     nodes = [node_number(model, node) for node in frame.nodes]
     points = np.array([position_of_node(model, node) for node in nodes])
     along, across = points[1] - points[0], points[2] - points[0]
@@ -252,6 +253,7 @@ def _rows_of_chord(model, frame):
             f"frame.axes: with axes '{frame.axes}' the supports at nodes {list(frame.nodes)} leave a rotation "
             "free; choose axis 1 along the line from the first to the second node, axis 3 normal to the plane"
         )
+    # (14, 15): rows that are held, and nodes whose rows are turned into the axes for that
     held, rotated = [], []
     for node, indices in zip(nodes, ([0, 1, 2], [1, 2], [2]), strict=True):
         rows = rows_of_node(model, node)
@@ -291,11 +293,8 @@ def _rotation(model, rotated):
     i, j, v = (np.concatenate(arrays) for arrays in zip(*blocks, strict=True))
     straight = np.setdiff1d(np.arange(first, last), i)
     mine = (i >= first) & (i < last)
-    entries = (np.concatenate([straight, i[mine]]), np.concatenate([straight, j[mine]]),
-               np.concatenate([np.ones(len(straight)), v[mine]]))  # fmt: skip
-    indptr, indices, values = compress({"Q": entries}, first, last, model.size)
-    csr = (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType), values["Q"])
-    return PETSc.Mat().createAIJ(((model.local_rows, model.size),) * 2, csr=csr, comm=model.K.comm)
+    entries = (straight, i[mine]), (straight, j[mine]), (np.ones(len(straight)), v[mine])
+    return assembled(model.K, *map(np.concatenate, entries))
 
 
 Frame = Annotated[NoFrame | Tangent | Chord | Buckens, Field(discriminator="kind")]

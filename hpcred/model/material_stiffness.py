@@ -7,8 +7,7 @@ import numpy as np
 from ..fe.materials import MATERIAL
 from ..fe.solids import NO_NODES, NO_TABLE, Solids
 from ..fe.strain_matrices import stiffness_matrices
-from ..linalg.csr import compress
-from ..parallel.exchange import exchange
+from ..linalg.csr import sum_of_entries
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, number_over_ranks
 from ..parallel.petsc import PETSc
@@ -58,13 +57,7 @@ def material_stiffness(model: SecondOrderModel, material: str) -> PETSc.Mat:
     rows, columns, values = (np.concatenate(arrays) for arrays in (rows, columns, values))
     if not model.comm.allreduce(len(values)):
         raise InputError(f"{where}: no solid element of {model.name} has it")
-    # assembled on the rank that has the row
-    owner = np.searchsorted(model.row_starts, rows, side="right") - 1
-    mine = exchange(model.comm, owner, [rows, columns, values])
-    first, last = model.first_row, model.first_row + model.local_rows
-    indptr, indices, found = compress({"K": tuple(mine)}, first, last, model.size)
-    csr = (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType), found["K"])
-    mat = PETSc.Mat().createAIJ(model.K.getSizes(), csr=csr, comm=model.K.comm)
+    mat = sum_of_entries(model.K, rows, columns, values)
     # the program may have another formulation of these elements than ours, which its own rows show
     _check_rows(model, material, mat, where)
     return mat

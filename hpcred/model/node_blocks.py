@@ -6,7 +6,7 @@ import numpy as np
 
 from ..fe.corner_nodes import corner_interpolation
 from ..linalg.blocks import times
-from ..linalg.csr import without_products
+from ..linalg.csr import diagonal_matrix, without_products
 from ..parallel.failures import InputError
 from ..parallel.lookup import look_up, sort_over_ranks
 from ..parallel.petsc import PETSc
@@ -59,7 +59,7 @@ class NodeBlocks:
         self.expansion.mult(here, missing)
         missing.scale(-diagonal)
         missing.shift(diagonal)
-        fill = _diagonal_matrix(result, missing)
+        fill = diagonal_matrix(result, missing.getArray(readonly=True))
         result.axpy(1.0, fill, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         result.setBlockSize(self.size)
         return result
@@ -93,10 +93,3 @@ class NodeBlocks:
         sizes = ((model.local_rows, model.size), (rows, size))
         csr = (indptr, columns, np.ones(len(block)))
         return PETSc.Mat().createAIJ(sizes, csr=csr, comm=model.K.comm).transpose(PETSc.Mat()), order
-
-
-def _diagonal_matrix(like, diagonal):
-    (rows, size), first = (like.getLocalSize()[0], like.getSize()[0]), like.getOwnershipRange()[0]
-    csr = (np.arange(rows + 1, dtype=PETSc.IntType), np.arange(first, first + rows, dtype=PETSc.IntType),
-           diagonal.getArray(readonly=True).copy())  # fmt: skip
-    return PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=csr, comm=like.comm)

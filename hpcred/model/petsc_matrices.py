@@ -11,29 +11,31 @@ import numpy as np
 from xxhash import xxh3_128
 
 from ..fe.dofs import Dofs, check_labels
+from ..linalg.csr import diagonal_matrix
 from ..parallel.exchange import exchange
 from ..parallel.failures import InputError, agreed, watched
 from ..parallel.lookup import repeated_key
 from ..parallel.petsc import MPI, PETSc, free_dropped
+from ..parallel.sums import anywhere
 
 ROWS_OF_A_NODE = (1, 2, 3, 6)
 
 
-def taken(given: dict[str, PETSc.Mat], held, name: str) -> tuple[dict[str, PETSc.Mat], np.ndarray]:
+def taken(matrices: dict[str, PETSc.Mat], held, name: str) -> tuple[dict[str, PETSc.Mat], np.ndarray]:
     """Return references to K, M and D as models need them, and the rows (local, from 0) of this rank that stay.
     Collective.
 
     AIJ on one structurally symmetric pattern with a full diagonal, without the rows and columns `held` (global, from 0,
     of any rank). Raises InputError.
     """
-    for key, mat in given.items():  # on all ranks alike; there is no communicator yet to agree on
+    for key, mat in matrices.items():  # on all ranks alike; there is no communicator yet to agree on
         if not isinstance(mat, PETSc.Mat):
             raise InputError(f"{name}: found {type(mat).__name__} for {key}, expected an assembled PETSc.Mat")
-    comm = given["K"].comm.tompi4py()
+    comm = matrices["K"].comm.tompi4py()
     watched(comm)
     with agreed(comm):
-        _check_layout(given, name)
-    mats = {key: as_aij(mat, f"{name}: {key}") for key, mat in given.items()}
+        _check_layout(matrices, name)
+    mats = {key: as_aij(mat, f"{name}: {key}") for key, mat in matrices.items()}
     rows, size = mats["K"].getLocalSize()[0], mats["K"].getSize()[0]
     free = np.setdiff1d(np.arange(rows), _held_rows(comm, mats["K"], held, name))
     remaining = comm.allreduce(len(free))
@@ -51,10 +53,10 @@ def taken(given: dict[str, PETSc.Mat], held, name: str) -> tuple[dict[str, PETSc
     return mats, free
 
 
-def _check_layout(given, name):
+def _check_layout(matrices, name):
     """Refuse matrices that are not square, not assembled, or not spread over the ranks alike."""
-    K = given["K"]
-    for key, mat in given.items():
+    K = matrices["K"]
+    for key, mat in matrices.items():
         if not mat.assembled:
             raise InputError(f"{name}: {key} is not assembled; call {key}.assemble() before")
         rows, columns = mat.getSize()
@@ -113,7 +115,7 @@ def on_one_pattern(mats, others=()):
     full = all(diagonal for _, diagonal in signs)
     if all(comm.allgather(full and len({sign for sign, _ in signs}) == 1)):
         return mats
-    union = _diagonal_of_zeros(K)
+    union = diagonal_matrix(K, np.zeros(K.getLocalSize()[0]))
     for mat in patterns:
         zeros = mat.duplicate(copy=False)  # axpy leaves at once where the factor is zero
         zeros.zeroEntries()
@@ -135,12 +137,6 @@ def _signature(mat):
     return sign.digest(), np.count_nonzero(rows == indices) == len(indptr) - 1
 
 
-def _diagonal_of_zeros(like):
-    (rows, size), (first, last) = (like.getLocalSize()[0], like.getSize()[0]), like.getOwnershipRange()
-    csr = (np.arange(rows + 1, dtype=PETSc.IntType), np.arange(first, last, dtype=PETSc.IntType), np.zeros(rows))
-    return PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=csr, comm=like.comm)
-
-
 def labels_of(K: PETSc.Mat, nodes, numbers, dofs, name: str) -> Dofs | None:
     """Return labels of the rows of this rank: `dofs`, or from nodes with the same number of rows each, one after the
     other.
@@ -153,7 +149,7 @@ def labels_of(K: PETSc.Mat, nodes, numbers, dofs, name: str) -> Dofs | None:
     if len(set(comm.allgather(dofs is not None))) > 1:
         raise InputError(f"{name}: dofs: found them on some ranks only, expected them on all or none")
     # labels of each row, or none
-    if not any(comm.allgather(nodes is not None or numbers is not None)):
+    if not anywhere(comm, nodes is not None or numbers is not None):
         with agreed(comm):
             check_labels(dofs, rows, name)
         return dofs
@@ -180,7 +176,7 @@ def labels_of(K: PETSc.Mat, nodes, numbers, dofs, name: str) -> Dofs | None:
     counts = comm.allgather((len(position), rows))
     total = sum(count for count, _ in counts), sum(count for _, count in counts)
     per_node = block if block > 1 else total[1] // total[0] if total[0] else 0
-    wrong = next((rank for rank, (count, found) in enumerate(counts) if count * per_node != found), None)
+    wrong = next((rank for rank, (count, own_rows) in enumerate(counts) if count * per_node != own_rows), None)
     if per_node not in ROWS_OF_A_NODE or wrong is not None:
         wrong = wrong or 0
         raise InputError(

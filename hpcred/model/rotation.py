@@ -17,6 +17,7 @@ from ..fe.element_rows import node_rows
 from ..linalg.csr import sparse_rows
 from ..parallel.failures import InputError
 from ..parallel.petsc import PETSc
+from ..parallel.sums import joined
 from .parameters.definitions import Term
 from .second_order_model import require_model
 
@@ -130,13 +131,13 @@ def require_translations(model, e):
     moved, rows = _rows_of_nodes(model)
     mixed = np.abs(skew(e)) + np.abs(skew(e) @ skew(e)) > 0  # also with itself, which each row has
     lacking = (rows < 0) & mixed[dofs.direction[moved]]
-    lacking_rows = [row for of_rank in model.comm.allgather(_first_lacking(dofs, moved, lacking)) for row in of_rank]
-    if lacking_rows:
+    if lacking_rows := joined(model.comm, _first_lacking(dofs, moved, lacking)):
         node, held, other = lacking_rows[0]
         raise InputError(
             f"rotation: node {node} of {model.name} has no row in {held}, but one in {other}, which the rotation mixes "
             "with it; hold such nodes in all directions, or by a frame, or give the matrices of the terms as files"
         )
+    # M w of a random w, without displacements: no other dof may have mass
     w = model.K.createVecRight()
     w.setArray(np.random.default_rng(model.first_row).uniform(0.5, 1.0, model.local_rows))
     others = w.copy()
@@ -146,10 +147,11 @@ def require_translations(model, e):
             f"rotation: {model.name} has mass in rotations or other dofs that are no displacements, expected that of "
             "solid elements; give the matrices of the terms as files"
         )
+    # M S = S M, where S turns displacements about the axis
     turn = at_nodes(model, skew(e))
-    one, two = model.M * (turn * w), turn * (model.M * w)
-    one.axpy(-1.0, two)
-    if one.norm() > SAME_MASS * two.norm():
+    difference, turned = model.M * (turn * w), turn * (model.M * w)
+    difference.axpy(-1.0, turned)
+    if difference.norm() > SAME_MASS * turned.norm():
         raise InputError(
             f"rotation: the mass of {model.name} is not the same in the directions normal to the axis, expected M of "
             "solid elements; give the matrices of the terms as files"

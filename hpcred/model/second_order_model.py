@@ -208,14 +208,14 @@ class SecondOrderModel:
         model._take({"operator": operator, **known})
         return model
 
-    def _take(self, given):
+    def _take(self, values):
         """Set the fields. Collective."""
-        if not isinstance(declared := given.get("circulatory") or False, (bool, np.bool_)):
+        if not isinstance(declared := values.get("circulatory") or False, (bool, np.bool_)):
             raise InputError(f"circulatory: found {declared!r}, expected True or False: whether K is unsymmetric")
         for attribute in fields(self):
             if attribute.default_factory is not MISSING:
                 vars(self)[attribute.name] = attribute.default_factory()
-        vars(self).update((key, value) for key, value in given.items() if value is not None)
+        vars(self).update((key, value) for key, value in values.items() if value is not None)
         watched(self.comm)
 
     def _take_outputs(self, C, Cv, Ca, names):

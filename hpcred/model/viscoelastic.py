@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..linalg.csr import compress
+from ..linalg.csr import assembled
 from ..linalg.matrix_estimates import extreme_quotients, symmetry_defect
 from ..parallel.declared import declared
 from ..parallel.failures import InputError, agreed
@@ -72,8 +72,8 @@ def with_viscoelastic(model, parts):
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise InputError(f"{model.name}: found two viscoelastic parts with the name '{twice}', expected one of each "
                          "name; give another one a name of its own")  # fmt: skip
-    given = {f"{KEY}{number}": _of_rows(model, term.matrix, term.name) for number, term in enumerate(named, 1)}
-    mats, _ = taken(model.operator.matrices | given, None, model.name)
+    matrices = {f"{KEY}{number}": _of_rows(model, term.matrix, term.name) for number, term in enumerate(named, 1)}
+    mats, _ = taken(model.operator.matrices | matrices, None, model.name)
     operator = Operator.of(added=named).with_matrices(mats)
     K = mats["K"].copy()
     for term in operator.added:
@@ -92,11 +92,9 @@ def _of_rows(model, matrix, name) -> PETSc.Mat:
         i, j, v, size = coordinates(name, matrix)
         if size != model.size:
             raise InputError(f"{name}: found {size} rows of K_v, expected {model.size} as K of {model.name} has")
-    first, last = model.first_row, model.first_row + model.local_rows
+    first, last = model.K.getOwnershipRange()
     mine = (i >= first) & (i < last) & (v != 0)
-    indptr, indices, values = compress({"": (i[mine], j[mine], v[mine])}, first, last, model.size)
-    csr = (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType), values[""])
-    return PETSc.Mat().createAIJ(model.K.getSizes(), csr=csr, comm=model.K.comm)
+    return assembled(model.K, i[mine], j[mine], v[mine])
 
 
 def _check(model, term):

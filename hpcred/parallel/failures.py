@@ -225,8 +225,8 @@ def forget(comm):
         duplicate.Free()
 
 
-def _alike(one, other):
-    return MPI.Comm.Compare(one, other) in (MPI.IDENT, MPI.CONGRUENT)
+def _alike(comm, duplicate):
+    return MPI.Comm.Compare(comm, duplicate) in (MPI.IDENT, MPI.CONGRUENT)
 
 
 def fail(error: BaseException) -> int:

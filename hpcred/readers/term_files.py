@@ -6,7 +6,7 @@ import numpy as np
 
 from ..files.text import warnings_of_end
 from ..linalg.blocks import dense_matrix
-from ..linalg.csr import compress
+from ..linalg.csr import assembled
 from ..model.second_order_model import SAY_SO
 from ..model.units import scale_to_si, units_of
 from ..parallel.failures import InputError, agreed
@@ -55,11 +55,7 @@ def read_term_matrix(model, of: str, path, variable=None, units=None) -> tuple[P
         refuse_one_side(comm, entries, path, "both triangles; write it whole, or as a symmetric or skew-symmetric "
                         f"Matrix Market file{more}")  # fmt: skip
     # the matrix in the model's layout and units
-    first, last = model.K.getOwnershipRange()
-    i, j, v = owned(comm, model.row_starts, entries)
-    indptr, indices, values = compress({of: (i, j, v)}, first, last, model.size)
-    csr = (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType), values[of])
-    mat = PETSc.Mat().createAIJ(model.K.getSizes(), csr=csr, comm=model.K.comm)
+    mat = assembled(model.K, *owned(comm, model.row_starts, entries))
     if converted is not None:
         scale_to_si(model, converted, of, mat)
     return mat, remarks

@@ -21,6 +21,7 @@ from ..model.rigid_body.support import support_of
 from ..model.second_order_model import SAY_SO, SYMMETRIC_TO, require_inputs
 from ..parallel.failures import InputError
 from ..parallel.petsc import MPI
+from ..parallel.sums import anywhere
 
 LEAST_DIGITS = 4  # of a number that is seen to be 2 pi times a round one: one in 200 is so by accident
 FAR = 3.0  # times the frequency at which a wave is as long as a bearing is wide
@@ -88,8 +89,8 @@ def check_series(model, damping):
     if terms is None:
         return
     without = diagonal_of(model.M) == 0
-    mine = any(bool(mat.getDenseArray()[without].any()) for mat in (model.B, model.Ct) if mat is not None)
-    if model.comm.allreduce(mine, op=MPI.LOR):
+    columns = [mat.getDenseArray()[without] for mat in (model.B, model.Ct) if mat is not None]
+    if anywhere(model.comm, [column.any() for column in columns]):
         raise InputError(
             f"damping.kind: found 'caughey' with {len(terms)} terms and forces or outputs on dofs without mass of "
             f"{model.name}, where M (M^-1 K)^k has no value; take two terms (Rayleigh), modal ratios or a loss factor, "

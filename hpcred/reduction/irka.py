@@ -106,6 +106,7 @@ class IRKA(Reductor):
 
     def reduce(self, model) -> ReducedModel:
         """Reduce a SecondOrderModel. Collective. Raises InputError for a model without viscous damping."""
+        # viscous damping, whose poles have mirror images, and outputs that are displacements
         require_model(model)
         damping = damping_or_given(model, self.damping)
         if isinstance(damping, NoDamping | Structural):

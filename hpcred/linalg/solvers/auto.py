@@ -15,6 +15,11 @@ from .settings import Factoring
 SMALL = 20_000  # rows up to which MUMPS is done while a GPU is being started
 
 
+def _of_present(name):
+    """Return a method of the package that factors at present."""
+    return lambda self, *arguments: getattr(self._factors, name)(*arguments)
+
+
 class Auto(Factorisation):
     """Factors by `Cudss`, and by `Mumps` after the GPU failed; where there is none, Auto(...) is a `Mumps`.
 
@@ -23,6 +28,8 @@ class Auto(Factorisation):
 
     name = "auto"
     has_single = True
+    # what MUMPS can, which takes over where a GPU fails
+    check, counts, source_of, check_build = Mumps.check, Mumps.counts, Mumps.source_of, Mumps.check_build
 
     def __new__(cls, matrix, symmetric, prefix, factoring=None, *arguments, **keywords):
         against = decided(matrix.comm.tompi4py(), _against_gpu, factoring or Factoring(), matrix.getSize()[0])
@@ -39,22 +46,6 @@ class Auto(Factorisation):
         self._factors.because = "there is a GPU that the factor fits"
 
     @classmethod
-    def check(cls, factoring):
-        Mumps.check(factoring)
-
-    @classmethod
-    def counts(cls):
-        return Mumps.counts()
-
-    @classmethod
-    def source_of(cls, factoring, prefix):
-        return Mumps.source_of(factoring, prefix)
-
-    @classmethod
-    def check_build(cls, comm):
-        Mumps.check_build(comm)
-
-    @classmethod
     def slicing(cls, factoring, comm):
         return Mumps.slicing(factoring, comm) if decided(comm, _against_gpu, factoring) else None
 
@@ -62,14 +53,8 @@ class Auto(Factorisation):
     def analyses(self):
         return self._factors.analyses
 
-    def approximate(self):
-        return self._factors.approximate()
-
     def estimate(self):
         return self._on_gpu_or_not(lambda: self._factors.estimate())
-
-    def side_by_side(self):
-        return self._factors.side_by_side()
 
     def known(self):
         words, left = self._factors.known()
@@ -103,17 +88,9 @@ class Auto(Factorisation):
             self.factor(**self._labels)
         self._factors.back_substitute(load, solution)
 
-    def _factor(self):
-        return self._factors._factor()
-
-    def _solve(self, right, solution):
-        self._factors._solve(right, solution)
-
-    def release(self):
-        self._factors.release()
-
-    def close(self):
-        self._factors.close()
+    approximate, side_by_side, _factor, _solve, release, close = map(
+        _of_present, ("approximate", "side_by_side", "_factor", "_solve", "release", "close")
+    )
 
 
 def _against_gpu(factoring, size=None) -> str | None:

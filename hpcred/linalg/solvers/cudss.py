@@ -195,10 +195,10 @@ class Cudss(Factorisation):
 
     def _gathered(self, array):
         """The parts of all ranks end to end on the first one."""
-        parts = Parts(self._comm, len(array), 1, array.dtype)
-        parts.gather(array[:, None])
-        whole = parts.whole.copy() if self._leads else None
-        parts.close()
+        shared = Parts(self._comm, len(array), 1, array.dtype)
+        shared.gather(array[:, None])
+        whole = shared.whole.copy() if self._leads else None
+        shared.close()
         return whole
 
     # Columns

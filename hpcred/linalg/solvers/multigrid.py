@@ -74,6 +74,7 @@ class MultigridSolver(IterativeSolves, Solver):
             self._terms.append((damping, model.D))
         if len(self._terms) == 1 and self.rigid is None and self._blocks.free:
             raise SingularMatrix()
+        # A, and the levels below it
         start = time.perf_counter()
         matrix = model.K  # itself where nothing is added, for a copy would be a large part of the memory
         if self._terms[1:]:

@@ -39,8 +39,8 @@ def _coupling(model, rigid):
     kept = comm.allreduce(len(free))
     triplets = [(free, (comm.exscan(len(free)) or 0) + np.arange(len(free)), np.ones(len(free)))]
     counts = [len(places) for _, places, _ in entries]
-    for (rows, places, E), count, added in zip(entries, counts, np.cumsum(counts), strict=True):
-        columns = kept + added - count + np.arange(count)
+    for (rows, places, E), count, end in zip(entries, counts, np.cumsum(counts), strict=True):
+        columns = kept + end - count + np.arange(count)
         triplets.append((np.repeat(rows, len(places)), np.tile(columns, len(rows)), E.ravel()))
     T = sparse_rows(model.K, triplets, (len(free) + (sum(counts) if last else 0), kept + sum(counts)))
     dofs = model.dofs.take(free)

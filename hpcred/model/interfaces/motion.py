@@ -24,6 +24,7 @@ from ...parallel.declared import declared, nearest
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up
 from ...parallel.petsc import MPI
+from ...parallel.sums import anywhere, joined
 from .nodes import SIX, Interface, InterfaceNode, Nodes
 
 FAR = 20.0  # times the size of the body, beyond which a reference node is not meant
@@ -53,18 +54,18 @@ def with_interfaces(model, interfaces):
     unnamed = numbers_from(1 + max(highest, *(interface.node or 0 for interface in interfaces)))
     numbers = [next(unnamed) if interface.node is None else interface.node for interface in interfaces]
     for interface, number in zip(interfaces, numbers, strict=True):
-        taken = model.comm.allreduce(bool((dofs.node == number).any()), op=MPI.LOR)
-        if taken or numbers.count(number) > 1:
+        if anywhere(model.comm, dofs.node == number) or numbers.count(number) > 1:
             raise InputError(f"interface '{interface.name}': node: the number {number} is taken; take another one")
+    # G^T, and what is known of each reference node
     made, entries, coupled, sets = [], [], [], {}
     for interface, number in zip(interfaces, numbers, strict=True):
         mask = members(model, interface)
-        nodes = _set_of(model, mask)
-        position, directions, rows, weights = _reference(model, interface, mask, nodes)
-        warnings = _warnings(model, interface, nodes, position, sets)
+        node_set = _set_of(model, mask)
+        position, directions, rows, weights = _reference(model, interface, mask, node_set)
+        warnings = _warnings(model, interface, node_set, position, sets)
         place = tuple(position.tolist())
-        made.append(InterfaceNode(interface.name, number, place, directions, interface, len(nodes.nodes), warnings))
-        sets[interface.name] = nodes.nodes
+        made.append(InterfaceNode(interface.name, number, place, directions, interface, len(node_set.nodes), warnings))
+        sets[interface.name] = node_set.nodes
         entries.append((rows, weights))
         coupled.append(rows)
     _check_overlaps(model, interfaces, coupled)
@@ -94,13 +95,12 @@ def members(model, interface) -> np.ndarray:
         if missing:
             raise InputError(f"{where}: nodes: node {missing[0]} does not exist in {model.name}")
     # held nodes cannot move with the others
-    stuck = [node for numbers_of_rank in comm.allgather(held.node[inside[1]][:1].tolist()) for node in numbers_of_rank]
-    if stuck:
+    if stuck := joined(comm, held.node[inside[1]][:1].tolist()):
         raise InputError(
             f"{where}: node {stuck[0]} of its set is held in some direction by the program that wrote the matrices; "
             "leave it out of the set, or export the body without that support"
         )
-    if not comm.allreduce(bool(inside[0].any()), op=MPI.LOR):
+    if not anywhere(comm, inside[0]):
         if isinstance(nodes, Nodes) and nodes.set is not None:
             raise InputError(
                 f"{where}: nodes.set: none of the {model.set_sizes[nodes.set]} nodes of the set '{nodes.set}' has a "
@@ -140,7 +140,7 @@ def on_surface(model, nodes, where) -> np.ndarray:
     numbers = nodes_on_cylinder(model, ends, radius, key == "bore")
     if len(numbers):
         return numbers
-    if not any(model.comm.allgather(any(len(elements) for elements in model.elements.values()))):
+    if not anywhere(model.comm, [len(elements) for elements in model.elements.values()]):
         raise InputError(
             f"{where}.{key}: {model.name} has no elements, by which its surface is known; take a cylinder of a "
             "little more than the radius, a node set, or numbers"
@@ -175,24 +175,24 @@ def _set_of(model, mask) -> _Set:
     return _Set(nodes, points, surface_areas(model.comm, model.elements, nodes, points))
 
 
-def _warnings(model, interface, members, position, sets) -> tuple[str, ...]:
+def _warnings(model, interface, node_set, position, sets) -> tuple[str, ...]:
     """Return sentences on a set that takes most of the body, that shares nodes with others (`sets` by name), or whose
     reference node lies far from it. Collective."""
     where, warnings, total = f"interface '{interface.name}'", [], model.node_count
-    share = len(members.nodes) / max(total, 1)
-    if share > SOME and len(members.nodes) > 1:
-        surface = share_of_faces(model.comm, model.elements, members.nodes)
-        if max(share, surface) > MOST and total > len(members.nodes) // 2:
+    share = len(node_set.nodes) / max(total, 1)
+    if share > SOME and len(node_set.nodes) > 1:
+        surface = share_of_faces(model.comm, model.elements, node_set.nodes)
+        if max(share, surface) > MOST and total > len(node_set.nodes) // 2:
             much = f"{surface:.0%} of the surface" if surface > share else f"{share:.0%} of all nodes"
             warnings.append(
-                f"{where}: its set has {len(members.nodes)} nodes, {much} of {model.name}; are its places and radii in "
-                "m?"
+                f"{where}: its set has {len(node_set.nodes)} nodes, {much} of {model.name}; are its places and radii "
+                "in m?"
             )
     for name, nodes in sets.items():
-        if common := len(np.intersect1d(nodes, members.nodes)):
-            warnings.append(f"{where}: {common} of its {len(members.nodes)} nodes belong to '{name}' as well")
-    centre = members.points.mean(axis=0)
-    reach, off = np.linalg.norm(members.points - centre, axis=1).max(), np.linalg.norm(position - centre)
+        if common := len(np.intersect1d(nodes, node_set.nodes)):
+            warnings.append(f"{where}: {common} of its {len(node_set.nodes)} nodes belong to '{name}' as well")
+    centre = node_set.points.mean(axis=0)
+    reach, off = np.linalg.norm(node_set.points - centre, axis=1).max(), np.linalg.norm(position - centre)
     if reach > 0 and off > OFF * reach:
         warnings.append(
             f"{where}: at: its reference node lies {off:.3g} m from the centre of its set, which reaches {reach:.3g} m "
@@ -220,18 +220,19 @@ def rigid_rows(direction, arm) -> np.ndarray:
     return E
 
 
-def _reference(model, interface, mask, members):
+def _reference(model, interface, mask, node_set):
     """Return position (3,) and directions of the reference node, rows of this rank, and their rows (rows, 6) of G^T.
     Collective."""
     comm = model.comm
+    # where the reference node is
     rows, direction, position = coupled_rows(model, interface, mask)
-    weight = _weights(model, interface, rows, members)
+    weight = _weights(model, interface, rows, node_set)
     share = weight * (direction < 3)
     total = comm.allreduce(share.sum())
     centre = comm.allreduce(share @ position) / total if total else np.zeros(3)
     at = centre if interface.at is None else np.array(interface.at)
-    if interface.at is None and interface.weights == "equal" and members.centre is not None:
-        at = members.centre
+    if interface.at is None and interface.weights == "equal" and node_set.centre is not None:
+        at = node_set.centre
     reach = np.max(comm.allgather(np.abs(model.dofs.position - centre).max(initial=0.0)))
     if np.abs(at - centre).max() > FAR * reach:
         raise InputError(
@@ -239,6 +240,7 @@ def _reference(model, interface, mask, members):
             f"{np.abs(at - centre).max() / reach:.0f} times as far from its set as any node of the body; "
             "coordinates are in m"
         )
+    # the directions that the set moves, by its radius of gyration
     spread = comm.allreduce(share @ ((position - centre) ** 2).sum(axis=1))
     length = np.sqrt(spread / total) if total else 0.0
     if length <= FLAT * max(reach, np.abs(centre).max()):
@@ -279,7 +281,7 @@ def _inverse(gram, length, engaged, interface):
     return scale[:, None] * (vectors / values) @ vectors.T * scale * np.outer(engaged, engaged)
 
 
-def _weights(model, interface, rows, members) -> np.ndarray:
+def _weights(model, interface, rows, node_set) -> np.ndarray:
     """Return the weight of each row. Raises InputError."""
     node = model.dofs.node[rows]
     if isinstance(interface.weights, tuple):
@@ -287,12 +289,12 @@ def _weights(model, interface, rows, members) -> np.ndarray:
         return np.array(interface.weights)[order][np.searchsorted(np.array(interface.nodes)[order], node)]
     if interface.weights == "equal":
         return np.ones(len(rows))
-    if not members.areas.any():
+    if not node_set.areas.any():
         raise InputError(
             f"interface '{interface.name}': weights: 'area' needs elements with a face on the set, and "
             f"{model.name} has none there; take 'equal', or give a list of weights"
         )
-    return members.areas[np.searchsorted(members.nodes, node)]
+    return node_set.areas[np.searchsorted(node_set.nodes, node)]
 
 
 def _check_overlaps(model, interfaces, coupled):

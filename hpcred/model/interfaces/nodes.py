@@ -19,6 +19,15 @@ WAYS = ("set", "box", "sphere", "cylinder", "bore", "pin")
 NAME = re.compile(r"[A-Za-z_][\w.\-]{0,62}")
 
 
+def check_word(key: str, name: str):
+    """Refuse names that are no words, as files and expressions want them. Raises InputError."""
+    if not NAME.fullmatch(name):
+        raise InputError(
+            f"{key}: found '{name[:80]}', expected a word that begins with a letter, of letters, digits, '_', '-' and "
+            "'.', of at most 63 signs"
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Nodes(Settings):
     """A choice of nodes, by exactly one of the parameters. Lengths in m.
@@ -136,11 +145,7 @@ class Interface:
     def __post_init__(self):
         as_declared(self, f"interface '{self.name}': ")
         where = f"interface '{self.name}'"
-        if not NAME.fullmatch(self.name):
-            raise InputError(
-                f"interface.name: found '{self.name[:80]}', expected a word that begins with a letter, of letters, "
-                "digits, '_', '-' and '.', of at most 63 signs"
-            )
+        check_word("interface.name", self.name)
         if isinstance(self.nodes, tuple) and (not self.nodes or len(set(self.nodes)) < len(self.nodes)):
             raise InputError(f"{where}: nodes: expected at least one number, and each once")
         if not self.directions or not set(self.directions) <= set(SIX) or len(set(self.directions)) < len(
@@ -194,15 +199,17 @@ def find_interface(model, node) -> int | None:
 
 def warnings_of_interfaces(model) -> list[str]:
     """Return warnings of sets that look unintended, or with nodes without rows, which do not contribute. Collective."""
-    interfaces = [interface for interface in model.interfaces
-            if interface.definition and isinstance(interface.definition.nodes, Nodes)]  # fmt: skip
-    sizes = model.set_sizes if interfaces else {}
-    return [warning for interface in model.interfaces for warning in interface.warnings] + [
-        f"interface '{interface.name}': {total - interface.count} of the {total} nodes of the set '{name}' have no row "
-        f"in {model.name}, since they follow others; it moves with the {interface.count} that have"
-        for interface in interfaces
-        if (name := interface.definition.nodes.set) and interface.count < (total := sizes.get(name, 0))
-    ]  # fmt: skip
+    warnings = [warning for interface in model.interfaces for warning in interface.warnings]
+    sizes = model.set_sizes if model.interfaces else {}
+    for interface in model.interfaces:
+        nodes = interface.definition and interface.definition.nodes
+        name = nodes.set if isinstance(nodes, Nodes) else None
+        if interface.count < (total := sizes.get(name, 0)):
+            warnings.append(
+                f"interface '{interface.name}': {total - interface.count} of the {total} nodes of the set '{name}' "
+                f"have no row in {model.name}, since they follow others; it moves with the {interface.count} that have"
+            )
+    return warnings
 
 
 def node_number(model, node) -> int:

@@ -25,6 +25,7 @@ from ...parallel.declared import declared
 from ...parallel.failures import InputError, Owned
 from ...parallel.petsc import PETSc
 from ...parallel.ranges import Coordinate, Node
+from ...parallel.sums import anywhere, joined
 from ..construction import measured_columns
 from ..interfaces.motion import with_interfaces
 from ..interfaces.nodes import SIX, find_interface
@@ -155,8 +156,7 @@ def _rows_of(model, base) -> np.ndarray:
                          "program that wrote the matrices holds them")  # fmt: skip
     if count:
         numbers = np.unique(np.concatenate(comm.allgather(model.dofs.node[mask])))
-        stuck = [node for nodes in comm.allgather(np.intersect1d(held.node, numbers)[:1].tolist()) for node in nodes]
-        if stuck:
+        if stuck := joined(comm, np.intersect1d(held.node, numbers)[:1].tolist()):
             raise InputError(f"{base.where}on: node {stuck[0]} is held in some direction by the program that wrote the "
                              "matrices; leave `on` out, or export the body without that support")  # fmt: skip
     return mask
@@ -169,7 +169,7 @@ def _check_rows(model, bases, moved):
         raise InputError(f"base: found {twice} dofs of {model.name} that belong to two bases, expected each in one")
     if not model.comm.allreduce(int((~np.any(moved, axis=0)).sum())):
         raise InputError(f"{bases[0].where}on: all nodes of {model.name} belong to it; nothing is left to vibrate")
-    if any(model.comm.allgather(bool((model.dofs.direction >= OWN).any()))):
+    if anywhere(model.comm, model.dofs.direction >= OWN):
         raise InputError(f"{bases[0].where}{model.name} has dofs in directions of their own, whose motion is not known")
 
 
@@ -233,6 +233,7 @@ def _deflect(model, framed, bases, shapes, gone, free, factoring):
             ) from error
         solver.solve(from_dense(forces, framed.K), solution)
         deflection = -real_rows(solution)
+    # R <- R - K^-1 K R on the free rows
     first = 0
     for shape in shapes:
         motion = deflection[:, first : first + shape.motion.shape[1]]

@@ -16,6 +16,7 @@ from ...parallel.exchange import exchange
 from ...parallel.failures import InputError, agreed
 from ...parallel.lookup import look_up
 from ...parallel.plugins import found_at
+from ...parallel.sums import anywhere
 from ..checked_arrays import named_columns
 from ..interfaces.motion import extent_in_words, numbers_of_set, on_surface
 from ..interfaces.nodes import Nodes, find_interface
@@ -53,7 +54,7 @@ def with_loads(model, loads, given):
         local, _ = named_columns(model.comm, model.local_rows, np.reshape(column, (-1, 1)), [name], f"load '{name}'")
         columns.append((local[:, 0], sums_of_column(model, local[:, 0], name, "given")))
     for (local, _), name in zip(columns, names[len(model.input_names) :], strict=True):
-        if not any(model.comm.allgather(bool(local.any()))):
+        if not anywhere(model.comm, local):
             raise InputError(
                 f"load '{name}': every force of it acts on held dofs or is zero, so that it deforms nothing; leave it "
                 "out, or export the body without these supports"
@@ -154,7 +155,7 @@ def _require_line(nodes, points, place, where):
 def inertia_force(model, name, acceleration, kind):
     """Return the rows of this rank of M a, and its LoadColumn, for a function that gives the accelerations a (k, 3) in
     m/s^2 at points (k, 3); nodes do not turn. Collective. Raises InputError."""
-    if any(model.comm.allgather(bool((model.dofs.direction >= OWN).any()))):
+    if anywhere(model.comm, model.dofs.direction >= OWN):
         raise InputError(f"load '{name}': {model.name} has dofs in directions of their own, whose weight is not known")
     column, held, coupled = mass_times(model, acceleration)
     remark = ""
@@ -195,7 +196,7 @@ def centrifugal_field(model, name, spins):
     squares of angular velocities in (rad/s)^2, a point (3,) in m and a direction (3,) of each axis. Collective. Raises
     InputError for nodes that turn, whose angular accelerations depend on the elements."""
     turns = (model.dofs.direction > 2) & (model.dofs.direction < SCALAR)
-    if any(model.comm.allgather(bool(turns.any()))):
+    if anywhere(model.comm, turns):
         raise InputError(
             f"load '{name}': found a centrifugal load and nodes that turn, expected solids, of which the mass matrix "
             "gives it exactly"
@@ -314,6 +315,7 @@ def _keys(dofs):
 
 def inside(model, on, nodes, where):
     """Test which nodes (k,) are those that a load is `on`. Collective. Raises InputError."""
+    # a name is that of a node set or of the set of an interface
     if isinstance(on, str):
         place = find_interface(model, on)
         if on in model.set_sizes or place is None or model.interfaces[place].definition is None:
@@ -326,6 +328,7 @@ def inside(model, on, nodes, where):
             on = Nodes(set=on)
         else:
             on = model.interfaces[place].definition.nodes
+    # by number, by set, on a cylindrical surface, or in a box, sphere or cylinder
     if isinstance(on, tuple):
         there, _ = places_of(model, np.array(on, np.int64))
         lost = np.array(on)[~there]  # nodes of elements without a row have a message of their own
@@ -366,7 +369,7 @@ def faces_on(model, on, where) -> Faces:
 
 
 def _surface(model, where):
-    if not any(model.comm.allgather(any(len(elements) for elements in model.elements.values()))):
+    if not anywhere(model.comm, [len(elements) for elements in model.elements.values()]):
         raise InputError(
             f"{where}: {model.name} has no elements, and so no faces and edges; convert it with the input file of the "
             "finite-element program, or give the load vector (kind = 'given')"

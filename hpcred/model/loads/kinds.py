@@ -17,7 +17,7 @@ from pydantic import Field
 from ...parallel.declared import Settings
 from ...parallel.failures import InputError
 from ...parallel.ranges import Label, Number, Range, Vector
-from ..interfaces.nodes import NAME, Nodes
+from ..interfaces.nodes import Nodes, check_word
 
 BASE, SUPPORT = "base", "support"  # kinds of columns of bases: all that holds a body moves, or a part of it
 
@@ -60,11 +60,7 @@ class NamedLoad(Settings):
 
     def __post_init__(self):
         super().__post_init__()
-        if not NAME.fullmatch(self.name):
-            raise InputError(
-                f"{self.where.partition(' ')[0]}.name: found '{self.name[:80]}', expected a word that begins with a "
-                "letter, of letters, digits, '_', '-' and '.', of at most 63 signs"
-            )
+        check_word(f"{self.where.partition(' ')[0]}.name", self.name)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,8 @@ from ...linalg.csr import absolute
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
 from ...parallel.lookup import look_up, number_over_ranks
-from ...parallel.petsc import MPI, PETSc
+from ...parallel.petsc import PETSc
+from ...parallel.sums import anywhere
 from ..interfaces.motion import numbers_of_set
 from ..rigid_body.modes import rigid_motions
 
@@ -105,10 +106,10 @@ def cut_columns(model, cut: CutOutput) -> np.ndarray:
         rows[:, 0] = ~side & (dofs.direction != SCALAR)
     touching = real_rows(times(size, others))[:, 0] > 0  # rows with an element that has nodes of the other side
     at_cut = side & touching
-    crossed = comm.allreduce(bool(at_cut.any()), op=MPI.LOR)
+    crossed = anywhere(comm, at_cut)
     # the force on each row in a rigid-body motion of all, which only supports and springs to the ground give
     forces, bound = real_rows(times(K, motions)), real_rows(times(size, _magnitudes(K, motions)))
-    if crossed and comm.allreduce(bool((np.abs(forces) > FORCE_FREE * bound)[side].any()), op=MPI.LOR):
+    if crossed and anywhere(comm, (np.abs(forces) > FORCE_FREE * bound)[side]):
         raise InputError(f"{where}: this side has supports, or springs to the ground, whose forces are not those of "
                          "the cut; name the set of the nodes on the other side")  # fmt: skip
     about = cut.about
@@ -123,7 +124,7 @@ def cut_columns(model, cut: CutOutput) -> np.ndarray:
     columns[np.abs(columns) <= ROUND_OFF * bound] = 0.0
     if crossed:
         columns[side & ~touching] = 0.0  # to the digits of a file
-    if not comm.allreduce(bool(columns.any()), op=MPI.LOR):
+    if not anywhere(comm, columns):
         raise InputError(f"{where}: no element connects its nodes to others or to the ground; expected the nodes on "
                          "one side of a cut through the body")  # fmt: skip
     return columns[:, [COMPONENTS.index(name) for name in cut.components]]

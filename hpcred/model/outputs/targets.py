@@ -22,6 +22,7 @@ def unit_columns(model, key: str, targets) -> tuple[np.ndarray, list[str]]:
 def output_columns(model, targets) -> tuple[dict[str, np.ndarray | None], list[str]]:
     """Return the rows of this rank of the columns of C^T, Cv^T and Ca^T, each None where it is zero, and the names of
     the outputs. Collective."""
+    # a column for each single output, of whatever quantity
     columns, quantities, names = [], [], []
     for target in _declared("outputs", targets, MotionOutput | StressOutput | CutOutput):
         quantity = target.quantity if isinstance(target, MotionOutput) else QUANTITIES[0]
@@ -43,6 +44,7 @@ def output_columns(model, targets) -> tuple[dict[str, np.ndarray | None], list[s
             raise InputError(f"outputs: stresses of {model.name} would lack those of its static deflection, since one "
                              "of several supports moves; leave them out")  # fmt: skip
         local[:, list(stresses)] = stress_columns(model, list(stresses.values()))
+    # displacements belong to C, velocities to Cv, accelerations to Ca
     by_order = {}
     for key, quantity in zip(("C", "Cv", "Ca"), QUANTITIES, strict=True):
         chosen = np.array([of_column == quantity for of_column in quantities])

@@ -73,10 +73,10 @@ class Expression:
     @cached_property
     def tree(self) -> ast.expr:
         """The expression as Python parses it."""
-        if found := STRANGE.search(self.text):
-            raise self._refused(repr(found[0]), found.start())
-        for found in WRITTEN.finditer(self.text):
-            self._check_number(found[0], found.start())
+        if match := STRANGE.search(self.text):
+            raise self._refused(repr(match[0]), match.start())
+        for match in WRITTEN.finditer(self.text):
+            self._check_number(match[0], match.start())
         source = self.text.strip(" ").replace("^", "**")
         if not source:
             raise InputError(f"expression: found an empty text, {EXPECTED}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...linalg.blocks import dense_matrix
-from ...linalg.csr import compress
+from ...linalg.csr import assembled
 from ...parallel.failures import InputError, agreed
 from ...parallel.petsc import PETSc
 from ..checked_arrays import coordinates, real_columns, real_values
@@ -36,9 +36,7 @@ def term_matrix(model, term) -> PETSc.Mat:
     _check_shape(where, (size, size), shape)
     _check_finite(where, v)
     mine = (i >= first) & (i < last)
-    indptr, indices, values = compress({"term": (i[mine], j[mine], v[mine])}, first, last, size)
-    csr = (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType), values["term"])
-    return PETSc.Mat().createAIJ(model.K.getSizes(), csr=csr, comm=model.K.comm)
+    return assembled(model.K, i[mine], j[mine], v[mine])
 
 
 def _of_petsc(like, mat, shape, where, columns):

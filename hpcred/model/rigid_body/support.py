@@ -211,6 +211,6 @@ def _null_space(triangles, limit, overlaps):
     resist, count = np.concatenate([triangle for triangle, _ in triangles]), sum(rows for _, rows in triangles)
     sizes, turn = np.zeros(basis.shape[1]), np.eye(basis.shape[1])
     if count:
-        found, turn = np.linalg.svd(resist @ basis)[1:]
-        sizes[: len(found)] = found
+        met, turn = np.linalg.svd(resist @ basis)[1:]
+        sizes[: len(met)] = met
     return (basis @ turn.T)[:, sizes <= np.sqrt(count)] / limit[:, None]

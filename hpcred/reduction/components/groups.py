@@ -87,6 +87,7 @@ def number_of_groups(wanted, run, points: int) -> int:
         if wanted > ranks:
             raise InputError(f"groups: found {wanted!r}, expected 1 to {ranks}, the number of ranks, or 'auto'")
         return min(wanted, max(points, 1))
+    # "auto": as many as there are points, ranks, and memory or GPUs for their factors
     most = min(points, ranks)
     if most < 2 or run.solvers.multigrid:
         return 1

@@ -20,10 +20,9 @@ from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
 from ...parallel.ranges import COUNT, within
 from .component import PointComponent
-from .krylov import Krylov
+from .krylov import Krylov, laplace, point_name
 from .krylov_sequence import KrylovSequence
 from .point_blocks import PointBlocks
-from .points import laplace, point_name
 
 SMALL = 1e-13  # singular value below which a direction of the coefficients is dependent
 

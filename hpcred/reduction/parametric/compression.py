@@ -171,8 +171,8 @@ def _look_closely(inside, points, band, errors, worst) -> float:
     def finely(point):
         pair, little = inside(point), LITTLE * float(errors.max())
         S, few = grid([pair.outer, pair.inner], band), grid([pair.outer], band, COARSE, None)
-        found = largest_error(pair, lambda pair: largest(pair, S, little, rounds=2), few)
-        return *found, float(pair.noise(few).max())
+        error = largest_error(pair, lambda pair: largest(pair, S, little, rounds=2), few)
+        return *error, float(pair.noise(few).max())
 
     high = [k for k in np.argsort(-errors, kind="stable")[:LOOKED_AT] if errors[k] >= CLOSE * errors.max()]
     results = shared_out(inside.args[0].form.parametric.comm, finely, [points[k] for k in high])

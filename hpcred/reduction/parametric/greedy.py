@@ -169,11 +169,11 @@ class Greedy:
 
     def _join(self, search, before):
         """Add the new columns of the basis of a search to the basis."""
-        other = search.projections.basis
+        basis = search.projections.basis
         again = is_singular(search.run)  # whose basis may have been smoothed
-        if other is not self.basis:
+        if basis is not self.basis:
             start = 0 if again else before
-            self.basis.extend(copy_of(other.columns_between(start, other.size), self.run.model.K))
+            self.basis.extend(copy_of(basis.columns_between(start, basis.size), self.run.model.K))
         if again:
             self.projections.restart()
         else:

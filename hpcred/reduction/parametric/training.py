@@ -58,8 +58,8 @@ def points_around(parameters, point, step: float) -> list[tuple[float, ...]]:
     """Return the points a `step` away in the unit cube along each axis, as far as they are in the ranges."""
     place, steps = place_of(parameters, point), step * np.eye(len(parameters))
     digits = digits_for(step)
-    around = [point_at(parameters, np.clip(place + one, 0.0, 1.0), digits) for one in (*steps, *-steps)]
-    return [other for other in dict.fromkeys(around) if other != point]
+    around = [point_at(parameters, np.clip(place + shift, 0.0, 1.0), digits) for shift in (*steps, *-steps)]
+    return [near for near in dict.fromkeys(around) if near != point]
 
 
 def halfway(parameters, one, other) -> tuple[float, ...]:

@@ -87,7 +87,7 @@ def _opposite(places, values) -> list[tuple[int, int]]:
     one of the other."""
     size = np.linalg.norm(values, axis=2, keepdims=True)
     unit = np.divide(values, size, out=np.zeros_like(values), where=size > 0)
-    products = np.array([np.median(np.einsum("sp,nsp->ns", one.conj(), unit).real, axis=1) for one in unit])
+    products = np.array([np.median(np.einsum("sp,nsp->ns", direction.conj(), unit).real, axis=1) for direction in unit])
     distance = np.linalg.norm(places[:, None] - places, axis=2)
     distance[products >= 0] = np.inf
     nearest = distance.argmin(axis=1)
@@ -101,9 +101,9 @@ class _Way:
     both ends is `zero`, or None; the median size of that difference, their `change` on the way, and the `slope` at the
     zero. Local."""
 
-    def __init__(self, projections, one, other, values):
+    def __init__(self, projections, start, end, values):
         self.parameters = projections.form.parametric.parameters
-        self.first, self.last = place_of(self.parameters, one), place_of(self.parameters, other)
+        self.first, self.last = place_of(self.parameters, start), place_of(self.parameters, end)
         ends = values(self.at(0.0)), values(self.at(1.0))
         change = ends[0] - ends[1]
         square = (np.abs(change) ** 2).sum(axis=1)
@@ -132,9 +132,9 @@ class _Way:
         return [self.at(t, digits) for t in (*(self.zero - away), *(self.zero + away)) if 0 <= t <= 1]
 
 
-def _beside(projections, band, one, other, k) -> list[tuple[float, ...]]:
+def _beside(projections, band, start, end, k) -> list[tuple[float, ...]]:
     """Return points close to the zero of the static response `k` between two points; local."""
-    way = _Way(projections, one, other, lambda point: _static(projections, band, point)[k])
+    way = _Way(projections, start, end, lambda point: _static(projections, band, point)[k])
     if way.slope <= 0:
         return []
     # on both sides, where the response is so much of its median
@@ -142,10 +142,10 @@ def _beside(projections, band, one, other, k) -> list[tuple[float, ...]]:
     return way.points(np.array(BESIDE) * STATIC * median / way.slope) if median > 0 else []
 
 
-def _around(projections, band, one, other, k) -> list[tuple[float, ...]]:
+def _around(projections, band, start, end, k) -> list[tuple[float, ...]]:
     """Return points around the one between two others at which the responses `k` over the band are small, if they do
     not see it; local."""
-    way = _Way(projections, one, other, lambda point: _over_band(projections, band, point)[k])
+    way = _Way(projections, start, end, lambda point: _over_band(projections, band, point)[k])
     median = _median(_over_band(projections, band, way.at(way.zero))[k]) if way.zero is not None else 0.0
     return way.points(np.array(AROUND) * median / way.change) if 0 < median < NARROW * way.change else []
 

@@ -87,6 +87,7 @@ def with_mass(reduced, where="a state space") -> WithMass:
     M[m:] = M[:, m:] = 0.0
     K, D, B, outputs, feedthrough = _without_static(K, D, B, outputs, stop, where)
     C, Cv, Ca = outputs
+    # what is damped as w' = x_f, of second order in w
     if damped:
         if np.abs(Ca[:, m:]).max() > ROUND_OFF * max(np.abs(Ca).max(), 1e-300):
             raise InputError(_refused(where, "accelerations of dampers without mass"))

@@ -98,6 +98,6 @@ def with_maxwell_states(reduced, where="a state space", from_rest=False):
     return replace(wide, operator=Operator.of(*form(reduced.M, reduced.D, reduced.K)), **changed), states.size
 
 
-def _beside(one, other):
-    a, b = len(one), len(other)
-    return np.block([[one, np.zeros((a, b))], [np.zeros((b, a)), other]])
+def _beside(first, last):
+    a, b = len(first), len(last)
+    return np.block([[first, np.zeros((a, b))], [np.zeros((b, a)), last]])

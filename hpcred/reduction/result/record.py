@@ -286,9 +286,9 @@ def difference_of(digests: dict[str, str], record) -> str | None:
     return next((key for key in keys if digests.get(key) != record.digests.get(key)), None)
 
 
-def difference_between(one, other) -> str | None:
+def difference_between(record, other) -> str | None:
     """Return the part in which the full models of two records differ, None where they do not."""
-    return difference_of(one.digests, other)
+    return difference_of(record.digests, other)
 
 
 def make_record(model, framed, runs, progress, **known) -> Record:

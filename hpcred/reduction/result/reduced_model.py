@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
+from ...fe.dofs import ABSOLUTE, QUANTITIES
 from ...linalg.pencil import LEAST_MASS, time_of
 from ...model.interfaces.nodes import InterfaceNode
+from ...model.loads.kinds import motions_of
 from ...model.operator import NOTHING, Operator, Term, in_coordinates
 from ...model.outputs.rates import Rates, combined
 from ...model.second_order_model import SecondOrderModel, listed
@@ -19,7 +22,6 @@ from ...parallel.as_html import as_html
 from ...parallel.failures import InputError, settle
 from ...parallel.progress import counted
 from .accuracy import Accuracy
-from .base_motion import with_base_motion
 from .massless import first_order, static_coordinates
 from .maxwell_states import maxwell_states, with_maxwell_states
 from .oscillating_poles import oscillating_poles
@@ -372,6 +374,57 @@ class ReducedModel:
         self.close()
 
 
+def with_base_motion(reduced, quantity: str):
+    """Return the model with other motions of its bases as inputs: see ReducedModel.driven_by.
+
+    Where a model answers to the acceleration b'' of a base with y, it answers to b with y'': an output of a
+    displacement becomes that of an acceleration of the same coordinates, and an absolute acceleration an absolute
+    displacement. Forces beside a base keep their responses, by a second set of the same coordinates.
+    """
+    if quantity not in QUANTITIES:
+        raise InputError(f"quantity: found '{quantity}', expected one of {', '.join(QUANTITIES)}")
+    moves = motions_of(reduced.record.loads) if reduced.record is not None else []
+    if not moves:
+        raise InputError("quantity: the model has no base that moves; reduce with [[base]] in the job")
+    if hasattr(reduced, "parameters"):
+        raise InputError("quantity: found a model with parameters, whose matrices these inputs change; choose their "
+                         "values first")  # fmt: skip
+    if any(load.integrated for load in reduced.record.loads):
+        raise InputError("quantity: the inputs are no accelerations of bases any more; take the model from before")
+    order = len(QUANTITIES) - 1 - QUANTITIES.index(quantity)
+    if not order:
+        return reduced
+    # rows (3, r, m) of outputs to motions, and to forces; what would need derivatives of the motion is left out
+    by_order, absolute = reduced.output_parts, np.array([name.startswith(ABSOLUTE) for name in reduced.output_names])
+    of_motion = np.where(absolute[:, None], by_order, np.roll(by_order, order, axis=0))
+    of_force = np.where(absolute[:, None], np.roll(by_order, -order, axis=0), by_order)
+    kept = absolute | ~by_order[-order:].any(axis=(0, 2))
+    if not kept.any():
+        raise InputError(f"quantity: all outputs ({', '.join(reduced.output_names)}) would need derivatives of the "
+                         f"{quantity} of the base; reduce with displacements as outputs")  # fmt: skip
+    known = {
+        "output_names": tuple(
+            name.replace(f"{ABSOLUTE}{QUANTITIES[-1]}", f"{ABSOLUTE}{quantity}", 1)
+            for name, there in zip(reduced.output_names, kept, strict=True) if there),
+        "feedthrough": None if reduced.feedthrough is None else reduced.feedthrough[kept],
+        "record": replace(reduced.record, loads=tuple(
+            replace(load, integrated=order) if load.is_motion else load for load in reduced.record.loads)),
+        "columns": None, "left_columns": None, "model": None,
+    }  # fmt: skip
+    B, forces = reduced.B, np.array([name not in moves for name in reduced.input_names])
+    rows, frequencies, operator = of_motion[:, kept], reduced.frequencies, reduced.operator
+    if forces.any():
+        operator = operator.map(lambda matrix: block_diag(matrix, matrix))
+        frequencies, rows = np.tile(frequencies, 2), np.concatenate([rows, of_force[:, kept]], axis=2)
+        B = np.vstack([np.where(forces, 0.0, B), np.where(forces, B, 0.0)])
+        known["interfaces"] = ()
+    outputs = {key: part if key == "C" or part.any() else None
+               for key, part in zip(("C", "Cv", "Ca"), rows, strict=True)}  # fmt: skip
+    driven = replace(reduced, operator=operator, B=B, frequencies=frequencies, **outputs, **known)
+    last = np.argsort(~driven.M.any(axis=0), kind="stable")  # coordinates without mass, which stand behind the others
+    return driven.in_coordinates(np.eye(driven.size)[:, last], frequencies=frequencies[last])
+
+
 def with_zero_D(reduced: ReducedModel) -> ReducedModel:
     """Return the reduced model with D = 0."""
     return replace(reduced, operator=Operator.of(reduced.M, np.zeros_like(reduced.D), reduced.K, reduced.added))
@@ -387,9 +440,9 @@ def as_measured(reduced: ReducedModel, accuracy: Accuracy) -> ReducedModel:
 
 def _semidefinite(matrix, size):
     """Test whether a matrix is symmetric without negative eigenvalues, up to round-off of entries of a size."""
-    return np.abs(matrix - matrix.T).max(initial=0.0) <= ROUND_OFF * size and np.linalg.eigvalsh(matrix).min(
-        initial=0.0
-    ) >= -ROUND_OFF * len(matrix) * size
+    if not np.abs(matrix - matrix.T).max(initial=0.0) <= ROUND_OFF * size:
+        return False
+    return np.linalg.eigvalsh(matrix).min(initial=0.0) >= -ROUND_OFF * len(matrix) * size
 
 
 def require_finite(reduced: ReducedModel):

@@ -51,9 +51,9 @@ class Notes:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user of the result has to know."""
-        failed = [f"MUMPS made factors, since {record.package_because}" for record in self.factorisations
-                  if record.gpu_failed]  # fmt: skip
-        return (*dict.fromkeys([*self.remarks, *failed]), *([WITHOUT_MASS] if self.massless else []))
+        failed = [record.package_because for record in self.factorisations if record.gpu_failed]
+        sentences = self.remarks + [f"MUMPS made factors, since {reason}" for reason in failed]
+        return tuple(dict.fromkeys(sentences + [WITHOUT_MASS] * bool(self.massless)))
 
     @property
     def factorisations_saved(self) -> int:

@@ -34,14 +34,14 @@ class Projection(NamedTuple):
     interfaces: tuple[InterfaceNode, ...] = ()
 
 
-def project(mat, columns, left=None, width=WIDTH) -> np.ndarray:
+def project(mat, columns, left=None) -> np.ndarray:
     """Return V^T A V (m, m), or W^T A V with W = left, for the active columns. Collective."""
     left = columns if left is None else left
     columns, left = view_of(columns), view_of(left)
     count = columns.stop - columns.first
     result = np.zeros((left.stop - left.first, count))
-    for low in range(0, count, width):
-        high = min(low + width, count)
+    for low in range(0, count, WIDTH):
+        high = min(low + WIDTH, count)
         result[:, low:high] = inner(left, times(mat, columns.between(low, high)))
     columns.bv.setActiveColumns(columns.first, columns.stop)  # which parts of them have changed
     return result
