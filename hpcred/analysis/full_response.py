@@ -118,14 +118,14 @@ class FullResponse:
     def __str__(self):
         """Return the verdict, what it is of, and the warnings."""
         facts = "; ".join(f"{key} {value}" for key, value in self._facts.items())
-        return "\n".join([*self.sentences, facts, *(f"warning: {text}" for text in self.warnings)])
+        return "\n".join([*self.sentences, facts] + [f"warning: {text}" for text in self.warnings])
 
     __repr__ = __str__
 
     def _repr_html_(self):
         """Return the same for notebooks."""
         first, *others = self.sentences
-        return as_html(first, self._facts, notes=[*others, *(f"warning: {text}" for text in self.warnings)])
+        return as_html(first, self._facts, notes=others + [f"warning: {text}" for text in self.warnings])
 
     @property
     def reached(self) -> bool:

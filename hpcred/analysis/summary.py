@@ -123,8 +123,8 @@ def inspect(
     sentences, rigid_count = [_on_symmetry(model)], None
     exchanged = exchange_of_matrices(model)
     asked = [exchanged] if exchanged and model.dofs is None else questions_on_order(model)
-    warnings = [*model.remarks, *_on_unsymmetric(model), *signs, *_on_diagonals(model), *asked,
-                *warnings_of_rows_alone(model)]  # fmt: skip
+    warnings = list(model.remarks) + _on_unsymmetric(model) + signs + _on_diagonals(model) + asked
+    warnings += warnings_of_rows_alone(model)
     if model.dofs is not None:
         support = support_of(model)
         rigid_count = support.movable.shape[1]
@@ -193,8 +193,8 @@ def _of_body(model, support, exchanged, warnings, first):
     if exchanged:
         warnings = [exchanged, *warnings]  # all others follow from it
     else:
-        warnings = [*warnings, *_on_held_dofs(model, body, report["held_dofs"]), *warnings_of_nodes(model),
-                    *warnings_of_units(model, body.mass, first)]  # fmt: skip
+        warnings = warnings + _on_held_dofs(model, body, report["held_dofs"]) + warnings_of_nodes(model)
+        warnings += warnings_of_units(model, body.mass, first)
     if soft := count - support.free.shape[1]:
         report["softly_held"] = soft
         warnings.append(

@@ -73,8 +73,8 @@ def from_csr(comm, size, indptr, indices, values, inputs=None, outputs=None, *, 
         check_columns(indptr, indices, size, first, name, dofs)
         check_rows(indptr, indices, values, first, name, dofs)
     if comm.size > size:
-        problem = f"{size} rows cannot be distributed over {comm.size} ranks"
-        raise InputError(f"{name}: {problem}; start at most {size} ranks")
+        fault = f"{size} rows cannot be distributed over {comm.size} ranks"
+        raise InputError(f"{name}: {fault}; start at most {size} ranks")
     indptr, indices = (np.asarray(array, dtype=PETSc.IntType) for array in (indptr, indices))
     mats = {key: PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=(indptr, indices, data), comm=comm)
             for key, data in values.items()}  # fmt: skip
@@ -83,9 +83,9 @@ def from_csr(comm, size, indptr, indices, values, inputs=None, outputs=None, *, 
 
 def from_arrays(K, M, D, comm, inputs=None, outputs=None, **labels) -> dict:
     """Return the fields from matrices, columns and labels that every rank holds."""
-    triplets_of = {"K": K, "M": M, "D": D}
-    triplets_of = {key: coordinates(f"from_scipy: {key}", mat) for key, mat in triplets_of.items() if mat is not None}
-    sizes = {key: triplets[3] for key, triplets in triplets_of.items()}
+    matrices = {"K": K, "M": M, "D": D}
+    matrices = {key: coordinates(f"from_scipy: {key}", mat) for key, mat in matrices.items() if mat is not None}
+    sizes = {key: triplets[3] for key, triplets in matrices.items()}
     size = max(sizes.values(), default=0)
     _require_one_size("from_scipy", sizes)
     check_labels(dofs := labels.get("dofs"), size, "from_scipy")
@@ -97,7 +97,7 @@ def from_arrays(K, M, D, comm, inputs=None, outputs=None, **labels) -> dict:
     if dofs is not None:
         labels["dofs"] = dofs.take(slice(first, last))
     mine = {}
-    for key, (i, j, v, _) in triplets_of.items():
+    for key, (i, j, v, _) in matrices.items():
         # a structurally symmetric pattern, also for an unsymmetric D
         i, j, v = np.concatenate([i, j]), np.concatenate([j, i]), np.concatenate([v, np.zeros(len(v))])
         local = (i >= first) & (i < last)
@@ -165,8 +165,8 @@ def measured_columns(K: PETSc.Mat, C, Cv, Ca, names, what: str) -> tuple[PETSc.M
                   for key, columns in (("C", C), ("Cv", Cv), ("Ca", Ca)) if columns is not None}  # fmt: skip
         shapes = {key: columns.shape for key, columns in by_key.items()}
         if set(shapes.values()) != {(rows, len(names))}:
-            shapes_found = ", ".join(f"{key} of {shape[1]} rows" for key, shape in shapes.items())
-            raise InputError(f"{what}: found {shapes_found} and {len(names)} names, expected as many rows as names")
+            listed = ", ".join(f"{key} of {shape[1]} rows" for key, shape in shapes.items())
+            raise InputError(f"{what}: found {listed} and {len(names)} names, expected as many rows as names")
     rows_by_order = np.stack([by_key.get(key, np.zeros((rows, len(names)))).T for key in ("C", "Cv", "Ca")])
     there = np.any(comm.allgather(rows_by_order.any(axis=2)), axis=0)
     check_names(names, there, what)
@@ -177,8 +177,8 @@ def measured_columns(K: PETSc.Mat, C, Cv, Ca, names, what: str) -> tuple[PETSc.M
 def _require_one_size(where, sizes: dict[str, int]):
     """Refuse matrices, by name, with different numbers of rows."""
     if len(set(sizes.values())) > 1:
-        sizes_found = ", ".join(f"{rows} rows of {key}" for key, rows in sizes.items())
-        raise InputError(f"{where}: found {sizes_found}, expected the same number")
+        listed = ", ".join(f"{rows} rows of {key}" for key, rows in sizes.items())
+        raise InputError(f"{where}: found {listed}, expected the same number")
 
 
 def _columns(B, C, rows):

@@ -142,8 +142,8 @@ class ModalDamping(DampingSettings):
 
     def __post_init__(self):
         super().__post_init__()
-        values_set = [value for value in (self.ratio, self.ratios, self.table) if value is not None]
-        if len(values_set) != 1 or values_set[0] == ():
+        ways = [value for value in (self.ratio, self.ratios, self.table) if value is not None]
+        if len(ways) != 1 or ways[0] == ():
             raise InputError("damping: kind 'modal' needs exactly one of ratio, ratios and table")
         if self.table is not None and list(self.table) != sorted(self.table):
             raise InputError("damping.table: expected frequencies in ascending order")

@@ -30,6 +30,15 @@ RESISTS = 1e-6  # ||K_v r|| of rigid-body motions r over ||K_v|| ||r||
 COLLINEAR = 1e-6  # area of the unit triangle below which three points count as collinear
 
 
+def _ordered(key, value):
+    if value is not None and sorted(value) != ["x", "y", "z"]:
+        raise InputError(f"{key}: found '{value[:20]}', expected an order of x, y and z such as 'yxz'")
+
+
+def _direction(key, value):
+    direction_index(value, key)
+
+
 class FrameSettings(Settings):
     """Base of the frames."""
 
@@ -77,12 +86,7 @@ class Chord(FrameSettings):
 
     kind: Literal["chord"] = field(default="chord", kw_only=True, repr=False)
     nodes: tuple[Node, Node, Node]
-    axes: str | None = None
-
-    def __post_init__(self):
-        super().__post_init__()
-        if self.axes is not None and sorted(self.axes) != ["x", "y", "z"]:
-            raise InputError(f"frame.axes: found '{self.axes[:20]}', expected an order of x, y and z such as 'yxz'")
+    axes: Annotated[str | None, _ordered] = None
 
 
 @dataclass(frozen=True)
@@ -97,12 +101,7 @@ class Buckens(FrameSettings):
     """
 
     kind: Literal["buckens"] = field(default="buckens", kw_only=True, repr=False)
-    supports: tuple[tuple[Label, str], ...] | None = None
-
-    def __post_init__(self):
-        super().__post_init__()
-        for _, direction in self.supports or ():
-            direction_index(direction, "frame.supports")
+    supports: tuple[tuple[Label, Annotated[str, _direction]], ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -131,8 +131,8 @@ def require_translations(model, e):
     moved, rows = _rows_of_nodes(model)
     mixed = np.abs(skew(e)) + np.abs(skew(e) @ skew(e)) > 0  # also with itself, which each row has
     lacking = (rows < 0) & mixed[dofs.direction[moved]]
-    if lacking_rows := joined(model.comm, _first_lacking(dofs, moved, lacking)):
-        node, held, other = lacking_rows[0]
+    if nodes := joined(model.comm, _first_lacking(dofs, moved, lacking)):
+        node, held, other = nodes[0]
         raise InputError(
             f"rotation: node {node} of {model.name} has no row in {held}, but one in {other}, which the rotation mixes "
             "with it; hold such nodes in all directions, or by a frame, or give the matrices of the terms as files"

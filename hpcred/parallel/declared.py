@@ -99,7 +99,7 @@ def renamed(name: str, before: str):
 def _class_of_kind(word, kind) -> str | None:
     """The name of the one of several dataclasses whose field `kind` is a word, as in frame="buckens"."""
     kinds = [plain_type(inner) for inner in (kind, *get_args(kind))]
-    for table in [*kinds, *(inner for outer in kinds for inner in get_args(outer))]:
+    for table in kinds + [inner for outer in kinds for inner in get_args(outer)]:
         if is_dataclass(table) and word in [field.default for field in fields(table) if field.name == "kind"]:
             return table.__name__
     return None
@@ -153,7 +153,7 @@ def spelled_with(table: type) -> Callable[[Function], Function]:
                 for key, kind in getattr(table, "__annotations__", {}).items()]  # fmt: skip
         if keys:  # shown in place of **keywords
             plain = [parameter for parameter in parameters if parameter.kind is not Parameter.VAR_KEYWORD]
-            checked.__signature__ = Signature([*plain, *keys])  # type: ignore[attr-defined]
+            checked.__signature__ = Signature(plain + keys)  # type: ignore[attr-defined]
         return checked  # type: ignore[return-value]
 
     return decorated

@@ -239,7 +239,7 @@ class BasisReductor(Reductor):
             groups=spaces.groups, projection=self.projection, deflation_tolerance=plan.deflation,
             drop_above=self.settings.drop_above, coordinates=self.settings.coordinates,
             orthonormality_defect=projection.defect, accuracy=accuracy,
-            warnings=(*(accuracy.warnings if accuracy is not None else ()), *warnings, *run.notes.warnings),
+            warnings=(accuracy.warnings if accuracy is not None else ()) + warnings + run.notes.warnings,
             unstable_poles=tuple((pole.real, pole.imag) for pole in poles.tolist()),
         )  # fmt: skip
         return replace(reduced, record=record)
@@ -297,6 +297,7 @@ def extend_by_all(basis, bases, runs, groups, last=True):
 
 def _highest(basis, run) -> float:
     """Return the highest point or mode (Hz) that a basis was made for."""
-    points = [abs(getattr(component, "point", 0.0)) for component in basis if isinstance(component, PointComponent)]
+    at_points = [component for component in basis if isinstance(component, PointComponent)]
+    points = [abs(getattr(component, "point", 0.0)) / 2 / np.pi for component in at_points]
     modes = [max(notes.frequencies_hz) for notes in run.notes.components if notes.frequencies_hz]
-    return max([*(point / 2 / np.pi for point in points if np.isfinite(point)), *modes], default=0.0) or np.inf
+    return max(modes + [point for point in points if np.isfinite(point)], default=0.0) or np.inf

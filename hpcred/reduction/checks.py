@@ -110,7 +110,7 @@ def require_no_series(model, damping):
 def doubts_of_matrices(model, exchanged: str | None) -> tuple[str, ...]:
     """Return what looks wrong of M, D and K: an indefinite one, another order, and other units; `exchanged`: what
     exchange_of_matrices says. Collective."""
-    return (*warnings_of_definiteness(model), *((exchanged,) if exchanged else questions_on_order(model)))
+    return tuple(warnings_of_definiteness(model) + ([exchanged] if exchanged else questions_on_order(model)))
 
 
 def warnings_of(model, frame, exchanged: str | None, constant=None) -> tuple[str, ...]:

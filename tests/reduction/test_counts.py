@@ -11,6 +11,7 @@ from helpers import few_on_ranks
 import hpcred
 from hpcred import Adaptive, Factoring, PointStore, Rayleigh
 from hpcred.linalg.known import EXACT, ModeCount, Source
+from hpcred.linalg.solvers.auto import Auto
 from hpcred.linalg.solvers.mumps import Mumps
 from hpcred.parallel.petsc import is_complex
 from hpcred.reduction.search import search
@@ -139,6 +140,11 @@ def test_without_a_count_none_is_claimed(comm, monkeypatch):
     assert "a second verification replaces the count" in accuracy.measured
 
 
+def has_source(patch, source):
+    for package in (Mumps, Auto):
+        patch.setattr(package, "source_of", lambda *_: source)
+
+
 class TestStores:
     """A count from an approximate factor was kept, and served runs with full ones."""
 
@@ -154,7 +160,7 @@ class TestStores:
             if source is None:  # of an earlier version
                 patch.setattr("hpcred.reduction.search.point_solver.asdict", lambda _: None)
             else:
-                patch.setattr(Mumps, "source_of", lambda *_: source)
+                has_source(patch, source)
             patch.setattr("hpcred.linalg.solvers.base.Factorisation.inertia", property(lambda _: 2))
             patch.setattr("hpcred.linalg.solvers.base.refinement_converges", lambda *_: True)
             assert self.accuracy(comm, tmp_path / "store").counted.modes == 2
@@ -164,7 +170,7 @@ class TestStores:
         assert found.counted == expected.counted and not found.points[0].from_store
         assert self.accuracy(comm, tmp_path / "store").points[0].from_store
         with monkeypatch.context() as patch:  # a stronger count serves a weaker claim
-            patch.setattr(Mumps, "source_of", lambda *_: ROUGH)
+            has_source(patch, ROUGH)
             again = self.accuracy(comm, tmp_path / "store")
         assert again.points[0].from_store and again.counted == expected.counted
 
@@ -186,7 +192,7 @@ class TestStores:
 
 @needs_counts
 def test_factors_that_are_too_rough_to_count_need_a_second_proof(comm, monkeypatch):
-    monkeypatch.setattr(Mumps, "source_of", lambda *_: ROUGH)
+    has_source(monkeypatch, ROUGH)
     monkeypatch.setattr("hpcred.linalg.solvers.base.refinement_converges", lambda *_: False)
     accuracy = reduced(comm, [], (0.0, 30.0))[0].accuracy
     assert accuracy.reached and len(accuracy.proofs) > 1 and accuracy.counted is None

@@ -57,19 +57,19 @@ def with_interfaces(model, interfaces):
         if anywhere(model.comm, dofs.node == number) or numbers.count(number) > 1:
             raise InputError(f"interface '{interface.name}': node: the number {number} is taken; take another one")
     # G^T, and what is known of each reference node
-    made, entries, coupled, sets = [], [], [], {}
+    nodes, entries, coupled, sets = [], [], [], {}
     for interface, number in zip(interfaces, numbers, strict=True):
         mask = members(model, interface)
         node_set = _set_of(model, mask)
         position, directions, rows, weights = _reference(model, interface, mask, node_set)
         warnings = _warnings(model, interface, node_set, position, sets)
         place = tuple(position.tolist())
-        made.append(InterfaceNode(interface.name, number, place, directions, interface, len(node_set.nodes), warnings))
+        nodes.append(InterfaceNode(interface.name, number, place, directions, interface, len(node_set.nodes), warnings))
         sets[interface.name] = node_set.nodes
         entries.append((rows, weights))
         coupled.append(rows)
     _check_overlaps(model, interfaces, coupled)
-    return model.with_fields(Gt=_sparse_columns(model, entries), interfaces=tuple(made))
+    return model.with_fields(Gt=_sparse_columns(model, entries), interfaces=tuple(nodes))
 
 
 def members(model, interface) -> np.ndarray:

@@ -304,11 +304,11 @@ def _assembled(model, framed, bases, R, columns, loads, free):
     rows_of = {key: np.vstack([before_of[key], np.zeros((len(places), len(free)))]) for key in before_of}
     if places:
         rows_of.setdefault("Ca", np.zeros((len(called) + len(places), len(free))))[len(called) :] = absolute[free].T
-        called = [*called, *(f"{ABSOLUTE}acceleration {name}" for name in places)]
+        called = list(called) + [f"{ABSOLUTE}acceleration {name}" for name in places]
     if lost := [name for name, there in zip(model.input_names, acts, strict=True) if not there]:
         remark = f"left out the inputs {', '.join(lost)}, which act on nodes that move as they are told"
         loads = (replace(loads[0], remark="; ".join(filter(None, [loads[0].remark, remark]))), *loads[1:])
-    with framed.with_input_columns(B, [*names, *(load.name for load in loads)]) as moved:
+    with framed.with_input_columns(B, names + [load.name for load in loads]) as moved:
         columns = (np.ascontiguousarray(rows_of[key].T) if key in rows_of else None for key in ("C", "Cv", "Ca"))
         Ct, rates = measured_columns(moved.K, *columns, called, where)
         if places:

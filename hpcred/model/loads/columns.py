@@ -40,7 +40,7 @@ def with_loads(model, loads, given):
     """Return the model with loads as further inputs, see SecondOrderModel.with_loads. Collective."""
     loads, given = declared("loads", loads, tuple[AnyLoad, ...]), dict(given or {})
     # names are those of inputs, each once
-    names = [*model.input_names, *(name for load in loads for name in input_names(load)), *given]
+    names = list(model.input_names) + [name for load in loads for name in input_names(load)] + list(given)
     twice = min((name for name, count in Counter(names).items() if count > 1), default=None)
     if twice is not None:
         raise InputError(f"load '{twice}': found two inputs of this name, expected each once; give it another name")

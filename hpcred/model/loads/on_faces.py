@@ -33,6 +33,13 @@ class NodalForces:
     area: float = 0.0
 
     @classmethod
+    def of_elements(cls, nodes, forces, position) -> NodalForces:
+        """Return the forces at nodes (e, k) at positions (e, k, 3), as arrays of 3 e k numbers in this order."""
+        value = np.zeros((nodes.size, 6))
+        value[:, :3] = forces.reshape(-1, 3)
+        return cls(nodes.ravel(), value, position.reshape(-1, 3))
+
+    @classmethod
     def joined(cls, several) -> NodalForces:
         several = [*several, cls(np.zeros(0, np.int64), np.zeros((0, 6)), np.zeros((0, 3)))]
         arrays = (np.concatenate([getattr(forces, key) for forces in several]) for key in ("node", "value", "position"))
@@ -62,7 +69,7 @@ def forces_on_faces(model, faces: Faces, where: str, *, pressure=None, traction=
             at_nodes *= _inwards(points[mine], x, normal.sum(axis=1), faces.behind[mine])[:, None, None]
         else:
             at_nodes = np.einsum("g,gk,fg->fk", weights, N, sizes)[..., None] * traction[mine, None, :]
-        forces_by_face.append(_forces(nodes, at_nodes, x))
+        forces_by_face.append(NodalForces.of_elements(nodes, at_nodes, x))
     forces = NodalForces.joined(forces_by_face)
     return NodalForces(forces.node, forces.value, forces.position, model.comm.allreduce(area))
 
@@ -71,12 +78,6 @@ def _inwards(points, x, normal, behind):
     """Return 1 or -1 (f,): the sign that turns the normals of faces to where a pressure pushes."""
     off = points[:, -1] - x.mean(axis=1)
     return np.where((behind >= 0) & ((off * normal).sum(axis=1) < 0), -1.0, 1.0)
-
-
-def _forces(nodes, at_nodes, x) -> NodalForces:
-    value = np.zeros((nodes.size, 6))
-    value[:, :3] = at_nodes.reshape(-1, 3)
-    return NodalForces(nodes.ravel(), value, x.reshape(-1, 3))
 
 
 def _points_of(model, table, where):
@@ -128,5 +129,5 @@ def forces_on_edges(model, edges: np.ndarray, where: str, value) -> NodalForces:
         nodes, x = edges[mine][:, : N.shape[1]], points[mine][:, : N.shape[1]]
         length = np.linalg.norm(np.einsum("gk,ekx->egx", dN, x), axis=2)
         shares = np.einsum("g,gk,eg->ek", weights, N, length)
-        forces.append(_forces(nodes, shares[..., None] * np.asarray(value), x))
+        forces.append(NodalForces.of_elements(nodes, shares[..., None] * np.asarray(value), x))
     return NodalForces.joined(forces)

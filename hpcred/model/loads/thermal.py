@@ -45,9 +45,7 @@ def _forces(kind, rule, material, nodes, position, rise):
     at_points = rise @ shape_functions(kind, points)[0].T
     pressure = material.young * material.expansion / (1 - 2 * material.poisson)  # of a rise by 1 K that is held back
     forces = pressure * np.einsum("egia,eg->ea", B[:, :, :3], volumes * at_points)
-    value = np.zeros((nodes.size, 6))
-    value[:, :3] = forces.reshape(-1, 3)
-    return NodalForces(nodes.ravel(), value, position.reshape(-1, 3))
+    return NodalForces.of_elements(nodes, forces, position)
 
 
 def _require_solids(model, where):

@@ -5,7 +5,7 @@ enters with the projection. At s = i omega the matrix K - omega^2 M is real, as 
 """
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -20,6 +20,15 @@ from ...parallel.ranges import COUNT, FREQUENCY, RATE, within
 from .component import PointComponent
 from .krylov_sequence import KrylovSequence
 from .point_blocks import PointBlocks
+
+
+def _not_negative(key, value):
+    if value < 0:
+        raise InputError(f"{key}: found {value}, expected 0 or more")
+    within(key, value, (0, COUNT[1], ""))
+
+
+Order = Annotated[int, _not_negative]
 
 
 class PencilSequence(KrylovSequence):
@@ -90,7 +99,7 @@ class Krylov(PointComponent):
 
     kind: Literal["krylov"] = field(default="krylov", kw_only=True, repr=False)
     frequency: float | None = None
-    order: int = 0
+    order: Order = 0
     decay: float | None = None
     infinity: bool = False
 
@@ -98,9 +107,6 @@ class Krylov(PointComponent):
         as_declared(self, "krylov.")
         if self.infinity == (self.frequency is not None or self.decay is not None):
             raise InputError("krylov: expected frequency (Hz), decay (1/s) or both, or infinity = true")
-        if self.order < 0:
-            raise InputError(f"krylov.order: found {self.order}, expected 0 or more")
-        within("krylov.order", self.order, (0, COUNT[1], ""))
         self.point  # noqa: B018  (refused early)
 
     @property

@@ -18,9 +18,8 @@ from ...model.damping import caughey_terms
 from ...parallel.decisions import decided
 from ...parallel.declared import as_declared
 from ...parallel.failures import InputError
-from ...parallel.ranges import COUNT, within
 from .component import PointComponent
-from .krylov import Krylov, laplace, point_name
+from .krylov import Krylov, Order, laplace, point_name
 from .krylov_sequence import KrylovSequence
 from .point_blocks import PointBlocks
 
@@ -50,14 +49,11 @@ class SecondOrderKrylov(PointComponent):
     kind: Literal["second_order_krylov"] = field(default="second_order_krylov", kw_only=True, repr=False)
     frequency: float | None = None
     decay: float | None = None
-    order: int = 0
+    order: Order = 0
     s: tuple[float, float] | None = None
 
     def __post_init__(self):
         as_declared(self, "second_order_krylov.")
-        if self.order < 0:
-            raise InputError(f"second_order_krylov.order: found {self.order}, expected 0 or more")
-        within("second_order_krylov.order", self.order, (0, COUNT[1], ""))
         if self.frequency is None and self.decay is None and self.s is None:
             raise InputError("second_order_krylov: expected a point: frequency (Hz), decay (1/s), or s = [re, im]")
         self.point  # noqa: B018  (refused early)

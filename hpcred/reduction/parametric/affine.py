@@ -48,9 +48,9 @@ class AffineForm:
         blocks, places = [], {"B": [], "C": []}
         for of, mat in (("B", model.B), ("C", model.Ct)):
             if mat is not None:
-                terms_here = [(0, mat), *((k, term.matrix) for k, term in terms if term.of == of)]
-                blocks += [self._restricted(from_dense(each)) for _, each in terms_here]
-                places[of] = [k for k, _ in terms_here]
+                summands = [(0, mat), *((k, term.matrix) for k, term in terms if term.of == of)]
+                blocks += [self._restricted(from_dense(each)) for _, each in summands]
+                places[of] = [k for k, _ in summands]
         self.loads, factors = independent_columns(framed.model, framed.rigid, blocks)
         count = len(places["B"])
         self.inputs = list(zip(places["B"], factors[:count], strict=True))
@@ -123,9 +123,9 @@ class PointModels(NamedTuple):
         k = slice(len(self.L) if count is None else count)
         if (key := (k.stop, self.damping)) not in self.made:
             alone = self.operator.map(lambda matrix: matrix[k, k])
-            facts = alone.get("D"), self.damping, self.io, alone.added, self.symmetric
+            rest = alone.get("D"), self.damping, self.io, alone.added, self.symmetric
             mass = alone.get("M") if self.tau else None
-            self.made[key] = diagonalised(alone["K"], self.L[k], *facts, mass, self.tau)
+            self.made[key] = diagonalised(alone["K"], self.L[k], *rest, mass, self.tau)
         return self.made[key]
 
 

@@ -106,12 +106,13 @@ def compress(projections, settings, reference, some, points, goal, fixed, beside
             noise = _look_closely(inside, points, settings.band, errors, worst)
             over = _over(errors, goal, points, some)
         if not over:
-            more = _look_around(inside, points, errors, settings)
-            points, errors, worst = [*points, *more[0]], np.append(errors, more[1]), np.append(worst, more[2])
+            around, errors_around, worst_around = _look_around(inside, points, errors, settings)
+            points, errors = points + around, np.append(errors, errors_around)
+            worst = np.append(worst, worst_around)
             over = _over(errors, goal, points, some)
         if not over or limited:
             break
-        some = [*some, *(points[k] for k in over[:WORST])]
+        some = some + [points[k] for k in over[:WORST]]
     pair, S, curve = decided(comm, _at_reference, projections, reference, settings, U)
     return RangeCompressed(U, points, errors, worst, pair, S, curve, noise, limited)
 

@@ -56,7 +56,7 @@ def residual_block(projections: AffineProjections, framed, points, settings, wid
     """
     form = projections.form
     mass = [] if form.has_mass else [(form.parametric.model.M, form.is_symmetric(0, "M"))]
-    matrices = [*mass, *((mat, symmetric) for _, _, mat, symmetric in form.matrices)]
+    matrices = mass + [(mat, symmetric) for _, _, mat, symmetric in form.matrices]
     space = ResidualSpace(
         framed.model, framed.rigid, form.loads, projections.basis.columns, matrices, row_scale(framed.model),
         form.restore, None if form.has_mass else mass_images(form.run, projections.basis),
