@@ -80,6 +80,22 @@ def comm():
 
 
 @pytest.fixture(scope="session", autouse=True)
+def forks():
+    """The program that looks at HDF5 files, a fork of this process instead of a start of Python (forks.py)."""
+    from forks import Forked
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(subprocess, "Popen", Forked)
+        yield Forked
+
+
+@pytest.fixture
+def forked_commands(forks, monkeypatch):
+    """Commands of hpcred on one rank, such as the runs of a sweep, as forks."""
+    monkeypatch.setattr(forks, "commands", True)
+
+
+@pytest.fixture(scope="session", autouse=True)
 def coarse_pictures():
     """Pictures with few dots and margins as they come: tests look at what is drawn, not at how finely or where."""
     from hpcred.report import figures, mode_pictures, set_pictures

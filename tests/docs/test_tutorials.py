@@ -24,6 +24,7 @@ def said(text):
     return {word.rstrip(";") for line in plain for word in line.split()}
 
 
+@pytest.mark.usefixtures("forked_commands")
 @pytest.mark.parametrize(
     "page",
     [

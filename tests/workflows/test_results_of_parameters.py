@@ -349,6 +349,7 @@ def scaled(mat, factor):
     return other
 
 
+@pytest.mark.usefixtures("forked_commands")
 def test_a_job_at_one_value_and_a_sweep_over_it(reduced_job, monkeypatch):
     """Reductions without parameters, which one basis for all must be like."""
     monkeypatch.chdir(reduced_job[0])

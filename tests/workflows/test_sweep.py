@@ -43,7 +43,7 @@ launcher = ""
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
+def finished(tmp_path_factory, forks):
     """A folder with a finished sweep of two runs."""
     folder = tmp_path_factory.mktemp("finished")
     with package.linkage() as model:
@@ -51,7 +51,9 @@ def finished(tmp_path_factory):
     (folder / "job.toml").write_text(CHORD_JOB)
     text = SWEEP.format(last=1, count=2) + "[evaluate]\nband = [1.0, 100.0]\npoints = 3\n"
     (folder / "sweep.toml").write_text(text)
-    assert package.sweep(folder / "sweep.toml")["finished"] == 2
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(forks, "commands", True)
+        assert package.sweep(folder / "sweep.toml")["finished"] == 2
     return folder
 
 
@@ -67,6 +69,7 @@ def results(folder):
     return {path.name: package.read_result(path).reduced for path in sorted(Path(folder).glob("*.h5"))}
 
 
+@pytest.mark.usefixtures("forked_commands")
 def test_the_documented_example(tmp_path, monkeypatch, capsys):
     """Files whose names have blanks; errors against `evaluate` on the full model."""
     (example,) = re.findall(r'```toml title="sweep.toml"\n(.*?)```', (ROOT / "docs/sweeps.md").read_text(), re.S)
@@ -153,6 +156,7 @@ def test_finished_runs_are_known_by_what_they_say(swept, capsys, monkeypatch):
         statuses()
 
 
+@pytest.mark.usefixtures("forked_commands")
 def test_keep_replaces_no_result_no_table_and_no_figure(swept, capsys):
     assert run(["sweep", "sweep.toml", "--keep"]) == 0
     collect = ["collect", "sweep.toml", "--keep"]
@@ -168,6 +172,7 @@ def test_keep_replaces_no_result_no_table_and_no_figure(swept, capsys):
     assert run(["sweep", "sweep.toml"]) == 0
 
 
+@pytest.mark.usefixtures("forked_commands")
 @pytest.mark.parametrize("launcher", ["", "false"])
 def test_what_another_sweep_has_done_meanwhile_is_finished(swept, launcher):
     """Before it is begun here, or while what is begun here is refused."""
@@ -188,6 +193,7 @@ def test_what_another_sweep_has_done_meanwhile_is_finished(swept, launcher):
     assert "2 of 2" in said[-1]
 
 
+@pytest.mark.usefixtures("forked_commands")
 @pytest.mark.parametrize("finishes", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_run_that_another_sweep_computes_is_waited_for(swept, finishes):
     """Also where its lock is there before it is begun here; what the other leaves undone is done here."""
@@ -250,6 +256,7 @@ def test_a_full_disk_ends_a_sweep(linkage_folder):
     assert [row["status"] for row in report["runs"]] == ["failed", "missing", "missing"]
 
 
+@pytest.mark.usefixtures("forked_commands")
 def test_a_tolerance_that_is_not_reached_is_said_each_time(linkage_folder, capsys):
     Path("sweep.toml").write_text(
         '[job]\nmodel = "model.h5"\nband = [1.0, 300.0]\n[job.frame]\nkind = "chord"\nnodes = [1, 7, 14]\naxes = "yxz"'
@@ -262,6 +269,7 @@ def test_a_tolerance_that_is_not_reached_is_said_each_time(linkage_folder, capsy
     assert [row["status"] for row in rows] == ["finished", "not reached"] and rows[0]["estimate"] < 1e-3
 
 
+@pytest.mark.usefixtures("forked_commands")
 def test_a_store_saves_factorisations_and_changes_no_number(linkage_folder, capsys):
     Path("sweep.toml").write_text(
         'job = "job.toml"\nstore = "my points"\n[[vary]]\nkey = "basis.0.order"\nvalues = [1, 0]\n[[vary]]\n'

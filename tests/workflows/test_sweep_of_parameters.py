@@ -87,6 +87,7 @@ def columns(path):
         return file["basis/V"][...].T
 
 
+@pytest.mark.usefixtures("forked_commands")
 @pytest.mark.parametrize("launch", [ALONE, pytest.param("ranks = 2", marks=pytest.mark.slow)])
 def test_one_basis_serves_all_values(body, capsys, monkeypatch, launch):
     for key, value in mpi_environment().items():
@@ -155,6 +156,7 @@ def test_a_sweep_that_goes_on_finds_its_basis(body):
     assert len(bases) == 1 and str(ranges.absolute()) not in bases
 
 
+@pytest.mark.usefixtures("forked_commands")
 def test_sweeps_at_the_same_time_make_one_basis(body):
     """As the tasks of an array do."""
     Path("job.toml").write_text(JOB.replace("1e-3", "0.1").replace("stress = true\n", ""))
