@@ -104,9 +104,12 @@ def coarse_pictures():
 
     def without_layout():
         found = load()
-        from matplotlib.layout_engine import ConstrainedLayoutEngine
+        from matplotlib.axes import Axes
+        from matplotlib.figure import Figure
 
-        ConstrainedLayoutEngine.execute = lambda *_: None  # half of the time of a figure
+        # three quarters of the time of a figure: it is drawn once more to find its layout, and the place of a title is
+        # found by that of all ticks
+        Figure.get_layout_engine = Axes._update_title_position = lambda *_: None
         return found
 
     with pytest.MonkeyPatch.context() as patch:
@@ -115,6 +118,17 @@ def coarse_pictures():
             patch.setattr(module, "DOTS", 60)
         patch.setattr(mode_pictures, "MOVING_DOTS", 40)
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def flags_of_fmus():
+    """The C compiler optimises no FMU, which takes it five times longer; returns the flags with which it does."""
+    from hpcred.writers import fmu
+
+    flags = fmu.FLAGS
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fmu, "FLAGS", tuple("-O0" if flag == "-O3" else flag for flag in flags))
+        yield flags
 
 
 @pytest.fixture

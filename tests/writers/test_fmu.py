@@ -41,9 +41,12 @@ def body():
 
 
 @pytest.fixture(scope="module")
-def fmu(body, tmp_path_factory):
+def fmu(body, tmp_path_factory, flags_of_fmus):
+    """As users have it."""
     path = tmp_path_factory.mktemp("fmu") / "body.fmu"
-    write_fmu(path, body)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("hpcred.writers.fmu.FLAGS", flags_of_fmus)
+        write_fmu(path, body)
     return path
 
 
@@ -237,8 +240,9 @@ def said_of_sources(path, folder):
     ).stderr  # fmt: skip
 
 
-def test_the_sources_are_whole_and_the_file_is_always_the_same(body, fmu, tmp_path):
+def test_the_sources_are_whole_and_the_file_is_always_the_same(body, fmu, tmp_path, monkeypatch, flags_of_fmus):
     """With the headers of FMPy, which are those of the standard, and all warnings."""
+    monkeypatch.setattr("hpcred.writers.fmu.FLAGS", flags_of_fmus)
     assert said_of_sources(fmu, tmp_path / "extracted") == ""
     write_fmu(tmp_path / "again.fmu", body)
     assert (tmp_path / "again.fmu").read_bytes() == fmu.read_bytes()
