@@ -32,8 +32,13 @@ def function_of(command, commands):
     if commands and words[:-1] == SHELL and words[-1].startswith("hpcred ") and not NO_WORDS & set(words[-1]):
         return lambda: run(shlex.split(words[-1])[1:])
     if commands and words[0] == sys.executable and "hpcred" in words and words[words.index("hpcred") - 1] == "-m":
-        return lambda: run(words[words.index("hpcred") + 1 :])
+        return None if "--scalar" in words else lambda: run(words[words.index("hpcred") + 1 :])
     return None
+
+
+def of_this_build(environment):
+    """Whether a process with this environment takes the build of PETSc that this one has."""
+    return environment.get("HPCRED_SCALAR", "") == os.environ.get("HPCRED_SCALAR", "")
 
 
 def end_with(function, environment):
@@ -62,7 +67,7 @@ class Forked(subprocess.Popen):
     commands = False  # whether those of hpcred are forked as well
 
     def __init__(self, args, *more, env=None, **how):
-        if (function := function_of(args, self.commands)) is not None:
-            environment = dict(os.environ if env is None else env)
+        environment = dict(os.environ if env is None else env)
+        if (function := function_of(args, self.commands and of_this_build(environment))) is not None:
             how["preexec_fn"] = lambda: end_with(function, environment)
         super().__init__(args, *more, env=env, **how)

@@ -162,7 +162,6 @@ def test_the_stress_of_a_rigid_shape_is_none(tmp_path):
     assert low > 0.05 and high < 1e-3  # but for the mark
 
 
-@pytest.mark.parametrize("kind", ["gif", "webp"])
-def test_stresses_move(tmp_path, kind):
-    animate_shapes(tmp_path / f"a.{kind}", Stressed(), None, kind, "stress")
-    assert Image.open(tmp_path / f"a.{kind}").n_frames == 24
+def test_stresses_move(tmp_path):
+    animate_shapes(tmp_path / "a.gif", Stressed(), None, "gif", "stress")
+    assert Image.open(tmp_path / "a.gif").n_frames == 24

@@ -23,8 +23,10 @@ def test_each_result_has_its_own_error_and_the_modes_of_the_model(comm, folder):
             coordinates = "interface" if name == "cb" else "modal"
             with hpcred.reduce(model, basis, Buckens(), coordinates=coordinates) as rom:
                 hpcred.write_result(folder / f"{name}.h5", rom, model)
-            with hpcred.reduce(model, basis, Buckens()) as rom:
-                shapes[name] = rom.frequencies, gather(rom.columns)
+                if name != "cb":
+                    shapes[name] = rom.frequencies, gather(rom.columns)
+        with hpcred.reduce(model, bases["cb"], Buckens()) as rom:
+            shapes["cb"] = rom.frequencies, gather(rom.columns)
         files = [folder / f"{name}.h5" for name in bases]
         report = hpcred.workflows.compare_results(files, folder / "model.h5", frequencies=FREQUENCIES, modes=4,
                                         output=folder / "eps.csv")  # fmt: skip

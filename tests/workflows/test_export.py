@@ -27,7 +27,7 @@ def test_all_formats_without_more(reduced_linkage, comm):
     result = reduced_linkage()
     for export in WRITERS.all():
         kind = export.name
-        if export.needs == "superelement":
+        if export.needs == "superelement" or kind == "webp":  # pictures like those of gif
             continue
         report = export_result(result, kind)
         path = result.with_name("result" + export.suffix)

@@ -268,7 +268,7 @@ def test_a_state_space_of_scipy():
 
 
 @pytest.mark.mpi(ranks=(1, 2), build="real", costly=True)
-@pytest.mark.parametrize("count", [20, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [15, pytest.param(1000, marks=pytest.mark.slow)])
 def test_nothing_leaks_without_a_with_block(comm, count):
     """Of what a reduction makes, 0.9 MB once stayed: small matrices of one process that PETSc had put aside."""
 

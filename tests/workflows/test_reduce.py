@@ -10,6 +10,7 @@ from launch import TWO_BUILDS
 import hpcred as package
 
 
+@pytest.mark.usefixtures("forked_commands")
 @pytest.mark.parametrize("cases", [
     [(1, ""), (2, "complex" * TWO_BUILDS)],
     pytest.param([(1, ""), (2, ""), (3, ""), (4, "")] + [(1, "complex")] * TWO_BUILDS, marks=pytest.mark.slow),
