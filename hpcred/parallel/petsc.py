@@ -26,7 +26,9 @@ class _Later:
 
     def __getattr__(self, name):
         startup.start()
-        return getattr(import_module(self._name), name)
+        found = getattr(import_module(self._name), name)
+        setattr(self, name, found)  # asked for ten thousands of times in a reduction: from now on without this call
+        return found
 
 
 if TYPE_CHECKING:
@@ -51,15 +53,13 @@ def make_room(comm, size: int):
     """Free what Python has dropped, before `size` bytes are taken on a rank, the same number on all. Collective.
 
     Blocks and dense matrices do this (linalg.blocks), so that none of them, and no vector or matrix, has to be
-    destroyed by hand. Several ranks, which it takes messages, do it once for PILE bytes.
+    destroyed by hand. It happens once for PILE bytes, as it takes messages, and as long as a small block.
     """
-    if comm.size > 1:
-        comm, keyval = comm.tompi4py(), _keyval_of_taken()
-        taken = (comm.Get_attr(keyval) or 0) + max(size, PILE // 100)
-        comm.Set_attr(keyval, taken % PILE)
-        if taken < PILE:
-            return
-    free_dropped(comm)
+    comm, keyval = comm.tompi4py(), _keyval_of_taken()
+    taken = (comm.Get_attr(keyval) or 0) + max(size, PILE // 100)
+    comm.Set_attr(keyval, taken % PILE)
+    if taken >= PILE:
+        free_dropped(comm)
 
 
 @cache

@@ -345,7 +345,7 @@ def test_other_motions_as_input(comm, quantity, tmp_path):
         driven.driven_by("jerk")
 
 
-@pytest.mark.mpi(ranks=(1,))
+@pytest.mark.mpi(ranks=(1,), costly=True)
 def test_direct_part_over_time(comm, tmp_path):
     """Absolute accelerations over time, in a simulation and by the matrices of a .mat, are those of the full model; the
     same for a displacement and a velocity of the base as for its acceleration."""

@@ -93,8 +93,8 @@ def from_file(folder, K, M, inputs):
     return hpcred.read_model(folder / "model.h5")
 
 
-@pytest.mark.parametrize("way", ["constructor", "from_scipy", "from_petsc", "file"])
-@pytest.mark.parametrize("lumped", [False, True])
+@pytest.mark.parametrize("way, lumped", [("constructor", False), ("constructor", True), ("from_scipy", False),
+                                         ("from_petsc", False), ("file", False)])  # fmt: skip
 def test_exchanged_matrices_are_told_of_before_anything_else(comm, way, lumped, tmp_path):
     """Also where the reduction then fails for another reason, as without the mass of every second dof."""
     n = 30

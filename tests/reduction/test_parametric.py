@@ -380,7 +380,7 @@ def test_a_size_that_was_asked_for(comm):
             assert true <= 1.05 * rom.record.accuracy.largest
 
 
-@pytest.mark.mpi(ranks=(1,))
+@pytest.mark.mpi(ranks=(1,), costly=True)
 def test_a_size_that_suffices_is_no_limit(monkeypatch):
     """And the error that is said has what the compression leaves, the estimate and the larger noise."""
     case, search, found = bushing(24), hpcred.ParameterSearch(points=5), []
