@@ -37,6 +37,7 @@ from .blocks import (
 from .csr import diagonal_of
 
 RESOLVED = 1e-4  # eigenvalues of a unit-diagonal Gram matrix above this are safe to divide by
+ENLARGED = 3.0  # by how much separation may enlarge round-off of columns that are not projected again
 PASSES = 20  # of projection or separation; two or three are usual
 NO_MASS = 1e-13  # of x^T diag(M) x: x^T M x below it is round-off, and x moves no mass
 NEGATIVE = 1e-10  # the same, which is no round-off if negative
@@ -188,7 +189,8 @@ class Basis:
             smallest = min(smallest, resolved)
             fresh = pending.copy() if weight.size else pending
             fresh.combine(self._factor(scaled), cancelled)
-            self._polish(fresh)
+            if cancelled > ENLARGED:
+                self._polish(fresh)
             self._append(fresh.block, fresh.mass_images)
             del fresh  # its memory is for the next one
             if not weight.size:

@@ -39,6 +39,22 @@ def test_basis_finds_the_rank_of_a_block(model, scale):
     assert np.abs(spanned - block).max() < 1e-9 * np.abs(block).max()
 
 
+def test_blocks_of_well_separated_columns_are_projected_twice(model, monkeypatch):
+    """As blocks of a Krylov sequence; columns that separation enlarges are projected once more."""
+    mass, random = to_dense(model.M), np.random.default_rng(4)
+    basis, passes, project = Basis(model.M), [], Basis._project
+    monkeypatch.setattr(Basis, "_project", lambda *given: passes.append(None) or project(*given))
+    counts = []
+    for size in (4.0, 4.0, 4.0, 4.0, 1e-2, 4.0):  # of what makes columns others
+        columns = random.standard_normal((len(mass), 1)) + size * random.standard_normal((len(mass), 4))
+        before = len(passes)
+        assert basis.extend(block_from(model.M, columns)).kept == 4
+        counts.append(len(passes) - before)
+    V = gather(basis.columns)
+    assert np.abs(V.T @ mass @ V - np.eye(24)).max() < 1e-14 and basis.defect() < 1e-14
+    assert counts == [1, 1, 1, 1, 2, 1]
+
+
 def test_basis_stays_orthogonal_to_what_it_deflates(model):
     mass = to_dense(model.M)
     random = np.random.default_rng(2)

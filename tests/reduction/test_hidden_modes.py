@@ -8,6 +8,7 @@ import scipy.sparse
 
 import hpcred
 from hpcred.reduction.search import hidden_modes, point_solver
+from hpcred.reduction.search import search as searches
 from hpcred.reduction.search.hidden_modes import UNCOUNTED, find_hidden
 
 
@@ -76,10 +77,22 @@ def test_filled_blocks_have_modes_that_no_load_moves(comm, monkeypatch):
             hpcred.reduce(model, tolerance=1e-4, band=band) as rom,
         ):
             accuracy = rom.record.accuracy
-            assert accuracy.reached and accuracy.missing_modes == 0
+            assert accuracy.reached and not accuracy.missing_modes
             if accuracy.counted is not None:
                 assert accuracy.counted.modes == below
             passes.append([part.where for part in rom.record.components if "no load moves" in part.where])
             passes.append(rom.size)
     (before, size), (after, filled) = passes[:2], passes[2:]
     assert before and not after and filled <= size
+
+
+@pytest.mark.mpi
+def test_counted_modes_are_told_from_pseudo_modes_once(comm, monkeypatch):
+    """Before the verification, whose columns bring no modes; without a count after it as well."""
+    found, look = [], searches.doubtful_modes
+    monkeypatch.setattr(searches, "doubtful_modes", lambda *given: found.append(look(*given)) or found[-1])
+    with hpcred.solid((12, 3, 3), inputs=2, comm=comm) as model:
+        with hpcred.reduce(model, tolerance=1e-4, band=(0.0, 4000.0), damping=hpcred.Rayleigh(20.0, 1e-7)) as rom:
+            accuracy = rom.record.accuracy
+        assert accuracy.reached and len(accuracy.points) > 1 and set(found) == {None}
+        assert len(found) == 1 if accuracy.counted is not None else len(found) > 1

@@ -538,7 +538,7 @@ def test_terms_that_are_zero(damping, comm):
 def test_a_basis_is_projected_again_where_noise_matters_or_digits_lack(monkeypatch, noise, sharp, left):
     one, alone, turns = np.eye(2), SimpleNamespace(size=1), []
     monkeypatch.setattr(parametric_reductor, "turned", lambda *_: (SimpleNamespace(outer=None), one, 2 * one))
-    monkeypatch.setattr(outcome, "ask_for_digits", lambda *_: sharp)
+    monkeypatch.setattr(outcome, "ask_for_digits", lambda *_: (sharp, 0))
     monkeypatch.setattr(parametric_reductor, "changed", lambda *_: 1e-9)
     judge = SimpleNamespace(goal=1e-5, noise=noise)
     greedy = SimpleNamespace(

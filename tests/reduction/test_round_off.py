@@ -1,6 +1,7 @@
 """Round-off of K, which is common to all models made from one projection: what is said of it against an exact value."""
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,15 +10,22 @@ import scipy.linalg
 import hpcred
 from hpcred import SecondOrderModel
 from hpcred.analysis.error_check import as_measured
+from hpcred.linalg.blocks import random_block
 from hpcred.linalg.solvers.base import SingularMatrix
+from hpcred.model.frames import apply_frame
+from hpcred.parallel.failures import Owned
 from hpcred.parallel.petsc import is_complex
+from hpcred.parallel.progress import Progress
 from hpcred.reduction import one_sided
 from hpcred.reduction import tolerance_reductor as reductor
 from hpcred.reduction.run import run
 from hpcred.reduction.run.projection import project
-from hpcred.reduction.search import projections
+from hpcred.reduction.run.run import Run
+from hpcred.reduction.search import outcome, projections
 from hpcred.reduction.search.point_solver import PointSolver
+from hpcred.reduction.search.projections import Projections
 from hpcred.reduction.search.search import Search
+from hpcred.reduction.small.pseudo_modal import Proportional
 
 COUNT, STIFF = 24, 2.0**36  # masses of 1 kg, and the springs between them in N/m; the first is held by 1 N/m
 OMEGA = 1 / np.sqrt(COUNT)  # of all masses as one
@@ -235,3 +243,38 @@ def test_a_singular_stiffness_names_the_frequency_and_a_way_out(comm):
     assert str(error).startswith("0 Hz: the matrix is singular") and "above 0 Hz" in str(error)
     error.point = "12 Hz"
     assert "12 Hz" in str(error) and "move it a little" in str(error)
+
+
+@pytest.mark.parametrize(
+    "mixed, measured, turns, left",
+    [(0, 1.0, 0, 1e-9), (2, 5e-7, 0, 5e-7), (2, 1e-10, 0, 1e-9), (2, 2e-6, 2, 1e-12), (17, 0.0, 2, 1e-12)],
+)
+def test_few_mixed_modes_are_measured_before_all_columns_are_projected_again(
+    monkeypatch, mixed, measured, turns, left
+):  # fmt: skip
+    monkeypatch.setattr(outcome, "ask_for_digits", lambda *_: (False, mixed))
+    changes, asked = [1e-7, 1e-12], []
+    noise = outcome.project_until_settled(
+        None, SimpleNamespace(goal=1e-5), None, 1e-9, lambda: changes.pop(0),
+        noise_of=lambda count: asked.append(count) or measured,
+    )  # fmt: skip
+    assert noise == left and len(changes) == 2 - turns and asked == [2] * (mixed == 2)
+
+
+def test_the_lowest_modes_are_projected_again_by_themselves(comm):
+    """Errors of the projected K, as round-off of stiff columns makes them, are gone from these."""
+    with Owned(comm) as owned:
+        model = owned.owns(hpcred.solid((4, 2, 2), inputs=2, comm=comm))
+        run = owned.owns(Run(apply_frame(model), Progress(comm, show=False), 1e-9))
+        projected = Projections(run, run.new_basis(20), Proportional(), damped=False)
+        projected.extend(random_block(model.K, 20))
+        exact, random = projected.model(), np.random.default_rng(1).standard_normal((20, 20))
+        assert projected.is_stiffness_alone
+        error = 1e-6 * exact.eigenvalues[-1] * (random + random.T) / 40
+        projected.small = [operator.map(lambda K: K + error) for operator in projected.small]
+        projected._models, projected._earlier = {}, {}
+        first = projected.model()
+        again = projected.with_lowest_again(first, 3)
+    off, left = (np.abs(found.eigenvalues / exact.eigenvalues - 1)[:3].max() for found in (first, again))
+    assert off > 1e-7 and left < 1e-4 * off
+    assert np.allclose(np.abs(exact.vectors.T @ first.vectors @ again.vectors)[:3, :3], np.eye(3), atol=1e-6)

@@ -33,6 +33,7 @@ UNPROVEN = "measured errors above 0 Hz need a factor, or a basis with all modes 
 ENDED = "the search ended before a second point"
 MIXING = 1e-12  # round-off of K on the columns of a basis at sharp resonances, relative to the highest eigenvalue
 SHARP = 5e-4  # damping ratio of these
+FEW, SMALL = 16, 0.1  # modes that this may mix, which are looked at by themselves; of the goal: what that may come to
 PASSES = 4  # of projections
 TRIALS = 8  # compressions, each with the frequencies where the one before was too bad, until nothing is compressed
 SHOWN = 1e-6  # of the tolerance: what a curve that is kept shows
@@ -152,16 +153,30 @@ def project_again(search, kept) -> np.ndarray:
         noise, before = decided(comm, _changed, judge, before), None
         return noise
 
-    judge.noise = project_until_settled(search.run, judge, first, judge.noise, rotated, also=projections.io.quiet)
+    def noise_of(count):
+        again = projections.with_lowest_again(first, count)
+        return decided(comm, _changed, judge, first, again)
+
+    judge.noise = project_until_settled(
+        search.run, judge, first, judge.noise, rotated, also=projections.io.quiet,
+        noise_of=noise_of if projections.is_stiffness_alone else None,
+    )  # fmt: skip
     return kept
 
 
-def project_until_settled(run, judge, model, noise, rotated, also=False) -> float:
+def project_until_settled(run, judge, model, noise, rotated, also=False, noise_of=None) -> float:
     """Project on the pseudo-modes of a basis where its `model` lacks digits (see ask_for_digits) or has noise that
     matters, or `also` otherwise, until that changes nothing: what it changes last is the noise of the models that
-    follow, which is returned. `rotated()`: does so once, and returns that change. Collective."""
-    lacks = ask_for_digits(run, judge, model) or also or noise > judge.goal
-    for _ in range(PASSES if lacks else 0):
+    follow, which is returned. `rotated()`: does so once, and returns that change. `noise_of(count)`: what of it
+    the lowest modes make, by which few of them are measured first: it is done only where that is not small. Collective.
+    """
+    sharp, mixed = ask_for_digits(run, judge, model)
+    lacks = sharp or also or noise > judge.goal
+    if not lacks and 0 < mixed <= FEW and noise_of is not None:
+        measured = max(noise, noise_of(mixed))
+        if measured <= SMALL * judge.goal:
+            return measured
+    for _ in range(PASSES if lacks or mixed else 0):
         noise = rotated()
         if noise <= LITTLE * judge.goal:
             break
@@ -174,18 +189,19 @@ def _sharper(model, band) -> float:
     return max(1.0, SHARP / max(ratios[(f >= band[0]) & (f <= band[1])].min(initial=SHARP), SHARPEST))
 
 
-def _changed(judge, before) -> float:
-    """Return how far responses of the model of all columns are from those of one projected before; local."""
-    pair = judge.compare(before, judge.projections.model(), np.eye(len(before)))
+def _changed(judge, before, after=None) -> float:
+    """Return how far responses of a model of all columns, by default that which is projected now, are from those of one
+    projected before; local."""
+    pair = judge.compare(before, after or judge.projections.model(), np.eye(len(before)))
     return changed(before, pair, judge.settings.band)
 
 
-def ask_for_digits(run, judge, model) -> bool:
-    """Have the projections that follow keep more digits of K where resonances are sharp; return whether they are, or
-    whether round-off of K on the stiffest columns of a model may have mixed the soft ones. Collective."""
+def ask_for_digits(run, judge, model) -> tuple[bool, int]:
+    """Have the projections that follow keep more digits of K where resonances are sharp; return whether they are, and
+    how many of the lowest modes round-off of K on the stiffest columns of a model may have mixed. Collective."""
     sharper = decided(run.model.comm, _sharper, model, judge.settings.band)
     run.cancels *= sharper
-    return sharper > 1 or not MIXING * model.eigenvalues[-1] <= judge.goal * model.eigenvalues[0]
+    return sharper > 1, int((~(MIXING * model.eigenvalues[-1] <= judge.goal * model.eigenvalues)).sum())
 
 
 def changed(before, pair, band) -> float:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...linalg.basis import Basis
-from ...linalg.blocks import Block, inner, view_of
+from ...linalg.blocks import Block, add_product, create_block, inner, view_of
 from ...linalg.eigensolver import symmetric_part
 from ...model.operator import Operator
 from ..run.projection import project, project_stiffness
@@ -174,6 +174,24 @@ class Projections(Projected):
             made = replace(made, io=self.io)
         self._models[key] = made
         return made
+
+    @property
+    def is_stiffness_alone(self) -> bool:
+        """Whether models have a symmetric K, and M = I but for round-off, and no other terms; local."""
+        return self.symmetric and not self.run.tau and self.operator.matrices.keys() == {"K"}
+
+    def with_lowest_again(self, model: PseudoModal, count: int) -> PseudoModal:
+        """Return the `model` of all columns in its own coordinates, with K projected anew on its `count` lowest
+        pseudo-modes: with other round-off, smaller by as much as these are softer than the stiffest columns. For models
+        of K alone. Collective."""
+        run, basis = self.run, self.basis.columns
+        lowest = create_block(run.model.K, count)
+        add_product(lowest, basis, model.vectors[:, :count], beta=0.0)
+        K = np.diag(model.eigenvalues)
+        K[:, :count] = model.vectors.T @ project(run.model.K, lowest, basis)
+        K[:count, count:] = K[count:, :count].T
+        K[:count, :count] = symmetric_part(project_stiffness(run.model.K, lowest, run.cancels))
+        return self.model_of(self.operator.map(lambda _: K), model.L)
 
     def model_of(self, operator: Operator, L: np.ndarray) -> PseudoModal:
         """Return the model of a small operator and its loads L, with the damping and the outputs of these; local."""

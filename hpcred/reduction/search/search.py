@@ -89,6 +89,7 @@ class Search:
             # multigrid begins at 0 Hz, where all its models are exact
             self.state = State.SEEKING if self._solver.multigrid else State.PROVING
         self._next = self._first_points()
+        self._has_modes = False  # whether all pseudo-modes of the band are known to be its modes
         self._sought_unmoved = False  # whether modes that no load moves were looked for without a count
 
     def _first_points(self):
@@ -271,7 +272,10 @@ class Search:
         if not (proven or before_proof):
             return False, None
         # multigrid's first point sees the lowest modes
-        doubtful = None if self._solver.multigrid else doubtful_modes(self.projections, self.settings.band)
+        look = not (self._solver.multigrid or self._has_modes)
+        doubtful = doubtful_modes(self.projections, self.settings.band) if look else None
+        # where there are as many pseudo-modes as modes are counted, and each is one, more columns do not change that
+        self._has_modes |= look and doubtful is None and self.missing_modes <= 0 and self.expansion.is_counted
         return self.missing_modes > 0 or doubtful is not None, doubtful
 
     def _find_hidden(self, doubtful) -> bool:
