@@ -87,7 +87,7 @@ test-packages: install
 TIMES := $(CURDIR)/build/test-times
 
 ifneq ($(BLAS),)
-test test-slow test-linalg: export OPENBLAS_CORETYPE ?= $(BLAS)
+test test-slow test-linalg bench bench-peers: export OPENBLAS_CORETYPE ?= $(BLAS)
 endif
 
 # the processor time of each item goes to TIMES

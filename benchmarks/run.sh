@@ -37,19 +37,17 @@ run() {
 # what has seconds in its tables, one after the other
 run 15 search search block block-1 cube --runs 1
 run 15 accuracy accuracy
-run 15 solids solids 27k 112k 200k
+run 10 solids solids 27k 112k
 run 6 modes modes
 run 6 reading reading
 run 8 interpolation interpolation
-run 8 sweep sweep 27k
+run 10 sweep sweep 27k
 run 8 growth growth
-run 8 simulations simulations
+run 10 simulations simulations
 run 4 ansys_full ansys_full
 run 4 op4 op4
 run 8 published published
-run 5 growth growth-multigrid multigrid
-run 4 shapes shapes
-run 10 rivals_large rivals_large
+run 6 shapes shapes 16 cube "housing, hexa" "housing, tetrahedra of 10" "flat tetra" B-bar "bar 100"
 
 # what has none: two at a time
 (
@@ -65,6 +63,8 @@ wait
 run 8 adaptive adaptive linkage linkage-mimo solid free plate
 run 6 rotor rotor --cells 20 3 3 --speeds 5
 run 6 extrapolation extrapolation
+run 5 growth growth-multigrid multigrid
+run 10 rivals_large rivals_large
 run 15 million million --cells 69
 
 "$python" "$here/tables.py" . || echo "tables" >> failed.txt
