@@ -87,7 +87,7 @@ test-packages: install
 TIMES := $(CURDIR)/build/test-times
 
 ifneq ($(BLAS),)
-test test-slow test-linalg: export OPENBLAS_CORETYPE ?= $(BLAS)
+test test-slow test-linalg bench bench-peers: export OPENBLAS_CORETYPE ?= $(BLAS)
 endif
 
 # the processor time of each item goes to TIMES
@@ -233,8 +233,11 @@ test-docs: .venv/.docs-ready
 	    ansys-mapdl-reader==0.56.0 "exudyn==1.13.6; platform_machine == 'x86_64'"
 	@touch $@
 
+# all tables of README and docs from one run of so many minutes at most
+MINUTES := 90
+
 bench: install .venv-peers/.ready
-	benchmarks/run.sh benchmark-results
+	benchmarks/run.sh benchmark-results $(MINUTES)
 
 # against other methods and other programs: every table of one run in one folder
 bench-peers: install .venv-peers/.ready

@@ -1,6 +1,6 @@
 """Bearings: errors of Craig-Bampton, modes and moment matching at the same size, and what the interfaces cost.
 
-usage: python benchmarks/interfaces.py [--ranks 2] [--dofs 16821]
+usage: python benchmarks/interfaces.py [bearings] [interfaces] [--ranks 2] [--dofs 16821]
 
 The first table reduces the connecting rod of `hpcred example crank`, free, with forces and moments at both bearings, to
 each tolerance and then by the other methods to that size; the largest error is over 0 to 6000 Hz, from full solves at
@@ -100,12 +100,15 @@ def cost():
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tables", nargs="*", choices=[[], "bearings", "interfaces"], default=[])
     parser.add_argument("--ranks", type=int, default=2)
     parser.add_argument("--dofs", type=int, default=16821)
     given = parser.parse_args()
     with workspace() as folder:
-        finish("bearings", job(given.ranks, folder, "--methods", given.dofs))
-        finish("interfaces", job(given.ranks, folder, "--cost"))
+        if "interfaces" not in given.tables or "bearings" in given.tables:
+            finish("bearings", job(given.ranks, folder, "--methods", given.dofs))
+        if "bearings" not in given.tables or "interfaces" in given.tables:
+            finish("interfaces", job(given.ranks, folder, "--cost"))
 
 
 if sys.argv[1:2] == ["--methods"]:

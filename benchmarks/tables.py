@@ -2,8 +2,9 @@
 
 The results of the folder, NAME.json as a benchmark writes it, are first put into benchmarks/outcomes, which is part of
 the sources. A table stands between two comments, and a table without any results stays as it is. Results that were not
-saved when they were made, and whose runs take too long to be repeated at will, were taken over from the page that had
-them (NAME.recorded.json, with the date and commit of that page).
+saved when they were made were taken over from the page that had them (NAME.recorded.json, with the date and commit of
+that page), until there are new ones. What `make bench` has no room or machine for stays beside its results under
+another name (NAME.larger.recorded.json).
 """
 
 import json
@@ -72,7 +73,7 @@ def accuracy(row):
 def sweep(row):
     if row["store"] == "with":
         yield line(f"sweep of 24 jobs, {row['factorisations']} factorisations with a store; peer: without, "
-                   f"{row['factorisations'] + row['saved']}", 112_500, row["seconds"],
+                   f"{row['factorisations'] + row['saved']}", row["dofs"], row["seconds"],
                    row["seconds"] * row["without / this"], row["difference"])  # fmt: skip
 
 
@@ -223,6 +224,12 @@ def cells_of_rivals(rows):
     return [*made, ["hpcred / best", *(" / ".join(f"{ratio:.2f}" for ratio in pair) for pair in ratios)]]
 
 
+def head_of_large_rivals(rows):
+    """The errors are those with as many coordinates as hpcred has."""
+    return ["method", *(key for key in rows[0] if key.startswith("size for")), "seconds",
+            *(key for key in rows[0] if key.startswith("error with"))]  # fmt: skip
+
+
 def head_of_rivals(rows):
     return ["method", *dict.fromkeys(case_of("rivals", row) for row in rows)]
 
@@ -283,9 +290,10 @@ def cells_of_scaling(rows):
 
 
 def cells_of_sizes(rows):
-    sizes = [row for row in rows if row["dofs"] != "exponent"]
+    """Of the two largest cubes that were analysed, and of the one that the power law is extended to."""
+    analysed = [row for row in rows if isinstance(row["dofs"], int)]
     return [[shown(row["dofs"]), shown(row["MB in all"] / 1e3), machine]
-            for row, machine in zip(sizes, MACHINES, strict=True)]  # fmt: skip
+            for row, machine in zip([*analysed[-2:], rows[-1]], MACHINES, strict=True)]  # fmt: skip
 
 
 def cells_of_doubling(rows):
@@ -315,12 +323,14 @@ EVIDENCE = {
                   cells_of_published),
     "bearings": (("tolerance", *SAME_SIZE), cells_of_same_size),
     "rivals": (head_of_rivals, cells_of_rivals),
-    "rivals_large": columns("method", "size for 0.01", "size for 0.0001", "seconds", "error with 29", "error with 34"),
+    "rivals_large": (head_of_large_rivals, lambda rows: columns(*head_of_large_rivals(rows))[1](rows)),
     "mbsim_body": columns("quantity", "hpcred, consistent mass", "with the mass lumped to the diagonal"),
     "rotor": columns("what", "dofs", "coordinates", "factorisations", "estimated", "measured"),
     "strong-scaling": (("dofs", "ranks", "seconds", "factor", "GB", "PARDISO (s)"), cells_of_scaling),
     "million": columns("dofs", "asked", "coordinates", "columns solved for", "estimated", "measured",
                        "processor seconds", "GB of all ranks"),
+    "search": columns("model", "dofs", "tolerance", "size", "size by hand", "search (processor s)",
+                      "hand (processor s)", "search / hand"),
     "gpu": columns("dofs", "tolerance", "package", "reduce (s)", "analysis (s)", "factors (s)", "solves (s)",
                    "GB of the GPU"),
     "shapes": columns("shape", "dofs", "iterations", "expected", "column (s)", "MUMPS: factor (s)", "MUMPS: column (s)",
@@ -362,12 +372,13 @@ def evidence(name):
 
 
 def runs():
-    """Where the rows of evidence come from."""
-    for name in EVIDENCE:
-        for run in dict.fromkeys(run for run, _ in results(name)):  # none of a table by the results of another
-            found = json.loads((OUTCOMES / f"{run}.json").read_text())
-            versions = ", ".join(f"{key} {value}" for key, value in found["versions"].items())
-            yield [run, found["machine"], found["date"], found["commit"], versions]
+    """Where the rows of evidence come from; runs on one machine, of one date, commit and versions stand together."""
+    of = {}
+    for run in dict.fromkeys(run for name in EVIDENCE for run, _ in results(name)):
+        found = json.loads((OUTCOMES / f"{run}.json").read_text())
+        versions = ", ".join(f"{key} {value}" for key, value in found["versions"].items())
+        of.setdefault((found["machine"], found["date"], found["commit"], versions), []).append(run)
+    yield from ([", ".join(names), *origin] for origin, names in of.items())
 
 
 def claims():
@@ -441,11 +452,14 @@ def written(page):
 
 
 def main(folder=None):
-    known = [*EVIDENCE, *COMPARED, *MORE]
     for path in sorted(Path(folder).glob("*.json")) if folder else ():
-        if path.stem in known:
+        replaced = [path.stem] if path.stem in EVIDENCE else []
+        replaced += [name for name, makers in (("compared", COMPARED), ("more", MORE)) if path.stem in makers]
+        if replaced:
             shutil.copy(path, OUTCOMES / path.name)
-            print(f"{path} is now one of benchmarks/outcomes; take its rows out of {path.stem}.recorded.json there")
+            print(f"{path} is now one of benchmarks/outcomes")
+        for name in replaced:
+            (OUTCOMES / f"{name}.recorded.json").unlink(missing_ok=True)
     for page in PAGES:
         (ROOT / page).write_text(written(page))
 

@@ -23,10 +23,14 @@ factor = solve = 0.0
 
 
 def new_part(V, X):
-    """The M-orthonormal part of X outside of V, twice is enough."""
+    """The M-orthonormal part of X outside of V, without what is dependent but for round-off; twice is enough."""
     for _ in range(2):
         X = X - V @ (V.T @ (M @ X))
-        X = np.linalg.solve(np.linalg.cholesky(X.T @ (M @ X)), X.T).T
+        gram = X.T @ (M @ X)
+        scale = 1 / np.sqrt(np.diag(gram))
+        values, turn = np.linalg.eigh(gram * np.outer(scale, scale))
+        kept = values > 1e-14
+        X = X @ (scale[:, None] * turn[:, kept] / np.sqrt(values[kept]))
     return X
 
 

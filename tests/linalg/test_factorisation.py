@@ -13,6 +13,7 @@ import hpcred as package
 from hpcred import Krylov, Modes
 from hpcred.cli.main import run
 from hpcred.linalg.blocks import apply, create_block, from_dense, local_rows, random_block
+from hpcred.linalg.options import temporary_options
 from hpcred.linalg.solvers import base, mumps
 from hpcred.linalg.solvers.settings import Factoring
 from hpcred.linalg.solvers.shifted import ShiftedSolver
@@ -224,6 +225,20 @@ def test_of_several_orderings_that_of_the_fewest_operations_is_taken_once(comm, 
             assert {record.ordering for record in solver.records} == {mumps.ORDERINGS[best]}
             assert solver.analyses == 3
             solver.close()
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("option", ["7", "28"])
+def test_a_choice_of_the_user_is_not_compared(comm, monkeypatch, option):
+    """Of an ordering (AMD), or of where the analysis runs (1: on one rank; 2 wants PT-Scotch or ParMETIS)."""
+    monkeypatch.setattr(mumps, "orderings", lambda: (0, 4))
+    monkeypatch.setattr(mumps, "CHOOSE_ABOVE", 1)
+    chosen = {f"mat_mumps_icntl_{option}": {"7": 0, "28": 1}[option]}
+    with package.solid((4, 3, 3), inputs=1, comm=comm) as model, temporary_options("shift_", {}, chosen):
+        solver = ShiftedSolver(model)
+        solver.factor(-1e4)
+        assert solver.analyses == 1
+        solver.close()
 
 
 def test_folders_that_mumps_cannot_write_to(model, tmp_path):

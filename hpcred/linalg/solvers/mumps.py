@@ -101,11 +101,12 @@ class Mumps(PetscFactorisation):
         return reports
 
     def _choose_ordering(self):
-        """Once, where MUMPS has several nested dissections and the user chose none: that of the fewest operations."""
+        """Once, where MUMPS has several nested dissections and the user chose none, nor a parallel analysis (icntl_28),
+        whose orderings are others: that of the fewest operations."""
         if self._chosen:
             return
         self._chosen = True
-        theirs = PETSc.Options(self.prefix).hasName("mat_mumps_icntl_7")
+        theirs = any(PETSc.Options(self.prefix).hasName(f"mat_mumps_icntl_{number}") for number in (7, 28))
         available = orderings()
         if len(available) > 1 and not theirs and self.matrix.getSize()[0] >= CHOOSE_ABOVE:
             reports = self.expected(available)
