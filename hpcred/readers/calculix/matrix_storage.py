@@ -63,7 +63,7 @@ def files_of(path) -> dict[str, str]:
     for key, suffix in {**SUFFIXES, "input": ".inp", "results": ".frd"}.items():
         plain = stem.with_suffix(suffix)
         packed = [plain.with_name(plain.name + ".gz")] * (key != "results")
-        there = [item for item in (plain, *packed) if item.is_file()]
+        there = [file for file in (plain, *packed) if file.is_file()]
         if there:
             files[key] = str(there[0])
     return files
@@ -212,9 +212,9 @@ def _with_expanded_nodes(comm, path, label, mesh):
     # a made node begins where the direction does not ascend; its number is above all others
     again = repeated_key(comm, label[mine])
     ends = comm.allgather(label[-1:].tolist())
-    before = np.array([-1, *(end for part in ends[: comm.rank] for end in part)][-1:] + label.tolist())[:-1]
+    before = np.array([-1, *(end for of_rank in ends[: comm.rank] for end in of_rank)][-1:] + label.tolist())[:-1]
     first = mine & ((before // STRIDE != node) | (label <= before))  # rows with which a node of a solid begins
-    behind = comm.allreduce(max(int(part.max(initial=0)) for part in (mesh.nodes.label, node)), op=MPI.MAX) + 1
+    behind = comm.allreduce(max(int(of_rank.max(initial=0)) for of_rank in (mesh.nodes.label, node)), op=MPI.MAX) + 1
     number = behind + (comm.exscan(int(first.sum())) or 0) + np.cumsum(first) - 1
     # places of the made nodes, through the thickness as far as it is known
     there, places = look_up(comm, mesh.nodes.label, list(mesh.nodes.position.T), node[first])
@@ -229,36 +229,36 @@ def _with_expanded_nodes(comm, path, label, mesh):
     label = label.copy()
     label[mine] = label_of(number[mine], direction[mine])
     made = number[first], np.array(places).T.reshape(-1, 3) + (0.0 if off is None else off), number[first]
-    parts = zip((mesh.nodes.label, mesh.nodes.position, mesh.nodes.place), made, strict=True)
+    columns = zip((mesh.nodes.label, mesh.nodes.position, mesh.nodes.place), made, strict=True)
     count = comm.allreduce(len(np.unique(sort_over_ranks(comm, node[mine])[0])))
-    return label, NodeTable(*map(np.concatenate, parts)), (count, off is not None)
+    return label, NodeTable(*map(np.concatenate, columns)), (count, off is not None)
 
 
 def _mesh_of_results(comm, parts, files, label):
     """Return the mesh of results. Raises Unnamed where rows may be others than those of their nodes."""
-    found = calculix_frd.read(files["results"], comm) if "results" in files else None
-    if found is None:
+    results = calculix_frd.read(files["results"], comm) if "results" in files else None
+    if results is None:
         stem = Path(files["dofs"]).stem
         raise Unnamed(
             f"found no input file ({stem}.inp) beside it, which would give coordinates"
             + (f", and {files['results']} has no nodes" if "results" in files else f", nor results ({stem}.frd)")
         )
-    flat = sorted(set(found.elements) & set(FLAT))
+    flat = sorted(set(results.elements) & set(FLAT))
     if flat:
         raise Unnamed(f"elements of {files['results']} ({', '.join(flat)}) become solids in CalculiX")
     node, _ = node_and_direction(label)
-    there, _ = look_up(comm, found.nodes.label, [], node)
+    there, _ = look_up(comm, results.nodes.label, [], node)
     if other := sum(comm.allgather(np.unique(node[~there])[:1].tolist()), []):
         raise Unnamed(
             f"the node {min(other)} is not in {files['results']}, as those of rigid bodies and couplings, whose "
             "directions only the input file tells"
         )
-    parts.warnings += found.notes(files["results"])
+    parts.warnings += results.notes(files["results"])
     parts.warnings.append(
         f"{files['results']}: nodes and elements are those of this file; supports and sets of nodes only the input "
         "file tells"
     )
-    return abaqus_input.Mesh(found.nodes, found.elements, {}, [], {})
+    return abaqus_input.Mesh(results.nodes, results.elements, {}, [], {})
 
 
 def _turning(comm, files, mesh, label, last):
@@ -302,8 +302,8 @@ def _as_scalars(comm, label, inside, nodes):
     label = label.copy()
     label[inside] = label_of(number, np.full(len(number), SCALAR))
     places = np.zeros((len(number), 3))
-    parts = (nodes.label, number), (nodes.position, places), (nodes.place, number)
-    return label, NodeTable(*map(np.concatenate, parts))
+    columns = (nodes.label, number), (nodes.position, places), (nodes.place, number)
+    return label, NodeTable(*map(np.concatenate, columns))
 
 
 def _require_order(comm, path, label):
@@ -312,11 +312,11 @@ def _require_order(comm, path, label):
     with agreed(comm):
         wrong = np.flatnonzero(np.diff(label) <= 0)
         if wrong.size:
-            found = label_name(label[wrong[0] + 1]), label_name(label[wrong[0]])
+            falling = label_name(label[wrong[0] + 1]), label_name(label[wrong[0]])
         else:
-            found = next(((label_name(b[0]), label_name(a[1])) for a, b in pairwise(ends) if b[0] <= a[1]), None)
-        if found:
-            raise damaged_file(path, f"{found[0]} below {found[1]}, expected lines that ascend")
+            falling = next(((label_name(b[0]), label_name(a[1])) for a, b in pairwise(ends) if b[0] <= a[1]), None)
+        if falling:
+            raise damaged_file(path, f"{falling[0]} below {falling[1]}, expected lines that ascend")
 
 
 def _check_steps(path, sections):
@@ -390,7 +390,7 @@ def held_by_boundary(comm, mesh, turning, rows):
 
 def _supports(comm, section, sets):
     """Return labels of the dofs that a *Boundary names: of its lines of nodes on this rank, and its part of sets."""
-    found = []
+    labels_held = []
     for piece in pieces(section.path, comm, section.start, section.stop):
         text = EMPTY_FIELD.sub(b",0", NAMED_LINE.sub(b"", piece.text))
         values, counts, lines = ragged(Piece(piece.path, text, piece.start), expected="node, directions, value")
@@ -398,12 +398,12 @@ def _supports(comm, section, sets):
         table = padded(values, counts, 4)
         node = labels(piece, table[:, 0], lines)
         first, last = (whole(piece, table[:, k], lines, "the direction", 0, 11) for k in (1, 2))
-        found += _labels(node, first, np.where(last == 0, first, last))
+        labels_held += _labels(node, first, np.where(last == 0, first, last))
     for piece in pieces(section.path, MPI.COMM_SELF, section.start, section.stop):
         for name, rest in NAMED_LINE.findall(piece.text):
             name = name.decode("latin-1").strip().strip('"')
-            fields = [item.strip() for item in rest.decode("latin-1").split(",")]
-            if name.lower() not in sets or not all(item.isdecimal() for item in fields[:2] if item):
+            fields = [word.strip() for word in rest.decode("latin-1").split(",")]
+            if name.lower() not in sets or not all(word.isdecimal() for word in fields[:2] if word):
                 raise section.refusal(
                     f"found *Boundary with '{name}, {', '.join(fields)}', expected a set of nodes, first and last "
                     "direction"
@@ -411,8 +411,8 @@ def _supports(comm, section, sets):
             first = int(fields[0] or 0)
             last = int(fields[1]) if len(fields) > 1 and fields[1] else first
             nodes = sets[name.lower()]
-            found += _labels(nodes, np.full(len(nodes), first), np.full(len(nodes), last))
-    return found
+            labels_held += _labels(nodes, np.full(len(nodes), first), np.full(len(nodes), last))
+    return labels_held
 
 
 def _labels(node, first, last):

@@ -26,7 +26,7 @@ def offsets(comm, mesh, node, number) -> np.ndarray | None:
     kinds = [kind for kind in mesh.elements if kind in CORNERS]
     for kind in kinds:
         table.append(_of_elements(comm, mesh, kind, thickness[kind], tied[kind]))
-    if any(len(part) for part in comm.allgather([kind for kind in mesh.elements if kind in ("line", "line3")])):
+    if any(len(beams) for beams in comm.allgather([kind for kind in mesh.elements if kind in ("line", "line3")])):
         return None
     # rows of one node meet: normals are added, the others must agree
     whole = np.concatenate(table)

@@ -63,8 +63,8 @@ def _head(path) -> tuple[list[int], int]:
             if not line.startswith(b"#"):
                 break
             start += len(line)
-            if found := SIZES.match(line):
-                sizes = [int(word) for word in found[1].split(b",") if word.strip()]
+            if match := SIZES.match(line):
+                sizes = [int(word) for word in match[1].split(b",") if word.strip()]
     if sizes is None or len(sizes) < 3:
         raise InputError(
             f"{path}: found '{shown(first_line(line) or line)}' and no line '#number of written coordinates [nODE2, "
