@@ -57,8 +57,8 @@ class DriveTable:
     orders: np.ndarray
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """Return the inputs (k, p) at instants t (k,) in s, zero after the last line: linear between the lines, or the
-        derivatives of splines through velocities and displacements, which are at rest at both ends."""
+        """Return the inputs (k, p) at instants t (k,) in s, zero after the last line: linear between the lines, or by
+        splines through velocities and displacements, which are at rest at both ends."""
         from scipy.interpolate import CubicSpline  # which few runs need
 
         columns = np.zeros((len(t), len(self.orders)))

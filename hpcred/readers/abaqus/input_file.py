@@ -162,8 +162,9 @@ def read(path, comm, calculix=False, surfaces=False, steps=True) -> Mesh:
     require_elements_once(path, comm, keys.values())
     # sets that sections and surfaces name are read although they are internal
     wanted = {name for block in solids for name in names_of(block)}
-    wanted |= {scope + section.parameters["elset"].lower() for block in sets for section in [block.section]
-               if section.keyword == "nset" and "elset" in section.parameters for scope in scopes_of(block)}
+    for block in sets:
+        if block.section.keyword == "nset" and (elset := block.section.parameters.get("elset")) is not None:
+            wanted |= {scope + elset.lower() for scope in scopes_of(block)}
     if surfaces:
         of_surfaces = [section for section in sections if section.keyword == "surface"]
         wanted |= {line[0].strip('"').lower() for section in of_surfaces for line in data_lines(section)}
@@ -334,7 +335,8 @@ def _blocks(path, sections, calculix):
             part = values.get("part", "").lower()
             if part not in parts or "instance" in values or "library" in values:
                 raise section.refusal(f"found an *Instance of '{part}', expected one of a *Part above")
-            blocks += [_block(*item, placement, f"instance {name}", f"{name}.") for item in parts[part]]
+            for inner, own_system in parts[part]:
+                blocks.append(_block(inner, own_system, placement, f"instance {name}", f"{name}."))
         elif keyword in ("endpart", "endassembly", "endinstance"):
             scope = "assembly" if keyword == "endinstance" else "model"
         elif keyword in ("node", "element", "nset", "elset", "solidsection"):
