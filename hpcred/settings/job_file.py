@@ -189,9 +189,9 @@ class Job:
         check_file_names(
             model=self.model, output=self.output, inputs=self.inputs, outputs=self.outputs,
             out_of_core=self.out_of_core, store=self.store,
-            **{f"interface '{term.name}': nodes": term.nodes for term in self.interface},
-            **{f"load '{term.name}': file": term.file for term in self.load if hasattr(term, "file")},
-            **{f"geometric_stiffness '{term.state}': {key}": getattr(term, key) for term in self.loaded_states
+            **{f"interface '{table.name}': nodes": table.nodes for table in self.interface},
+            **{f"load '{table.name}': file": table.file for table in self.load if hasattr(table, "file")},
+            **{f"geometric_stiffness '{table.state}': {key}": getattr(table, key) for table in self.loaded_states
                for key in FILES_OF_STATE},
         )  # fmt: skip
         # keys by themselves
@@ -219,9 +219,10 @@ class Job:
             )
         # parameters, and what belongs to them only
         if self.parameter or self.term:
-            check_terms(self.parameter, [term.with_matrix(None) for term in self.term])
+            check_terms(self.parameter, [table.with_matrix(None) for table in self.term])
             checked_values(self.parameter, self.at)
-            if self.geometric_stiffness and not self.at and any(term.with_matrix(None).of == "K" for term in self.term):
+            of_K = any(table.with_matrix(None).of == "K" for table in self.term)
+            if self.geometric_stiffness and not self.at and of_K:
                 raise InputError(
                     "geometric_stiffness: found it beside terms of K, on which the stress under a load depends; leave "
                     "it out, or reduce at one value by `at`"
