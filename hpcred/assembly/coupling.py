@@ -222,14 +222,14 @@ class Machine:
                 added.append(Term(moved("K", part.model.K), Hysteretic((1.0,), (eta,)),
                                   f"{part.name}: structural damping"))  # fmt: skip
         # what soft conditions add: powers of s to M, D and K, laws to terms of their own
-        for term, row in zip(self.conditions, self._rows() @ T, strict=True):
-            for value, law in term.laws:
+        for condition, row in zip(self.conditions, self._rows() @ T, strict=True):
+            for value, law in condition.laws:
                 pattern = value * np.outer(row, row)
                 if isinstance(law, Power):
                     constant["KDM"[law.order]] = constant["KDM"[law.order]] + pattern
                     continue
                 constant["K"] = constant["K"] + law.static * pattern
-                added.append(Term(pattern, law, term.label))
+                added.append(Term(pattern, law, condition.label))
         constant = {key: matrix for key, matrix in constant.items() if key in "MDKBC" or matrix.any()}
         return constant, tuple(terms), tuple(_together(added))
 
@@ -327,11 +327,11 @@ def machine_of(parts: list[Part], joints, masses=(), inputs=None, outputs=None, 
                       inputs=_chosen(parts, "inputs", inputs), outputs=_chosen(parts, "outputs", outputs),
                       joints=known, far=far, warnings=[*far, *(text for part in parts for text in part.warnings)],
                       )  # fmt: skip
-    rigid = [k for k, pair in enumerate(conditions) if pair.rigid]
+    rigid = [k for k, condition in enumerate(conditions) if condition.rigid]
     with _after(far):
         _unheld(machine.conditions_of(0)[rigid], [conditions[k].label for k in rigid])
     machine.warnings.extend(_twice(joints, of_joints, masses))
-    loose = [part.name for part in parts if len(parts) > 1 and not any(part.name in pair.rows for pair in conditions)]
+    loose = [part.name for part in parts if len(parts) > 1 and not any(part.name in each.rows for each in conditions)]
     if loose:
         machine.warnings.append(f"body '{loose[0]}' has no joint: it moves by itself")
     return machine

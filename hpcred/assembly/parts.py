@@ -132,7 +132,7 @@ class Part:
         rest = max(self.accuracy.largest - max(known.values(), default=0.0), 0.0) + self.accuracy.noise
         own = np.array([known.get(name, self.accuracy.largest) + rest for name in self.elastic.output_names])
         names = self.elastic.output_names
-        symmetric = all(np.array_equal(direction.matrix, direction.matrix.T) for direction in self.elastic.operator)
+        symmetric = all(np.array_equal(term.matrix, term.matrix.T) for term in self.elastic.operator)
         other = np.array([own[names.index(name)] if symmetric and name in names else self.eps
                           for name in self.elastic.input_names])  # fmt: skip
         curve = self._curve(f, reach)[:, None]
@@ -180,14 +180,14 @@ def part_of(body: MachineBody, result: Any) -> Part:
     motions, origin = _free_motions(reduced, result.floating_frame, where)
     model = replace(reduced, record=None, columns=None, left_columns=None, model=None)
     if motions.shape[1]:
-        if any(channel.of in "MB" for channel in getattr(reduced, "terms", ())) or reduced.resultants is None:
+        if any(term.of in "MB" for term in getattr(reduced, "terms", ())) or reduced.resultants is None:
             raise InputError(f"{where}: its mass or loads depend on parameters, and its rigid-body motions are those "
                              "of the reference; reduce with coordinates = 'interface'")  # fmt: skip
         rows = [_moved(name, places, origin, where) for name in outputs]
         model = _with_motions(model, motions, result.floating_frame, rows, origin)
     if isinstance(reduced, ParametricReducedModel):
         kinds = [f"damping of kind '{reduced.record.damping.kind}'"] if reduced.damping_follows else []
-        if reduced.loss_factor and any(channel.of == "K" for channel in reduced.terms):
+        if reduced.loss_factor and any(term.of == "K" for term in reduced.terms):
             kinds.append("structural damping")
         warnings += [f"{where}: {kind} is that of the reference values at all values of the parameters in the machine"
                      for kind in kinds]  # fmt: skip

@@ -28,7 +28,7 @@ class ExportCommand(typer.core.TyperCommand):
     def format_epilog(self, ctx, formatter):
         writers = [WRITERS.load(entry) for entry in WRITERS.own]
         lists = {
-            "Of a model in interface coordinates": [door.name for door in writers if door.needs == "superelement"],
+            "Of a model in interface coordinates": [each.name for each in writers if each.needs == "superelement"],
             "Formats of other packages": [f"{entry.name} ({entry.package})" for entry in WRITERS.others],
         }
         for title, names in lists.items():

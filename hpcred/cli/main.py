@@ -38,7 +38,7 @@ class Commands(typer.core.TyperGroup):
 
     def format_commands(self, ctx, formatter):
         with formatter.section("Commands"):
-            formatter.write_dl([(name, door.get_short_help_str(limit=1000)) for name, door in self.commands.items()])
+            formatter.write_dl([(name, each.get_short_help_str(limit=1000)) for name, each in self.commands.items()])
 
 
 app = typer.Typer(

@@ -58,7 +58,7 @@ def recover(
     # three commands in one, of which each has options of its own
     deck, original, answers = stresses.deck, stresses.original, stresses.answers
     how = {"units": stresses.units, "progress": session.progress()}
-    if sum(peak is not None for peak in (motion, deck, answers)) != 1:
+    if sum(source is not None for source in (motion, deck, answers)) != 1:
         raise InputError("recover: expected one of MOTION, --deck with --input, and --answers")
     if (deck is None) != (original is None):
         raise InputError("--deck, --input: found one without the other; give the program and the input file that the "

@@ -62,7 +62,7 @@ def linkage(comm=MPI.COMM_WORLD, inputs=(LOAD,), rod: Rod | None = None) -> Seco
         m.append(mass.ravel())
     # entries go to the ranks that have their rows
     entries = [np.concatenate([np.zeros(0, dtype), *arrays])
-             for arrays, dtype in ((rows, int), (columns, int), (k, float), (m, float))]  # fmt: skip
+               for arrays, dtype in ((rows, int), (columns, int), (k, float), (m, float))]  # fmt: skip
     ranges = comm.allgather(row_range(comm, 6 * count, 6))
     starts = np.array([start for start, _ in ranges])
     owner = np.searchsorted(starts, entries[0], side="right") - 1

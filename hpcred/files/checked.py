@@ -129,9 +129,9 @@ class CheckedFile:
             expected = [_size(size, sizes, length) for size, length in zip(entry.shape, dataset.shape, strict=False)]
             right = dataset.dtype.kind in KINDS[entry.kind] and len(entry.shape) == dataset.ndim
             if not right or expected != list(dataset.shape):
-                length = f"{dataset.dtype} of shape {dataset.shape}"
+                actual = f"{dataset.dtype} of shape {dataset.shape}"
                 shape = tuple(sizes.get(size, size) for size in entry.shape)
-                raise self._unfit(f"/{name} is {length}, expected {entry.kind} of shape {shape}")
+                raise self._unfit(f"/{name} is {actual}, expected {entry.kind} of shape {shape}")
 
     def _unfit(self, what):
         """What to raise for a dataset that is missing or of another shape: of a file that a user wrote, perhaps."""

@@ -212,7 +212,7 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         dofs = _dofs(file["dofs"], first, last) if "dofs" in file else None
         held = _dofs(file["held"], *row_range(comm, len(file["held/node"]))) if "held" in file else None
         elements = {kind: rows[slice(*row_range(comm, len(rows)))] for kind, rows in file.get("elements", {}).items()}
-        sets = {name: span[slice(*row_range(comm, len(span)))] for name, span in sets_of(file).items()}
+        sets = {name: nodes[slice(*row_range(comm, len(nodes)))] for name, nodes in sets_of(file).items()}
         direct = file["outputs/direct"][...] if "outputs/direct" in file else None
         remarks = texts(file["remarks"]) if "remarks" in file else ()
         converted_from = file.attribute("converted_from", str, "")
@@ -237,7 +237,7 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         pattern = (indptr - indptr[0]).astype(PETSc.IntType), indices.astype(PETSc.IntType)
         mats = {key: PETSc.Mat().createAIJ(model.K.getSizes(), csr=(*pattern, values), comm=model.K.comm)
                 for key, values in added.items()}  # fmt: skip
-        whole = Operator.of(added=[Term(None, viscous.law, viscous.name) for viscous in laws])
+        whole = Operator.of(added=[Term(None, row.law, row.name) for row in laws])
         own = {key: copy(mat) for key, mat in model.matrices.items()}
         return model.with_fields(loads=loads, operator=whole.with_matrices(own | mats))
 

@@ -81,8 +81,8 @@ def recovered_table(path, points: Points, t, keys, comm):
             f"{LARGEST_TABLE / 1e9:g} GB: choose nodes or fewer instants (--nodes, --every), or write .h5"
         )
     # columns of all ranks, quantity by quantity
-    columns = [name for row in zip(*comm.allgather([_names(points, key) for key in keys]), strict=True)
-               for names in row for name in names]  # fmt: skip
+    columns = [name for of_ranks in zip(*comm.allgather([_names(points, key) for key in keys]), strict=True)
+               for names in of_ranks for name in names]  # fmt: skip
     done = 0
     with atomic_output(path, comm) as temporary:
         file = None
@@ -98,7 +98,7 @@ def recovered_table(path, points: Points, t, keys, comm):
             with agreed(comm):
                 if comm.rank == 0:
                     times = t[done : done + len(flat[0])]
-                    table = np.concatenate([times[:, None], *(rows for row in gathered for rows in row)], axis=1)
+                    table = np.concatenate([times[:, None], *(rows for of_ranks in gathered for rows in of_ranks)], axis=1)
                     if not np.isfinite(table).all():
                         raise ComputationError("the recovered motion overflows, and is not written")
                     np.savetxt(file, table, "%.10e", ",")

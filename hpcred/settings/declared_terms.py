@@ -76,4 +76,4 @@ class DeclaredTerms(Keywords):
     @property
     def files(self) -> list[str]:
         """The matrix files."""
-        return [law.file for law in self.viscoelastic if law.file is not None]
+        return [part.file for part in self.viscoelastic if part.file is not None]

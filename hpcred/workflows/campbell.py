@@ -139,7 +139,7 @@ def _with_full(diagram, full, result, at, solves, factoring, comm, progress):
 def axis_of(record: Record | None):
     """Return the axis of the terms of rotation of the job of a record, or None where it has none, or several."""
     terms = ((record and record.job) or {}).get("term", ())
-    axes = [axis["axis"] for axis in terms if axis.get("axis") is not None]
+    axes = [term["axis"] for term in terms if term.get("axis") is not None]
     return axes[0] if axes and all(axis == axes[0] for axis in axes) else None
 
 

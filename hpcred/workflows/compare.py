@@ -78,7 +78,7 @@ def compare_results(
     results = [str(path) for path in results]
     labels = short_names(results)
     read = [result_at(path, at, comm) for path in results]
-    whole = [model.reduced for model in read]
+    whole = [result.reduced for result in read]
     reduced = [elastic_part(model) for model in whole]
     _check_alike(results, reduced)
     first = reduced[0].record
