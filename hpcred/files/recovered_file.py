@@ -98,7 +98,7 @@ def recovered_table(path, points: Points, t, keys, comm):
             with agreed(comm):
                 if comm.rank == 0:
                     times = t[done : done + len(flat[0])]
-                    table = np.concatenate([times[:, None], *(rows for of_ranks in gathered for rows in of_ranks)], axis=1)
+                    table = np.concatenate([times[:, None], *(rows for rank in gathered for rows in rank)], axis=1)
                     if not np.isfinite(table).all():
                         raise ComputationError("the recovered motion overflows, and is not written")
                     np.savetxt(file, table, "%.10e", ",")
