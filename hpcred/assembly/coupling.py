@@ -94,8 +94,8 @@ class Machine:
         """Return G (c, k) on the outputs (side 0) or inputs (1) of all parts."""
         of = [(part.outputs, part.inputs)[side].names for part in self.parts.values()]
         names = list(zip(self.parts, of, strict=True))
-        rows = [np.concatenate([item.rows[name][side] if name in item.rows else np.zeros(len(own))
-                                for name, own in names]) for item in self.conditions]  # fmt: skip
+        rows = [np.concatenate([condition.rows[name][side] if name in condition.rows else np.zeros(len(own))
+                                for name, own in names]) for condition in self.conditions]  # fmt: skip
         return np.array(rows).reshape(-1, sum(map(len, of)))
 
     def coupled(self, s: np.ndarray, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -104,7 +104,7 @@ class Machine:
         Go, Gi = self.conditions_of(0), self.conditions_of(1).T
         # rows of soft conditions times z: rigid ones have no z, and soft ones may have none at some frequency
         z = np.ones((len(s), len(Go)), dtype=complex)
-        soft = np.array([not item.rigid for item in self.conditions], dtype=bool)
+        soft = np.array([not condition.rigid for condition in self.conditions], dtype=bool)
         for k in np.flatnonzero(soft):
             z[:, k] = self.conditions[k].impedance(s)
         between = z[:, :, None] * (Go @ Y @ Gi) + np.diag(soft.astype(float))
@@ -118,11 +118,11 @@ class Machine:
     def response(self, s: np.ndarray) -> np.ndarray:
         """Return H(s) (S, r, p) of the machine at s (S,), by receptances."""
         largest = max(*self.outputs.matrix.shape, *self.inputs.matrix.shape, len(self.conditions))
-        found = []
-        for part in slices_of(len(s), largest):
-            Y = self.receptances(s[part])
-            found.append(self.outputs.matrix @ self.coupled(s[part], Y)[0] @ Y @ self.inputs.matrix.T)
-        return np.concatenate(found)
+        responses = []
+        for chunk in slices_of(len(s), largest):
+            Y = self.receptances(s[chunk])
+            responses.append(self.outputs.matrix @ self.coupled(s[chunk], Y)[0] @ Y @ self.inputs.matrix.T)
+        return np.concatenate(responses)
 
     def model(self, tau: float) -> tuple[ReducedModel, np.ndarray]:
         """Return the model of the machine in pseudo-modal coordinates, with parameters where bodies have some, and T
@@ -160,7 +160,7 @@ class Machine:
         X /= size[:, None]
         nothing = np.abs(shares) < NOTHING
         rows = {"inputs": at["B"].T, "outputs": at["C"], "dampers": at["D"]}
-        acted = [what for what, matrix in rows.items()
+        acted = [kind for kind, matrix in rows.items()
                  if (np.abs(matrix @ X[:, nothing]) > ROUND_OFF * (np.abs(matrix) @ np.abs(X[:, nothing]))).any()]
         if acted:
             raise InputError(f"the machine has {nothing.sum()} motions with neither mass nor stiffness, to which "
@@ -177,23 +177,23 @@ class Machine:
         of more than if these conditions were of the size of the bodies, whatever the band is."""
         own = min(time_of(part.model.K, part.model.M) for part in self.parts.values())
         rows = self._rows() * self._scale(own)
-        shares = np.array([0.0 if item.rigid else own**2 * abs(item.impedance(np.array([1j / own]))[0]) * (row @ row)
-                           for item, row in zip(self.conditions, rows, strict=True)])  # fmt: skip
+        shares = np.array([0.0 if joint.rigid else own**2 * abs(joint.impedance(np.array([1j / own]))[0]) * (row @ row)
+                           for joint, row in zip(self.conditions, rows, strict=True)])  # fmt: skip
         if not (shares > 1).any():
             return self._modes(T, tau)
-        lighter = tuple(replace(item, laws=tuple((value / max(share, 1.0), law) for value, law in item.laws))
-                        for item, share in zip(self.conditions, shares, strict=True))  # fmt: skip
+        lighter = tuple(replace(joint, laws=tuple((value / max(share, 1.0), law) for value, law in joint.laws))
+                        for joint, share in zip(self.conditions, shares, strict=True))  # fmt: skip
         others = replace(self, conditions=lighter)._modes(T, tau)
         try:
-            found = self._modes(T, tau)
-            hidden = max(_below(found, bound) - _below(others, bound) for bound in (STILL, FAINT))
+            modes = self._modes(T, tau)
+            hidden = max(_below(modes, bound) - _below(others, bound) for bound in (STILL, FAINT))
         except np.linalg.LinAlgError:  # matrices of which nothing but these conditions is left
             hidden = len(others[0])
         if hidden > 0:
             worst = int(shares.argmax())
             raise InputError(f"{self.conditions[worst].label}: is {shares[worst]:.0e} times as stiff or heavy as the "
                              "bodies, whose motions round-off would hide; take a rigid joint, or check units (N/m, kg)")
-        return found
+        return modes
 
     def _without_rigid(self, T):
         """Return matrices of all parts with the springs, dampers and masses between them, terms and added terms, in
@@ -214,22 +214,22 @@ class Machine:
 
             for key, matrix in part.constant.items():
                 constant[key] = constant.get(key, 0.0) + moved(key, matrix)
-            terms += [replace(item, matrix=moved(item.of, item.matrix))
-                      for item in getattr(part.model, "terms", ())]  # fmt: skip
-            added += [replace(item, matrix=moved("K", item.matrix), name=f"{part.name}: {item.name}")
-                      for item in part.model.added]  # fmt: skip
+            terms += [replace(term, matrix=moved(term.of, term.matrix))
+                      for term in getattr(part.model, "terms", ())]  # fmt: skip
+            added += [replace(term, matrix=moved("K", term.matrix), name=f"{part.name}: {term.name}")
+                      for term in part.model.added]  # fmt: skip
             if eta := float(part.model.loss_factor):
                 added.append(Term(moved("K", part.model.K), Hysteretic((1.0,), (eta,)),
                                   f"{part.name}: structural damping"))  # fmt: skip
         # what soft conditions add: powers of s to M, D and K, laws to terms of their own
-        for item, row in zip(self.conditions, self._rows() @ T, strict=True):
-            for value, law in item.laws:
+        for condition, row in zip(self.conditions, self._rows() @ T, strict=True):
+            for value, law in condition.laws:
                 pattern = value * np.outer(row, row)
                 if isinstance(law, Power):
                     constant["KDM"[law.order]] = constant["KDM"[law.order]] + pattern
                     continue
                 constant["K"] = constant["K"] + law.static * pattern
-                added.append(Term(pattern, law, item.label))
+                added.append(Term(pattern, law, condition.label))
         constant = {key: matrix for key, matrix in constant.items() if key in "MDKBC" or matrix.any()}
         return constant, tuple(terms), tuple(_together(added))
 
@@ -253,7 +253,7 @@ class Machine:
     def _free(self, tau) -> np.ndarray:
         """Return an orthonormal basis T (n, k), of scaled coordinates, of what rigid conditions leave free. Raises
         InputError for conditions that others hold already."""
-        rigid = [k for k, item in enumerate(self.conditions) if item.rigid]
+        rigid = [k for k, condition in enumerate(self.conditions) if condition.rigid]
         scale = self._scale(tau)
         G = (self._rows() * scale)[rigid]
         return scale[:, None] * _unheld(G, [self.conditions[k].label for k in rigid])
@@ -275,9 +275,9 @@ def _unheld(G, labels) -> np.ndarray:
     return Q[:, len(G) :]
 
 
-def blocks(parts) -> np.ndarray:
+def blocks(matrices) -> np.ndarray:
     """Return block diagonal matrices (S, r, p) of those of all parts."""
-    return np.array([block_diag(*each) for each in zip(*parts, strict=True)])
+    return np.array([block_diag(*each) for each in zip(*matrices, strict=True)])
 
 
 def _modes(K, M, tau):
@@ -291,10 +291,10 @@ def _modes(K, M, tau):
     return np.where(np.abs(squares) < STILL * largest, 0.0, squares), X, without
 
 
-def _below(found, bound) -> int:
+def _below(modes, bound) -> int:
     """Return how many modes that `_modes` found have squared frequencies below a share of the largest one, or no mass.
     """
-    squares, _, without = found
+    squares, _, without = modes
     squares = np.abs(squares[: len(squares) - without])
     return int((squares < bound * squares.max(initial=0.0)).sum()) + without
 
@@ -302,10 +302,10 @@ def _below(found, bound) -> int:
 def _together(added):
     """Return added terms, those of one law and joint as one."""
     groups = {}
-    for item in added:
-        key = (item.name.rpartition(":")[0], item.law)
+    for term in added:
+        key = (term.name.rpartition(":")[0], term.law)
         before = groups.get(key)
-        groups[key] = item if before is None else replace(before, matrix=before.matrix + item.matrix, name=key[0])
+        groups[key] = term if before is None else replace(before, matrix=before.matrix + term.matrix, name=key[0])
     return groups.values()
 
 
@@ -327,11 +327,11 @@ def machine_of(parts: list[Part], joints, masses=(), inputs=None, outputs=None, 
                       inputs=_chosen(parts, "inputs", inputs), outputs=_chosen(parts, "outputs", outputs),
                       joints=known, far=far, warnings=[*far, *(text for part in parts for text in part.warnings)],
                       )  # fmt: skip
-    rigid = [k for k, item in enumerate(conditions) if item.rigid]
+    rigid = [k for k, condition in enumerate(conditions) if condition.rigid]
     with _after(far):
         _unheld(machine.conditions_of(0)[rigid], [conditions[k].label for k in rigid])
     machine.warnings.extend(_twice(joints, of_joints, masses))
-    loose = [part.name for part in parts if len(parts) > 1 and not any(part.name in item.rows for item in conditions)]
+    loose = [part.name for part in parts if len(parts) > 1 and not any(part.name in each.rows for each in conditions)]
     if loose:
         machine.warnings.append(f"body '{loose[0]}' has no joint: it moves by itself")
     return machine
@@ -370,11 +370,11 @@ def _twice(joints, of_joints, masses) -> list[str]:
     places: dict = {}
     for k, joint in enumerate(joints):
         if isinstance(joint, BushingJoint):
-            for item in of_joints[k]:
-                places.setdefault((frozenset(joint.bodies), item.label.rpartition(":")[2]), []).append(k)
-    found = {tuple(numbers): joints[numbers[0]].bodies for numbers in places.values() if len(numbers) > 1}
+            for condition in of_joints[k]:
+                places.setdefault((frozenset(joint.bodies), condition.label.rpartition(":")[2]), []).append(k)
+    doubled = {tuple(numbers): joints[numbers[0]].bodies for numbers in places.values() if len(numbers) > 1}
     told = [f"{len(numbers)} bushings between {ends[0]} and {ends[1]} ({', '.join(f'joint[{k}]' for k in numbers)}): "
-            "what they have in the same directions adds up" for numbers, ends in found.items()]  # fmt: skip
+            "what they have in the same directions adds up" for numbers, ends in doubled.items()]  # fmt: skip
     at: dict = {}
     for k, mass in enumerate(masses):
         at.setdefault(mass.at, []).append(k)
@@ -412,7 +412,7 @@ def _conditions(parts, joint, key, laws_of_table) -> list[Condition]:
 
 def _laws(joint: BushingJoint, d: int) -> tuple:
     """Return values and laws of a direction of a bushing."""
-    k, c = ((*part, *[0.0] * 6)[d] for part in (joint.stiffness, joint.damping))
+    k, c = ((*values, *[0.0] * 6)[d] for values in (joint.stiffness, joint.damping))
     terms = ((k, Power(0)),) * bool(k) + ((c, Power(1)),) * bool(c)
     if joint.law is not None and k:
         # `stiffness` is the static one, whatever the law has at rest
@@ -434,9 +434,9 @@ def _parameters(parts) -> tuple[Parameter, ...]:
     """Return the parameters of all bodies, those of one name as one. Raises InputError where they differ."""
     parameters: dict[str, Parameter] = {}
     for part in parts:
-        for item in part.parameters:
-            if parameters.setdefault(item.name, item) != item:
-                raise InputError(f"body '{part.name}': parameter '{item.name}': has another range, reference or unit "
+        for known in part.parameters:
+            if parameters.setdefault(known.name, known) != known:
+                raise InputError(f"body '{part.name}': parameter '{known.name}': has another range, reference or unit "
                                  "than that of another body; a parameter of a name is one of the machine")  # fmt: skip
     return tuple(parameters.values())
 
@@ -460,13 +460,13 @@ def laws_of_table(header, rows, joint: BushingJoint, band, key) -> dict[str, Tab
     """Return the laws by direction of a table with a header and rows (k, columns), at the value `at` of its parameter;
     `band` (Hz) must lie inside. Raises InputError."""
     # columns by name: a frequency, real and imaginary parts, and at most one parameter
-    known = {f"{part}_{name}" for part in ("re", "im") for name in SIX}
-    more = [name for name in header if name not in known | {"f_hz"}]
-    if "f_hz" not in header or len(more) > 1 or set(more) != set(joint.at) or not known & set(header):
+    known = {f"{c}_{name}" for c in ("re", "im") for name in SIX}
+    names = [name for name in header if name not in known | {"f_hz"}]
+    if "f_hz" not in header or len(names) > 1 or set(names) != set(joint.at) or not known & set(header):
         raise InputError(f"{key}: found the columns {', '.join(header)}, expected f_hz, re_x, im_x and so on to im_rz, "
                          f"and one for each parameter in `at` ({', '.join(joint.at) or 'none'}), at most one")
     columns, count = dict(zip(header, np.transpose(rows), strict=True)), len(rows)
-    at, parameter = (joint.at[more[0]], columns[more[0]]) if more else (0.0, np.zeros(count))
+    at, parameter = (joint.at[names[0]], columns[names[0]]) if names else (0.0, np.zeros(count))
     # the same frequencies at each value of the parameter, over the whole band
     order, there = np.lexsort((columns["f_hz"], parameter)), np.unique(parameter)
     if not count or not (np.abs(rows) <= 1e30).all():
@@ -481,13 +481,13 @@ def laws_of_table(header, rows, joint: BushingJoint, band, key) -> dict[str, Tab
         raise InputError(f"{key}: has {f[0]:g} to {f[-1]:g} Hz, which ends inside of the band {band[0]:g} to "
                          f"{band[1]:g} Hz; measure it over the band, or take a narrower one")  # fmt: skip
     if not there[0] <= at <= there[-1]:
-        raise InputError(f"{key}: at: found {more[0]} = {at:g}, expected {there[0]:g} to {there[-1]:g}, the range of "
+        raise InputError(f"{key}: at: found {names[0]} = {at:g}, expected {there[0]:g} to {there[-1]:g}, the range of "
                          "the table")  # fmt: skip
     # one law a direction, interpolated linearly between values of the parameter
     laws = {}
     for name in SIX:
         if {f"re_{name}", f"im_{name}"} & set(header):
-            g = sum(unit * columns.get(f"{part}_{name}", np.zeros(count)) for part, unit in (("re", 1.0), ("im", 1j)))
+            g = sum(unit * columns.get(f"{c}_{name}", np.zeros(count)) for c, unit in (("re", 1.0), ("im", 1j)))
             g = np.array([np.interp(at, there, column) for column in g[order].reshape(len(there), -1).T])
             laws[name] = Tabulated(tuple(f.tolist()), tuple(g.real.tolist()), tuple(g.imag.tolist()))
     return laws

@@ -82,14 +82,15 @@ class Sensitivity:
         for _ in use:
             share = max(tolerance - use[~wanting].sum(), 0.0) / max(wanting.sum(), 1)
             wanting &= use > share
-        found = np.where(wanting, share / use, 1.0)
+        share_of = np.where(wanting, share / use, 1.0)
         for _ in range(ROUNDS):  # second order, and bodies whose largest parts are at other frequencies
-            now = self.curve(found).max()
+            now = self.curve(share_of).max()
             if now <= tolerance:
                 break
             smaller = wanting if wanting.any() else np.ones(len(use), dtype=bool)
-            found = np.where(smaller, found * (max(0.9 * tolerance / now, 0.1) if np.isfinite(now) else 0.5), found)
-        return found
+            step = max(0.9 * tolerance / now, 0.1) if np.isfinite(now) else 0.5
+            share_of = np.where(smaller, share_of * step, share_of)
+        return share_of
 
 
 def sensitivity(machine: Machine, reduced: ReducedModel, band: tuple[float, float]) -> Sensitivity:
@@ -111,16 +112,16 @@ def sensitivity(machine: Machine, reduced: ReducedModel, band: tuple[float, floa
     f = np.repeat(frequencies, len(turns) + 1)
     reach = np.repeat(radius / (2 * np.pi), len(turns) + 1) * np.tile([0.0, *np.ones(len(turns))], len(frequencies))
     largest = max(*machine.outputs.matrix.shape, *machine.inputs.matrix.shape, len(machine.conditions))
-    made = [_sizes(machine, flat[part], f[part], reach[part]) for part in slices_of(len(flat), largest)]
+    made = [_sizes(machine, flat[chunk], f[chunk], reach[chunk]) for chunk in slices_of(len(flat), largest)]
     out, into, between = map(np.concatenate, zip(*made, strict=True))
-    shaped = [part.reshape(*places.shape, *part.shape[1:]) for part in (out, between, into)]
+    shaped = [chunk.reshape(*places.shape, *chunk.shape[1:]) for chunk in (out, between, into)]
     # the measure of the machine's own responses, of displacements as those of the bodies
-    parts = reduced.output_parts
-    orders = orders_of(parts)
+    outputs = reduced.output_parts
+    orders = orders_of(outputs)
     states = reduced.states(s)
-    H, drive = combined(parts, s, orders) @ states, np.einsum("ip,sip->sp", reduced.B, states)
-    measure = Directions().over(frequencies, H, drive, drive_points(reduced.B, parts.sum(axis=0).T),
-                                silent_outputs(parts.sum(axis=0), [states]))  # fmt: skip
+    H, drive = combined(outputs, s, orders) @ states, np.einsum("ip,sip->sp", reduced.B, states)
+    measure = Directions().over(frequencies, H, drive, drive_points(reduced.B, outputs.sum(axis=0).T),
+                                silent_outputs(outputs.sum(axis=0), [states]))  # fmt: skip
     hm, gm = measure.scales(H, drive)
     rates = np.abs(s)[:, None] ** np.maximum(orders, 0)
     return Sensitivity(frequencies=frequencies, out=shaped[0], between=shaped[1], into=shaped[2],
@@ -131,7 +132,7 @@ def _sizes(machine, s, f, reach):
     """Return |L| h (S, r, b), g |R| (S, b, p) and N (S, b, b) at s (S,); see Part.scales for `f` and `reach`."""
     L, R, K = machine.coupled(s, machine.receptances(s))
     scales = [part.scales(s, f, reach) for part in machine.parts.values()]
-    h, g = (blocks([item[side][..., None] for item in scales]) for side in (0, 1))  # (S, r, b), (S, p, b)
+    h, g = (blocks([scale[side][..., None] for scale in scales]) for side in (0, 1))  # (S, r, b), (S, p, b)
     g = np.swapaxes(g, 1, 2)
     return (_added(machine.outputs.matrix @ L, h), _added(g, R @ machine.inputs.matrix.T), _added(g, K, h))
 

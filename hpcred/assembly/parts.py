@@ -86,7 +86,7 @@ class Part:
         """M, D, K (n, n), B (n, p), C, Cv, Ca (r, n) without the terms of parameters."""
         if isinstance(self.model, ParametricReducedModel):
             return self.model.constant
-        return {key: part for key in (*"MDKBC", "Cv", "Ca") if (part := getattr(self.model, key)) is not None}
+        return {key: matrix for key in (*"MDKBC", "Cv", "Ca") if (matrix := getattr(self.model, key)) is not None}
 
     def functional(self, node: str, weights: np.ndarray, key: str) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows (k,) of outputs and of inputs that are weights (6,) . (u, theta) of a node, in axes of the
@@ -96,7 +96,7 @@ class Part:
             rows.append(np.zeros(len(names)))
             for d in np.flatnonzero(np.abs(own) > ROUND_OFF):
                 if f"{node}:{SIX[d]}" not in names:
-                    there = [item.rpartition(":")[2] for item in names if item.rpartition(":")[0] == node]
+                    there = [channel.rpartition(":")[2] for channel in names if channel.rpartition(":")[0] == node]
                     raise InputError(
                         f"{key}: '{self.name}.{node}' has no direction {SIX[d]} (axes of the body) among its inputs "
                         f"and outputs, it has {', '.join(there) or 'none'}; reduce the body with all directions of the "
@@ -107,7 +107,7 @@ class Part:
 
     def response(self, s: np.ndarray, values) -> np.ndarray:
         """Return H(s) (S, r, p) of the free body at s (S,), in its own axes."""
-        return self.model.transfer_function(s, **{item.name: values[item.name] for item in self.parameters})
+        return self.model.transfer_function(s, **{p.name: values[p.name] for p in self.parameters})
 
     @property
     def eps(self) -> float:
@@ -122,17 +122,17 @@ class Part:
         """
         if self.exact:
             return np.zeros((len(s), len(self.outputs.names))), np.zeros((len(s), len(self.inputs.names)))
-        parts, states = self.elastic.output_parts, self.elastic.states(s)
-        orders = orders_of(parts)
+        outputs, states = self.elastic.output_parts, self.elastic.states(s)
+        orders = orders_of(outputs)
         measure: Measure = self.accuracy.measure
-        scales = measure.scales(combined(parts, s, orders) @ states, np.einsum("ip,sip->sp", self.elastic.B, states))
-        h, g = (np.where(part < UNFELT, part, 0.0) for part in scales)
+        scales = measure.scales(combined(outputs, s, orders) @ states, np.einsum("ip,sip->sp", self.elastic.B, states))
+        h, g = (np.where(values < UNFELT, values, 0.0) for values in scales)
         # errors by direction, with what the uncompressed model lacks and with round-off
-        known = {item.output: item.largest for item in self.accuracy.directions}
-        more = max(self.accuracy.largest - max(known.values(), default=0.0), 0.0) + self.accuracy.noise
-        own = np.array([known.get(name, self.accuracy.largest) + more for name in self.elastic.output_names])
+        known = {direction.output: direction.largest for direction in self.accuracy.directions}
+        rest = max(self.accuracy.largest - max(known.values(), default=0.0), 0.0) + self.accuracy.noise
+        own = np.array([known.get(name, self.accuracy.largest) + rest for name in self.elastic.output_names])
         names = self.elastic.output_names
-        symmetric = all(np.array_equal(item.matrix, item.matrix.T) for item in self.elastic.operator)
+        symmetric = all(np.array_equal(term.matrix, term.matrix.T) for term in self.elastic.operator)
         other = np.array([own[names.index(name)] if symmetric and name in names else self.eps
                           for name in self.elastic.input_names])  # fmt: skip
         curve = self._curve(f, reach)[:, None]
@@ -169,8 +169,8 @@ def part_of(body: MachineBody, result: Any) -> Part:
         raise InputError(f"{where}: moves relative to a base of its own; reduce it without [[base]]")
     # where its nodes are, and what they are called
     names, labels, numbers = _names(body, result, where)
-    inputs, outputs = ([renamed(item, names) for item in part]
-                       for part in (reduced.input_names, reduced.output_names))  # fmt: skip
+    inputs, outputs = ([renamed(channel, names) for channel in channels]
+                       for channels in (reduced.input_names, reduced.output_names))  # fmt: skip
     places = {label: np.array(place) for label, place in numbers.items()}
     if not any(node in places for node in map(_label, inputs)):
         raise InputError(f"{where}: has no interfaces or nodes among its inputs ({listed(reduced.input_names)}), which "
@@ -180,14 +180,14 @@ def part_of(body: MachineBody, result: Any) -> Part:
     motions, origin = _free_motions(reduced, result.floating_frame, where)
     model = replace(reduced, record=None, columns=None, left_columns=None, model=None)
     if motions.shape[1]:
-        if any(item.of in "MB" for item in getattr(reduced, "terms", ())) or reduced.resultants is None:
+        if any(term.of in "MB" for term in getattr(reduced, "terms", ())) or reduced.resultants is None:
             raise InputError(f"{where}: its mass or loads depend on parameters, and its rigid-body motions are those "
                              "of the reference; reduce with coordinates = 'interface'")  # fmt: skip
         rows = [_moved(name, places, origin, where) for name in outputs]
         model = _with_motions(model, motions, result.floating_frame, rows, origin)
     if isinstance(reduced, ParametricReducedModel):
         kinds = [f"damping of kind '{reduced.record.damping.kind}'"] if reduced.damping_follows else []
-        if reduced.loss_factor and any(item.of == "K" for item in reduced.terms):
+        if reduced.loss_factor and any(term.of == "K" for term in reduced.terms):
             kinds.append("structural damping")
         warnings += [f"{where}: {kind} is that of the reference values at all values of the parameters in the machine"
                      for kind in kinds]  # fmt: skip
@@ -225,8 +225,8 @@ class MeasuredPart(Part):
         k = np.clip(np.searchsorted(self.lines, f) - 1, 0, max(len(self.lines) - 2, 0))
         if len(self.lines) == 1:
             return np.repeat(self.H, len(f), axis=0)
-        part = ((f - self.lines[k]) / (self.lines[k + 1] - self.lines[k]))[:, None, None]
-        return (1 - part) * self.H[k] + part * self.H[k + 1]
+        weight = ((f - self.lines[k]) / (self.lines[k + 1] - self.lines[k]))[:, None, None]
+        return (1 - weight) * self.H[k] + weight * self.H[k + 1]
 
 
 def measured_part(body: MachineBody, frf) -> MeasuredPart:
@@ -276,13 +276,13 @@ def _doubtful_units(reduced, places, where) -> list[str]:
     return []
 
 
-def _names(body, found, where):
+def _names(body, result, where):
     """Return new labels of nodes by those of the result and by number, and the places of all labels in axes of the
     body."""
-    record = found.reduced.record
-    nodes = [(shape.label, shape.node, shape.position) for shape in found.nodes]
-    nodes += [(item.name, item.node, item.position) for item in found.reduced.interfaces]
-    nodes += [] if record is None else [(item.name, item.node, item.position) for item in record.interface_nodes]
+    record = result.reduced.record
+    nodes = [(shape.label, shape.node, shape.position) for shape in result.nodes]
+    nodes += [(end.name, end.node, end.position) for end in result.reduced.interfaces]
+    nodes += [] if record is None else [(end.name, end.node, end.position) for end in record.interface_nodes]
     names = new_names(body, {label: number for label, number, _ in nodes}, where)
     return (names, {number: names.get(label, label) for label, number, _ in nodes},
             {names.get(label, label): place for label, _, place in nodes})  # fmt: skip
@@ -341,7 +341,7 @@ def _free_motions(reduced, frame, where) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _moved(name, places, origin, where) -> tuple[int, np.ndarray]:
-    """Return the order of derivatives of an output, and how rigid-body motions (6,) about the origin move it."""
+    """Return the number of time rates in an output, and how rigid-body motions (6,) about the origin move it."""
     quantity, place = named_quantity(name)
     node = node_of(name)
     if node is None:
@@ -418,7 +418,7 @@ def part_and_node(parts: dict[str, Part], name: str, key: str) -> tuple[Part, st
         raise InputError(f"{key}: '{name}': there is no body '{body}'{nearest(body, [*parts, GROUND])}; there are "
                          f"{', '.join(parts)}")  # fmt: skip
     part = parts[body]
-    known = [label for label in part.places if any(item.rpartition(":")[0] == label for item in part.inputs.names)]
+    known = [label for label in part.places if any(own.rpartition(":")[0] == label for own in part.inputs.names)]
     if node not in known and node in part.places:
         raise InputError(f"{key}: '{name}': body '{body}' has the interface '{node}', but no inputs there, by which "
                          f"joints act; reduce it with inputs = outputs = [..., \"{node}\"], in Python "

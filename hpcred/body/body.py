@@ -218,25 +218,25 @@ def has_no_inertia(body: Body) -> bool:
 
 def remarks(body: Body) -> list[str]:
     """Return one sentence on each approximation and each missing quantity."""
-    said, masses = [], body.floating_frame.masses
+    notes, masses = [], body.floating_frame.masses
     if masses.min() < (1 - SAME_MASS) * masses.max():
         listed = ", ".join(f"{mass:.6g}" for mass in masses)
-        said.append(f"the masses in x, y, z are {listed} kg, because not all nodes move in all directions")
+        notes.append(f"the masses in x, y, z are {listed} kg, because not all nodes move in all directions")
     integrals, _, left_out = body.floating_frame.integrals.partition("; ")
     if integrals != "consistent":
-        said.append(f"integrals quadratic in the shapes: {integrals}, an approximation")
+        notes.append(f"integrals quadratic in the shapes: {integrals}, an approximation")
     if left_out:
-        said.append(left_out)
+        notes.append(left_out)
     if has_no_inertia(body):
-        said.append("the body has no inertia about one of its axes, as where every mass lies on a line; hold it there")
+        notes.append("the body has no inertia about one of its axes, as where every mass lies on a line; hold it there")
     if body.prestress is not None and body.prestress.load:
-        said.append(f"K has the stress of the preload {body.prestress.load}")
+        notes.append(f"K has the stress of the preload {body.prestress.load}")
         if body.prestress.softening.any():
-            said.append("K has the spin softening of the preload, which programs that rotate the body add themselves")
+            notes.append("K has the spin softening of the preload, which programs that rotate the body add themselves")
     still = [str(shape.node) for shape in body.nodes if not shape.rotates]
     if still:
-        said.append(f"no rotational dofs at nodes {', '.join(still)}: psi is zero there")
-    return said + _follow_the_frame(body) + instability(body.reduced)
+        notes.append(f"no rotational dofs at nodes {', '.join(still)}: psi is zero there")
+    return notes + _follow_the_frame(body) + instability(body.reduced)
 
 
 def _follow_the_frame(body) -> list[str]:

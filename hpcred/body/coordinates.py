@@ -32,7 +32,7 @@ class FrameMotion:
 class Coordinates:
     """Reduced coordinates `q` (nt, m) at instants `t` (nt,) in s, ascending: plain arrays, the same on all ranks.
 
-    Perhaps with their first and second derivatives (nt, m), and the motion of the `frame`, None where it is at rest or
+    Perhaps with their velocities and accelerations (nt, m), and the motion of the `frame`, None where it is at rest or
     not known. `basis`: the digest of the basis that they belong to, where it is known. `outputs`: values (nt,) by name,
     which must be C q. `remarks`: what a reader of the results should know.
     """
@@ -55,9 +55,9 @@ class Coordinates:
         for key, array in arrays.items():
             if array is not None and not (np.abs(array) <= LARGEST).all():
                 first = np.argwhere(~(np.abs(array) <= LARGEST))[0]
-                what = f"beyond +-{LARGEST:g}" if np.isfinite(array[tuple(first)]) else "not finite"
+                wrong = f"beyond +-{LARGEST:g}" if np.isfinite(array[tuple(first)]) else "not finite"
                 raise InputError(
-                    f"{path}: {key} is {what} at instant {first[0] + 1} of {len(self.t)}, expected finite numbers"
+                    f"{path}: {key} is {wrong} at instant {first[0] + 1} of {len(self.t)}, expected finite numbers"
                 )
         if (np.diff(self.t) <= 0).any():
             k = int(np.argmax(np.diff(self.t) <= 0))
@@ -75,30 +75,30 @@ class Coordinates:
                                  "coordinates; the motion is that of another body")  # fmt: skip
 
     def with_rates(self, path, velocity: bool, acceleration: bool) -> Coordinates:
-        """Return these with the derivatives that are wanted, by differences where they are not given.
+        """Return these with the rates that are wanted, by differences where they are not given.
 
         Raises InputError for too few instants.
         """
-        given, remarks = {}, []
+        added, remarks = {}, []
         if (velocity or acceleration) and self.velocity is None:
-            given["velocity"] = self._difference(path, self.q, "velocities", "coordinates", remarks)
+            added["velocity"] = self._difference(path, self.q, "velocities", "coordinates", remarks)
         if acceleration and self.acceleration is None:
-            rates = given.get("velocity", self.velocity)
-            given["acceleration"] = self._difference(path, rates, "accelerations", "velocities", remarks)
+            rates = added.get("velocity", self.velocity)
+            added["acceleration"] = self._difference(path, rates, "accelerations", "velocities", remarks)
         if acceleration and self.frame and self.frame.acceleration is None:
             names = (("acceleration", "velocity"), ("angular_acceleration", "angular_velocity"))
             rates = {key: self._difference(path, getattr(self.frame, of), f"{key.replace('_', ' ')}s of the frame",
                                            "velocities", remarks) for key, of in names}  # fmt: skip
-            given["frame"] = replace(self.frame, **rates)
-        return replace(self, **given, remarks=(*self.remarks, *remarks))
+            added["frame"] = replace(self.frame, **rates)
+        return replace(self, **added, remarks=(*self.remarks, *remarks))
 
-    def _difference(self, path, values, what, of, remarks):
+    def _difference(self, path, values, rates, of, remarks):
         if len(self.t) < FEWEST:
             raise InputError(
-                f"{path}: found {len(self.t)} instant{'s' * (len(self.t) > 1)} and no {what}, which differences give "
+                f"{path}: found {len(self.t)} instant{'s' * (len(self.t) > 1)} and no {rates}, which differences give "
                 f"from {FEWEST} on; give more instants, or ask for displacements only"
             )
-        remarks.append(f"{what} by differences of the {of} over time, of second order in the step, since {path} has "
+        remarks.append(f"{rates} by differences of the {of} over time, of second order in the step, since {path} has "
                        "none")  # fmt: skip
         return np.gradient(values, self.t, axis=0, edge_order=2)
 

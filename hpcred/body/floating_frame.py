@@ -140,8 +140,8 @@ class FloatingFrame:
     def _linear(self) -> np.ndarray:
         """(m, 18 m): what q or its rate is multiplied by at each evaluation, side by side; see `varied`."""
         m = len(self.Ct)
-        parts = self.Ct1, self.Cr1, self.Cr1 - self.Cr1.transpose(1, 0, 2), 2 * self.J2.reshape(m, m, 9)
-        return np.ascontiguousarray(np.concatenate(parts, axis=2).transpose(1, 0, 2).reshape(m, 18 * m))
+        blocks = self.Ct1, self.Cr1, self.Cr1 - self.Cr1.transpose(1, 0, 2), 2 * self.J2.reshape(m, m, 9)
+        return np.ascontiguousarray(np.concatenate(blocks, axis=2).transpose(1, 0, 2).reshape(m, 18 * m))
 
     def varied(self, vectors) -> np.ndarray:
         """Return, for vectors (..., m) such as q and q', the changes (..., m, 18) of Ct (3 columns), of Cr (3), the
@@ -274,10 +274,10 @@ def _integrals(model, columns, origin, mass, bases):
 
 def _product(scalar, values):
     """Return the scalar mass matrix times columns (rows, k), the rows of this rank of both. Collective."""
-    given = create_block(scalar, values.shape[1])
-    with local_rows(given) as rows:
+    block = create_block(scalar, values.shape[1])
+    with local_rows(block) as rows:
         rows[...] = values
-    with local_rows(times(scalar, given)) as rows:
+    with local_rows(times(scalar, block)) as rows:
         return rows.real.copy(order="F")
 
 
@@ -287,7 +287,7 @@ def _transfer(model, source, target, mine):
     comm, dofs = model.comm, model.dofs
     rows = np.arange(model.first_row, model.first_row + model.local_rows)
     if source == target:
-        wanted, given = rows[mine], rows[mine]
+        wanted, sources = rows[mine], rows[mine]
     else:
         # rows of a node meet on a rank that its number chooses
         shares = []
@@ -298,12 +298,12 @@ def _transfer(model, source, target, mine):
         (node_t, row_t), (node_s, row_s) = shares
         _, at_t, at_s = np.intersect1d(node_t, node_s, return_indices=True)
         owner = np.searchsorted(model.row_starts, row_t[at_t], side="right") - 1
-        wanted, given = exchange(comm, owner, [row_t[at_t], row_s[at_s]])
+        wanted, sources = exchange(comm, owner, [row_t[at_t], row_s[at_s]])
         order = np.argsort(wanted)
-        wanted, given = wanted[order], given[order]
+        wanted, sources = wanted[order], sources[order]
     counts = np.zeros(len(mine) + 1, dtype=PETSc.IntType)
     counts[np.searchsorted(rows[mine], wanted) + 1] = 1
-    csr = (np.cumsum(counts, dtype=PETSc.IntType), given.astype(PETSc.IntType), np.ones(len(given)))
+    csr = (np.cumsum(counts, dtype=PETSc.IntType), sources.astype(PETSc.IntType), np.ones(len(sources)))
     return PETSc.Mat().createAIJ(((len(mine), None), (model.local_rows, model.size)), csr=csr, comm=model.K.comm)
 
 

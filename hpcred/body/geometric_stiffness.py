@@ -2,7 +2,7 @@
 
 Under loads the stiffness of a body is K + sum_i c_i K_i, with K_i of the stress of the i-th unit state and its value
 c_i. For a load f, -q^T K_i q / 2 is the work of f on the displacements of second order (the foreshortening of a beam
-that bends), so that the K_i are second derivatives:
+that bends), so that the K_i are Hessians:
 
     K_i of an acceleration   of the first moment of mass, as Ct is the first one
     K_i of a force           of the negative displacement of its node

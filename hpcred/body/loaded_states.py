@@ -259,8 +259,8 @@ def sign_of_stress_stiffness(model, stiffness: PETSc.Mat, state: str, value: flo
     inside &= np.abs(held[:, :3]).max(axis=1) <= NEAR * stiffness.norm(PETSc.NormType.INFINITY)
     turned = np.cross(np.eye(3)[None], forces[inside, None])  # (rows, 3, 3): of each theta, all components
     wanted = np.take_along_axis(turned, dofs.direction[inside, None, None].astype(np.int64), axis=2)[..., 0]
-    given = held[inside, 3:]
-    sums = [(given * wanted).sum(), (wanted**2).sum(), (given**2).sum()]
+    actual = held[inside, 3:]
+    sums = [(actual * wanted).sum(), (wanted**2).sum(), (actual**2).sum()]
     both, square, of_given = model.comm.bcast(summed(model.comm, np.array(sums)))
     sign = 1.0 if both > 0 else -1.0
     left = max(of_given - 2 * sign * both + square, 0.0)

@@ -27,7 +27,7 @@ class NodeShape:
     name : str
         Name of an interface node, else "".
     phi1, psi1 : ndarray, shape (3, m, m), optional
-        Second derivatives of displacements and rotations, symmetric in the coordinates; None: zero.
+        Hessians of displacements and rotations, symmetric in the coordinates; None: zero.
     """
 
     node: int
@@ -44,7 +44,7 @@ class NodeShape:
         return replace(self, phi=self.phi @ X, psi=self.psi @ X)
 
     def motion(self, q) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return displacement (3,) and rotation (3,) at the coordinates q (m,), and their derivatives (3, m)."""
+        """Return displacement (3,) and rotation (3,) at the coordinates q (m,), and their Jacobians (3, m)."""
         phi, psi = self.phi, self.psi
         if self.phi1 is None:
             return phi @ q, psi @ q, phi, psi

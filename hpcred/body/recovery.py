@@ -30,8 +30,8 @@ class Recovery:
     memory would take longer than the product."""
 
     def __init__(self, coordinates: Coordinates, step: int):
-        given = coordinates.q, coordinates.velocity, coordinates.acceleration
-        self._given = dict(zip(QUANTITIES, given, strict=True))
+        arrays = coordinates.q, coordinates.velocity, coordinates.acceleration
+        self._given = dict(zip(QUANTITIES, arrays, strict=True))
         self._step, self._room = step, {}
 
     def motion(self, shapes, instants: slice, quantities) -> dict[str, np.ndarray]:

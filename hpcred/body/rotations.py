@@ -102,7 +102,7 @@ def exponential(vector) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _coefficients(vector):
-    """Return sin a / a, (1 - cos a) / a^2 and (a - sin a) / a^3, and the derivatives of the latter two by a, over a."""
+    """Return sin a / a, (1 - cos a) / a^2 and (a - sin a) / a^3, and the slopes of the latter two by a, over a."""
     square = float(np.dot(vector, vector))
     if square < SMALL**2:
         return (1 - square / 6 + square**2 / 120, 1 / 2 - square / 24, 1 / 6 - square / 120,

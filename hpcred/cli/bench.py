@@ -21,7 +21,7 @@ def bench(
 ):
     """Measure this machine: factorisation, solves, products, orthogonality, files."""
     report = hpcred.bench(cells, folder=folder, progress=session.progress())
-    show_table("This machine", [{"": key.replace("_", " "), " ": in_words(item)} for key, item in report.items()
+    show_table("This machine", [{"": key.replace("_", " "), " ": in_words(value)} for key, value in report.items()
                                 if key != "hints"])  # fmt: skip
     session.list_all("hint", report["hints"])
     session.write_json(json, report)
@@ -38,8 +38,8 @@ def paper(
 ):
     """Reproduce Section 5 of the paper on the built-in linkage: Tables 1 and 2, Figures 3 to 5."""
     progress = session.progress()
-    chosen = [] if figures == "none" else [int(part) if part % 1 == 0 else part
-                                           for part in texts.numbers(figures, "--figures")]  # fmt: skip
+    chosen = [] if figures == "none" else [int(number) if number % 1 == 0 else number
+                                           for number in texts.numbers(figures, "--figures")]  # fmt: skip
     data = hpcred.paper(output, figures=chosen, show=_show_tables, progress=progress)
     show_table("Figure 5. u_y of node 20 in time, against all elastic modes", data.get("figure_5", ())[1:])
     drawn = f"figure{'s' * (len(chosen) > 1)} {', '.join(map(str, chosen))} (png, svg), " if chosen else ""

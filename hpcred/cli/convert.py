@@ -79,8 +79,8 @@ def convert(
     if files and (len(files) > 1 or stiffness or mass):
         raise InputError("convert: expected one input file, or the matrices by -K and -M")
     if not files and not (stiffness and mass):
-        found = "no matrices" if not (stiffness or mass) else f"only {'K' if stiffness else 'M'}"
-        raise InputError(f"convert: {found}; give the main file of an export, or K and M by -K and -M")
+        given = "no matrices" if not (stiffness or mass) else f"only {'K' if stiffness else 'M'}"
+        raise InputError(f"convert: {given}; give the main file of an export, or K and M by -K and -M")
     besides = [f"-{key}" if key[0].isupper() else f"--{key}" for key, name in matrices.given.items() if name]
     if files and besides:
         raise InputError(f"convert: {', '.join(besides)} belong to -K and -M only, found with {files[0]}")

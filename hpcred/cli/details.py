@@ -41,25 +41,25 @@ def show_joints(rows):
 
 def show_details(record):
     """Print what the record of a result has beside its verdict."""
-    accuracy, stored = record.accuracy, any(item.from_store for item in record.components)
+    accuracy, stored = record.accuracy, any(row.from_store for row in record.components)
     if accuracy is not None:
         show_table(DIRECTIONS, rows_of_directions(accuracy.directions, accuracy.band))
     show_table("Basis", [
-        {"basis": item.where, "columns": item.columns, "new": item.kept, "dropped": item.columns - item.kept,
-         **({"from": "store" if item.from_store else ""} if stored else {})} for item in record.components
+        {"basis": row.where, "columns": row.columns, "new": row.kept, "dropped": row.columns - row.kept,
+         **({"from": "store" if row.from_store else ""} if stored else {})} for row in record.components
     ])  # fmt: skip
     show_table(INTERFACES, record.interface_rows)
-    show_joints([item.row for item in record.joints])
-    session.show_loads([item.row for item in record.loads])
+    show_joints([row.row for row in record.joints])
+    session.show_loads([row.row for row in record.loads])
     if accuracy is not None:
         show_table("Expansion points", [
-            {"f (Hz)": item.frequency, "columns": item.columns, "modes below": in_words(item.modes_below),
-             "estimate after it": in_words(item.estimate), "factor": item.factor_in_words} for item in accuracy.points
+            {"f (Hz)": row.frequency, "columns": row.columns, "modes below": in_words(row.modes_below),
+             "estimate after it": in_words(row.estimate), "factor": row.factor_in_words} for row in accuracy.points
         ])  # fmt: skip
-        show_table("Each new point checks the model before it", [asdict(item) for item in accuracy.proofs])
+        show_table("Each new point checks the model before it", [asdict(row) for row in accuracy.proofs])
         say(f"{accuracy.measured}; {accuracy.modes_in_words}; estimated {accuracy.largest:.1e}, round-off "
               f"{accuracy.noise:.0e}; {accuracy.uncompressed_size} columns before the compression")  # fmt: skip
-    residual = max((item.residual for item in record.factorisations), default=0.0)
+    residual = max((row.residual for row in record.factorisations), default=0.0)
     say(
         f"max |V^T M V - I| = {record.orthonormality_defect:.1e}; "
         + (f"largest residual {residual:.1e}; " if residual else "")

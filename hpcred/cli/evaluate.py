@@ -70,7 +70,7 @@ def evaluate(
         raise InputError("--preload: of one result at a time; call evaluate once for each")
     if at and estimate:
         raise InputError("--at: cannot be combined with --estimate, which is over all values; call evaluate twice")
-    given = {
+    by_option = {
         "--preload": preload,
         "--band": grid.band,
         "--frequencies": grid.frequencies or None,
@@ -80,8 +80,8 @@ def evaluate(
         "--figure": figure,
         "--pairs": pairs or None,
     }
-    allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(given)
-    wrong = [option for option, value in given.items() if value is not None and option not in allowed]
+    allowed = ("--full", "--check") if check is not None else ("--frequencies",) if estimate else tuple(by_option)
+    wrong = [option for option, value in by_option.items() if value is not None and option not in allowed]
     if wrong or (estimate and check is not None):
         raise InputError(f"{'--check' if check is not None else '--estimate'}: cannot be combined with "
                          f"{', '.join(wrong) or '--estimate'}; call evaluate twice")  # fmt: skip
@@ -125,7 +125,7 @@ def _show_estimate(result, **keywords):
     show_table(result, report["rows"])
     show_table(DIRECTIONS, report["direction_rows"])
     say(f"Q = {report['Q']:.6g}; {report['measured']}")
-    session.warn([item for item in report["warnings"] if item != report["sentence"]])
+    session.warn([warning for warning in report["warnings"] if warning != report["sentence"]])
     return report
 
 
@@ -148,8 +148,8 @@ def _show_responses(result, full, **keywords):
     columns = {"f (Hz)": report["frequencies_hz"], **sizes, **({"eps": report["eps"]} if "eps" in report else {})}
     show_table(result, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
     if "pseudo_frequencies_hz" in report:
-        found = ", ".join(f"{f:.6g}" for f in report["pseudo_frequencies_hz"])
-        say(f"pseudo-frequencies {'at the preload' if 'preload' in report else 'there'} (Hz): {found}")
+        frequencies = ", ".join(f"{f:.6g}" for f in report["pseudo_frequencies_hz"])
+        say(f"pseudo-frequencies {'at the preload' if 'preload' in report else 'there'} (Hz): {frequencies}")
     session.warn(report.get("warnings", ()))
     if full:
         show_table(DIRECTIONS, report["direction_rows"])
@@ -182,6 +182,7 @@ def response(
 
     Of a RESULT.h5 with --psd, --harmonic or --srs: its response to loads of a table with units in its head.
     """
+    # a result under loads of a table, which takes few of the options of a full model
     if drive.table is not None:
         full = [*grid.changed(), *state.changed(), *files.changed(), *fresh.changed()]
         others = {"--tolerance": tolerance != 1e-6, "--polar": polar, "--groups": groups is not None}

@@ -28,7 +28,7 @@ class ExportCommand(typer.core.TyperCommand):
     def format_epilog(self, ctx, formatter):
         writers = [WRITERS.load(entry) for entry in WRITERS.own]
         lists = {
-            "Of a model in interface coordinates": [item.name for item in writers if item.needs == "superelement"],
+            "Of a model in interface coordinates": [each.name for each in writers if each.needs == "superelement"],
             "Formats of other packages": [f"{entry.name} ({entry.package})" for entry in WRITERS.others],
         }
         for title, names in lists.items():
@@ -39,8 +39,8 @@ class ExportCommand(typer.core.TyperCommand):
 
 def _few(names) -> str:
     """Return the first names in a list; --json - has all."""
-    more = f", and {len(names) - MOST} more" if len(names) > MOST else ""
-    return ", ".join(map(str, names[:MOST])) + more
+    further = f", and {len(names) - MOST} more" if len(names) > MOST else ""
+    return ", ".join(map(str, names[:MOST])) + further
 
 
 @command
@@ -67,10 +67,10 @@ def export(
     json: JsonFile = None,
 ):
     """Hand a reduced body over to another program."""
-    if more := context.args:
-        option = "-o" if os.path.splitext(more[0])[1] else "--format"
-        raise InputError(f"export: found '{more[0]}' after {result}; a format is named by --format and the file to "
-                         f"write by -o: hpcred export {result} {option} {more[0]}")  # fmt: skip
+    if unread := context.args:
+        option = "-o" if os.path.splitext(unread[0])[1] else "--format"
+        raise InputError(f"export: found '{unread[0]}' after {result}; a format is named by --format and the file to "
+                         f"write by -o: hpcred export {result} {option} {unread[0]}")  # fmt: skip
     report = hpcred.export(
         result, kind, output, nodes=nodes, units=units, modes=modes, options=options, preload=preload, at=at,
         base=base, progress=session.progress(),

@@ -84,8 +84,8 @@ def bores(
 
 def _direction(vector) -> str:
     """Return a unit vector as x, y or z where it is one of these, else as three numbers."""
-    axis = next((name for name, part in zip("xyz", vector, strict=True) if abs(part) > 1 - 1e-9), None)
-    return axis or " ".join(f"{part:.4g}" for part in vector)
+    axis = next((name for name, component in zip("xyz", vector, strict=True) if abs(component) > 1 - 1e-9), None)
+    return axis or " ".join(f"{component:.4g}" for component in vector)
 
 
 @command

@@ -38,7 +38,7 @@ class Commands(typer.core.TyperGroup):
 
     def format_commands(self, ctx, formatter):
         with formatter.section("Commands"):
-            formatter.write_dl([(name, item.get_short_help_str(limit=1000)) for name, item in self.commands.items()])
+            formatter.write_dl([(name, each.get_short_help_str(limit=1000)) for name, each in self.commands.items()])
 
 
 app = typer.Typer(
@@ -69,11 +69,11 @@ def run(arguments: list[str]) -> int:
 @cache
 def _command(name):
     """The command of this name, or all where there is none, made once in a process: all take 40 ms."""
-    found = [each for each in app.registered_commands if each.callback.__name__ == name]
-    if not found:
+    commands = [each for each in app.registered_commands if each.callback.__name__ == name]
+    if not commands:
         return typer.main.get_command(app)
     alone = copy(app)
-    alone.registered_commands, alone.registered_groups = found, []
+    alone.registered_commands, alone.registered_groups = commands, []
     return typer.main.get_command(alone)
 
 

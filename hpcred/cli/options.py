@@ -32,15 +32,16 @@ def command(function: Callable[..., Any]) -> Callable[..., Any]:
     """Make a command of a function: an option of every parameter, or field of Keywords, that is annotated by an Option,
     and the value of its text. Fields that are not annotated are no options."""
     called, options, parameters = flattened(function), {}, []
-    for item in signature(called).parameters.values():
-        about = getattr(item.annotation, "__metadata__", ())
+    for argument in signature(called).parameters.values():
+        about = getattr(argument.annotation, "__metadata__", ())
         if about and isinstance(option := about[-1], Option):
-            options[item.name] = option
+            options[argument.name] = option
             shown = typer.Option(*option.names, metavar=option.metavar, help=option.help)
-            default = item.default if option.parsed is None else option.text
-            item = item.replace(annotation=Annotated[_kind_of_text(item.annotation, option), shown], default=default)
-        if about or item.annotation is typer.Context:
-            parameters.append(item)
+            default = argument.default if option.parsed is None else option.text
+            kind = Annotated[_kind_of_text(argument.annotation, option), shown]
+            argument = argument.replace(annotation=kind, default=default)
+        if about or argument.annotation is typer.Context:
+            parameters.append(argument)
 
     @wraps(called)
     def parsed(**given):
@@ -52,7 +53,7 @@ def command(function: Callable[..., Any]) -> Callable[..., Any]:
         return called(**given)
 
     parsed.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
-    parsed.__annotations__ = {item.name: item.annotation for item in parameters}
+    parsed.__annotations__ = {argument.name: argument.annotation for argument in parameters}
     return parsed
 
 

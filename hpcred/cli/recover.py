@@ -58,7 +58,7 @@ def recover(
     # three commands in one, of which each has options of its own
     deck, original, answers = stresses.deck, stresses.original, stresses.answers
     how = {"units": stresses.units, "progress": session.progress()}
-    if sum(item is not None for item in (motion, deck, answers)) != 1:
+    if sum(source is not None for source in (motion, deck, answers)) != 1:
         raise InputError("recover: expected one of MOTION, --deck with --input, and --answers")
     if (deck is None) != (original is None):
         raise InputError("--deck, --input: found one without the other; give the program and the input file that the "
@@ -80,9 +80,9 @@ def recover(
         session.write_json(json, report)
         return
     report = hpcred.recover(result, motion, output, progress=session.progress(), **recovered.given, **taken.given)
-    found = [(name, report[key]) for key, name in LARGEST.items() if key in report]
-    rows = [{"largest": name, "value": item["value"], "node": item["node"] or "", "t (s)": item["t_s"]}
-            for name, item in found]  # fmt: skip
+    largest = [(name, report[key]) for key, name in LARGEST.items() if key in report]
+    rows = [{"largest": name, "value": peak["value"], "node": peak["node"] or "", "t (s)": peak["t_s"]}
+            for name, peak in largest]  # fmt: skip
     show_table(f"{report['output']}: {report['instants']} instants of {report['nodes']} nodes", rows)
     session.list_all("remark", report["remarks"])
     session.write_json(json, report)

@@ -43,13 +43,13 @@ def reduce(
 ):
     """Reduce a model as a job file says."""
     folders = {"out_of_core": out_of_core, "store": store}  # of the command line, not of the job file
-    given = {"groups": groups, "low_rank": low_rank}
+    settings = {"groups": groups, "low_rank": low_rank}
     check_file_names(**{"--store": store, "--out-of-core": out_of_core, "--basis": basis})
-    given |= {key: os.path.abspath(name) for key, name in folders.items() if name is not None}
-    overrides = [*(set_ or []), *(f"{key}={value}" for key, value in given.items() if value is not None)]
-    found = hpcred.reduce_job(job, overrides=overrides, basis=basis, progress=session.progress())
-    record, accuracy = found.record, found.record.accuracy
-    size, output = f"{found.size_in_words} for {record.size} dofs", os.path.normpath(found.output)
+    settings |= {key: os.path.abspath(name) for key, name in folders.items() if name is not None}
+    overrides = [*(set_ or []), *(f"{key}={value}" for key, value in settings.items() if value is not None)]
+    outcome = hpcred.reduce_job(job, overrides=overrides, basis=basis, progress=session.progress())
+    record, accuracy = outcome.record, outcome.record.accuracy
+    size, output = f"{outcome.size_in_words} for {record.size} dofs", os.path.normpath(outcome.output)
     verdict = size if accuracy is None else accuracy.sentence
     session.verdict(verdict, accuracy is None or accuracy.reached)
     say(f"{'' if accuracy is None else f'{size}, '}{record.effort}, {in_time(record.timing.elapsed)}")
@@ -61,41 +61,41 @@ def reduce(
     if details:
         show_details(record)
         session.list_all("hint", record.hints)
-    session.warn([item for item in record.warnings if item != verdict])
-    session.written(output, found.report)
-    _show_next(found, output)
-    session.write_json(json, {**asdict(record), "output": found.output, "reduced_size": found.size,
-                              "frequencies_hz": found.frequencies})  # fmt: skip
+    session.warn([warning for warning in record.warnings if warning != verdict])
+    session.written(output, outcome.report)
+    _show_next(outcome, output)
+    session.write_json(json, {**asdict(record), "output": outcome.output, "reduced_size": outcome.size,
+                              "frequencies_hz": outcome.frequencies})  # fmt: skip
     return int(accuracy is not None and not accuracy.reached)
 
 
-def _show_next(found, output):
+def _show_next(outcome, output):
     """Print what is usually done with a result."""
-    named = (found.record.job or {}).get("model")
+    named = (outcome.record.job or {}).get("model")
     model = shlex.quote(os.path.relpath(named)) if isinstance(named, str) else "MODEL.h5"
     output = shlex.quote(output)
     rows = [
         (f"evaluate {output} --full {model} --check 5", "more full solves"),
         (f"report {output}", "responses, error and shapes"),
-        (f"export {output} --format sid", "for a multibody program") if found.has_body
+        (f"export {output} --format sid", "for a multibody program") if outcome.has_body
         else (f"export {output} --format statespace-mat", "matrices of first order"),
         (f"info {output} --details", "basis, points, time, memory"),
     ]  # fmt: skip
-    accuracy = found.record.accuracy
+    accuracy = outcome.record.accuracy
     if accuracy is None:
         rows[0] = (f"evaluate {output} --full {model}", "the error, by full solves")
     elif not accuracy.reached:  # a model to look at, not to go on with
         del rows[2]
-    if found.report:
+    if outcome.report:
         del rows[1]
     # what a command is for stands beside it where that fits, below each other as far as it does
     before, between = "next: hpcred ", "  # "
     room = get_terminal_size().columns - len(before + between)
-    width = min(max(len(command) for command, _ in rows), room - max(len(what) for _, what in rows))
-    for k, (command, what) in enumerate(rows):
-        if len(command) + len(what) > room:
+    width = min(max(len(command) for command, _ in rows), room - max(len(purpose) for _, purpose in rows))
+    for k, (command, purpose) in enumerate(rows):
+        if len(command) + len(purpose) > room:
             between = "\n      # "
-        print(f"{before if k == 0 else '      hpcred '}{command:{width}}{between}{what}")
+        print(f"{before if k == 0 else '      hpcred '}{command:{width}}{between}{purpose}")
 
 
 def store(
@@ -111,9 +111,9 @@ def store(
     json: JsonFile = None,
 ):
     """List, check and prune a folder of expansion points (reduce --store DIR)."""
-    given = {"--older": older, "--below": below, "--model": model, "--broken": broken or None}
-    if not prune and any(value is not None for value in given.values()):
-        raise InputError(f"{next(key for key in given if given[key] is not None)}: belongs to --prune")
+    filters = {"--older": older, "--below": below, "--model": model, "--broken": broken or None}
+    if not prune and any(value is not None for value in filters.values()):
+        raise InputError(f"{next(key for key in filters if filters[key] is not None)}: belongs to --prune")
     if prune:
         rows = hpcred.workflows.prune_store(
             folder, older=texts.amount(older, "--older", {"m": 60, "h": 3600, "d": 86400, "w": 604800}),

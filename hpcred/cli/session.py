@@ -34,10 +34,10 @@ FLAGS = ("--traceback", "--profile", "--quiet", "--verbose", "--keep")  # global
 
 def _refuse_blank(arguments):
     """Raise InputError for an empty text, which a variable of a shell without value leaves."""
-    for before, item in zip(["", *arguments], arguments, strict=False):
-        name, equals, value = item.partition("=")
-        if not item.strip() or (name.startswith("--") and equals and not value.strip()):
-            where = name if item.strip() else before if before.startswith("-") else f"the word behind '{before}'"
+    for before, word in zip(["", *arguments], arguments, strict=False):
+        name, equals, value = word.partition("=")
+        if not word.strip() or (name.startswith("--") and equals and not value.strip()):
+            where = name if word.strip() else before if before.startswith("-") else f"the word behind '{before}'"
             raise InputError(f"{where}: found an empty text, expected a value; leave it out where there is none")
 
 
@@ -52,7 +52,7 @@ def run(arguments: list[str], call) -> int:
         startup.insist(_take(arguments, "--scalar"), petsc_args)
         for flag in FLAGS:
             setattr(Session, flag[2:], flag in arguments)
-            arguments = [item for item in arguments if item != flag]
+            arguments = [argument for argument in arguments if argument != flag]
         if (file := _take(arguments, "--json")) is not None:  # also before the command
             arguments += ["--json", file]
         _refuse_blank(arguments)
@@ -97,7 +97,7 @@ def _stdout(comm, arguments):
 
 def _unused_options(petsc_args):
     """A sentence on PETSc options that nothing asked for."""
-    left = startup.unused_options() if startup.started() else [item for item in petsc_args if item.startswith("-")]
+    left = startup.unused_options() if startup.started() else [word for word in petsc_args if word.startswith("-")]
     if not left:
         return []
     return [f"nothing used the PETSc option{'s' * (len(left) > 1)} {', '.join(left)}; check the names and prefixes"]
@@ -145,10 +145,10 @@ def warn(sentences):
                 say(f"warning: {printable(sentence)}", file=sys.stderr if Session.quiet else sys.stdout)
 
 
-def list_all(word, items):
+def list_all(word, entries):
     """Print each item behind a word."""
-    for item in items:
-        say(f"{word}: {item}")
+    for entry in entries:
+        say(f"{word}: {entry}")
 
 
 def written(*names):

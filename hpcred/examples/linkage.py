@@ -26,8 +26,8 @@ BAND = (0.0, 300.0)
 def positions() -> np.ndarray:
     """Return coordinates (20, 3) in m: arm (nodes 1-5), torsion bar (5-16), arm (16-20)."""
     corners = np.array([[0.40, -0.56, 0], [0, -0.50, 0], [0, 0.50, 0], [0.40, 0.56, 0]])
-    parts = [np.linspace(a, b, n + 1)[1:] for a, b, n in zip(corners, corners[1:], (4, 11, 4), strict=False)]
-    return np.concatenate([corners[:1], *parts])
+    segments = [np.linspace(a, b, n + 1)[1:] for a, b, n in zip(corners, corners[1:], (4, 11, 4), strict=False)]
+    return np.concatenate([corners[:1], *segments])
 
 
 def linkage(comm=MPI.COMM_WORLD, inputs=(LOAD,), rod: Rod | None = None) -> SecondOrderModel:
@@ -61,12 +61,12 @@ def linkage(comm=MPI.COMM_WORLD, inputs=(LOAD,), rod: Rod | None = None) -> Seco
         k.append(stiffness.ravel())
         m.append(mass.ravel())
     # entries go to the ranks that have their rows
-    parts = [np.concatenate([np.zeros(0, dtype), *part])
-             for part, dtype in ((rows, int), (columns, int), (k, float), (m, float))]  # fmt: skip
+    entries = [np.concatenate([np.zeros(0, dtype), *arrays])
+               for arrays, dtype in ((rows, int), (columns, int), (k, float), (m, float))]  # fmt: skip
     ranges = comm.allgather(row_range(comm, 6 * count, 6))
     starts = np.array([start for start, _ in ranges])
-    owner = np.searchsorted(starts, parts[0], side="right") - 1
-    i, j, k, m = exchange(comm, owner, parts)
+    owner = np.searchsorted(starts, entries[0], side="right") - 1
+    i, j, k, m = exchange(comm, owner, entries)
     first, last = ranges[comm.rank]
     indptr, indices, values = compress({"K": (i, j, k), "M": (i, j, m)}, first, last, 6 * count)
     mine = np.arange(first, last)

@@ -90,8 +90,8 @@ def compare(model, setting: Setting, numbers=None, progress=None, keep=None):
                 errors = relative_error(full, frequency_response(reduced, FREQUENCIES), "paper")
                 if keep is not None:
                     keep(row, reduced, loaded)
-                found = {"Q": error_integral(FREQUENCIES, errors), "eps_max": float(errors.max()), "eps": errors}
-                results.append({"row": row, "size": reduced.size, **found})
+                measures = {"Q": error_integral(FREQUENCIES, errors), "eps_max": float(errors.max()), "eps": errors}
+                results.append({"row": row, "size": reduced.size, **measures})
     return results
 
 
@@ -124,7 +124,7 @@ def time_response(model, progress=None):
     with agreed(comm):
         for k in range(comm.rank, len(rows), comm.size):
             motions[k] = simulate(bodies[k], SIMULATION, progress)
-    motions = {k: motion for part in comm.allgather(motions) for k, motion in part.items()}
+    motions = {k: motion for of_rank in comm.allgather(motions) for k, motion in of_rank.items()}
     return [(row, motions[k]) for k, row in enumerate(rows)]
 
 

@@ -39,7 +39,7 @@ def kind_of_campbell(path, parameter: str) -> str | OtherKind:
         return hdf5_kind(FORMAT)
     start = f"{parameter},".encode()
     return OtherKind(".csv file of a Campbell diagram",
-                lambda found: found.startswith(start) and b"f_1_hz" in found.splitlines()[0])  # fmt: skip
+                lambda begin: begin.startswith(start) and b"f_1_hz" in begin.splitlines()[0])  # fmt: skip
 
 
 def write_campbell(path, diagram: Campbell, comm, record: dict | None = None) -> None:
@@ -67,12 +67,12 @@ def write_campbell(path, diagram: Campbell, comm, record: dict | None = None) ->
         file.several({key: getattr(diagram, key) for key in ("values", "poles", "orbits")}, gaps=True)
         file.small("orders", np.array(diagram.orders, dtype=float))
         for key in CRITICAL if diagram.critical_speeds else ():
-            file.small(f"critical_speeds/{key}", [getattr(item, key) for item in diagram.critical_speeds])
+            file.small(f"critical_speeds/{key}", [getattr(entry, key) for entry in diagram.critical_speeds])
         if diagram.full:
-            sizes = [len(item.poles) for item in diagram.full]
-            file.small("full/value", np.repeat([item.value for item in diagram.full], sizes))
-            file.small("full/poles", np.concatenate([item.poles for item in diagram.full]))
-            file.small("full/residual", np.repeat([item.residual for item in diagram.full], sizes))
+            sizes = [len(entry.poles) for entry in diagram.full]
+            file.small("full/value", np.repeat([entry.value for entry in diagram.full], sizes))
+            file.small("full/poles", np.concatenate([entry.poles for entry in diagram.full]))
+            file.small("full/residual", np.repeat([entry.residual for entry in diagram.full], sizes))
         limit = () if diagram.stability_limit is None else (diagram.stability_limit, diagram.unstable_frequency)
         file.small("stability", np.array(limit, dtype=float))
         file.small("record", {"warnings": list(diagram.warnings)} | (record or {}))

@@ -63,19 +63,19 @@ class CheckedFile:
 
     def _check_names(self, path):
         """Give datasets their sums."""
-        sums = {name: item for name, item in self.datasets.items() if name.startswith(SUMS + "/")}
+        sums = {name: dataset for name, dataset in self.datasets.items() if name.startswith(SUMS + "/")}
         for name in sums:
             del self.datasets[name]
         self.complete = CHECKSUM in self.attrs
         if self.complete:
             if self.attribute(CHECKSUM) != header_checksum(self.attrs, self.datasets):
                 raise damaged(path, "the attributes, or the names of the datasets, do not have their checksum")
-            for name, item in self.datasets.items():
+            for name, dataset in self.datasets.items():
                 if f"{SUMS}/{name}" not in sums:
                     raise damaged(path, f"/{name} has no checksum")
-                self.datasets[name] = CheckedDataset(item, sums[f"{SUMS}/{name}"], path)
+                self.datasets[name] = CheckedDataset(dataset, sums[f"{SUMS}/{name}"], path)
         else:
-            self.datasets = {name: CheckedDataset(item, None, path) for name, item in self.datasets.items()}
+            self.datasets = {name: CheckedDataset(dataset, None, path) for name, dataset in self.datasets.items()}
 
     def __contains__(self, name):
         return name in self.datasets or any(key.startswith(name + "/") for key in self.datasets)
@@ -113,8 +113,8 @@ class CheckedFile:
 
     def verify(self, first=lambda rows: (0, rows)) -> int:
         """Check all datasets, of each the rows that `first` names (low, high); returns their number."""
-        for item in self.datasets.values():
-            item.verify(*first(item.rows))
+        for dataset in self.datasets.values():
+            dataset.verify(*first(dataset.rows))
         return len(self.datasets)
 
     def _check_shapes(self, schema):
@@ -122,16 +122,16 @@ class CheckedFile:
         for name, entry in schema.items():
             if entry.needed and name not in self.datasets:
                 raise self._unfit(f"/{name} is missing")
-        for name, item in self.datasets.items():
+        for name, dataset in self.datasets.items():
             entry = schema.get(name) or schema.get(name.rpartition("/")[0] + "/*")
             if entry is None:
                 continue
-            expected = [_size(size, sizes, found) for size, found in zip(entry.shape, item.shape, strict=False)]
-            right = item.dtype.kind in KINDS[entry.kind] and len(entry.shape) == item.ndim
-            if not right or expected != list(item.shape):
-                found = f"{item.dtype} of shape {item.shape}"
+            expected = [_size(size, sizes, length) for size, length in zip(entry.shape, dataset.shape, strict=False)]
+            right = dataset.dtype.kind in KINDS[entry.kind] and len(entry.shape) == dataset.ndim
+            if not right or expected != list(dataset.shape):
+                actual = f"{dataset.dtype} of shape {dataset.shape}"
                 shape = tuple(sizes.get(size, size) for size in entry.shape)
-                raise self._unfit(f"/{name} is {found}, expected {entry.kind} of shape {shape}")
+                raise self._unfit(f"/{name} is {actual}, expected {entry.kind} of shape {shape}")
 
     def _unfit(self, what):
         """What to raise for a dataset that is missing or of another shape: of a file that a user wrote, perhaps."""
@@ -154,35 +154,35 @@ class CheckedGroup:
 
     def items(self) -> list:
         """Names and datasets of the group itself."""
-        own = ((key[len(self._start) :], item) for key, item in self._file.datasets.items()
+        own = ((key[len(self._start) :], dataset) for key, dataset in self._file.datasets.items()
                if key.startswith(self._start))  # fmt: skip
-        return [(key, item) for key, item in own if "/" not in key]
+        return [(key, dataset) for key, dataset in own if "/" not in key]
 
 
-def _size(size, sizes, found):
+def _size(size, sizes, length):
     """The size that is expected where `found` is; letters get their number where they stand first."""
     if size == "?":
-        return found
+        return length
     if isinstance(size, int):
         return size
     letter, plus, _ = size.partition("+")
-    return sizes.setdefault(letter, found - bool(plus)) + bool(plus)
+    return sizes.setdefault(letter, length - bool(plus)) + bool(plus)
 
 
 def own_datasets(group, path, before="", depth=0, groups=None):
     """The names and datasets of a group. Raises InputError for what is a link, or kept in another file."""
     groups = {h5py.h5o.get_info(group.id).addr} if groups is None else groups
     for key in group:
-        name, item = before + key, own_item(group, key, path)
-        if isinstance(item, h5py.Group):
-            place = h5py.h5o.get_info(item.id).addr
+        name, member = before + key, own_item(group, key, path)
+        if isinstance(member, h5py.Group):
+            place = h5py.h5o.get_info(member.id).addr
             if depth == DEEPEST or place in groups:
-                what = "a second name of a group" if place in groups else f"a group in more than {DEEPEST} groups"
-                raise damaged(path, f"/{name} is {what}")
+                wrong = "a second name of a group" if place in groups else f"a group in more than {DEEPEST} groups"
+                raise damaged(path, f"/{name} is {wrong}")
             groups.add(place)
-            yield from own_datasets(item, path, name + "/", depth + 1, groups)
-        elif isinstance(item, h5py.Dataset):
-            yield name, item
+            yield from own_datasets(member, path, name + "/", depth + 1, groups)
+        elif isinstance(member, h5py.Dataset):
+            yield name, member
 
 
 class CheckedDataset:
@@ -216,15 +216,15 @@ class CheckedDataset:
         """Everything for ... or (); rows of the axis for a slice, a number or an array of numbers at its place."""
         if self._sums is None:
             return self._guarded(lambda: self._dataset[key])
-        parts = key if isinstance(key, tuple) else (key,)
-        leading, last = parts[: self.axis], parts[self.axis] if 0 <= self.axis < len(parts) else slice(None)
-        alone = [part for part in leading if isinstance(part, (int, np.integer))]
-        everything = not parts or parts[0] is Ellipsis
-        others = [part for part in leading if isinstance(part, slice) and part == slice(None)]
-        if everything or self.axis < 0 or len(parts) > self.axis + 1 or len(alone) + len(others) < len(leading):
+        indices = key if isinstance(key, tuple) else (key,)
+        leading, last = indices[: self.axis], indices[self.axis] if 0 <= self.axis < len(indices) else slice(None)
+        alone = [index for index in leading if isinstance(index, (int, np.integer))]
+        everything = not indices or indices[0] is Ellipsis
+        others = [index for index in leading if isinstance(index, slice) and index == slice(None)]
+        if everything or self.axis < 0 or len(indices) > self.axis + 1 or len(alone) + len(others) < len(leading):
             values = self._between(0, self.rows)
             return values if everything else values[key]
-        place = tuple(part if isinstance(part, slice) else slice(part, part + 1) for part in leading)
+        place = tuple(index if isinstance(index, slice) else slice(index, index + 1) for index in leading)
         if isinstance(last, slice):
             low, high, step = last.indices(self.rows)
             values = self._between(low, max(high, low), place)
@@ -250,13 +250,13 @@ class CheckedDataset:
 
     def _picked(self, rows, leading):
         """Rows by their numbers, from the chunks that they are in."""
-        parts = [np.zeros((*self.shape[: self.axis], 0, *self.shape[self.axis + 1 :]), self.dtype)]
+        picked = [np.zeros((*self.shape[: self.axis], 0, *self.shape[self.axis + 1 :]), self.dtype)]
         order = np.argsort(rows, kind="stable")
         for chunk in np.unique(rows // ROWS_OF_SUM):
             block = self._between(chunk * ROWS_OF_SUM, min((chunk + 1) * ROWS_OF_SUM, self.rows), leading)
             mine = np.sort(rows[rows // ROWS_OF_SUM == chunk]) - chunk * ROWS_OF_SUM
-            parts.append(np.take(block, mine, axis=self.axis))
-        values = np.concatenate([part for part in parts if part.shape[self.axis]] or parts, axis=self.axis)
+            picked.append(np.take(block, mine, axis=self.axis))
+        values = np.concatenate([taken for taken in picked if taken.shape[self.axis]] or picked, axis=self.axis)
         return np.take(values, np.argsort(order), axis=self.axis)
 
     def _between(self, low, high, leading=()):
@@ -265,23 +265,23 @@ class CheckedDataset:
             return self._whole()
         begin, end = low // ROWS_OF_SUM * ROWS_OF_SUM, min(-(-high // ROWS_OF_SUM) * ROWS_OF_SUM, self.rows)
         place = (*leading, *[slice(None)] * (self.axis - len(leading)))
-        ends = [item.indices(size)[:2] for item, size in zip(place, self.shape, strict=False)]
+        ends = [span.indices(size)[:2] for span, size in zip(place, self.shape, strict=False)]
         sizes = (*(b - a for a, b in ends), end - begin, *self.shape[self.axis + 1 :])
         values, sums = np.empty(sizes, self.dtype.str), []  # MPI knows this byte order
         for start, stop in self._steps(begin, end):
-            part = values[start - begin : stop - begin] if self.axis == 0 else values
-            self._guarded(partial(self._read, part, [*ends, (start, stop)]))
-            sums.append(self._guarded(partial(sums_of, part, self.axis, self._tag)))
+            read = values[start - begin : stop - begin] if self.axis == 0 else values
+            self._guarded(partial(self._read, read, [*ends, (start, stop)]))
+            sums.append(self._guarded(partial(sums_of, read, self.axis, self._tag)))
         chunks = (place[0] if place else slice(None), slice(begin // ROWS_OF_SUM, -(-end // ROWS_OF_SUM)))
         self._compare(values, np.concatenate(sums, axis=1), chunks)
         return values[(*[slice(None)] * self.axis, slice(low - begin, high - begin))]
 
     def _whole(self):
         """What has one sum for all of it."""
-        found = self._guarded(lambda: self._dataset[()])
-        values = np.asarray(found, self.dtype)
+        content = self._guarded(lambda: self._dataset[()])
+        values = np.asarray(content, self.dtype)
         self._compare(values, self._guarded(lambda: sums_of(values.reshape(-1), 0, self._tag)), ())
-        return found
+        return content
 
     def _steps(self, begin, end):
         """The rows begin .. end in steps: in the order of the file, so few that the processor has them at hand when
@@ -291,12 +291,12 @@ class CheckedDataset:
         step = max(HAND // max(prod(self.shape[1:]) * self.dtype.itemsize * ROWS_OF_SUM, 1), 1) * ROWS_OF_SUM
         return [(start, min(start + step, end)) for start in range(begin, end, step)] or [(begin, end)]
 
-    def _read(self, part, ends):
+    def _read(self, values, ends):
         """Fill an array with what is between the `ends` of the first axes; h5py itself writes zeros there first."""
-        if part.size:
+        if values.size:
             there = self._dataset.id.get_space()
-            there.select_hyperslab((*(low for low, _ in ends), *[0] * (self.ndim - len(ends))), part.shape)
-            self._dataset.id.read(h5py.h5s.create_simple(part.shape), there, part)
+            there.select_hyperslab((*(low for low, _ in ends), *[0] * (self.ndim - len(ends))), values.shape)
+            self._dataset.id.read(h5py.h5s.create_simple(values.shape), there, values)
 
     def _compare(self, values, sums, chunks):
         """Compare the sums of values with those of the file."""

@@ -54,9 +54,9 @@ def sums_of_parts(comm, local: np.ndarray, axis: int, first: int, tag: int) -> n
     step = max(MESSAGE // max(ROWS_OF_SUM * lines.shape[2] * lines.itemsize, 1), 1)
     tails = []
     for low in range(0, max(leading, 1), step):
-        part = lines[low : low + step]
-        heads = comm.alltoall([part[:, :head] if head and rank == beginner else None for rank in range(comm.size)])
-        tail = np.concatenate([part[:, last:], *(item for item in heads if item is not None)], axis=1)
+        columns = lines[low : low + step]
+        heads = comm.alltoall([columns[:, :head] if head and rank == beginner else None for rank in range(comm.size)])
+        tail = np.concatenate([columns[:, last:], *(block for block in heads if block is not None)], axis=1)
         tails.append(sums_of(tail, 1, tag))
     return np.hstack([sums_of(local, axis, tag, head, last), np.vstack(tails)])
 

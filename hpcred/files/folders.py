@@ -38,8 +38,8 @@ def folder_for(folder, comm, called: str = ""):
                     raise NotADirectoryError(0, "it is not a folder")
             except (OSError, ValueError) as error:
                 _remove_empty(made)
-                said = getattr(error, "strerror", None) or str(error)
-                raise InputError(f"{called}{name}: cannot be created ({said}); choose another") from error
+                reason = getattr(error, "strerror", None) or str(error)
+                raise InputError(f"{called}{name}: cannot be created ({reason}); choose another") from error
     try:
         with locks_given_back():  # whose files are in the folder
             yield
@@ -121,9 +121,9 @@ def check_folder(folder, is_own: Callable[[Path], bool] | None):
     check_kept(folder)
     if os.path.islink(folder) or not os.path.isdir(folder):
         raise InputError(f"output {folder}: found a file or a link there, expected a folder; choose another name")
-    with reading_from(folder), os.scandir(folder) as items:
+    with reading_from(folder), os.scandir(folder) as entries:
         own = is_own or (lambda path: False)
-        other = next((item.name for item in items if not (item.is_file(follow_symlinks=False) and own(Path(item)))),
+        other = next((file.name for file in entries if not (file.is_file(follow_symlinks=False) and own(Path(file)))),
                      None)  # fmt: skip
     if other is not None:
         raise InputError(
@@ -137,8 +137,8 @@ def check_folder(folder, is_own: Callable[[Path], bool] | None):
 def remove_folder(folder: Path, is_own: Callable[[Path], bool]):
     """Remove the files of hpcred in a folder that has a temporary name, and the folder if nothing else is in it."""
     with suppress(OSError):
-        with os.scandir(folder) as items:
-            paths = [Path(item) for item in items if item.is_file(follow_symlinks=False)]
+        with os.scandir(folder) as entries:
+            paths = [Path(entry) for entry in entries if entry.is_file(follow_symlinks=False)]
         for path in paths:
             if is_own(path):
                 path.unlink()

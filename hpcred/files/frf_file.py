@@ -58,21 +58,21 @@ def write_frf(path, responses, H, arrays: bool):
         sets.append(pyuff.prepare_2411(node_nums=there, def_cs=[0] * len(x), disp_cs=[0] * len(x), color=[11] * len(x),
                                        x=x, y=y, z=z))  # fmt: skip
     for j, output in enumerate(responses.output_names):
-        for i, given in enumerate(responses.input_names):
-            if node_of(output) is None or node_of(given) is None:
+        for i, input_ in enumerate(responses.input_names):
+            if node_of(output) is None or node_of(input_) is None:
                 continue
             quantity, place = named_quantity(output)
-            (out, d), (into, e) = ((str(node), DIRECTIONS.index(d) + 1) for node, d in map(target_of, (place, given)))
+            (out, d), (into, e) = ((str(node), DIRECTIONS.index(d) + 1) for node, d in map(target_of, (place, input_)))
             sets.append(pyuff.prepare_58(
                 binary=1, func_type=FRF, rsp_node=numbers[out], rsp_dir=d, ref_node=numbers[into], ref_dir=e,
                 rsp_ent_name=_entity(out), ref_ent_name=_entity(into), data=H[:, j, i], x=responses.frequencies,
-                id1=f"{output}/{given}"[:80], abscissa_spacing=0, abscissa_spec_data_type=FREQUENCY,
+                id1=f"{output}/{input_}"[:80], abscissa_spacing=0, abscissa_spec_data_type=FREQUENCY,
                 ordinate_spec_data_type=QUANTITY_NUMBERS[QUANTITIES.index(quantity)],
                 orddenom_spec_data_type=FORCE, abscissa_axis_units_lab="Hz",
                 ordinate_axis_units_lab=unit_of_output(output),
-                orddenom_axis_units_lab=unit_of_input(given),
+                orddenom_axis_units_lab=unit_of_input(input_),
             ))  # fmt: skip
-    if not any(item["type"] == 58 for item in sets):
+    if not any(dataset["type"] == 58 for dataset in sets):
         raise InputError("found no input and output at nodes, which a universal file has; take .npz")
     pyuff.UFF(str(path)).write_sets(sets, mode="overwrite")
     # pyuff says in the head of each binary dataset how many bytes one real number a frequency would take

@@ -118,7 +118,7 @@ class CheckedWriter:
         if isinstance(value, str):
             value = np.array(value.encode() or b" ")
         elif isinstance(value, list) and (not value or isinstance(value[0], str)):
-            value = np.array([item.encode() for item in value], dtype="S") if value else np.zeros(0, "S1")
+            value = np.array([text.encode() for text in value], dtype="S") if value else np.zeros(0, "S1")
         value = np.asarray(value)
         self._check(name, value, gaps)
         self._names.append(name)
@@ -211,12 +211,12 @@ class CheckedWriter:
                     )
 
 
-def _put(path, offset, step, parts):
+def _put(path, offset, step, blocks):
     """Write arrays into an open file, each in one piece, `step` bytes from one to the next."""
     with open(path, "r+b") as file:
-        for k, part in enumerate(parts):
+        for k, block in enumerate(blocks):
             file.seek(offset + step * k)
-            file.write(part.view(np.uint8).data)
+            file.write(block.view(np.uint8).data)
 
 
 def place_of(file, name, shape, dtype) -> int | None:
@@ -331,26 +331,26 @@ def opened(path, kind: str, version: int | None = None):
         raise InputError(f"{path}: found no HDF5 file, expected one of format '{kind}'{by}")
     with opened_hdf5(path) as file:
         with guarded(path, "its attributes"):
-            found, number = file.attrs.get("format", "none"), int(file.attrs.get("version", 0))
-            found = found.decode() if isinstance(found, bytes) else str(found)
-        if found != kind:
+            written, number = file.attrs.get("format", "none"), int(file.attrs.get("version", 0))
+            written = written.decode() if isinstance(written, bytes) else str(written)
+        if written != kind:
             by = WRITTEN_BY.get(kind, "")
-            raise InputError(f"{path}: found an HDF5 file of format '{found}', expected '{kind}'{by}")
+            raise InputError(f"{path}: found an HDF5 file of format '{written}', expected '{kind}'{by}")
         if version is not None and "version" not in file.attrs:
             raise InputError(f"{path}: found no attribute 'version', expected {version} for the format '{kind}'")
         if version is not None and number not in (version, ALSO.get(kind)):
             newer, older = "a newer hpcred wrote it: update this one", "an older hpcred wrote it: make it again"
-            what = newer if number > version else older
-            raise InputError(f"{path}: found version {number} of the format '{kind}', expected {version}; {what}")
+            advice = newer if number > version else older
+            raise InputError(f"{path}: found version {number} of the format '{kind}', expected {version}; {advice}")
         yield file
 
 
 def require_name(path):
     """Raise InputError for what is no name of a file."""
     if not isinstance(path, str | os.PathLike):
-        found = type(path).__name__
-        hint = "; hpcred.write_result makes a file of it" if found == "ReducedModel" else ""
-        raise InputError(f"found a {found}, expected the name of a file{hint}")
+        kind = type(path).__name__
+        hint = "; hpcred.write_result makes a file of it" if kind == "ReducedModel" else ""
+        raise InputError(f"found a {kind}, expected the name of a file{hint}")
 
 
 def kind_of_file(path) -> str | None:
@@ -365,6 +365,6 @@ def kind_of_file(path) -> str | None:
 def texts(dataset) -> list[str]:
     """A list of texts from a dataset of fixed-length bytes. Raises InputError."""
     try:
-        return [item.decode() for item in dataset[...]]
+        return [text.decode() for text in dataset[...]]
     except UnicodeDecodeError as error:
         raise damaged(dataset.path, f"{dataset.name} is no text") from error

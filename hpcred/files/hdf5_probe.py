@@ -18,19 +18,19 @@ def read(group, h5py, seen):
         with contextlib.suppress(Exception):
             if not isinstance(group.get(name, getlink=True), h5py.HardLink):
                 continue
-            item = group[name]
-            dict(item.attrs)
-            place = h5py.h5o.get_info(item.id).addr
+            member = group[name]
+            dict(member.attrs)
+            place = h5py.h5o.get_info(member.id).addr
             if place in seen:
                 continue
             seen.add(place)
-            if isinstance(item, h5py.Group):
-                read(item, h5py, seen)
-            elif isinstance(item, h5py.Dataset) and item.shape and not (item.external or item.is_virtual):
-                size = item.dtype.itemsize * prod(item.shape)
-                if size <= item.id.get_storage_size() * PACKED:
-                    rows = item.shape[0] if size <= MOST else ROWS
-                    item[:rows], item[-rows:]
+            if isinstance(member, h5py.Group):
+                read(member, h5py, seen)
+            elif isinstance(member, h5py.Dataset) and member.shape and not (member.external or member.is_virtual):
+                size = member.dtype.itemsize * prod(member.shape)
+                if size <= member.id.get_storage_size() * PACKED:
+                    rows = member.shape[0] if size <= MOST else ROWS
+                    member[:rows], member[-rows:]
 
 
 def main(path):

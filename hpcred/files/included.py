@@ -32,13 +32,13 @@ class Included:
         self._bytes += size
         self._once += size * (resolved not in self._seen)
         self._seen.add(resolved)
-        found = next((what for what, beyond in (
+        exceeded = next((excess for excess, beyond in (
             (f"more than {DEEPEST} files, one in the other", len(above) > DEEPEST),
             (f"more than {MOST} files, as often as they are included", self._count > MOST),
             (f"{self._bytes / 1e6:.0f} MB in files of {self._once / 1e6:.0f} MB",
              self._bytes > max(AGAIN, TIMES * self._once)),
         ) if beyond), None)  # fmt: skip
-        if found:
-            raise InputError(f"{self.main}: found {found}, at {file}; files include others again and again: give an "
+        if exceeded:
+            raise InputError(f"{self.main}: found {exceeded}, at {file}; files include others again and again: give an "
                              "input file that includes each once")  # fmt: skip
         return resolved

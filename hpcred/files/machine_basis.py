@@ -88,9 +88,9 @@ def write_basis_of_machine(file, comm, results, parts: list[Part], T, numbers):
     if not columns:
         return
     file.rows("basis/V", np.ascontiguousarray(np.concatenate(columns, axis=1)), axis=1)
-    for group, given in (("dofs", labels), ("held", held)):
-        if given:
-            for key, pieces in zip(LABELS, zip(*given, strict=True), strict=True):
+    for group, tables in (("dofs", labels), ("held", held)):
+        if tables:
+            for key, pieces in zip(LABELS, zip(*tables, strict=True), strict=True):
                 file.rows(f"{group}/{key}", np.concatenate(pieces))
     for kind, cells in elements.items():
         file.rows(f"elements/{kind}", np.concatenate(cells))

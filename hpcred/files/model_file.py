@@ -84,9 +84,9 @@ def write_model(path, model: SecondOrderModel) -> None:
     require_model(model)
     # all matrices have the pattern of K
     indptr, indices, values = model.K.getValuesCSR()
-    parts = {"K": values.real}
+    arrays = {"K": values.real}
     for key, mat in model.matrices.items():
-        parts.setdefault(key, mat.getValuesCSR()[2].real)
+        arrays.setdefault(key, mat.getValuesCSR()[2].real)
     dense = {"inputs": (model.B, model.input_names), "outputs": (model.Ct, model.output_names)}
     direct = model.rates.direct
     version = ALSO[FORMAT] if model.added or direct is not None else VERSION
@@ -95,7 +95,7 @@ def write_model(path, model: SecondOrderModel) -> None:
         file.attribute("rows_per_block", _block(model))
         if model.converted_from:
             file.attribute("converted_from", model.converted_from)
-        write_csr(file, model.comm, indptr, indices, parts)
+        write_csr(file, model.comm, indptr, indices, arrays)
         if model.circulatory:
             file.attribute("circulatory", 1)
         if model.added:
@@ -104,15 +104,15 @@ def write_model(path, model: SecondOrderModel) -> None:
         for group, (mat, names) in dense.items():
             if mat is not None:
                 rows = np.ascontiguousarray(mat.getDenseArray().real.T)
-                parts = {"B": rows} if group == "inputs" else model.rates.of(rows)
-                for key, part in parts.items():
-                    file.rows(f"{group}/{key}", np.ascontiguousarray(part), axis=1)
+                arrays = {"B": rows} if group == "inputs" else model.rates.of(rows)
+                for key, array in arrays.items():
+                    file.rows(f"{group}/{key}", np.ascontiguousarray(array), axis=1)
                 file.small(f"{group}/names", list(names))
         file.several({"outputs/direct": direct})
         if model.loads:
             for key in ("name", "kind", "remark", "area", "spins"):
-                file.small(f"loads/{key}", [getattr(item, key) for item in model.loads])
-            file.small("loads/sums", np.array([[getattr(item, key) for key in SUMS] for item in model.loads]))
+                file.small(f"loads/{key}", [getattr(entry, key) for entry in model.loads])
+            file.small("loads/sums", np.array([[getattr(entry, key) for key in SUMS] for entry in model.loads]))
         write_nodes(file, model)
         if model.remarks:
             file.small("remarks", list(model.remarks))
@@ -153,7 +153,7 @@ def read_properties(file, comm) -> ElementProperties | None:
     if "element_types" not in file:
         return None
     tables = file.get("element_properties", {}).items()
-    table = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in tables}
+    table = {kind: rows[slice(*row_range(comm, len(rows)))] for kind, rows in tables}
     try:
         materials = adapter_of(MATERIALS).validate_json(file["materials"][()])
     except ValidationError as error:
@@ -193,16 +193,16 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         first, last = row_range(comm, size, block)
         matrices = file["matrices"]
         indptr = matrices["indptr"][first : last + 1].astype(np.int64)
-        part = slice(int(indptr[0]), int(indptr[-1]))
-        if part.start < 0 or (np.diff(indptr) < 0).any() or part.stop > len(matrices["indices"]):
+        span = slice(int(indptr[0]), int(indptr[-1]))
+        if span.start < 0 or (np.diff(indptr) < 0).any() or span.stop > len(matrices["indices"]):
             raise damaged(path, "/matrices/indptr does not ascend from 0 to the number of entries")
-        indices = matrices["indices"][part]
+        indices = matrices["indices"][span]
         if indices.size and not 0 <= indices.min() <= indices.max() < size:
             raise damaged(path, f"/matrices/indices has columns outside of 0 to {size - 1}")
-        values = {key: matrices[key][part] for key in ("K", "M", "D") if key in matrices}
+        values = {key: matrices[key][span] for key in ("K", "M", "D") if key in matrices}
         # terms with a law of their own share the pattern of K
         laws = read_laws(file[ADDED]) if ADDED in file else ()
-        added = {f"{KEY}{number}": matrices[f"{KEY}{number}"][part] for number in range(1, 1 + len(laws))}
+        added = {f"{KEY}{number}": matrices[f"{KEY}{number}"][span] for number in range(1, 1 + len(laws))}
         dense, names = {}, {}
         for group, key in (("inputs", "B"), ("outputs", "C")):
             dense[group] = file[f"{group}/{key}"][:, first:last].T if group in file else None
@@ -211,8 +211,8 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         # the mesh, a share of each table on each rank
         dofs = _dofs(file["dofs"], first, last) if "dofs" in file else None
         held = _dofs(file["held"], *row_range(comm, len(file["held/node"]))) if "held" in file else None
-        elements = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in file.get("elements", {}).items()}
-        sets = {name: part[slice(*row_range(comm, len(part)))] for name, part in sets_of(file).items()}
+        elements = {kind: rows[slice(*row_range(comm, len(rows)))] for kind, rows in file.get("elements", {}).items()}
+        sets = {name: nodes[slice(*row_range(comm, len(nodes)))] for name, nodes in sets_of(file).items()}
         direct = file["outputs/direct"][...] if "outputs/direct" in file else None
         remarks = texts(file["remarks"]) if "remarks" in file else ()
         converted_from = file.attribute("converted_from", str, "")
@@ -237,7 +237,7 @@ def read_model(path, comm=MPI.COMM_WORLD) -> SecondOrderModel:
         pattern = (indptr - indptr[0]).astype(PETSc.IntType), indices.astype(PETSc.IntType)
         mats = {key: PETSc.Mat().createAIJ(model.K.getSizes(), csr=(*pattern, values), comm=model.K.comm)
                 for key, values in added.items()}  # fmt: skip
-        whole = Operator.of(added=[Term(None, item.law, item.name) for item in laws])
+        whole = Operator.of(added=[Term(None, row.law, row.name) for row in laws])
         own = {key: copy(mat) for key, mat in model.matrices.items()}
         return model.with_fields(loads=loads, operator=whole.with_matrices(own | mats))
 
@@ -252,7 +252,7 @@ def read_laws(dataset) -> tuple[NamedLaw, ...]:
 
 def sets_of(file) -> dict:
     """The datasets of the node sets of an open file, by the names of the sets."""
-    return {unquote(name, errors="surrogateescape"): part for name, part in file.get("sets", {}).items()}
+    return {unquote(name, errors="surrogateescape"): nodes for name, nodes in file.get("sets", {}).items()}
 
 
 def _loads(group) -> tuple[LoadColumn, ...]:

@@ -95,10 +95,10 @@ def own_item(group, name, path):
     place = f"{group.name.rstrip('/')}/{name}"
     if not isinstance(link, h5py.HardLink):
         raise damaged(path, f"{place} is a link to something else, which is not followed")
-    item = group[name]
-    if isinstance(item, h5py.Dataset):
-        require_own(item, path, place)
-    return item
+    member = group[name]
+    if isinstance(member, h5py.Dataset):
+        require_own(member, path, place)
+    return member
 
 
 def require_own(dataset, path, place: str):
@@ -112,10 +112,10 @@ def require_own(dataset, path, place: str):
 
 def real_numbers(group, name, path):
     """The real numbers of a dataset as an array of floats, None without one. Raises InputError for other contents."""
-    item = own_item(group, name, path)
-    if item is None:
+    dataset = own_item(group, name, path)
+    if dataset is None:
         return None
-    if not isinstance(item, h5py.Dataset) or item.shape is None or item.dtype.kind not in "fiu":
-        found = f"numbers of the kind {item.dtype}" if isinstance(item, h5py.Dataset) else "no array"
-        raise InputError(f"{path}: {name} has {found}, expected an array of real numbers")
-    return item[()].astype(float)
+    if not isinstance(dataset, h5py.Dataset) or dataset.shape is None or dataset.dtype.kind not in "fiu":
+        content = f"numbers of the kind {dataset.dtype}" if isinstance(dataset, h5py.Dataset) else "no array"
+        raise InputError(f"{path}: {name} has {content}, expected an array of real numbers")
+    return dataset[()].astype(float)

@@ -144,8 +144,8 @@ def check_outputs(outputs: dict, comm, reads=(), *, progress=None, needed: int =
             for number, (path, kind) in enumerate(outputs.items()):
                 for other in [*reads, *list(outputs)[:number]]:
                     if other is not None and _same(path, other):
-                        what = "reads" if other in reads else "writes too"
-                        raise InputError(f"output {path}: this is {other}, which this run {what}; choose another name")
+                        use = "reads" if other in reads else "writes too"
+                        raise InputError(f"output {path}: this is {other}, which this run {use}; choose another name")
                 if os.path.exists(path):
                     check_kind(path, kind)
                     check_kept(path)
@@ -176,8 +176,8 @@ def check_writable(path, comm):
             except InputError:
                 raise
             except (OSError, ValueError) as error:  # a name that is too long, or with a zero byte
-                said = getattr(error, "strerror", None) or str(error)
-                raise InputError(f"output {str(path)[:80]!r}: cannot be written ({said}); choose another") from error
+                reason = getattr(error, "strerror", None) or str(error)
+                raise InputError(f"output {str(path)[:80]!r}: cannot be written ({reason}); choose another") from error
 
 
 def _check_writable(path):
@@ -221,16 +221,16 @@ def check_kind(path, kind: str | OtherKind | None):
     Archives without names, as they are known before they are written, are compared again when they are there; None is
     any kind that hpcred writes.
     """
-    found = kind_of(path)
+    there = kind_of(path)
     if isinstance(kind, OtherKind):
         with open_input(path) as file:
-            found, kind = kind.name if kind.begins(file.read(4096)) else found, kind.name
-    alike = kind is not None and (found == kind or (kind in (ZIP, MATLAB) and found.startswith(kind)))
-    if found == OTHER or not (alike or found == EMPTY or kind is None):
-        article = "an" if found[0] in "aeiouH" else "a"
+            there, kind = kind.name if kind.begins(file.read(4096)) else there, kind.name
+    alike = kind is not None and (there == kind or (kind in (ZIP, MATLAB) and there.startswith(kind)))
+    if there == OTHER or not (alike or there == EMPTY or kind is None):
+        article = "an" if there[0] in "aeiouH" else "a"
         by = "" if kind in (None, OTHER) else f" by {kind}"
         raise InputError(
-            f"output {path}: found {article} {found} there, which is not replaced{by}; remove it or choose another name"
+            f"output {path}: found {article} {there} there, which is not replaced{by}; remove it or choose another name"
         )
 
 

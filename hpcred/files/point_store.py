@@ -107,7 +107,7 @@ class PointStore:
         except Exception as error:  # whatever a damaged file makes HDF5 and what follows it raise
             reason = _text(error, path)
         outcomes = comm.allgather((reason, about and about["made"]))
-        reason = next((item for item, _ in outcomes if item is not None), None)
+        reason = next((failure for failure, _ in outcomes if failure is not None), None)
         if reason is None and any(made != outcomes[0][1] for _, made in outcomes):
             reason = "it was replaced while it was read"
         if reason is not None:
@@ -128,7 +128,7 @@ class PointStore:
     def _known(self, key):
         """The key of what is there, in which earlier versions call a Krylov sequence a chain; None for nothing."""
         older = key | {"kind": "chain" if key["kind"] == "krylov" else key["kind"]}
-        return next((item for item in (key, older) if (self.folder / name_of(item)).is_file()), None)
+        return next((candidate for candidate in (key, older) if (self.folder / name_of(candidate)).is_file()), None)
 
     def save(self, model, key, entry, say) -> None:
         """See Store. Of a disk that is full `say` gets a sentence, and nothing else happens.
@@ -148,8 +148,8 @@ class PointStore:
         # columns by the call that made them, on the rows of this rank
         if entry.block is not None:
             with local_rows(entry.block) as rows:
-                parts = np.split(rows.real, np.cumsum(entry.widths)[:-1], axis=1)
-                blocks = [np.ascontiguousarray(part, "<f8") for part in parts]
+                columns = np.split(rows.real, np.cumsum(entry.widths)[:-1], axis=1)
+                blocks = [np.ascontiguousarray(block, "<f8") for block in columns]
         # the file gets its name only when it is whole; a number says which save it is of
         path, made = self.folder / name_of(key), comm.bcast(secrets.token_hex(8))
         temporary = path.with_name(f"{path.name}.tmp-{made}")
@@ -165,8 +165,8 @@ class PointStore:
                 file.small("about", about)
                 for name, value in entry.arrays.items():
                     file.small(f"arrays/{name}", np.asarray(value))
-                for j, part in enumerate(blocks):
-                    file.rows(f"blocks/{j}", part)
+                for j, block in enumerate(blocks):
+                    file.rows(f"blocks/{j}", block)
                 file.finish()
             with agreed(comm):
                 if comm.rank == 0:
@@ -177,7 +177,7 @@ class PointStore:
         # a store is a help: without it the run goes on, on all ranks alike
         except (ComputationError, OSError, RuntimeError, ValueError, TypeError) as error:
             reasons = comm.allgather(_reason_of_cause(error))
-            reason = next((item for item in reasons if item is not None), None) or _text(error, path)
+            reason = next((failure for failure in reasons if failure is not None), None) or _text(error, path)
             say(f"store: {path.name} could not be written ({reason}); the run goes on without it")
         finally:
             unfinished.discard(temporary)
@@ -254,7 +254,7 @@ def _point_of(key) -> str:
 
 def _group(file, name) -> dict:
     """The datasets of a group by name, in the order of their numbers; none where it is missing."""
-    return dict(sorted(file[name].items(), key=lambda item: (len(item[0]), item[0]))) if name in file else {}
+    return dict(sorted(file[name].items(), key=lambda member: (len(member[0]), member[0]))) if name in file else {}
 
 
 def _read(file, model, most):

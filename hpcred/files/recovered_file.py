@@ -81,8 +81,8 @@ def recovered_table(path, points: Points, t, keys, comm):
             f"{LARGEST_TABLE / 1e9:g} GB: choose nodes or fewer instants (--nodes, --every), or write .h5"
         )
     # columns of all ranks, quantity by quantity
-    columns = [name for part in zip(*comm.allgather([_names(points, key) for key in keys]), strict=True)
-               for names in part for name in names]  # fmt: skip
+    columns = [name for of_ranks in zip(*comm.allgather([_names(points, key) for key in keys]), strict=True)
+               for names in of_ranks for name in names]  # fmt: skip
     done = 0
     with atomic_output(path, comm) as temporary:
         file = None
@@ -94,11 +94,11 @@ def recovered_table(path, points: Points, t, keys, comm):
         def put(fields):
             nonlocal done
             flat = [values.reshape(len(values), -1) for values in fields.values()]
-            parts = [comm.gather(values) for values in flat]
+            gathered = [comm.gather(values) for values in flat]
             with agreed(comm):
                 if comm.rank == 0:
                     times = t[done : done + len(flat[0])]
-                    table = np.concatenate([times[:, None], *(item for part in parts for item in part)], axis=1)
+                    table = np.concatenate([times[:, None], *(rows for rank in gathered for rows in rank)], axis=1)
                     if not np.isfinite(table).all():
                         raise ComputationError("the recovered motion overflows, and is not written")
                     np.savetxt(file, table, "%.10e", ",")

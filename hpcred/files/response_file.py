@@ -80,8 +80,8 @@ class Responses:
     @property
     def pairs(self) -> list[tuple[str, int, int]]:
         """Name, output and input of every pair."""
-        return [(f"{output}/{given}", i, j) for i, output in enumerate(self.output_names)
-                for j, given in enumerate(self.input_names)]  # fmt: skip
+        return [(f"{output}/{input_}", i, j) for i, output in enumerate(self.output_names)
+                for j, input_ in enumerate(self.input_names)]  # fmt: skip
 
     def of_forces(self) -> Responses:
         """Return those to forces, as other programs take all inputs, without those to accelerations of bases, which are
@@ -91,8 +91,8 @@ class Responses:
         if not kept:
             raise InputError(f"found no input but {listed(moves)}, accelerations of bases, where forces are expected; "
                              "take .csv or .h5")  # fmt: skip
-        parts = {key: part[..., kept] for key in (*RESPONSES, "drive") if (part := getattr(self, key)) is not None}
-        return replace(self, input_names=tuple(self.input_names[j] for j in kept), **parts)
+        curves = {key: array[..., kept] for key in (*RESPONSES, "drive") if (array := getattr(self, key)) is not None}
+        return replace(self, input_names=tuple(self.input_names[j] for j in kept), **curves)
 
 
 def check_response_name(path, foreign=True):
@@ -145,7 +145,7 @@ def write_responses(path, responses: Responses, comm, polar=False) -> None:
     if str(path).endswith(tuple(FOREIGN)):
         with agreed(comm):
             known = responses.of_forces()
-        H = next(part for key in RESPONSES if (part := getattr(known, key)) is not None)
+        H = next(array for key in RESPONSES if (array := getattr(known, key)) is not None)
         written_by_one(path, comm, write_frf, known, H, str(path).endswith(".npz"))
         return
     with writing(path, comm, FORMAT, VERSION) as file:
@@ -168,11 +168,11 @@ def _require_numbers(path, responses):
 
 
 def _write_csv(path, responses, polar):
-    given = [key for key in RESPONSES if getattr(responses, key) is not None]
+    keys = [key for key in RESPONSES if getattr(responses, key) is not None]
     columns, once = {"f_hz": responses.frequencies}, FileNames()
-    for key in given:
+    for key in keys:
         values = getattr(responses, key)
-        tail = "" if len(given) == 1 else f"_{key}"
+        tail = "" if len(keys) == 1 else f"_{key}"
         for name, i, j in responses.pairs:
             name, H = once.of_column(f"{name}{tail}"), values[:, i, j]
             if polar:

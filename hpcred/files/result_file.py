@@ -184,8 +184,8 @@ class Result:
         their reference values. On one rank, or on all. Raises InputError for a result without parameters, names that it
         does not have, and values outside of their ranges."""
         if not isinstance(self.reduced, ParametricReducedModel):
-            found = f"it is at {in_words(self.values)} already" if self.values else "it has no parameters"
-            raise InputError(f"{self.path}: {found}; read a result of a job with [[parameter]] and [[term]]")
+            why_not = f"it is at {in_words(self.values)} already" if self.values else "it has no parameters"
+            raise InputError(f"{self.path}: {why_not}; read a result of a job with [[parameter]] and [[term]]")
         values, X = checked_values(self.reduced.parameters, values), self.reduced.turn(values)
         return replace(
             self, reduced=self.reduced.at(**values), values=values, turn=X,
@@ -249,16 +249,16 @@ class Result:
                 low + np.flatnonzero(np.isin(dofs["node"][low : low + ROWS_AT_A_TIME], nodes))
                 for low in range(0, columns.shape[1], ROWS_AT_A_TIME)
             ])  # fmt: skip
-            parts = [dofs[key][rows] for key in LABELS] if len(rows) else [np.zeros((0, *dofs[key].shape[1:]))
+            labels = [dofs[key][rows] for key in LABELS] if len(rows) else [np.zeros((0, *dofs[key].shape[1:]))
                                                                            for key in LABELS]  # fmt: skip
             basis = columns[:, rows].T if len(rows) else np.zeros((0, columns.shape[0]))
             if "held" in file:
                 held = np.flatnonzero(np.isin(file["held/node"][...], nodes))
-                parts = [np.concatenate([part, file[f"held/{key}"][...][held]])
-                         for key, part in zip(LABELS, parts, strict=True)]  # fmt: skip
+                labels = [np.concatenate([array, file[f"held/{key}"][...][held]])
+                         for key, array in zip(LABELS, labels, strict=True)]  # fmt: skip
                 basis = np.concatenate([basis, np.zeros((len(held), basis.shape[1]))])
         basis = basis if self.turn is None else basis @ self.turn
-        return shapes_of_rows(nodes, *parts, basis, str(self.path))
+        return shapes_of_rows(nodes, *labels, basis, str(self.path))
 
     def basis_digest(self) -> str:
         """Digits that tell this basis from others; empty without basis, or without checksums. On one rank."""
@@ -398,7 +398,7 @@ class Shapes:
 
     def moved(self, q) -> tuple[np.ndarray, np.ndarray]:
         """(k, 3) and (j, 3); displacements of the nodes and of the interface nodes at coordinates q (m,)."""
-        columns = (part * self._basis[k] for k, part in enumerate(q) if part)
+        columns = (amplitude * self._basis[k] for k, amplitude in enumerate(q) if amplitude)
         return self._placed(sum(columns, np.zeros(self._basis.shape[1]))), self._mark_phi @ q
 
     def stress(self, q) -> np.ndarray:
@@ -413,7 +413,7 @@ class Shapes:
         there = self.nodes[place] == node
         stresses = np.full((len(self.nodes), 6), np.nan)
         q = q if self._turn is None else self._turn @ q
-        stresses[place[there]] = sum(part * modes[k] for k, part in enumerate(q) if part)[there]
+        stresses[place[there]] = sum(amplitude * modes[k] for k, amplitude in enumerate(q) if amplitude)[there]
         return stresses
 
     def column(self, number) -> np.ndarray:
@@ -483,7 +483,7 @@ def write_result(
             file.small(f"reduced/{ADDED}/K", np.array([term.matrix for term in reduced.added]))
             file.small(f"reduced/{ADDED}/laws", adapter_of(LAWS).dump_json(laws_of(reduced.added)).decode())
         if reduced.interfaces:
-            file.several({f"reduced/interfaces/{key}": [getattr(item, key) for item in reduced.interfaces]
+            file.several({f"reduced/interfaces/{key}": [getattr(entry, key) for entry in reduced.interfaces]
                           for key in ("name", "node", "position")})  # fmt: skip
         # the basis in the dofs of the full model, and stresses of its columns
         if basis and reduced.columns is not None:
@@ -543,8 +543,8 @@ def copy_with_stress(source, output, stress, comm):
                 value = dataset[()]
                 file.small(name, value.decode() if isinstance(value, bytes) else value, gaps=True)
             else:
-                part = slice(*row_range(comm, dataset.shape[dataset.axis]))
-                file.rows(name, dataset[(slice(None),) * dataset.axis + (part,)], axis=dataset.axis)
+                share = slice(*row_range(comm, dataset.shape[dataset.axis]))
+                file.rows(name, dataset[(slice(None),) * dataset.axis + (share,)], axis=dataset.axis)
         write_stress(file, stress)
 
 
@@ -616,16 +616,16 @@ def read_basis(path, model):
     Collective. Raises InputError.
     """
     with agreed(model.comm), reading(path, FORMAT, VERSION, SCHEMA) as file:
-        part = None
+        rows_here = None
         if "basis/V" in file:
             if file["basis/V"].shape[1] != model.size:
                 raise InputError(f"{path}: its basis has {file['basis/V'].shape[1]} rows, expected {model.size}")
-            part = file["basis/V"][:, model.first_row : model.first_row + model.local_rows].T
-    if part is None:
+            rows_here = file["basis/V"][:, model.first_row : model.first_row + model.local_rows].T
+    if rows_here is None:
         return None
-    block = create_block(model.K, part.shape[1])
+    block = create_block(model.K, rows_here.shape[1])
     with local_rows(block) as rows:
-        rows[...] = part
+        rows[...] = rows_here
     return block
 
 

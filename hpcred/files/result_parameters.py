@@ -23,13 +23,13 @@ SCHEMA = {
 def write_parameters(file, reduced: ParametricReducedModel):
     """Write the parameters and the terms into a result that is being written. Collective."""
     for key in ("name", "unit", "range", "reference"):
-        file.small(f"parameters/{key}", [getattr(item, key) for item in reduced.parameters])
+        file.small(f"parameters/{key}", [getattr(entry, key) for entry in reduced.parameters])
     for key, value in reduced.constant.items():
         file.small(f"parameters/constant/{key}", value)
     for key in ("of", "factor"):
-        file.small(f"parameters/terms/{key}", [getattr(item, key) for item in reduced.terms])
+        file.small(f"parameters/terms/{key}", [getattr(entry, key) for entry in reduced.terms])
     for key in SHAPES:
-        if matrices := [item.matrix for item in reduced.terms if item.of == key]:
+        if matrices := [entry.matrix for entry in reduced.terms if entry.of == key]:
             file.small(f"parameters/terms/{key}", np.array(matrices))
 
 

@@ -112,15 +112,15 @@ def _labels(path, file, comm, stress) -> _Labels:
     if stress:
         require_stress(file, path)
     rows = slice(*row_range(comm, file["basis/V"].shape[1]))
-    parts = [(file["dofs"], rows, np.arange(rows.start, rows.stop))]
+    groups = [(file["dofs"], rows, np.arange(rows.start, rows.stop))]
     if "held" in file:
         held = slice(*row_range(comm, len(file["held/node"])))
-        parts.append((file["held"], held, np.full(held.stop - held.start, NO_ROW)))
-    node, direction, position = (np.concatenate([group[key][part] for group, part, _ in parts])
+        groups.append((file["held"], held, np.full(held.stop - held.start, NO_ROW)))
+    node, direction, position = (np.concatenate([group[key][rows_of] for group, rows_of, _ in groups])
                                  for key in ("node", "direction", "position"))  # fmt: skip
-    row = np.concatenate([row for *_, row in parts])
+    row = np.concatenate([row for *_, row in groups])
     placed = direction < SCALAR
-    cells = {kind: part[slice(*row_range(comm, len(part)))] for kind, part in file.get("elements", {}).items()}
+    cells = {kind: rows_of[slice(*row_range(comm, len(rows_of)))] for kind, rows_of in file.get("elements", {}).items()}
     there = file["basis/stress_node"] if stress else NONE
     return _Labels(
         node[placed].astype(np.int64), direction[placed].astype(np.int64), row[placed], position[placed], cells,
@@ -153,15 +153,15 @@ def _name(path, file, comm, nodes, labels):
 def _wanted(path, comm, labels, node) -> np.ndarray:
     """Return whether each entry belongs to a node that is chosen. Collective. Raises InputError."""
     there = np.unique(node)
-    found = np.array(comm.allgather(np.isin(labels.numbers, there))).any(axis=0)
-    missing = [number for number, is_there in zip(labels.numbers, found, strict=True) if not is_there]
-    missing += [f"'{name}'" for name, part in labels.sets.items()
-                if not comm.allreduce(int(look_up(comm, there, [], part)[0].sum()))]  # fmt: skip
+    is_known = np.array(comm.allgather(np.isin(labels.numbers, there))).any(axis=0)
+    missing = [number for number, is_there in zip(labels.numbers, is_known, strict=True) if not is_there]
+    missing += [f"'{name}'" for name, nodes in labels.sets.items()
+                if not comm.allreduce(int(look_up(comm, there, [], nodes)[0].sum()))]  # fmt: skip
     if missing:
-        what = f"no node of the set {missing[0]} has dofs" if isinstance(missing[0], str) else (
+        reason = f"no node of the set {missing[0]} has dofs" if isinstance(missing[0], str) else (
             f"node {missing[0]} does not exist; nodes have the numbers of the finite-element program, and interfaces "
             "their names")  # fmt: skip
-        raise InputError(f"{path}: {what}")
+        raise InputError(f"{path}: {reason}")
     mine = [np.array(labels.numbers if comm.rank == 0 else [], np.int64), *labels.sets.values()]
     keys = np.unique(sort_over_ranks(comm, np.concatenate(mine))[0])
     return look_up(comm, keys, [], node)[0]
@@ -169,12 +169,12 @@ def _wanted(path, comm, labels, node) -> np.ndarray:
 
 def _cells(comm, cells, number, start) -> dict:
     """Return the elements with places of nodes for their numbers, those of which all nodes are there. Collective."""
-    found = {}
+    cells_here = {}
     for kind in sorted(set().union(*comm.allgather(set(cells)))):
         nodes = cells[kind]
         there, (place,) = look_up(comm, number, [start + np.arange(len(number))], nodes.ravel().astype(np.int64))
-        found[kind] = place.reshape(nodes.shape)[there.reshape(nodes.shape).all(axis=1)]
-    return found
+        cells_here[kind] = place.reshape(nodes.shape)[there.reshape(nodes.shape).all(axis=1)]
+    return cells_here
 
 
 def _stressed(comm, node, number) -> tuple[np.ndarray, np.ndarray]:
@@ -196,6 +196,6 @@ def _columns(dataset, rows, places, count) -> np.ndarray:
     shapes = np.zeros((dataset.shape[0], count, width))
     near = high - low <= SPARSE * len(rows)
     for k in range(dataset.shape[0] if len(rows) else 0):
-        part = dataset[k, low:high][rows - low] if near else dataset[k, rows]
-        shapes[k, places] = part.reshape(-1, width)
+        block = dataset[k, low:high][rows - low] if near else dataset[k, rows]
+        shapes[k, places] = block.reshape(-1, width)
     return shapes.reshape(dataset.shape[0], -1)

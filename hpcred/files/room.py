@@ -37,11 +37,11 @@ def no_room(path, needed: int | None = None, written=None) -> NoRoom:
     folder = Path(path).resolve().parent
     if needed is None:
         needed = Path(written).stat().st_size if Path(written).exists() else 0
-        more = "more than "
+        least = "more than "
     else:
-        more = ""
+        least = ""
     return NoRoom(
-        f"output {path}: the disk is full: it needs {more}{in_bytes(needed)}, and {in_bytes(free_bytes(folder))} are "
+        f"output {path}: the disk is full: it needs {least}{in_bytes(needed)}, and {in_bytes(free_bytes(folder))} are "
         f"free in {folder}; make room, or choose another folder"
     )
 

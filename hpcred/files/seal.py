@@ -24,9 +24,9 @@ def seal(path):
     """Seal a file that is written, on one rank."""
     data = []
 
-    def note(_, item):
-        if isinstance(item, h5py.Dataset) and item.id.get_offset() is not None and item.id.get_storage_size():
-            data.append((item.id.get_offset(), item.id.get_storage_size()))
+    def note(_, dataset):
+        if isinstance(dataset, h5py.Dataset) and dataset.id.get_offset() is not None and dataset.id.get_storage_size():
+            data.append((dataset.id.get_offset(), dataset.id.get_storage_size()))
 
     with h5py.File(path, "r") as file:
         file.visititems(note)
@@ -58,8 +58,8 @@ def is_broken(path) -> bool:
     if zlib.crc32(text) != crc:
         return True
     try:
-        said = json.loads(text)
-        return said["end"] != size - TAIL.size - length or said["crc"] != _crc(path, said["data"], said["end"])
+        tail = json.loads(text)
+        return tail["end"] != size - TAIL.size - length or tail["crc"] != _crc(path, tail["data"], tail["end"])
     except InputError:
         raise
     except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError):  # OSError: for no place in a file
@@ -73,9 +73,9 @@ def _crc(path, data, end) -> int:
         for first, count in [*data, (end, 0)]:
             file.seek(at)
             while at < first:
-                part = file.read(min(first - at, 2**20))
-                if not part:
+                chunk = file.read(min(first - at, 2**20))
+                if not chunk:
                     return -1
-                crc, at = zlib.crc32(part, crc), at + len(part)
+                crc, at = zlib.crc32(chunk, crc), at + len(chunk)
             at = max(at, first + count)
     return crc

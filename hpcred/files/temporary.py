@@ -42,10 +42,10 @@ def folder_of_all(comm, place=None):
 def _remove_left(place):
     """Remove temporary folders of dead processes of this machine and this user."""
     pattern = re.compile(re.escape(f".hpcred-{HOST}-") + r"(\d{1,9})-[a-z0-9_]{8}")
-    with suppress(OSError), os.scandir(place) as items:
-        for item in items:
-            match = pattern.fullmatch(item.name)
+    with suppress(OSError), os.scandir(place) as entries:
+        for entry in entries:
+            match = pattern.fullmatch(entry.name)
             if match and not psutil.pid_exists(int(match[1])):
                 with suppress(OSError):
-                    if item.is_dir(follow_symlinks=False) and item.stat(follow_symlinks=False).st_uid == os.geteuid():
-                        shutil.rmtree(item, ignore_errors=True)
+                    if entry.is_dir(follow_symlinks=False) and entry.stat(follow_symlinks=False).st_uid == os.geteuid():
+                        shutil.rmtree(entry, ignore_errors=True)

@@ -40,9 +40,9 @@ class Piece:
 
     def refusal(self, line: int, expected: str) -> InputError:
         """An InputError for a line, counted from 0 in the piece."""
-        found = shown(self.text.split(b"\n", line + 1)[line])
+        words = shown(self.text.split(b"\n", line + 1)[line])
         number = line_number(self.path, self.start) + line
-        return InputError(f"{self.path}, line {number}: found '{found}', expected {expected}")
+        return InputError(f"{self.path}, line {number}: found '{words}', expected {expected}")
 
     def require(self, fits: np.ndarray, lines: np.ndarray | None, expected: str):
         """Raise InputError for the first item that does not fit; `lines` of the items, None where each is one."""
@@ -58,10 +58,10 @@ def shown(line: bytes, most=80) -> str:
 
 def absent(path) -> InputError:
     """What to raise where no file has this name, but perhaps something else."""
-    found = "no such file"
+    reason = "no such file"
     if os.path.exists(path):
-        found = f"this is a {'folder' if os.path.isdir(path) else 'pipe or a device'}, expected a file"
-    return InputError(f"{str(path)[:200]}: {found}")
+        reason = f"this is a {'folder' if os.path.isdir(path) else 'pipe or a device'}, expected a file"
+    return InputError(f"{str(path)[:200]}: {reason}")
 
 
 def require_file(path):
@@ -116,9 +116,9 @@ def first_bytes(path) -> bytes:
         with open_unpacked(path) as file:
             start = file.read(BEGINNING).removeprefix(BYTE_ORDER_MARK)
             while len(start) < min(COMMENTS.match(start).end(), MOST_COMMENTS) + BEGINNING:
-                if not (more := file.read(len(start))):
+                if not (further := file.read(len(start))):
                     break
-                start += more
+                start += further
             return start
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"{path}: found a damaged gzip file ({error})") from error
@@ -264,13 +264,13 @@ def read_lines(path, comm, decode, start=0) -> list[np.ndarray]:
     with agreed(comm):
         decoded = {piece.start: decode(piece) for piece in pieces(path, comm, start)}
         arrays = _joined(decoded.values(), decode)
-    first = first_lines(comm, [(begin, len(part[0])) for begin, part in decoded.items()])
-    places = [first[begin] + np.arange(len(part[0])) for begin, part in decoded.items()]
+    first = first_lines(comm, [(begin, len(columns[0])) for begin, columns in decoded.items()])
+    places = [first[begin] + np.arange(len(columns[0])) for begin, columns in decoded.items()]
     return [*arrays, np.concatenate([np.zeros(0, np.int64), *places])]
 
 
-def _joined(parts, decode):
-    return [np.concatenate(items) for items in zip(*(parts or [decode(Piece(Path(), b"", 0))]), strict=True)]
+def _joined(tables, decode):
+    return [np.concatenate(arrays) for arrays in zip(*(tables or [decode(Piece(Path(), b"", 0))]), strict=True)]
 
 
 def without_comments(text: bytes) -> bytes:

@@ -59,8 +59,8 @@ def ragged(piece: Piece, commas=True, expected="numbers", blanks=True) -> tuple[
     line_of_number = np.cumsum(bytes_ == ord("\n"))[begins]
     if values is None or values.size != line_of_number.size:
         for index, line in enumerate(plain.split(b"\n")):
-            found = parse(line)
-            if found is None or found.size != len(line.split()):
+            row = parse(line)
+            if row is None or row.size != len(line.split()):
                 raise piece.refusal(index, f"{expected} a line")
     counts = np.bincount(line_of_number)
     lines = np.flatnonzero(counts)

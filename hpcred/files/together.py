@@ -45,7 +45,7 @@ def together(comm):
     try:
         yield
         comm.Barrier()
-        folders = [item.temporary for item in group if item.temporary.is_dir()]
+        folders = [waiting.temporary for waiting in group if waiting.temporary.is_dir()]
         unfinished.difference_update(folders)  # which may be older ones from now on
         with agreed(comm):
             if comm.rank == 0:
@@ -57,25 +57,25 @@ def together(comm):
         if comm.rank == 0:
             _drop(group)
         if isinstance(error, NotWritten) and (kept := comm.bcast(kept)):
-            what = ", ".join(f"{name} is in {place}" for name, place in kept)
-            raise common_to(comm, type(error)(f"{error}; what was written of {what}")) from error
+            places = ", ".join(f"{name} is in {place}" for name, place in kept)
+            raise common_to(comm, type(error)(f"{error}; what was written of {places}")) from error
         raise
     else:
         if comm.rank == 0:
             _drop(group)
     finally:
         _waiting = None
-        unfinished.difference_update(*([item.temporary, lock_name(item.path)] for item in group))
+        unfinished.difference_update(*([waiting.temporary, lock_name(waiting.path)] for waiting in group))
         if comm.rank == 0:
-            for item in group:
-                unlock(item.path)
+            for waiting in group:
+                unlock(waiting.path)
 
 
-def take(item: Waiting) -> bool:
+def take(waiting: Waiting) -> bool:
     """Whether an output waits for others now."""
     if _waiting is None:
         return False
-    _waiting.append(item)
+    _waiting.append(waiting)
     return True
 
 
@@ -83,8 +83,8 @@ def rescued(write, path, comm):
     """write(path), or where that fails write(another place), and the error that says so. Collective."""
     try:
         write(path)
-        for item in _waiting or ():
-            item.dear = item.dear or item.path == Path(os.path.realpath(path))
+        for waiting in _waiting or ():
+            waiting.dear = waiting.dear or waiting.path == Path(os.path.realpath(path))
     except NotWritten as error:
         places = rescue_places(path) if comm.rank == 0 else None
         while (place := comm.bcast(next(places, None) if comm.rank == 0 else None)) is not None:
@@ -113,33 +113,33 @@ def _put(group):
     """Put outputs in their places, folders first, which can be put back where another one fails."""
     done = []
     try:
-        for item in sorted(group, key=lambda item: not item.temporary.is_dir()):
-            with writing_to(item.path, item.temporary):
-                item.put()
-            done.append(item)
+        for waiting in sorted(group, key=lambda waiting: not waiting.temporary.is_dir()):
+            with writing_to(waiting.path, waiting.temporary):
+                waiting.put()
+            done.append(waiting)
     except BaseException:
-        for item in reversed(done):
+        for waiting in reversed(done):
             with suppress(OSError):
-                item.back()
+                waiting.back()
         raise
 
 
 def _drop(group):
-    for item in group:
+    for waiting in group:
         with suppress(OSError):
-            item.drop()
+            waiting.drop()
 
 
 def _kept(group) -> list[tuple[str, str]]:
     """Copy what takes long to compute to other places; return the names of both."""
     kept = []
-    for item in group:
-        for place in rescue_places(item.path) if item.dear else ():
+    for waiting in group:
+        for place in rescue_places(waiting.path) if waiting.dear else ():
             try:
-                shutil.copyfile(item.temporary, place)
+                shutil.copyfile(waiting.temporary, place)
             except OSError:
                 os.truncate(place, 0)
                 continue
-            kept.append((item.path.name, os.path.abspath(place)))
+            kept.append((waiting.path.name, os.path.abspath(place)))
             break
     return kept

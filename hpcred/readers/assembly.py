@@ -47,18 +47,19 @@ def assemble(
         parts.matrices["D"] = with_transposed_pattern(parts.matrices["D"])
     # what cannot be a matrix of a body is refused before it is distributed
     with agreed(comm):
-        for key, item in parts.matrices.items():
-            if len(item.values) and np.abs(item.values).max() > LARGEST_VALUE:  # NaN and Inf are found with their row
+        for key, matrix in parts.matrices.items():
+            largest = np.abs(matrix.values).max(initial=0.0)
+            if largest > LARGEST_VALUE:  # NaN and Inf are found with their row
                 raise InputError(
-                    f"{parts.files[key]}: found the value {np.abs(item.values).max():g} in {key}, more than any units "
-                    "explain; the file is damaged"
+                    f"{parts.files[key]}: found the value {largest:g} in {key}, more than any units explain; the file "
+                    "is damaged"
                 )
     for key in ("K", "M"):
         if not comm.allreduce(int(np.count_nonzero(parts.matrices[key].values))):
             raise InputError(f"{parts.files[key]}: found no number other than zero in {key}, expected a matrix")
         refuse_one_side(comm, parts.matrices[key], parts.files[key],
                         f"both triangles of {key}; write it whole, or as a symmetric Matrix Market file")  # fmt: skip
-    entries = sum(comm.allreduce(len(item.values)) for item in parts.matrices.values())
+    entries = sum(comm.allreduce(len(matrix.values)) for matrix in parts.matrices.values())
     if size > entries:  # before anything has its length: a damaged header may say any size
         raise InputError(
             f"{parts.files['K']}: found {size} rows and {entries} entries in all matrices, expected one in each row at "
@@ -109,7 +110,7 @@ def assemble(
 
 def _on_repeats(comm, parts, repeats) -> list[str]:
     """Return sentences on entries of K and M at places that were given before; refused where no place has one alone."""
-    found = []
+    remarks = []
     for key in ("K", "M"):
         again, once = comm.allreduce(np.array(repeats[key]))
         if again and not once:
@@ -118,16 +119,16 @@ def _on_repeats(comm, parts, repeats) -> list[str]:
                 "written twice, one behind the other?"
             )
         if again:
-            found.append(
+            remarks.append(
                 f"{parts.files[key]}: {again} entries of {key} stand at places that were given before; they were added "
                 "up, as an assembly of elements means it"
             )
-    return found
+    return remarks
 
 
 def number_rows(comm, parts):
     """Replace labels by row numbers, the same for all matrices."""
-    labelled = {key: isinstance(item, LabelledEntries) for key, item in parts.matrices.items()}
+    labelled = {key: isinstance(matrix, LabelledEntries) for key, matrix in parts.matrices.items()}
     if not any(labelled.values()):
         return
     if not all(labelled.values()):
@@ -139,9 +140,9 @@ def number_rows(comm, parts):
     ends = parts.ends
     labels, place = number_over_ranks(comm, np.concatenate(ends))
     size = comm.allreduce(len(labels))
-    numbers = iter(np.split(place, np.cumsum([len(item) for item in ends])[:-1]))
+    numbers = iter(np.split(place, np.cumsum([len(matrix) for matrix in ends])[:-1]))
     parts.matrices = {
-        key: Entries((size, size), next(numbers), next(numbers), item.values) for key, item in parts.matrices.items()
+        key: Entries((size,) * 2, next(numbers), next(numbers), matrix.values) for key, matrix in parts.matrices.items()
     }
     parts.row_labels = labels, (comm.exscan(len(labels)) or 0) + np.arange(len(labels))
 
@@ -271,7 +272,7 @@ def refuse_cut(comm, parts, rows: dict[str, Rows], labels) -> list[str]:
     # some other nodes may be without mass, but not many at the end
     behind = np.unique(labels[only.nodes & only.behind] // STRIDE)
     behind = np.setdiff1d(behind, np.concatenate(_of_solids(comm, parts.elements, behind)))
-    count, total = (comm.allreduce(len(part)) for part in (behind, np.unique(labels // STRIDE)))
+    count, total = (comm.allreduce(len(some)) for some in (behind, np.unique(labels // STRIDE)))
     if count > MANY * total:
         raise _lacks(comm, parts, "M", "K", count, behind * STRIDE)
     if not count:
@@ -290,22 +291,22 @@ class _Only(NamedTuple):
 def _only(comm, labels, there: Rows, lacking: Rows) -> _Only:
     mine = there.touched & ~lacking.touched
     known, _ = number_over_ranks(comm, np.unique(labels[lacking.touched] // STRIDE))
-    found, _ = look_up(comm, known, [], labels[mine] // STRIDE)
+    known_there, _ = look_up(comm, known, [], labels[mine] // STRIDE)
     nodes = mine.copy()
-    nodes[mine] = ~found
+    nodes[mine] = ~known_there
     last = max(comm.allgather(int(labels[lacking.touched].max(initial=-1))))
     return _Only(nodes, mine & (labels > last))
 
 
 def _of_solids(comm, elements, nodes):
     """Return the nodes that are corners of solids and shells, and those in the middle of edges."""
-    found = []
+    inside_and_corners = []
     for corners in (False, True):
-        parts = [part[:, : NODES[kind.rstrip("0123456789")] if corners else None].ravel()
-                 for kind, part in elements.items() if kind not in THIN]  # fmt: skip
-        known, _ = number_over_ranks(comm, np.unique(np.concatenate([np.zeros(0, np.int64), *parts])))
-        found.append(look_up(comm, known, [], nodes)[0])
-    inside, corner = found
+        nodes_of_kinds = [table[:, : NODES[kind.rstrip("0123456789")] if corners else None].ravel()
+                 for kind, table in elements.items() if kind not in THIN]  # fmt: skip
+        known, _ = number_over_ranks(comm, np.unique(np.concatenate([np.zeros(0, np.int64), *nodes_of_kinds])))
+        inside_and_corners.append(look_up(comm, known, [], nodes)[0])
+    inside, corner = inside_and_corners
     return nodes[corner], nodes[inside & ~corner]
 
 

@@ -57,8 +57,8 @@ class DriveTable:
     orders: np.ndarray
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """Return the inputs (k, p) at instants t (k,) in s, zero after the last line: linear between the lines, or the
-        derivatives of splines through velocities and displacements, which are at rest at both ends."""
+        """Return the inputs (k, p) at instants t (k,) in s, zero after the last line: linear between the lines, or by
+        splines through velocities and displacements, which are at rest at both ends."""
         from scipy.interpolate import CubicSpline  # which few runs need
 
         columns = np.zeros((len(t), len(self.orders)))
@@ -95,10 +95,10 @@ def read_drive_table(path, reduced, kind: str) -> DriveTable:
     orders, seen, crossed = np.zeros(len(names), int), {}, []
     for head, column in zip(heads, columns.T, strict=True):
         # an input, or two inputs in a table of densities
-        if (found := HEAD.fullmatch(head)) is None:
+        if (words := HEAD.fullmatch(head)) is None:
             raise InputError(f"{path}: {head[:60]}: found no unit in this head, expected one in brackets, such as "
                              "base:z [g^2/Hz]")  # fmt: skip
-        name, part, unit = found["name"].strip(), found["part"] or "", found["unit"].strip()
+        name, part, unit = words["name"].strip(), words["part"] or "", words["unit"].strip()
         alone = part in ("", "phase" if kind == "harmonic" else "")
         if name in names and not alone:
             expected = f"one of two, such as A/B {part}" if kind == "psd" else "none in a table of this kind"
@@ -136,8 +136,8 @@ def _read(path, expected, least):
     heads, start = head_of(path)
     if not heads or FIRST.get(heads[0]) != expected:
         word = next(key for key, value in FIRST.items() if value == expected)
-        found = f"the first head '{heads[0][:40]}'" if heads else "no heads"
-        raise InputError(f"{path}: found {found}, expected heads separated by commas, the "
+        first = f"the first head '{heads[0][:40]}'" if heads else "no heads"
+        raise InputError(f"{path}: found {first}, expected heads separated by commas, the "
                          f"first one '{word}'")  # fmt: skip
     table = read_columns(path, start, len(heads))
     if len(table) < least:
@@ -165,12 +165,12 @@ def _factor(path, head, unit, part, kind, of_inputs):
         if unit not in known:
             raise InputError(f"{path}: {head}: found the unit {unit}, expected {' or '.join(known)}")
         return known[unit], 0
-    said = unit_of_density if kind == "psd" else str
-    found = [{said(word): value for word, value in UNITS[own].items()}.get(unit) for own in of_inputs]
-    if None in found or found[0] != found[-1]:
+    unit_in_table = unit_of_density if kind == "psd" else str
+    factors = [{unit_in_table(word): value for word, value in UNITS[own].items()}.get(unit) for own in of_inputs]
+    if None in factors or factors[0] != factors[-1]:
         raise InputError(f"{path}: {head}: found the unit '{unit}' of an input in {of_inputs[0]}, expected "
-                         f"{' or '.join(map(said, UNITS[of_inputs[0]]))}")  # fmt: skip
-    factor, order = found[0]
+                         f"{' or '.join(map(unit_in_table, UNITS[of_inputs[0]]))}")  # fmt: skip
+    factor, order = factors[0]
     return (factor**2 if kind == "psd" else factor), order
 
 

@@ -67,8 +67,8 @@ def asymmetry(comm, entries: Entries | LabelledEntries) -> float:
     diagonal = np.abs(entries.values[on][first])
     least = SMALL * max(comm.allgather(diagonal.max(initial=0.0)))
     total = np.zeros(3)
-    for part in chunks(comm, len(entries.values)):
-        i, j, v = entries.rows[part], entries.columns[part], entries.values[part]
+    for chunk in chunks(comm, len(entries.values)):
+        i, j, v = entries.rows[chunk], entries.columns[chunk], entries.values[chunk]
         for name in (i, j):
             distinct, back = np.unique(name, return_inverse=True)
             there, (size,) = look_up(comm, label, [diagonal], distinct)
@@ -104,16 +104,16 @@ class Collected:
     def __init__(self, kinds: tuple):
         self._arrays, self._count = [np.empty(0, kind) for kind in kinds], 0
 
-    def add(self, items, share: float):
+    def add(self, columns, share: float):
         """Copy arrays of one length to the end; `share`: see text.Piece."""
-        end = self._count + len(items[0])
+        end = self._count + len(columns[0])
         if end > len(self._arrays[0]):
             room = int(max(ROOM * end / share, 1.5 * end))
             before, self._arrays = self._arrays, [np.empty(room, array.dtype) for array in self._arrays]
             for array, known in zip(self._arrays, before, strict=True):
                 array[: self._count] = known[: self._count]
-        for array, item in zip(self._arrays, items, strict=True):
-            array[self._count : end] = item
+        for array, column in zip(self._arrays, columns, strict=True):
+            array[self._count : end] = column
         self._count = end
 
     @property
@@ -130,7 +130,7 @@ def both_triangles(i, j, v, sign=1.0) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 def sides(comm, i, j) -> tuple[bool, bool]:
     """Return whether a matrix has entries below and above its diagonal, from rows and columns of ranks. Collective."""
-    return tuple(any(comm.allgather(bool(part.any()))) for part in (i > j, i < j))
+    return tuple(any(comm.allgather(bool(outside.any()))) for outside in (i > j, i < j))
 
 
 def refuse_one_side(comm, entries, file, expected: str):
@@ -143,11 +143,11 @@ def refuse_one_side(comm, entries, file, expected: str):
         raise InputError(f"{file}: found entries {side} the diagonal only, expected {expected}")
 
 
-def joined(parts: list[tuple], kinds: tuple) -> list[np.ndarray]:
+def joined(tables: list[tuple], kinds: tuple) -> list[np.ndarray]:
     """Return arrays of several pieces end to end; `kinds`: types of the arrays, for a rank without pieces."""
-    if not parts:
+    if not tables:
         return [np.zeros(0, kind) for kind in kinds]
-    return [np.concatenate(items) for items in zip(*parts, strict=True)]
+    return [np.concatenate(columns) for columns in zip(*tables, strict=True)]
 
 
 def require_sane(values: np.ndarray, found: str, what: str):

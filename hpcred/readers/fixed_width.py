@@ -94,14 +94,14 @@ def separated(piece: Piece, fields: list[Field], fill=False) -> Piece:
     # each field goes one column further than the one before it, behind a blank
     source = target = 0
     for field in fields:
-        part = table[:, source : source + field.width]
-        result[:, target : target + field.width] = part
+        digits = table[:, source : source + field.width]
+        result[:, target : target + field.width] = digits
         if not field.whole:
-            _require_point(piece, field, part)
+            _require_point(piece, field, digits)
         else:
-            piece.require(WHOLE[part].all(axis=1), None, "whole numbers in the fields of such")
+            piece.require(WHOLE[digits].all(axis=1), None, "whole numbers in the fields of such")
         if fill:
-            result[(part == ord(" ")).all(axis=1), target + field.width - 1] = ord("0")
+            result[(digits == ord(" ")).all(axis=1), target + field.width - 1] = ord("0")
         source, target = source + field.width, target + field.width + 1
     result[:, -1] = ord("\n")
     # exponents that Fortran writes without a letter, or with blanks
@@ -111,12 +111,12 @@ def separated(piece: Piece, fields: list[Field], fill=False) -> Piece:
     return Piece(piece.path, text, piece.start)
 
 
-def _require_point(piece, field, part):
+def _require_point(piece, field, digits):
     """Raise InputError where a number but 0 leaves its point to the format, or its scale to a missing exponent."""
-    written = np.isin(part, list(b"123456789")).any(axis=1)
-    point = (part == ord(".")).any(axis=1)
+    written = np.isin(digits, list(b"123456789")).any(axis=1)
+    point = (digits == ord(".")).any(axis=1)
     if field.scale:
-        point &= np.isin(part, list(b"eEdD")).any(axis=1) | (np.isin(part[:, 1:], list(b"+-")) & np.isin(
-            part[:, :-1], list(b"0123456789."))).any(axis=1)  # fmt: skip
+        point &= np.isin(digits, list(b"eEdD")).any(axis=1) | (np.isin(digits[:, 1:], list(b"+-")) & np.isin(
+            digits[:, :-1], list(b"0123456789."))).any(axis=1)  # fmt: skip
     expected = f"numbers with a decimal point{' and an exponent' * bool(field.scale)}"
     piece.require(point | ~written, None, expected)

@@ -57,26 +57,26 @@ def read_frf(path) -> Responses:
     return _displacements(responses, path)
 
 
-def _displacements(found, path) -> Responses:
+def _displacements(data, path) -> Responses:
     """Return responses of velocities and accelerations as those of displacements."""
-    for name in (*found.input_names, *found.output_names, *(found.places or {})):
+    for name in (*data.input_names, *data.output_names, *(data.places or {})):
         if not (name and name.isprintable()):
             raise InputError(f"{path}: found the name '{printable(name)[:40]}' with signs that are no letters, "
                              "expected such as foot:z")  # fmt: skip
-    order = [QUANTITIES.index(named_quantity(name)[0]) for name in found.output_names]
-    names = tuple(named_quantity(name)[1] for name in found.output_names)
-    if any(order) and found.frequencies[0] == 0:
-        found.frequencies, found.response = found.frequencies[1:], found.response[1:]  # which tell nothing of rest
-    s = 2j * np.pi * found.frequencies
+    order = [QUANTITIES.index(named_quantity(name)[0]) for name in data.output_names]
+    names = tuple(named_quantity(name)[1] for name in data.output_names)
+    if any(order) and data.frequencies[0] == 0:
+        data.frequencies, data.response = data.frequencies[1:], data.response[1:]  # which tell nothing of rest
+    s = 2j * np.pi * data.frequencies
     with np.errstate(all="ignore"):
-        H = found.response / s[:, None, None] ** np.array(order)[:, None] if any(order) else found.response
+        H = data.response / s[:, None, None] ** np.array(order)[:, None] if any(order) else data.response
     if not len(H) or not np.isfinite(H).all():
         raise InputError(f"{path}: found velocities or accelerations that no displacements belong to, at "
-                         f"{found.frequencies[0] if len(H) else 0:g} Hz and above")  # fmt: skip
-    if len(set(names)) < len(names) or len(set(found.input_names)) < len(found.input_names):
+                         f"{data.frequencies[0] if len(H) else 0:g} Hz and above")  # fmt: skip
+    if len(set(names)) < len(names) or len(set(data.input_names)) < len(data.input_names):
         raise InputError(f"{path}: found an output or an input twice, expected each once")
-    return Responses(frequencies=found.frequencies, input_names=found.input_names, output_names=names, response=H,
-                     places=found.places)  # fmt: skip
+    return Responses(frequencies=data.frequencies, input_names=data.input_names, output_names=names, response=H,
+                     places=data.places)  # fmt: skip
 
 
 def _read_arrays(path, ending) -> Responses:
@@ -110,15 +110,15 @@ def _of_matlab(path) -> dict:
     if (start := first_bytes(path)).startswith(HDF5) or hdf5.begins(start):
         raise InputError(f"{path}: found a MATLAB file of version 7.3, expected one that save wrote with '-v7'")
     numbers, texts = binary.arrays(path, (*NUMBERS, *NAMES))
-    return numbers | {key: np.array(found) for key, found in texts.items()}
+    return numbers | {key: np.array(words) for key, words in texts.items()}
 
 
 def _texts(path, key, array) -> tuple[str, ...]:
     """Return the names in an array. Raises InputError where they are no texts."""
     if array.dtype.kind not in "US":
         raise InputError(f"{path}: found {key} of the type {array.dtype}, {EXPECTED}")
-    return tuple((item.decode(errors="replace") if isinstance(item, bytes) else str(item)).strip()
-                 for item in np.ravel(array))  # fmt: skip
+    return tuple((name.decode(errors="replace") if isinstance(name, bytes) else str(name)).strip()
+                 for name in np.ravel(array))  # fmt: skip
 
 
 def _read_universal(path) -> Responses:
@@ -154,38 +154,38 @@ def _require_columns(path, start, stop):
 
 def _responses(path, sets, there) -> Responses:
     """Return the responses of the datasets that pyuff found, of those that are `there`."""
-    if (found := [int(item["type"]) for item in sets]) != there:
-        raise InputError(f"{path}: found the datasets {', '.join(map(str, there))}, of which {len(found)} can be read; "
+    if (read := [int(record["type"]) for record in sets]) != there:
+        raise InputError(f"{path}: found the datasets {', '.join(map(str, there))}, of which {len(read)} can be read; "
                          "expected lines of four blanks and -1 around each")  # fmt: skip
-    functions = [item for item in sets if item["type"] == 58 and item.get("func_type") == FRF]
+    functions = [record for record in sets if record["type"] == 58 and record.get("func_type") == FRF]
     if not functions:
         raise InputError(f"{path}: found no frequency response (dataset 58, function 4), expected one for each pair")
-    units = {(item["force"], item["length"]) for item in sets if item["type"] == 164} or {(1.0, 1.0)}
+    units = {(record["force"], record["length"]) for record in sets if record["type"] == 164} or {(1.0, 1.0)}
     if len(units) > 1 or not all(0 < value < np.inf for value in min(units)):
         raise InputError(f"{path}: found units (dataset 164) that are no numbers, or that differ; expected one of SI")
     ((force, length),) = units  # of the file in one of SI
     # one response for each pair, on the same lines
     F, columns = np.asarray(functions[0]["x"], dtype=float), {}
-    for item in functions:
-        if not len(item["x"]) == len(item["data"]) == item["num_pts"]:
-            raise InputError(f"{path}: found {len(item['data'])} numbers of a response, expected {item['num_pts']} as "
-                             "it says; the file is damaged")  # fmt: skip
-        if len(item["x"]) != len(F) or not np.allclose(item["x"], F, rtol=1e-6, atol=1e-9 * F[-1]):
+    for record in functions:
+        if not len(record["x"]) == len(record["data"]) == record["num_pts"]:
+            raise InputError(f"{path}: found {len(record['data'])} numbers of a response, expected "
+                             f"{record['num_pts']} as it says; the file is damaged")  # fmt: skip
+        if len(record["x"]) != len(F) or not np.allclose(record["x"], F, rtol=1e-6, atol=1e-9 * F[-1]):
             raise InputError(f"{path}: found responses at different frequencies, expected the same in all")
-        signs = [np.sign(item[key]) or 1 for key in ("rsp_dir", "ref_dir")]
-        output, given = (_name(item, key, path) for key in ("rsp", "ref"))
-        number = int(item.get("ordinate_spec_data_type") or 0)
+        signs = [np.sign(record[key]) or 1 for key in ("rsp_dir", "ref_dir")]
+        output, input_ = (_name(record, key, path) for key in ("rsp", "ref"))
+        number = int(record.get("ordinate_spec_data_type") or 0)
         if number not in QUANTITY_NUMBERS:
             raise InputError(f"{path}: found a response of the quantity {number}{' (unknown)' * (not number)}, "
                              "expected displacements (8), velocities (11) or accelerations (12); export it with its "
                              "quantity, or as .npz with names such as 'acceleration 20:z'")  # fmt: skip
         output = quantity_name(QUANTITIES[QUANTITY_NUMBERS.index(number)], output)
-        if (output, given) in columns:
-            raise InputError(f"{path}: found the response {output}/{given} twice, expected each once; keep one")
+        if (output, input_) in columns:
+            raise InputError(f"{path}: found the response {output}/{input_} twice, expected each once; keep one")
         # rotations and moments have other units of length
-        turns, moment = (abs(int(item[key])) > 3 for key in ("rsp_dir", "ref_dir"))
+        turns, moment = (abs(int(record[key])) > 3 for key in ("rsp_dir", "ref_dir"))
         factor = force * length ** (moment - (not turns))
-        columns[output, given] = np.asarray(item["data"], dtype=complex) * factor * signs[0] * signs[1]
+        columns[output, input_] = np.asarray(record["data"], dtype=complex) * factor * signs[0] * signs[1]
     outputs, inputs = (tuple(dict.fromkeys(pair[k] for pair in columns)) for k in (0, 1))
     lacking = [f"{j}/{i}" for j in outputs for i in inputs if (j, i) not in columns]
     if lacking:
@@ -197,21 +197,21 @@ def _responses(path, sets, there) -> Responses:
     if set(there) & uff.NODE_LINES.keys():
         nodes = uff.read(path, MPI.COMM_SELF).nodes
         where = dict(zip(nodes.label.tolist(), nodes.position / length, strict=True))
-    for item in functions:
+    for record in functions:
         for key in ("rsp", "ref"):
-            number = int(item[f"{key}_node"])
+            number = int(record[f"{key}_node"])
             if number in where:
-                places[_name(item, key, path).rpartition(":")[0]] = (number, where[number])
+                places[_name(record, key, path).rpartition(":")[0]] = (number, where[number])
     return Responses(frequencies=F, response=H, input_names=inputs, output_names=outputs, places=places)
 
 
-def _name(item, key, path) -> str:
+def _name(record, key, path) -> str:
     """Return the name of the output or input of a dataset 58: its entity, or else its node, and its direction."""
-    direction = abs(int(item[f"{key}_dir"]))
+    direction = abs(int(record[f"{key}_dir"]))
     if not 1 <= direction <= 6:
-        raise InputError(f"{path}: found the direction {item[f'{key}_dir']}, expected 1 to 6 for x to rz")
-    entity = str(item.get(f"{key}_ent_name", "NONE")).strip()
-    node = entity if entity not in ("", "NONE") else str(int(item[f"{key}_node"]))
+        raise InputError(f"{path}: found the direction {record[f'{key}_dir']}, expected 1 to 6 for x to rz")
+    entity = str(record.get(f"{key}_ent_name", "NONE")).strip()
+    node = entity if entity not in ("", "NONE") else str(int(record[f"{key}_node"]))
     return f"{node}:{DIRECTIONS[direction - 1]}"
 
 

@@ -102,8 +102,8 @@ def _deck(load, comm) -> DeckLoads:
             refuse_unread(load.file)
             raise InputError(f"{load.file}: found no input file of Abaqus, CalculiX or Nastran, and no .full file of "
                              "ANSYS, whose loads are wanted")  # fmt: skip
-        given = next((key for key in ("step", "sid") if getattr(load, key) is not None), None)
-        if given != wanted:
+        chosen = next((key for key in ("step", "sid") if getattr(load, key) is not None), None)
+        if chosen != wanted:
             raise InputError(f"load '{load.name}': {load.file} is {of}; expected "
                              f"{f'`{wanted}`' if wanted else 'neither `step` nor `sid`'}")  # fmt: skip
     if wanted is None:
@@ -114,33 +114,33 @@ def _deck(load, comm) -> DeckLoads:
     return abaqus_loads.read_loads(load.file, load.step, comm, calculix=of_calculix)
 
 
-def _placed(model, load, found: DeckLoads, units: Units):
+def _placed(model, load, loads: DeckLoads, units: Units):
     """Return the column of loads that are in other units than SI, and its LoadColumn. Collective."""
-    where, parts = f"load '{load.name}'", []
-    same_mesh.require_places(model.comm, load.file, found.nodes, units, *placed_nodes(model), model.name)
+    where, forces = f"load '{load.name}'", []
+    same_mesh.require_places(model.comm, load.file, loads.nodes, units, *placed_nodes(model), model.name)
     force, acceleration = units.energy / units.length, units.length / units.time**2
-    node = np.concatenate([np.zeros(0, np.int64), *(part for part, _ in found.nodal)])
-    value = np.concatenate([np.zeros((0, 6)), *(part for _, part in found.nodal)])
+    node = np.concatenate([np.zeros(0, np.int64), *(values for values, _ in loads.nodal)])
+    value = np.concatenate([np.zeros((0, 6)), *(values for _, values in loads.nodal)])
     value = value * np.repeat([force, units.energy], 3)
-    _require_known(model, load, found.unknown, where)
+    _require_known(model, load, loads.unknown, where)
     there, position = places_of(model, node)
     with agreed(model.comm):
         if not there.all():
             raise InputError(f"{where}: node {node[~there][0]} of {load.file} has no row in {model.name}; it does not "
                              "exist, follows another one, or was condensed")  # fmt: skip
     nodal = NodalForces(node, value, position)
-    faces, pressure = found.faces
+    faces, pressure = loads.faces
     pressed = forces_on_faces(model, faces, where, pressure=pressure * force / units.length**2)
-    parts.append(column_of(model, replace(NodalForces.joined([nodal, pressed]), area=pressed.area), load.name, "deck"))
-    if found.acceleration.any():
-        field = found.acceleration * acceleration
-        parts.append(inertia_force(model, load.name, lambda points: np.broadcast_to(field, points.shape), "deck"))
-    if found.spins:
-        spins = [(square / units.time**2, point * units.length, axis) for square, point, axis in found.spins]
+    forces.append(column_of(model, replace(NodalForces.joined([nodal, pressed]), area=pressed.area), load.name, "deck"))
+    if loads.acceleration.any():
+        field = loads.acceleration * acceleration
+        forces.append(inertia_force(model, load.name, lambda points: np.broadcast_to(field, points.shape), "deck"))
+    if loads.spins:
+        spins = [(square / units.time**2, point * units.length, axis) for square, point, axis in loads.spins]
         turning, sums = inertia_force(model, load.name, centrifugal_field(model, load.name, spins), "deck")
-        parts.append((turning, replace(sums, spins=True)))
-    column, sums = added(load.name, "deck", parts)
-    return column, replace(sums, remark="; ".join([*found.remarks, *([sums.remark] if sums.remark else [])]))
+        forces.append((turning, replace(sums, spins=True)))
+    column, sums = added(load.name, "deck", forces)
+    return column, replace(sums, remark="; ".join([*loads.remarks, *([sums.remark] if sums.remark else [])]))
 
 
 def _require_known(model, load, unknown, where):

@@ -11,10 +11,10 @@ from .unread import refuse_unread
 def matrix_reader(path, comm) -> Reader:
     """Return the reader of a matrix. Collective. Raises InputError where there is none."""
 
-    def check(found):
-        if found is None or found.vague:
+    def check(reader):
+        if reader is None or reader.vague:
             refuse_unread(path)
-        if found is None:
+        if reader is None:
             start = first_bytes(path)
             if first_line(start)[:1] == b"*":
                 raise InputError(
@@ -22,13 +22,13 @@ def matrix_reader(path, comm) -> Reader:
                     "matrices of single elements or of a substructure), expected an assembled matrix; let Abaqus "
                     "write it by *Matrix Generate, Stiffness, Mass and *Matrix Output, Stiffness, Mass"
                 )
-            names = [item.name for item in readers_of("matrix")]
+            names = [reader.name for reader in readers_of("matrix")]
             raise InputError(with_broken(
                 f"{path}: found a file that begins with {start[:12]!r}, expected {', '.join(names[:-1])}, or "
                 f"{names[-1]}"
             ))  # fmt: skip
-        if not found.packed:
-            refuse_packed(path, found.name)
+        if not reader.packed:
+            refuse_packed(path, reader.name)
 
     return reader_of(path, comm, "matrix", check)
 

@@ -62,30 +62,30 @@ def load_export(path, comm=MPI.COMM_WORLD, name="model", variables=None) -> Seco
 def read_export(path, comm, variables=None) -> Parts:
     """Return the parts of a whole finite-element export. Collective. Raises InputError."""
 
-    def check(found):
-        if found is None:
+    def check(reader):
+        if reader is None:
             raise _no_export(path)
-        if variables and not found.named:
-            raise InputError(f"--variables: found names of matrices, but {path} is {found.name}, which has no names")
+        if variables and not reader.named:
+            raise InputError(f"--variables: found names of matrices, but {path} is {reader.name}, which has no names")
 
     return read_by(reader_of(path, comm, "model", check), "model", path, comm, variables or {})
 
 
 def _no_export(path) -> InputError:
     """Return the error for a file that is not an export."""
-    start, what = first_bytes(path), None
+    start, content = first_bytes(path), None
     if not start:
         return InputError(f"{path}: found an empty file")
     refuse_unread(path)
     if start.startswith(HDF5):
-        what = kind_of(path)
-        if what == hdf5_kind(OF_MODELS):
+        content = kind_of(path)
+        if content == hdf5_kind(OF_MODELS):
             return InputError(f"{path}: found a model of hpcred, which needs no conversion; a job names its inputs")
     elif single := READERS.first(lambda reader: "matrix" in reader.holds and reader.begins(start)):
-        what = f"{READERS.load(single).name}: give single matrices by -K and -M"
+        content = f"{READERS.load(single).name}: give single matrices by -K and -M"
     elif (kind := kind_of(path)) != OTHER:
-        what = kind
-    expected = ", ".join(item.name for item in readers_of("model"))
+        content = kind
+    expected = ", ".join(reader.name for reader in readers_of("model"))
     return InputError(with_broken(
-        f"{path}: found a file that begins with {start[:12]!r}{f' ({what})' if what else ''}, expected {expected}"
+        f"{path}: found a file that begins with {start[:12]!r}{f' ({content})' if content else ''}, expected {expected}"
     ))  # fmt: skip

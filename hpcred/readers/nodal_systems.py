@@ -70,7 +70,7 @@ def turn_to_global(comm, parts, node: np.ndarray, rotation: np.ndarray, where: s
     place[factor == 0] = -1
     turned = np.flatnonzero((factor != straight).any(axis=0))
     turn = Turn(row[turned], place[:, turned].T, factor[:, turned].T)
-    parts.matrices = {key: turned_entries(comm, turn, item) for key, item in parts.matrices.items()}
+    parts.matrices = {key: turned_entries(comm, turn, matrix) for key, matrix in parts.matrices.items()}
     return int(comm.allreduce(len(np.unique(own[turned]))))
 
 
@@ -79,24 +79,24 @@ def turned_entries(comm, turn: Turn, entries):
     if not comm.allreduce(len(turn.key)):
         return entries
     ends, values = (entries.rows, entries.columns), entries.values
-    asked = np.unique(np.concatenate([np.unique(item) for item in ends]))
-    arrays = [np.ascontiguousarray(part) for part in (*turn.target.T, *turn.factor.T)]
+    asked = np.unique(np.concatenate([np.unique(numbers) for numbers in ends]))
+    arrays = [np.ascontiguousarray(column) for column in (*turn.target.T, *turn.factor.T)]
     hit, factors = look_up(comm, turn.key, arrays, asked)
     nil = np.full_like(asked, -1)
     target = np.where(hit, np.array(factors[:AXES]), np.array([asked, nil, nil]))
     factor = np.where(hit, np.array(factors[AXES:]), np.array([[1.0], [0.0], [0.0]]))
-    places = [np.searchsorted(asked, item) for item in ends]
+    places = [np.searchsorted(asked, numbers) for numbers in ends]
     touched = hit[places[0]] | hit[places[1]]
-    parts = [(*(item[~touched] for item in ends), values[~touched])]
+    triplets = [(*(numbers[~touched] for numbers in ends), values[~touched])]
     touched = np.flatnonzero(touched)
     for low in range(0, len(touched), PIECE):
         some = touched[low : low + PIECE]
-        i, j = (item[some] for item in places)
+        i, j = (numbers[some] for numbers in places)
         rows, columns = np.broadcast_arrays(target[:, None, i], target[None, :, j])
         product = factor[:, None, i] * factor[None, :, j] * values[some]
         kept = (rows >= 0) & (columns >= 0) & (product != 0)
-        parts.append(_summed(rows[kept], columns[kept], product[kept]))
-    rows, columns, values = map(np.concatenate, zip(*parts, strict=True))
+        triplets.append(_summed(rows[kept], columns[kept], product[kept]))
+    rows, columns, values = map(np.concatenate, zip(*triplets, strict=True))
     return replace(entries, rows=rows, columns=columns, values=values)
 
 

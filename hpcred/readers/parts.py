@@ -70,7 +70,7 @@ class Parts:
     @property
     def ends(self) -> list[np.ndarray]:
         """Rows and columns of all matrices, numbers or labels."""
-        return [end for item in self.matrices.values() for end in (item.rows, item.columns)]
+        return [end for matrix in self.matrices.values() for end in (matrix.rows, matrix.columns)]
 
     def take_mesh(self, mesh, remarks=()) -> None:
         """Take the elements, properties and sets of a `mesh` that a reader found, as far as it has them, and `remarks`
@@ -115,32 +115,35 @@ class Parts:
             For arrays of another shape, and numbers that are not nodes or directions.
         """
         with agreed(comm):
-            given = {"K": K, "M": M, "D": D}
-            given = {key: item if item is None else sparse.coo_matrix(item) for key, item in given.items()}
-            values = {key: real_values(item.data, f"{path}: {key}") for key, item in given.items() if item is not None}
+            arrays = dict.fromkeys("KMD")
+            values = {}
+            for key, array in zip("KMD", (K, M, D), strict=True):
+                if array is not None:
+                    arrays[key] = sparse.coo_matrix(array)
+                    values[key] = real_values(arrays[key].data, f"{path}: {key}")
             nodes = _table(path, "nodes", nodes, ("number", "x", "y", "z"))
             dofs = _table(path, "dofs", dofs, ("node", "direction"))
             held = _table(path, "held", held, ("node", "direction"))
         # a rank may have no entries, so it learns the shapes from the others
-        shapes = {key: max(filter(None, comm.allgather(item is not None and item.shape)), default=None)
-                  for key, item in given.items()}  # fmt: skip
+        shapes = {key: max(filter(None, comm.allgather(array is not None and array.shape)), default=None)
+                  for key, array in arrays.items()}  # fmt: skip
         if lacking := [key for key in "KM" if shapes[key] is None]:
             raise InputError(f"{path}: found no {lacking[0]}, expected K and M")
         matrices = {}
         for key, shape in shapes.items():
             if shape is not None:
-                item = sparse.coo_matrix(shape) if given[key] is None else given[key]
-                rows, columns = (ends.astype(np.int64) for ends in (item.row, item.col))
-                matrices[key] = Entries(shape, rows, columns, values.get(key, item.data).astype(float))
+                array = sparse.coo_matrix(shape) if arrays[key] is None else arrays[key]
+                rows, columns = (ends.astype(np.int64) for ends in (array.row, array.col))
+                matrices[key] = Entries(shape, rows, columns, values.get(key, array.data).astype(float))
         # numbers of the first node and of the first row of this rank
-        first = [sum(comm.allgather(len(item))[: comm.rank]) for item in (nodes, dofs)]
+        first = [sum(comm.allgather(len(array))[: comm.rank]) for array in (nodes, dofs)]
         parts = cls(matrices, dict.fromkeys(matrices, str(path)), removed=_labels(held))
         if comm.allreduce(len(nodes)):
             parts.nodes = NodeTable(nodes[:, 0].astype(np.int64), nodes[:, 1:], first[0] + np.arange(len(nodes)))
         if comm.allreduce(len(dofs)):
             parts.row_labels = _labels(dofs), first[1] + np.arange(len(dofs))
         for name, given_by_name in (("elements", elements), ("sets", sets)):
-            setattr(parts, name, {key: np.array(item, np.int64) for key, item in (given_by_name or {}).items()})
+            setattr(parts, name, {key: np.array(array, np.int64) for key, array in (given_by_name or {}).items()})
         return parts
 
 
@@ -165,13 +168,13 @@ def _labels(table):
 def common_size(parts: Parts) -> int:
     """Return the number of rows of all matrices. Raises InputError if they differ."""
     size = parts.matrices["K"].shape[0]
-    for key, item in parts.matrices.items():
+    for key, matrix in parts.matrices.items():
         file = parts.files[key]
-        if item.shape[0] != item.shape[1]:
-            raise InputError(f"{file}: found {item.shape[0]} x {item.shape[1]}, expected a square matrix")
-        if item.shape[0] != size:
+        if matrix.shape[0] != matrix.shape[1]:
+            raise InputError(f"{file}: found {matrix.shape[0]} x {matrix.shape[1]}, expected a square matrix")
+        if matrix.shape[0] != size:
             raise InputError(
-                f"{file}: found {item.shape[0]} rows, but K ({parts.files['K']}) has {size}; all matrices need the "
+                f"{file}: found {matrix.shape[0]} rows, but K ({parts.files['K']}) has {size}; all matrices need the "
                 "same size"
             )
     if not size:
@@ -189,7 +192,7 @@ def labels_in_order(comm, nodes: NodeTable, size: int, name: str) -> tuple[np.nd
             "of every row by --dofs"
         )
     direction = np.tile(np.arange(per_node), len(nodes.label))
-    label, row = (np.repeat(item, per_node) for item in (nodes.label, nodes.place * per_node))
+    label, row = (np.repeat(numbers, per_node) for numbers in (nodes.label, nodes.place * per_node))
     return label_of(label, direction), row + direction
 
 
@@ -199,12 +202,12 @@ def used_properties(comm, program: str, types: list[str], materials: list[Materi
     `tables` (elements, 3) by kind, as of ElementProperties, which are renumbered. Collective.
     """
     kept = []
-    for column, items in ((TYPE, types), (MATERIAL, materials)):
-        used = np.zeros(len(items), bool)
+    for column, entries in ((TYPE, types), (MATERIAL, materials)):
+        used = np.zeros(len(entries), bool)
         for table in tables.values():
             used[table[table[:, column] >= 0, column]] = True
         used = np.any(comm.allgather(used), axis=0)
-        kept.append(tuple(item for item, there in zip(items, used, strict=True) if there))
+        kept.append(tuple(entry for entry, there in zip(entries, used, strict=True) if there))
         places = np.append(np.cumsum(used) - 1, -1)  # the last one stands for none
         for table in tables.values():
             table[:, column] = places[table[:, column]]

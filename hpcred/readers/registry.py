@@ -51,7 +51,7 @@ def reader_of(path, comm, holds: str, check: Callable[[Reader | None], None] | N
 
 
 def _first(start, holds, vague):
-    return READERS.first(lambda item: holds in item.holds and item.vague == vague and item.begins(start))
+    return READERS.first(lambda reader: holds in reader.holds and reader.vague == vague and reader.begins(start))
 
 
 def read_by(reader: Reader, holds: str, path, comm, *named):

@@ -20,14 +20,14 @@ def require_places(comm, path, nodes: NodeTable, units, known, position, name: s
     this rank. Nodes that only one of them has do not count.
     """
     there, columns = look_up(comm, known, list(position.T), nodes.label)
-    place, given = np.stack(columns, axis=1), nodes.position * units.length
-    off = np.where(there, np.linalg.norm(given - place, axis=1), 0.0)
+    place, own = np.stack(columns, axis=1), nodes.position * units.length
+    off = np.where(there, np.linalg.norm(own - place, axis=1), 0.0)
     reach = max(comm.allgather(np.abs(position).max(initial=0.0)))
     with agreed(comm):
         if (wrong := np.flatnonzero(off > SAME_PLACE * reach)).size:
             first = wrong[0]
             raise InputError(
-                f"{path}: found node {nodes.label[first]} at {_shown(given[first])} m (units: {units.words}), expected "
+                f"{path}: found node {nodes.label[first]} at {_shown(own[first])} m (units: {units.words}), expected "
                 f"it at {_shown(place[first])} m as in {name}; the file is of another mesh, or in other units"
             )
 

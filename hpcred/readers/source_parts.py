@@ -123,8 +123,8 @@ def _name_rows_of_calculix(comm, parts, source) -> bool:
 
 def _require_numbered(parts, source):
     """Raise InputError where matrices name their rows themselves."""
-    for key, item in parts.matrices.items():
-        if isinstance(item, LabelledEntries):
+    for key, matrix in parts.matrices.items():
+        if isinstance(matrix, LabelledEntries):
             raise InputError(f"{source.dofs}: not needed, since {parts.files[key]} names node and dof of its rows")
 
 
@@ -145,26 +145,26 @@ def _remove_supports(comm, parts):
     if not len(held):
         return
     with agreed(comm):
-        for key, item in parts.matrices.items():
-            require_sane(item.values, f"{parts.files[key]}: found", "real")
-    what = f"{parts.files['K']}: removed {len(held)} rows that are held by {HELD_BY:g} on the diagonal of K"
+        for key, matrix in parts.matrices.items():
+            require_sane(matrix.values, f"{parts.files[key]}: found", "real")
+    remark = f"{parts.files['K']}: removed {len(held)} rows that are held by {HELD_BY:g} on the diagonal of K"
     # named rows go with their entries; behind numbered ones the others move up
     if isinstance(K, LabelledEntries):
-        for key, item in parts.matrices.items():
-            free = ~(np.isin(item.rows, held) | np.isin(item.columns, held))
-            parts.matrices[key] = LabelledEntries(item.rows[free], item.columns[free], item.values[free])
+        for key, matrix in parts.matrices.items():
+            free = ~(np.isin(matrix.rows, held) | np.isin(matrix.columns, held))
+            parts.matrices[key] = LabelledEntries(matrix.rows[free], matrix.columns[free], matrix.values[free])
         parts.removed = held[comm.rank :: comm.size]
         names = [label_name(label) for label in held[:4]]
     else:
         size = K.shape[0]
         if parts.nodes is not None and parts.row_labels is None:
             parts.row_labels = labels_in_order(comm, parts.nodes, size, parts.files["K"])
-        for key, item in parts.matrices.items():
-            if item.shape != K.shape:
+        for key, matrix in parts.matrices.items():
+            if matrix.shape != K.shape:
                 common_size(parts)
-            free = ~(np.isin(item.rows, held) | np.isin(item.columns, held))
-            rows, columns = (ends[free] - np.searchsorted(held, ends[free]) for ends in (item.rows, item.columns))
-            parts.matrices[key] = Entries((size - len(held),) * 2, rows, columns, item.values[free])
+            free = ~(np.isin(matrix.rows, held) | np.isin(matrix.columns, held))
+            rows, columns = (ends[free] - np.searchsorted(held, ends[free]) for ends in (matrix.rows, matrix.columns))
+            parts.matrices[key] = Entries((size - len(held),) * 2, rows, columns, matrix.values[free])
         names = [str(row + 1) for row in held[:4]]
         if parts.row_labels is not None:
             label, row = parts.row_labels
@@ -172,8 +172,8 @@ def _remove_supports(comm, parts):
             parts.removed = np.concatenate([parts.removed, label[gone]])
             parts.row_labels = label[~gone], row[~gone] - np.searchsorted(held, row[~gone])
         else:
-            what += "; the rows behind them have new numbers"
-    parts.warnings.append(f"{what}: {', '.join(names)}{', ...' if len(held) > 4 else ''}")
+            remark += "; the rows behind them have new numbers"
+    parts.warnings.append(f"{remark}: {', '.join(names)}{', ...' if len(held) > 4 else ''}")
 
 
 def _hold_by_boundary(comm, parts, mesh):

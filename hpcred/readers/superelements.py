@@ -96,12 +96,12 @@ def _read(source, variables, units: Units):
         raise InputError(f"{path}: found {size} rows, expected a superelement of at most {MOST}; convert it as a "
                          "model, and reduce it")  # fmt: skip
     matrices = {}
-    for key, item in parts.matrices.items():
-        require_sane(item.values, f"{parts.files[key]}: found", "real")
-        if not asymmetry(comm, item) <= SYMMETRIC:
+    for key, entries in parts.matrices.items():
+        require_sane(entries.values, f"{parts.files[key]}: found", "real")
+        if not asymmetry(comm, entries) <= SYMMETRIC:
             raise InputError(f"{parts.files[key]}: found a matrix {key} that is not symmetric, expected both triangles "
                              "of a symmetric one, as a superelement has")  # fmt: skip
-        matrix = coo_array((item.values, (item.rows, item.columns)), shape=(size, size)).toarray()
+        matrix = coo_array((entries.values, (entries.rows, entries.columns)), shape=(size, size)).toarray()
         matrices[key] = (matrix + matrix.T) / 2
     rows = _rows(path, parts, size, units)
     # nodes with six directions, other nodes, and what has no place

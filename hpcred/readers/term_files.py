@@ -51,9 +51,9 @@ def read_term_matrix(model, of: str, path, variable=None, units=None) -> tuple[P
             f"matrices of {model.name} have"
         )
     if not (of == "K" and model.may_be_unsymmetric(of)):
-        more = f"; {SAY_SO}, as of a force that acts one way" if of == "K" else ""
+        hint = f"; {SAY_SO}, as of a force that acts one way" if of == "K" else ""
         refuse_one_side(comm, entries, path, "both triangles; write it whole, or as a symmetric or skew-symmetric "
-                        f"Matrix Market file{more}")  # fmt: skip
+                        f"Matrix Market file{hint}")  # fmt: skip
     # the matrix in the model's layout and units
     mat = assembled(model.K, *owned(comm, model.row_starts, entries))
     if converted is not None:
@@ -81,8 +81,8 @@ def _numbered(model, entries: LabelledEntries, path) -> Entries:
     """Return entries by rows of the model; those of held dofs are left out. Collective."""
     if model.dofs is None:
         raise InputError(f"{path}: it names node and dof of its rows, but {model.name} has no nodes")
-    labels = [label_of(part.node, part.direction) for part in (model.dofs, model.held) if part is not None]
-    rows = [model.first_row + np.arange(model.local_rows), *(np.full(len(part), -1) for part in labels[1:])]
+    labels = [label_of(dofs.node, dofs.direction) for dofs in (model.dofs, model.held) if dofs is not None]
+    rows = [model.first_row + np.arange(model.local_rows), *(np.full(len(dofs), -1) for dofs in labels[1:])]
     wanted = np.concatenate([entries.rows, entries.columns])
     there, (row,) = look_up(model.comm, np.concatenate(labels), [np.concatenate(rows)], wanted)
     with agreed(model.comm):

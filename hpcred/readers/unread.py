@@ -54,15 +54,15 @@ SUFFIXES = {
 def refuse_unread(path):
     """Raise InputError where a file, which is of no format that is read, is known; says what to give in its place."""
     start = first_bytes(path)
-    found = next((item[1:] for item in BEGINNINGS if item[0].match(start)), None)
-    if found is None and start.startswith(b"PK"):
-        found = _archive(path)
+    known = next((entry[1:] for entry in BEGINNINGS if entry[0].match(start)), None)
+    if known is None and start.startswith(b"PK"):
+        known = _archive(path)
     if start.startswith(HDF5) and kind_of(path) == hdf5_kind("none"):
-        found = "an HDF5 file of a kind that is not known", f"{ARRAY}, or make model.h5 in Python (hpcred.write_model)"
-    if found is None and b"\0" in start:
-        found = SUFFIXES.get(Path(path).suffix.lower())
-    if found is not None:
-        raise InputError(f"{path}: found {found[0]}{', ' if found[1].startswith('without') else '; '}{found[1]}")
+        known = "an HDF5 file of a kind that is not known", f"{ARRAY}, or make model.h5 in Python (hpcred.write_model)"
+    if known is None and b"\0" in start:
+        known = SUFFIXES.get(Path(path).suffix.lower())
+    if known is not None:
+        raise InputError(f"{path}: found {known[0]}{', ' if known[1].startswith('without') else '; '}{known[1]}")
 
 
 def _archive(path):

@@ -28,6 +28,7 @@ def draw_campbell(figure, diagram: Campbell, title):
     panels = figure.subplots(1 + damped, sharex=True, squeeze=False, height_ratios=(3, 2)[: 1 + damped])[:, 0]
     values, top = diagram.values, np.nanmax(diagram.frequencies, initial=0.0) or 1.0
     top = 1.05 * min(top, diagram.highest)
+    # frequencies above, damping ratios below
     _curves(panels[0], diagram, diagram.frequencies)
     panels[0].set(ylabel="frequency (Hz)", xlim=(values[0], values[-1]), ylim=(0.0, top))
     if damped:
@@ -37,6 +38,7 @@ def draw_campbell(figure, diagram: Campbell, title):
     panels[0].set_title(title, fontsize=10)
     panels[-1].set_xlabel(f"{diagram.parameter} ({diagram.unit})" if diagram.unit else diagram.parameter)
     _orders(panels[0], diagram, top)
+    # dots of the full model, and what is unstable
     for full, label in zip(diagram.full, ["full model"] + [None] * len(diagram.full), strict=False):
         style = {"marker": "o", "fillstyle": "none", "color": INK, "linestyle": "none", "markersize": 5}
         inside = full.frequencies <= diagram.highest
@@ -89,7 +91,7 @@ def _orders(axes, diagram, top):
             inside = line[-1] <= top
             axes.annotate(f"{order:g}x", (out, min(line[-1], top)), (-4, 3 if inside else -3), fontsize=8, ha="right",
                           textcoords="offset points", color="#777777", va="bottom" if inside else "top")  # fmt: skip
-    critical = [item for item in diagram.critical_speeds if item.frequency <= top]
+    critical = [speed for speed in diagram.critical_speeds if speed.frequency <= top]
     if critical:
-        axes.plot([item.value for item in critical], [item.frequency for item in critical], "s", color=COLOURS[3],
+        axes.plot([speed.value for speed in critical], [speed.frequency for speed in critical], "s", color=COLOURS[3],
                   markersize=5, label="critical speed")  # fmt: skip

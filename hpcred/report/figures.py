@@ -104,9 +104,9 @@ def cut_figure(stem, t, curves, title):
     near = np.abs(t - t[worst]) <= width
     styles = zip((INK, *COLOURS), ("-", *DASHES[1:], (0, (5, 1, 1, 1, 1, 1))), strict=True)
     for (label, values), (colour, dash) in zip(curves, styles, strict=False):
-        for axes, part in ((whole, slice(None)), (cut, near)):
+        for axes, shown in ((whole, slice(None)), (cut, near)):
             thick = 2.2 if values is reference else 1.3
-            axes.plot(t[part], 1e3 * values[part], linestyle=dash, color=colour, linewidth=thick, label=label)
+            axes.plot(t[shown], 1e3 * values[shown], linestyle=dash, color=colour, linewidth=thick, label=label)
     whole.set(title=title, xlim=(t[0], t[-1]))
     whole.axvspan(t[worst] - width, t[worst] + width, color="#eeeeee", zorder=0)
     cut.set(xlabel="time (s)", xlim=(t[near][0], t[near][-1]))
@@ -193,9 +193,9 @@ def draw_responses(figure, frequencies, curves, title, errors=None, tolerance=No
     units = [unit_of_response(*names, loads) or UNKNOWN for *names, _ in curves]
     rows = 2 if errors is None else 3
     panels = figure.subplots(rows, sharex=True, height_ratios=(3, 2, 1.5)[:rows])
-    for place, ((output, given, values), unit) in enumerate(zip(curves, units, strict=True)):
+    for place, ((output, input_, values), unit) in enumerate(zip(curves, units, strict=True)):
         style = {"linestyle": DASHES[place // len(COLOURS)], "color": COLOURS[place % len(COLOURS)], "linewidth": 1.1}
-        label = f"{output}/{given}" + (f" ({unit})" if len(set(units)) > 1 else "")
+        label = f"{output}/{input_}" + (f" ({unit})" if len(set(units)) > 1 else "")
         draw_response(*panels[:2], frequencies, values, label=label, **style)
     panels[0].set_title(title, fontsize=10)
     panels[0].set_ylabel(f"|H| ({', '.join(dict.fromkeys(units))})")

@@ -363,11 +363,11 @@ def _splats(image, screen, colours, size):
     dots = np.array([dot for dot in dots if np.hypot(*dot) <= size / 2])
     light = 1.0 - 0.45 * (np.hypot(*dots.T) / (size / 2)) ** 4
     for first in range(0, len(screen), max(1, 2**21 // len(dots))):  # the later ones lie in front
-        part = slice(first, first + max(1, 2**21 // len(dots)))
-        x = np.rint(screen[part, :1] + dots[:, 0]).astype(int)
-        y = np.rint(screen[part, 1:2] + dots[:, 1]).astype(int)
+        chunk = slice(first, first + max(1, 2**21 // len(dots)))
+        x = np.rint(screen[chunk, :1] + dots[:, 0]).astype(int)
+        y = np.rint(screen[chunk, 1:2] + dots[:, 1]).astype(int)
         fits = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        image[y[fits], x[fits]] = (colours[part][:, None] * light[:, None])[fits]
+        image[y[fits], x[fits]] = (colours[chunk][:, None] * light[:, None])[fits]
 
 
 def in_hertz(frequency) -> str:

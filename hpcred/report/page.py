@@ -31,9 +31,9 @@ def render_page(page: dict, data: dict) -> str:
     environment.filters["told"] = in_words
     names = {"css": "report.css", "script": "report.js", "plotly": "plotly-basic.min.js", "three": "three.min.js"}
     environment.globals["colours"] = ", ".join(COLOUR_STOPS)
-    parts = {key: (assets / name).read_text(encoding="utf-8") for key, name in names.items()}
+    texts = {key: (assets / name).read_text(encoding="utf-8") for key, name in names.items()}
     template = environment.from_string((assets / "report.html").read_text(encoding="utf-8"))
-    return template.render(page=page, data=data | {"stops": COLOUR_STOPS}, **parts)
+    return template.render(page=page, data=data | {"stops": COLOUR_STOPS}, **texts)
 
 
 def packed(array, dtype="f8") -> dict:

@@ -34,5 +34,5 @@ def show_profile(comm, progress):
                 rows.append({"stage": stage, "": words, "event": event, "calls": int(info["count"]), "seconds": seconds,
                              "% of all": 100 * seconds / total})  # fmt: skip
     show_table("PETSc events by stage", sorted(rows, key=lambda row: -row["seconds"]))
-    stages = sorted(progress.seconds.items(), key=lambda item: -item[1])
+    stages = sorted(progress.seconds.items(), key=lambda pair: -pair[1])
     show_table("Stages", [{"stage": n, "seconds": s, "% of all": 100 * s / total} for n, s in stages if s > 0])

@@ -27,8 +27,8 @@ class Canvas:
         rows[np.abs((b[0] - ax) * (c[1] - ay) - (b[1] - ay) * (c[0] - ax)) < 1e-12] = 0  # without area
         wide = np.ptp(corners[..., 0], axis=1).clip(max=self.width) + 2
         step = (np.cumsum(rows * wide) // AT_ONCE).astype(int)  # a bound of the pixels
-        for part in np.split(np.arange(len(triangles)), np.flatnonzero(np.diff(step)) + 1):
-            self._fill(corners[part], low[part], rows[part], part)
+        for group in np.split(np.arange(len(triangles)), np.flatnonzero(np.diff(step)) + 1):
+            self._fill(corners[group], low[group], rows[group], group)
 
     def _fill(self, corners, low, rows, numbers):
         """Triangles (t, 3, 3) from their first row of pixels `low` (t,) on, so many `rows` (t,) of each."""
@@ -40,8 +40,8 @@ class Canvas:
         # the weights of the corners are linear in x: values below the first corner, and slopes
         values = np.stack([-down * c[:, 0] / double, down * b[:, 0] / double])
         slopes = np.stack([c[:, 1] / double, -b[:, 1] / double])
-        depth, change = (sum(part * z for part, z in zip(parts, (b[:, 2], c[:, 2]), strict=True))
-                         for parts in (values, slopes))  # fmt: skip
+        depth, change = (sum(weight * z for weight, z in zip(weights, (b[:, 2], c[:, 2]), strict=True))
+                         for weights in (values, slopes))  # fmt: skip
         left, right = np.zeros(len(y)), np.full(len(y), self.width - 1.0)
         for value, slope in zip([*values, 1 - values.sum(axis=0)], [*slopes, -slopes.sum(axis=0)], strict=True):
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -75,9 +75,9 @@ class Canvas:
         step = max(1, AT_ONCE // max(int(count.max(initial=1)), 1))
         order = np.argsort(count)  # lines of about the same length together
         for first in range(0, len(order), step):
-            part = order[first : first + step]
-            along = np.linspace(0, 1, int(count[part].max()))
-            place = ends[part, 0, None] + along[None, :, None] * (ends[part, 1] - ends[part, 0])[:, None]
+            chunk = order[first : first + step]
+            along = np.linspace(0, 1, int(count[chunk].max()))
+            place = ends[chunk, 0, None] + along[None, :, None] * (ends[chunk, 1] - ends[chunk, 0])[:, None]
             self._stamp(shown, place.reshape(-1, 3), width, towards)
         return shown
 

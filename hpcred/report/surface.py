@@ -41,7 +41,7 @@ def surface_of(points, cells: dict) -> DrawnSurface:
         none = np.zeros((0, 2), dtype=int)
         return DrawnSurface(points, np.arange(len(points)), np.zeros((0, 3), dtype=int), none, none, len(points))
     used = np.unique(np.concatenate([triangles.ravel(), lines.ravel()]))
-    triangles, sides, outline, axes = (np.searchsorted(used, part) for part in (triangles, sides, outline, lines))
+    triangles, sides, outline, axes = (np.searchsorted(used, numbers) for numbers in (triangles, sides, outline, lines))
     tube_points, tube_owner, tube_triangles = _tubes(points[used], axes)
     return DrawnSurface(
         np.concatenate([points[used], tube_points]), np.concatenate([used, used[tube_owner]]),
@@ -81,9 +81,9 @@ def _through_middles(pairs, middle):
 
 
 def _lines(cells):
-    parts = [np.asarray(nodes)[:, list(pair)] for kind, nodes in cells.items() if kind not in FACES
+    pairs = [np.asarray(nodes)[:, list(pair)] for kind, nodes in cells.items() if kind not in FACES
              for pair in (edges(kind) if kind != "vertex" else ())]  # fmt: skip
-    return np.concatenate([np.zeros((0, 2), dtype=int), *parts])
+    return np.concatenate([np.zeros((0, 2), dtype=int), *pairs])
 
 
 def _tubes(points, axes):
@@ -126,11 +126,11 @@ def thinned(surface: DrawnSurface, most: int) -> DrawnSurface:
     order = np.lexsort((np.linalg.norm(surface.points - middle[group], axis=1), group))
     kept = order[np.concatenate([[True], np.diff(group[order]) > 0])]
 
-    def mapped(parts):
-        parts = group[parts]
-        ends = np.sort(parts, axis=1)
-        parts = parts[(np.diff(ends, axis=1) > 0).all(axis=1)]
-        return parts[np.unique(np.sort(parts, axis=1), axis=0, return_index=True)[1]]
+    def mapped(joined):
+        joined = group[joined]
+        ends = np.sort(joined, axis=1)
+        joined = joined[(np.diff(ends, axis=1) > 0).all(axis=1)]
+        return joined[np.unique(np.sort(joined, axis=1), axis=0, return_index=True)[1]]
 
     return replace(
         surface, points=surface.points[kept], nodes=surface.nodes[kept], triangles=mapped(surface.triangles),

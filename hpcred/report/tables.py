@@ -70,11 +70,11 @@ def _width(column, rows, most, head) -> int:
 def told_apart(names: list[str]) -> list[str]:
     """Return names of runs (see settings.sweep_file) by what tells them apart: basis-modal_order-1 among orders is 1,
     among bases and orders modal_1. Names of other forms stay as they are."""
-    parts = [[part.partition("-") for part in name.split("_")] for name in names]
-    if len({tuple(key for key, _, _ in row) for row in parts}) > 1 or len(set(names)) < 2:
+    settings = [[word.partition("-") for word in name.split("_")] for name in names]
+    if len({tuple(key for key, _, _ in row) for row in settings}) > 1 or len(set(names)) < 2:
         return names
-    differing = [k for k, column in enumerate(zip(*parts, strict=True)) if len(set(column)) > 1]
-    return ["_".join(row[k][2] or row[k][0] for k in differing) for row in parts]
+    differing = [k for k, column in enumerate(zip(*settings, strict=True)) if len(set(column)) > 1]
+    return ["_".join(row[k][2] or row[k][0] for k in differing) for row in settings]
 
 
 def _numeric(column, rows):
@@ -89,7 +89,7 @@ def _widest_word(column, rows) -> int:
 
 def _whole_units(head) -> str:
     """Return a head whose texts in parentheses have blanks at which it is not parted."""
-    return re.sub(r"\([^()]*\)", lambda found: found[0].replace(" ", NO_BREAK), head)
+    return re.sub(r"\([^()]*\)", lambda match: match[0].replace(" ", NO_BREAK), head)
 
 
 def _show(widths, rows):
@@ -122,11 +122,11 @@ def _cell(value) -> str:
 def in_words(value) -> str:
     """Return a number, text, list or dict of a report in a line."""
     if isinstance(value, dict):
-        return ", ".join(f"{key} {in_words(item)}" for key, item in value.items())
+        return ", ".join(f"{key} {in_words(entry)}" for key, entry in value.items())
     if isinstance(value, list):
         if not value:
             return "none"
-        return ("; " if isinstance(value[0], list) else ", ").join(in_words(item) for item in value)
+        return ("; " if isinstance(value[0], list) else ", ").join(in_words(entry) for entry in value)
     if value is None or value != value:  # NaN
         return "not known"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
@@ -146,9 +146,9 @@ def as_json(data) -> str:
 
 def _finite(data):
     if isinstance(data, dict):
-        return {key: _finite(item) for key, item in data.items()}
+        return {key: _finite(entry) for key, entry in data.items()}
     if isinstance(data, (list, tuple)):
-        return [_finite(item) for item in data]
+        return [_finite(entry) for entry in data]
     return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
@@ -157,33 +157,33 @@ def show_timing(timing: Timing, factorisations=()):
     if MPI.COMM_WORLD.rank:
         return
     # stages, the longest first
-    parts = sorted(timing.seconds.items(), key=lambda item: -item[1])
+    spent = sorted(timing.seconds.items(), key=lambda entry: -entry[1])
     total = timing.elapsed
-    listed = ", ".join(f"{name} {value:.2f} s ({100 * value / total:.0f} %)" for name, value in parts if value > 0)
+    listed = ", ".join(f"{name} {value:.2f} s ({100 * value / total:.0f} %)" for name, value in spent if value > 0)
     say(f"time {total:.2f} s: {listed}; at most {max(timing.memory_mb_per_rank):.0f} MB a rank")
     # within these, multigrid
-    rest = [item for item in factorisations if not item.direct]
+    rest = [entry for entry in factorisations if not entry.direct]
     if rest:
         keys = ("factor_seconds", "solve_seconds")
-        parts = [sum(getattr(item, key) for item in rest) for key in keys]
+        spent = [sum(getattr(entry, key) for entry in rest) for key in keys]
         say(
-            f"multigrid {sum(parts):.2f} s of it ({100 * sum(parts) / total:.0f} %): levels {parts[0]:.2f} s, solves "
-            f"{parts[1]:.2f} s for {sum(item.columns_solved for item in rest)} columns; levels of "
-            f"{max(item.memory_mb_used_max_rank for item in rest)} MB a rank"
+            f"multigrid {sum(spent):.2f} s of it ({100 * sum(spent) / total:.0f} %): levels {spent[0]:.2f} s, solves "
+            f"{spent[1]:.2f} s for {sum(entry.columns_solved for entry in rest)} columns; levels of "
+            f"{max(entry.memory_mb_used_max_rank for entry in rest)} MB a rank"
         )
     # and the direct solver, whose memory is the largest of all factors
-    factorisations = [item for item in factorisations if item.direct]
+    factorisations = [entry for entry in factorisations if entry.direct]
     if factorisations:
         keys = ("analysis_seconds", "factor_seconds", "solve_seconds")
-        parts = [sum(getattr(item, key) for item in factorisations) for key in keys]
-        used = max(item.memory_mb_used_max_rank for item in factorisations)
+        spent = [sum(getattr(entry, key) for entry in factorisations) for key in keys]
+        used = max(entry.memory_mb_used_max_rank for entry in factorisations)
         last = factorisations[-1]
         where = "a rank" if last.package != "cudss" else "of the GPU and the host" if last.in_host else "of the GPU"
         memory = f"; {used} MB {where}" if used else ""
         if last.package == "cudss" or last.gpu_failed:
             memory += f" ({last.package_because})" if last.package_because else ""
         say(
-            f"{NAMES.get(last.package, last.package)} {sum(parts):.2f} s of it "
-            f"({100 * sum(parts) / total:.0f} %): analysis {parts[0]:.2f} s, factorisations {parts[1]:.2f} s, solves "
-            f"{parts[2]:.2f} s{memory}"
+            f"{NAMES.get(last.package, last.package)} {sum(spent):.2f} s of it "
+            f"({100 * sum(spent) / total:.0f} %): analysis {spent[0]:.2f} s, factorisations {spent[1]:.2f} s, solves "
+            f"{spent[2]:.2f} s{memory}"
         )

@@ -189,9 +189,9 @@ class Job:
         check_file_names(
             model=self.model, output=self.output, inputs=self.inputs, outputs=self.outputs,
             out_of_core=self.out_of_core, store=self.store,
-            **{f"interface '{item.name}': nodes": item.nodes for item in self.interface},
-            **{f"load '{item.name}': file": item.file for item in self.load if hasattr(item, "file")},
-            **{f"geometric_stiffness '{item.state}': {key}": getattr(item, key) for item in self.loaded_states
+            **{f"interface '{table.name}': nodes": table.nodes for table in self.interface},
+            **{f"load '{table.name}': file": table.file for table in self.load if hasattr(table, "file")},
+            **{f"geometric_stiffness '{table.state}': {key}": getattr(table, key) for table in self.loaded_states
                for key in FILES_OF_STATE},
         )  # fmt: skip
         # keys by themselves
@@ -219,9 +219,10 @@ class Job:
             )
         # parameters, and what belongs to them only
         if self.parameter or self.term:
-            check_terms(self.parameter, [item.with_matrix(None) for item in self.term])
+            check_terms(self.parameter, [table.with_matrix(None) for table in self.term])
             checked_values(self.parameter, self.at)
-            if self.geometric_stiffness and not self.at and any(item.with_matrix(None).of == "K" for item in self.term):
+            of_K = any(table.with_matrix(None).of == "K" for table in self.term)
+            if self.geometric_stiffness and not self.at and of_K:
                 raise InputError(
                     "geometric_stiffness: found it beside terms of K, on which the stress under a load depends; leave "
                     "it out, or reduce at one value by `at`"
@@ -259,28 +260,28 @@ class Job:
         return self._part(Factoring)
 
     def _part(self, kind):
-        return kind(**{item.name: getattr(self, item.name) for item in fields(kind)})
+        return kind(**{setting.name: getattr(self, setting.name) for setting in fields(kind)})
 
     @property
     def preferred_scalar(self) -> str:
         """The PETSc build that fits: complex where a component needs a complex A(s)."""
         damped = bool(self.viscoelastic) or not isinstance(self.damping, NoDamping | None)
-        return "complex" if any(item.complex_shift(damped) for item in self.basis) else "real"
+        return "complex" if any(component.complex_shift(damped) for component in self.basis) else "real"
 
     @property
     def files(self) -> list[str]:
         """All files that the run reads."""
         model = [self.model] if isinstance(self.model, str) else self.model.files
-        named = (self.inputs, self.outputs, *(item.nodes for item in self.interface),
-                 *(getattr(item, "file", None) for item in (*self.load, *self.term, *self.viscoelastic)),
-                 *(getattr(item, key) for item in self.loaded_states for key in FILES_OF_STATE))  # fmt: skip
-        return list(dict.fromkeys([*model, *(item for item in named if isinstance(item, str))]))
+        named = (self.inputs, self.outputs, *(entry.nodes for entry in self.interface),
+                 *(getattr(entry, "file", None) for entry in (*self.load, *self.term, *self.viscoelastic)),
+                 *(getattr(entry, key) for entry in self.loaded_states for key in FILES_OF_STATE))  # fmt: skip
+        return list(dict.fromkeys([*model, *(entry for entry in named if isinstance(entry, str))]))
 
 
 def _check_targets(key, targets):
     if isinstance(targets, str) and (target := target_of(targets)) and isinstance(target, tuple):
-        found = f"found '{targets}', expected a list such as [{list(target)}], or the name of a matrix file"
-        raise InputError(f"{key}: {found}")
+        sentence = f"found '{targets}', expected a list such as [{list(target)}], or the name of a matrix file"
+        raise InputError(f"{key}: {sentence}")
     if targets is None or isinstance(targets, str):
         return
     if not targets:
@@ -334,13 +335,13 @@ def _with_folder(job, folder):
         **{key: at(name) for key, name in asdict(job.model).items()}
     )  # fmt: skip
     moved = {key: at(getattr(job, key)) for key in PLACES}
-    interface = tuple(replace(item, nodes=at(item.nodes)) for item in job.interface)
-    load, term = (tuple(replace(item, file=at(item.file)) if hasattr(item, "file") else item for item in items)
-                  for items in (job.load, job.term))  # fmt: skip
-    moved["viscoelastic"] = tuple(replace(item, file=at(item.file)) for item in job.viscoelastic)
+    interface = tuple(replace(entry, nodes=at(entry.nodes)) for entry in job.interface)
+    load, term = (tuple(replace(entry, file=at(entry.file)) if hasattr(entry, "file") else entry for entry in entries)
+                  for entries in (job.load, job.term))  # fmt: skip
+    moved["viscoelastic"] = tuple(replace(entry, file=at(entry.file)) for entry in job.viscoelastic)
     if job.loaded_states:
         moved["geometric_stiffness"] = tuple(
-            replace(item, **{key: at(getattr(item, key)) for key in FILES_OF_STATE}) for item in job.loaded_states
+            replace(entry, **{key: at(getattr(entry, key)) for key in FILES_OF_STATE}) for entry in job.loaded_states
         )
     return replace(job, model=model, interface=interface, load=load, term=term, **moved)
 
@@ -357,14 +358,14 @@ def plain(job: Job) -> dict:
             table[key] = absolute(table[key])
     if isinstance(table["model"], dict):
         table["model"] = {key: absolute(name) for key, name in table["model"].items()}
-    for item in table["interface"]:
-        item["nodes"] = absolute(item["nodes"])
-    for item in [*table["load"], *table["term"]]:
-        if "file" in item:
-            item["file"] = absolute(item["file"])
-    for item in table["viscoelastic"]:
-        item["file"] = absolute(item["file"])
+    for entry in table["interface"]:
+        entry["nodes"] = absolute(entry["nodes"])
+    for entry in [*table["load"], *table["term"]]:
+        if "file" in entry:
+            entry["file"] = absolute(entry["file"])
+    for entry in table["viscoelastic"]:
+        entry["file"] = absolute(entry["file"])
     if job.loaded_states:
-        for item in table["geometric_stiffness"]:
-            item |= {key: absolute(item[key]) for key in FILES_OF_STATE}
+        for entry in table["geometric_stiffness"]:
+            entry |= {key: absolute(entry[key]) for key in FILES_OF_STATE}
     return table

@@ -41,10 +41,10 @@ class MachineJob:
     __pydantic_config__ = CONFIG
 
     def __post_init__(self):
-        check_file_names(output=self.output, **{f"body[{k}].result": item.result for k, item in enumerate(self.body)},
-                         **{f"joint[{k}].table": getattr(item, "table", None) for k, item in enumerate(self.joint)})
+        check_file_names(output=self.output, **{f"body[{k}].result": entry.result for k, entry in enumerate(self.body)},
+                         **{f"joint[{k}].table": getattr(entry, "table", None) for k, entry in enumerate(self.joint)})
         check_machine(self.band, self.tolerance, self.inputs, self.outputs)
-        if not self.write_basis and any(item.kind == "measured" for item in self.body):
+        if not self.write_basis and any(entry.kind == "measured" for entry in self.body):
             raise InputError("write_basis: a machine with measured bodies has no basis; leave it out")
         if not self.body:
             raise InputError("body: found none, expected at least one table [[body]]")
@@ -67,7 +67,7 @@ def read_machine(path, overrides=()) -> MachineJob:
         job = parse(MachineJob, table)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    bodies = tuple(replace(item, result=str(path.parent / item.result)) for item in job.body)
-    joints = tuple(replace(item, table=str(path.parent / item.table)) if getattr(item, "table", None) else item
-                   for item in job.joint)  # fmt: skip
+    bodies = tuple(replace(entry, result=str(path.parent / entry.result)) for entry in job.body)
+    joints = tuple(replace(entry, table=str(path.parent / entry.table)) if getattr(entry, "table", None) else entry
+                   for entry in job.joint)  # fmt: skip
     return replace(job, body=bodies, joint=joints, output=str(path.parent / job.output))

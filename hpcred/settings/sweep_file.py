@@ -298,9 +298,9 @@ class Sweep:
 def _by_contents(value, contents):
     """Plain types with the contents in place of the names of files."""
     if isinstance(value, dict):
-        return {key: _by_contents(item, contents) for key, item in value.items()}
+        return {key: _by_contents(entry, contents) for key, entry in value.items()}
     if isinstance(value, list):
-        return [_by_contents(item, contents) for item in value]
+        return [_by_contents(entry, contents) for entry in value]
     return ("contents", contents[value]) if isinstance(value, str) and value in contents else value
 
 
@@ -353,9 +353,9 @@ def _runs(file, base, base_folder, folder):
             table["output"] = "result.h5"
             job = job_from(table, base_folder, folder / f"{name}.h5")
             job.factoring  # noqa: B018  (refused early)
-            for given in job.files:
-                if not Path(given).is_file():
-                    raise InputError(f"{given}: no such file")
+            for named in job.files:
+                if not Path(named).is_file():
+                    raise InputError(f"{named}: no such file")
         except InputError as error:
             raise InputError(f"run {name}: {error}") from error
         runs.append(SweepRun(name, changes, labels, job))
@@ -415,8 +415,8 @@ def _label(value, number) -> str:
         return str(value).lower()
     if isinstance(value, float):
         return f"{value:.6g}"
-    if isinstance(value, list) and not any(isinstance(item, (dict, list)) for item in value):
-        return "-".join(_label(item, number) for item in value)
+    if isinstance(value, list) and not any(isinstance(entry, (dict, list)) for entry in value):
+        return "-".join(_label(entry, number) for entry in value)
     return str(number) if isinstance(value, (dict, list)) else str(value)
 
 
@@ -431,8 +431,8 @@ def _pairs(labels, keys=None):
         yield f"{short}-{label}"
 
 
-def _file_name(parts) -> str:
-    name = re.sub(r"[^\w.+-]+", "_", "_".join(parts)).strip("._")
+def _file_name(words) -> str:
+    name = re.sub(r"[^\w.+-]+", "_", "_".join(words)).strip("._")
     if not name or len(name) > 150:
         raise InputError(f"vary: the name '{name}' of a result is no good; give `names` for the values")
     return name

@@ -20,17 +20,17 @@ from .toml_file import CONFIG, parse, table_around
 def numbers(text, option):
     """Finite numbers separated by commas."""
     try:
-        found = [float(part) for part in text.split(",")] if text else []
+        values = [float(word) for word in text.split(",")] if text else []
     except ValueError as error:
         raise InputError(f"{option}: found '{text[:80]}', expected numbers separated by commas") from error
-    within(option, found, ANYTHING)
-    return found
+    within(option, values, ANYTHING)
+    return values
 
 
 def targets(text, option):
     """Dof numbers and node:direction pairs, as outputs also their velocities and accelerations, separated by commas."""
     try:
-        return [_target(part.strip()) for part in text.split(",")]
+        return [_target(word.strip()) for word in text.split(",")]
     except ValueError as error:
         rates = ", or velocity 20:z, acceleration dof 115" if option == "--outputs" else ""
         expected = f"such as 20:z,1:x or dof numbers 115,1{rates}"
@@ -53,10 +53,10 @@ def labels(text, _option):
 
 def whole_numbers(text, option):
     """Whole numbers from 1 separated by commas."""
-    found = numbers(text, option)
-    if not all(number % 1 == 0 and 1 <= number <= COUNT[1] for number in found):
+    values = numbers(text, option)
+    if not all(number % 1 == 0 and 1 <= number <= COUNT[1] for number in values):
         raise InputError(f"{option}: found '{text[:80]}', expected whole numbers from 1 separated by commas")
-    return [int(number) for number in found]
+    return [int(number) for number in values]
 
 
 def amount(text, option, units):
@@ -107,15 +107,15 @@ def factoring(out_of_core, low_rank, package):
 
 def frame(text, option):
     """A reference frame from none, buckens, tangent:7 or chord:1,7,14:yxz."""
-    kind, *parts = text.split(":")
+    kind, *details = text.split(":")
     try:
-        if kind in ("none", "buckens") and not parts:
+        if kind in ("none", "buckens") and not details:
             return Buckens() if kind == "buckens" else NoFrame()
-        if kind == "tangent" and len(parts) == 1:
-            return Tangent(node=int(parts[0]))
-        if kind == "chord" and len(parts) in (1, 2):
-            first, second, third = (int(node) for node in parts[0].split(","))
-            return Chord(nodes=(first, second, third), axes=parts[1] if parts[1:] else None)
+        if kind == "tangent" and len(details) == 1:
+            return Tangent(node=int(details[0]))
+        if kind == "chord" and len(details) in (1, 2):
+            first, second, third = (int(node) for node in details[0].split(","))
+            return Chord(nodes=(first, second, third), axes=details[1] if details[1:] else None)
     except ValueError as error:
         if isinstance(error, InputError):
             raise
@@ -137,20 +137,20 @@ def damping(text, option):
 
 def parameters(text, option):
     """Values of parameters by name, from such as omega=300,stiffness=1.2."""
-    pairs = [part.partition("=") for part in text.split(",")]
-    found = {key.strip(): numbers(value, option) for key, _, value in pairs}
-    if not all(found) or not all(map(len, found.values())) or len(found) < len(pairs):
+    pairs = [pair.partition("=") for pair in text.split(",")]
+    values = {key.strip(): numbers(value, option) for key, _, value in pairs}
+    if not all(values) or not all(map(len, values.values())) or len(values) < len(pairs):
         raise InputError(f"{option}: found '{text[:80]}', expected such as omega=300,stiffness=1.2")
-    return {key: value[0] for key, value in found.items()}
+    return {key: value[0] for key, value in values.items()}
 
 
 def names(text, option):
     """Names by K, M, D, B, C, Cv, Ca, from such as K=kaa,M=maa."""
-    pairs = [part.partition("=") for part in text.split(",")]
-    found = {key.strip(): name.strip() for key, _, name in pairs}
-    if not all(found.values()) or not set(found) <= {*"KMDBC", "Cv", "Ca"} or len(found) < len(pairs):
+    pairs = [pair.partition("=") for pair in text.split(",")]
+    named = {key.strip(): name.strip() for key, _, name in pairs}
+    if not all(named.values()) or not set(named) <= {*"KMDBC", "Cv", "Ca"} or len(named) < len(pairs):
         raise InputError(f"{option}: found '{text}', expected such as K=nas.kaa,M=nas.maa (K, M, D, B, C, Cv or Ca)")
-    return found
+    return named
 
 
 @dataclass(frozen=True, kw_only=True)

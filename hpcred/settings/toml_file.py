@@ -79,7 +79,7 @@ def parse(kind, table: dict):
             raise InputError(f"{stray[0]}: {_not_in_locale(stray[1])}") from error
         # of several mistakes the deepest: of the kinds of value that a key takes, the one that was meant
         meant = (UNKNOWN, "value_error")
-        details = max(error.errors(), key=lambda item: (len(item["loc"]), item["type"] in meant))
+        details = max(error.errors(), key=lambda problem: (len(problem["loc"]), problem["type"] in meant))
         raise InputError(_sentence(kind, table, details)) from error
     _refuse_blank(settings, "")
     return settings
@@ -92,9 +92,9 @@ def _refuse_blank(settings, where):
         if is_blank(value) and NoneType in get_args(plain_type(kind)):
             raise InputError(f"{where}{key}: found an empty text, expected {_expected(_of_values(kind))}; leave it out "
                              "where there is none")  # fmt: skip
-        for k, item in enumerate(value if isinstance(value, tuple) else (value,)):
-            if is_dataclass(item):
-                _refuse_blank(item, f"{where}{key}{f'[{k}]' if isinstance(value, tuple) else ''}.")
+        for k, entry in enumerate(value if isinstance(value, tuple) else (value,)):
+            if is_dataclass(entry):
+                _refuse_blank(entry, f"{where}{key}{f'[{k}]' if isinstance(value, tuple) else ''}.")
 
 
 def table_around(key, text: str, examples) -> dict:
@@ -130,19 +130,19 @@ def _stray_text(value, key="") -> tuple[str, str] | None:
     if isinstance(value, str):
         return (key or "--set", value) if STRAY.search(value) else None
     if isinstance(value, dict):
-        items = [(f"{key}.{name}" if key else name, item) for name, item in value.items()]
-        items += [(key, name) for name in value]
+        entries = [(f"{key}.{name}" if key else name, entry) for name, entry in value.items()]
+        entries += [(key, name) for name in value]
     else:
-        items = [(f"{key}[{k}]", item) for k, item in enumerate(value)] if isinstance(value, list) else []
-    return next((place for name, item in items if (place := _stray_text(item, name)) is not None), None)
+        entries = [(f"{key}[{k}]", entry) for k, entry in enumerate(value)] if isinstance(value, list) else []
+    return next((place for name, entry in entries if (place := _stray_text(entry, name)) is not None), None)
 
 
 def require_kind(path, table, key):
     """Raise InputError for the file of another command: one without `key`, and with the key of another."""
-    other = next((item for item in COMMANDS if item in table), None)
+    other = next((word for word in COMMANDS if word in table), None)
     if key not in table and other is not None:
-        what, command = MACHINE if isinstance(table[other], list) else COMMANDS[other]
-        raise InputError(f"{path}: found {what}, which `hpcred {command}` reads; expected {COMMANDS[key][0]}, with a "
+        kind, command = MACHINE if isinstance(table[other], list) else COMMANDS[other]
+        raise InputError(f"{path}: found {kind}, which `hpcred {command}` reads; expected {COMMANDS[key][0]}, with a "
                          f"key {key}")  # fmt: skip
 
 
@@ -154,30 +154,30 @@ def _sentence(kind, table, details) -> str:
     if details["type"] == "value_error":
         return str(details["ctx"]["error"])
     top = types_of(kind)
-    where, kind, found, names = _place(kind, table, details["loc"])
+    where, kind, value, names = _place(kind, table, details["loc"])
     if details["type"] == UNKNOWN:
         key = details["loc"][-1]
         if where != key and key in top:
             return f"{where[:40]}: '{key}' is a key of the whole file; write it above the first table"
         return f"{where[:40]}: unknown key{nearest(key, names)}; known are {', '.join(names) or 'none'}"
     if details["type"].startswith("union_tag"):
-        kinds = {_kind_of(item): item for item in get_args(kind)}
-        if "kind" not in found:
+        kinds = {_kind_of(choice): choice for choice in get_args(kind)}
+        if "kind" not in value:
             return f"{where}.kind: missing; expected one of {', '.join(kinds)}"
         return (
-            f"{where}.kind: found {found['kind']!r}, expected one of {', '.join(kinds)}{nearest(found['kind'], kinds)}"
+            f"{where}.kind: found {value['kind']!r}, expected one of {', '.join(kinds)}{nearest(value['kind'], kinds)}"
         )
-    if found is _MISSING:
+    if value is _MISSING:
         return f"{where}: missing; expected {_expected(kind)}"
-    if isinstance(found, dict) and get_origin(kind) is tuple and _dataclass_of(plain_type(get_args(kind)[0]), {}):
+    if isinstance(value, dict) and get_origin(kind) is tuple and _dataclass_of(plain_type(get_args(kind)[0]), {}):
         return f"{where}: found a single table, expected a list of tables; write [[{where}]] in place of [{where}]"
     finite = " that is finite" if details["type"] == "finite_number" else ""
-    named = found in [_kind_of(item) for item in get_args(kind) if is_dataclass(item)]  # frame = "buckens"
-    such = f", such as {{kind = '{found}'}}" if named else meant_by(found, kind)
-    return f"{where}: found {_as_toml(found)}, expected {_expected(kind)}{finite}{such}"
+    named = value in [_kind_of(choice) for choice in get_args(kind) if is_dataclass(choice)]  # frame = "buckens"
+    such = f", such as {{kind = '{value}'}}" if named else meant_by(value, kind)
+    return f"{where}: found {_as_toml(value)}, expected {_expected(kind)}{finite}{such}"
 
 
-def _place(kind, found, steps):
+def _place(kind, value, steps):
     """The key at which the steps of pydantic end, its type, its value, and the keys beside it.
 
     Inside of a list of numbers or texts it is the key of the list; pydantic's words for kinds of values are no keys.
@@ -185,36 +185,36 @@ def _place(kind, found, steps):
     where, names = "", []
     for step in steps:
         kind = _of_values(kind)
-        if isinstance(found, dict):
-            if named := [item for item in _dataclasses(kind) if item.__name__ == step]:  # which pydantic chose
+        if isinstance(value, dict):
+            if named := [choice for choice in _dataclasses(kind) if choice.__name__ == step]:  # which pydantic chose
                 kind = named[0]
                 continue
-            table = _dataclass_of(kind, found)
-            if table is None or (step not in found and step not in types_of(table)):
+            table = _dataclass_of(kind, value)
+            if table is None or (step not in value and step not in types_of(table)):
                 continue
             names = list(types_of(table))
             names.sort(key=lambda name: name != "kind")  # which says what the others are
             where = f"{where}.{step}" if where else step
-            kind, found = types_of(table).get(step), found.get(step, _MISSING)
-        elif isinstance(found, list) and isinstance(step, int) and (item := _of_items(kind)) is not None:
-            if _dataclass_of(plain_type(item), {}) is None or not (isinstance(found[step], dict) or item is kind):
+            kind, value = types_of(table).get(step), value.get(step, _MISSING)
+        elif isinstance(value, list) and isinstance(step, int) and (choice := _of_items(kind)) is not None:
+            if _dataclass_of(plain_type(choice), {}) is None or not (isinstance(value[step], dict) or choice is kind):
                 break
-            where, kind, found = f"{where}[{step}]", item, found[step]
-        elif not (isinstance(step, str) and _of_items(kind) is not None and isinstance(found, list)):
+            where, kind, value = f"{where}[{step}]", choice, value[step]
+        elif not (isinstance(step, str) and _of_items(kind) is not None and isinstance(value, list)):
             break
-    return where, _of_values(kind), found, names
+    return where, _of_values(kind), value, names
 
 
 def _of_items(kind):
     """The type of the items of a list, also where a list is one of several kinds of value; else None."""
-    parts = [part for part in (kind, *get_args(kind)) if get_origin(part) is tuple and ... in get_args(part)]
-    return plain_type(get_args(parts[0])[0]) if parts else None
+    lists = [choice for choice in (kind, *get_args(kind)) if get_origin(choice) is tuple and ... in get_args(choice)]
+    return plain_type(get_args(lists[0])[0]) if lists else None
 
 
 def _of_values(kind):
     """A type without what Annotated says of it, and without None."""
     kind = plain_type(kind)
-    others = [item for item in get_args(kind) if item is not NoneType]
+    others = [choice for choice in get_args(kind) if choice is not NoneType]
     return plain_type(others[0]) if NoneType in get_args(kind) and len(others) == 1 else kind
 
 
@@ -222,10 +222,10 @@ def _kind_of(table) -> str | None:
     return getattr(table, "kind", None)
 
 
-def _dataclass_of(kind, found):
+def _dataclass_of(kind, value):
     """The dataclass that a table is meant for, or None; the first one where its key `kind` does not tell."""
     tables = _dataclasses(kind)
-    fitting = [item for item in tables if "kind" in found and _kind_of(item) == found["kind"]]
+    fitting = [choice for choice in tables if "kind" in value and _kind_of(choice) == value["kind"]]
     return next(iter(fitting or tables), None)
 
 
@@ -233,8 +233,8 @@ def _dataclasses(kind) -> list:
     """A dataclass, or those of several kinds of value, also where Annotated says more of them."""
     if is_dataclass(kind):
         return [kind]
-    parts = [plain_type(item) for item in get_args(kind)]
-    return [table for item in parts for table in (item, *map(plain_type, get_args(item))) if is_dataclass(table)]
+    choices = [plain_type(each) for each in get_args(kind)]
+    return [table for each in choices for table in (each, *map(plain_type, get_args(each))) if is_dataclass(table)]
 
 
 def _expected(kind) -> str:
@@ -245,7 +245,7 @@ def _expected(kind) -> str:
 def _as_toml(value):
     """A value as TOML has it, the beginning of a long one."""
     if isinstance(value, list):
-        text = "[" + ", ".join(_as_toml(item) for item in value[:8]) + ("" if len(value) <= 8 else ", ...") + "]"
+        text = "[" + ", ".join(_as_toml(entry) for entry in value[:8]) + ("" if len(value) <= 8 else ", ...") + "]"
     else:
         text = _item(value)
     return text if len(text) <= 80 else text[:77] + "..."
@@ -272,32 +272,32 @@ def override(table, text):
 
 def put(table: dict, key: str, value):
     """Put a value at the place "a.b.0.c" of nested tables and lists, in place of what is there. Raises InputError."""
-    *path, last = parts = key.strip().split(".")
-    if not all(map(str.strip, parts)):
+    *path, last = steps = key.strip().split(".")
+    if not all(map(str.strip, steps)):
         raise InputError(f"found the key {key[:80]!r}, expected names and numbers with a dot between two of them, such "
                          "as basis.0.order")  # fmt: skip
     try:
-        for part in path:
-            table = table[_place_in(part)] if isinstance(table, list) else table.setdefault(part, {})
+        for step in path:
+            table = table[_place_in(step)] if isinstance(table, list) else table.setdefault(step, {})
         table[_place_in(last) if isinstance(table, list) else last] = value
     except (AttributeError, IndexError, TypeError, ValueError) as error:
         raise InputError(f"the job has no place '{key[:80]}'") from error
 
 
-def _place_in(part) -> int:
+def _place_in(step) -> int:
     """The place in a list, from 0. Raises ValueError for other words."""
-    if not re.fullmatch("[0-9]{1,9}", part):
-        raise ValueError(part)
-    return int(part)
+    if not re.fullmatch("[0-9]{1,9}", step):
+        raise ValueError(step)
+    return int(step)
 
 
 def as_value(value) -> str:
     """A value as TOML in one line: texts, numbers, lists and tables, without the keys of a table that are None."""
     if isinstance(value, dict):
-        items = (f"{_as_key(key)} = {as_value(item)}" for key, item in value.items() if item is not None)
-        return "{" + ", ".join(items) + "}"
+        entries = (f"{_as_key(key)} = {as_value(entry)}" for key, entry in value.items() if entry is not None)
+        return "{" + ", ".join(entries) + "}"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(as_value(item) for item in value) + "]"
+        return "[" + ", ".join(as_value(entry) for entry in value) + "]"
     if isinstance(value, str):  # JSON leaves one character as it is that TOML does not take
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return str(value).lower() if isinstance(value, bool) else repr(value)

@@ -8,7 +8,7 @@ in quasi-velocities,
 
 in which M(q) is exact for a displacement field linear in q, so that a free undamped body keeps energy and momentum.
 Constraints are added with multipliers on velocity level, as an index-2 system (Section 5.2 of the paper). The
-multipliers are the derivatives of unknown impulses, whose error the integrator controls like that of the motion. Loads,
+multipliers are the rates of unknown impulses, whose error the integrator controls like that of the motion. Loads,
 springs and constraints act on nodes by B (6, 6 + m), which maps (v, w, u) to the velocity and angular velocity of a
 node; see joints for its kinematics. Viscoelastic parts of Maxwell's law add c L (L^T q - x) to K q, and states x, the
 displacements of dashpots, with x' = (L^T q - x) / time (see reduction.result.maxwell_states).
@@ -93,13 +93,13 @@ class FlexibleBody:
         ends = np.cumsum([0, 3, 4, self.size, 6 + self.size, self.multipliers, 3]).tolist()
         self._parts = [slice(first, last) for first, last in zip(ends, [*ends[1:], None], strict=True)]
         self.elements = elements or MaxwellStates(np.zeros((self.size, 0)), np.zeros(0), np.zeros(0))
-        self._shapes = {item.shape.node: item.shape for item in (*loads, *springs, *holds)}
+        self._shapes = {load.shape.node: load.shape for load in (*loads, *springs, *holds)}
 
     # The state y: r, p, q | v, w, u | impulses of constraints | work of loads and of drives, losses | dashpots
     def split(self, y):
         """Return views r, p, q, z = (v, w, u), impulses, energies and displacements of dashpots of a state (size, ...);
         of y', multipliers and powers."""
-        return [y[part] for part in self._parts]
+        return [y[rows] for rows in self._parts]
 
     def node_motions(self, r, A, q) -> dict:
         """Return the NodeMotion of every node with a load, spring or constraint, by number."""
@@ -162,8 +162,8 @@ class FlexibleBody:
 
     def gaps(self, t, motions):
         """Return how far (c,) the held nodes are from where they are to be, in m and rad."""
-        parts = [hold.gap(t, motions[hold.shape.node].x, motions[hold.shape.node].R) for hold in self.holds]
-        return np.concatenate([np.zeros(0), *parts])
+        gaps = [hold.gap(t, motions[hold.shape.node].x, motions[hold.shape.node].R) for hold in self.holds]
+        return np.concatenate([np.zeros(0), *gaps])
 
     def reactions(self, t, motions, multipliers) -> dict:
         """Return force and moment (6,) of the constraints on each held node, by number; inertial axes."""
@@ -190,17 +190,17 @@ class FlexibleBody:
         size[6:] += self._sizes_of_K @ np.abs(q)
         stretch_p, lost = dashpots_p, loss + (damping + self._skew @ q) @ u
         if self.elements.size:
-            parts = self.elements
-            stretch, per_time = parts.L.T @ q - dashpots, 1 / parts.times
-            stress += parts.L @ (parts.factors * stretch)
-            large = np.abs(parts.L.T) @ np.abs(q) + np.abs(dashpots)
-            size[6:] += np.abs(parts.L) @ (parts.factors * large)
-            lost += parts.factors @ (per_time * stretch**2)
+            elements = self.elements
+            stretch, per_time = elements.L.T @ q - dashpots, 1 / elements.times
+            stress += elements.L @ (elements.factors * stretch)
+            large = np.abs(elements.L.T) @ np.abs(q) + np.abs(dashpots)
+            size[6:] += np.abs(elements.L) @ (elements.factors * large)
+            lost += elements.factors @ (per_time * stretch**2)
             stretch_p = _beyond_round_off(dashpots_p - per_time * stretch, per_time * large)
         balance = inertia + self.inertia_forces(q, z, M) - total - pull
         balance[6:] += stress
-        found = np.empty_like(y)
-        places = self.split(found)
+        residual = np.empty_like(y)
+        places = self.split(residual)
         places[0][:] = rp - A @ z[:3]
         places[1][:] = pp - quaternion_rate(p, z[3:6]) - (1 - p @ p) * p
         places[2][:] = qp - u
@@ -209,7 +209,7 @@ class FlexibleBody:
         places[5][:] = powers
         places[5][:] -= power, rates @ multipliers, lost
         places[6][:] = stretch_p
-        return found
+        return residual
 
     def jacobians(self, t, y, yp):
         """Return dF/dy and dF/dy', but for the powers, which are integrals that nothing depends on."""
@@ -222,8 +222,8 @@ class FlexibleBody:
         # a change of r moves the body by A^T dr in its axes, one of p turns it by 2 Q^T dp
         Q = rate_of_quaternion(p)
         turned = 2 * Q.T / (p @ p)
-        for rows, part in ((at_z, by_place), (at_c, rates_by_place)):
-            dy[rows, at_r], dy[rows, at_p], dy[rows, at_q] = part[:, :3] @ A.T, part[:, 3:6] @ turned, part[:, 6:]
+        for rows, rates in ((at_z, by_place), (at_c, rates_by_place)):
+            dy[rows, at_r], dy[rows, at_p], dy[rows, at_q] = rates[:, :3] @ A.T, rates[:, 3:6] @ turned, rates[:, 6:]
         dy[at_z, at_z], dy[at_c, at_z] = by_z, G
         dyp[at_z, at_z], dyp[at_z, at_c], dyp[at_c, at_c] = self.floating_frame.mass_matrix(q), -G.T, 0.0
         # kinematics: r' = A v, p' = Q(p) w / 2 = W p / 2, q' = u
@@ -234,20 +234,20 @@ class FlexibleBody:
         dy[at_p, at_p] = 2 * np.outer(p, p) - (1 - p @ p) * np.eye(4) - W / 2
         dy[at_p, w : w + 3], dy[at_q, w + 3 : w + 3 + m] = -Q / 2, -np.eye(m)
         # Maxwell elements
-        parts = self.elements
-        dy[w + 3 : w + 3 + m, at_d] = -parts.factors * parts.L
-        dy[at_d, at_q], dy[at_d, at_d] = -parts.L.T / parts.times[:, None], np.diag(1 / parts.times)
+        elements = self.elements
+        dy[w + 3 : w + 3 + m, at_d] = -elements.factors * elements.L
+        dy[at_d, at_q], dy[at_d, at_d] = -elements.L.T / elements.times[:, None], np.diag(1 / elements.times)
         return dy, dyp
 
     def tangents(self, t, r, A, q, z, zp, multipliers):
-        """Return the derivatives (6 + m, 6 + m) of the equations of motion by displacements in the coordinates of
+        """Return the Jacobians (6 + m, 6 + m) of the equations of motion by displacements in the coordinates of
         (v, w, u), and by z; those (c, 6 + m) of G z - rates by displacements; and G."""
         motions = self.node_motions(r, A, q)
         by_place, by_z = self._tangents_of_inertia(A, q, z, zp)
         G, _ = self.constraints(t, motions)
         rates_by_place = np.zeros_like(G)
-        parts = self.elements
-        by_place[6:, 6:] += self.K + (parts.factors * parts.L) @ parts.L.T
+        elements = self.elements
+        by_place[6:, 6:] += self.K + (elements.factors * elements.L) @ elements.L.T
         by_z[6:, 6:] += self.D
         wrenches = self.reactions(t, motions, multipliers)
         for node, motion in motions.items():
@@ -265,9 +265,9 @@ class FlexibleBody:
             for spring in self.springs:
                 if spring.shape.node == node:
                     wrench += spring.wrench(motion.x, motion.R, *np.split(velocity, 2))
-                    for total, part in zip((stiffness, damping), spring.tangents(motion.x, motion.R, velocity[:3]),
+                    for total, tangent in zip((stiffness, damping), spring.tangents(motion.x, motion.R, velocity[:3]),
                                            strict=True):  # fmt: skip
-                        total += part
+                        total += tangent
             for hold, rows in self._rows_of_holds:
                 if hold.shape.node == node:
                     N, turns = hold.directions(t, motion.R), hold.support.state(t)[3]
@@ -280,7 +280,7 @@ class FlexibleBody:
         return by_place, by_z, rates_by_place, G
 
     def _tangents_of_inertia(self, A, q, z, zp):
-        """Return the derivatives (6 + m, 6 + m) of M z' + inertia forces - weight by displacements and by z."""
+        """Return the Jacobians (6 + m, 6 + m) of M z' + inertia forces - weight by displacements and by z."""
         body, M, m = self.floating_frame, self.floating_frame.mass_matrix(q), self.size
         v, w, u = z[:3], z[3:6], z[6:]
         at_q, at_u, at_up = body.varied(np.stack([q, u, zp[6:]]))
@@ -288,13 +288,13 @@ class FlexibleBody:
         slope = (body.dJ.reshape(-1, 9) + at_q[:, 9:]).reshape(m, 3, 3)
 
         def slopes(a, change):
-            """Return the derivatives of M a by q (6 + m, m)."""
+            """Return the Jacobian of M a by q (6 + m, m)."""
             moved = skew(a[3:6]) @ Ct.T + change[:, :3].T
             turned = (slope @ a[3:6] + change[:, 3:6] - change[:, 6:9]).T - skew(a[:3]) @ Ct.T
             return np.concatenate([moved, turned, body.Ct1 @ a[:3] + body.Cr1 @ a[3:6]])
 
         by_q, flow = slopes(z, at_u), skew(u @ Ct)
-        # M' and the derivatives of M' z - dT/dq, and of the gyroscopic terms
+        # M' and the Jacobians of M' z - dT/dq, and of the gyroscopic terms
         by_z = np.zeros_like(M)
         by_z[3:6, :3], by_z[:3, 3:6], by_z[3:6, 3:6] = flow, -flow, np.tensordot(u, slope, axes=1)
         by_z[6:, :6], by_z[:6, 6:] = at_u[:, :6], at_u[:, :6].T
@@ -305,7 +305,7 @@ class FlexibleBody:
         by_z[:3, 3:6] -= skew(P[:3])
         by_z[3:6, :3] -= skew(P[:3])
         by_z[3:6, 3:6] -= skew(P[3:6])
-        # by q also the second derivatives of M; by rotations only the weight changes
+        # by q also the Hessian of M; by rotations only the weight changes
         by_place = np.zeros_like(M)
         by_place[:, 6:] = slopes(zp, at_up)
         by_place[:3, 6:] += W @ (by_q[:3] + at_u[:, :3].T)
@@ -322,27 +322,27 @@ class FlexibleBody:
         moved, turned, phi, psi = shape.motion(q)
         w, u, J = z[3:6], z[6:], rate_matrix(turned)
         speed = z[:3] + cross(w, shape.position - self.floating_frame.origin + moved) + phi @ u
-        found = np.zeros((6, 6 + self.size))
-        found[:3, 3:6], found[3:, 3:6] = -skew(speed), -skew(w + J @ (psi @ u))
-        found[:3, 6:], found[3:, 6:] = skew(w) @ phi, -rate_derivative(-turned, psi @ u) @ psi
+        D = np.zeros((6, 6 + self.size))
+        D[:3, 3:6], D[3:, 3:6] = -skew(speed), -skew(w + J @ (psi @ u))
+        D[:3, 6:], D[3:, 6:] = skew(w) @ phi, -rate_derivative(-turned, psi @ u) @ psi
         if shape.phi1 is not None:
-            found[:3, 6:] += shape.phi1 @ u
-            found[3:, 6:] += J @ (shape.psi1 @ u)
-        found[:3], found[3:] = A @ found[:3], A @ found[3:]
-        return found
+            D[:3, 6:] += shape.phi1 @ u
+            D[3:, 6:] += J @ (shape.psi1 @ u)
+        D[:3], D[3:] = A @ D[:3], A @ D[3:]
+        return D
 
     def _turned_wrench(self, shape, A, q, B, wrench):
         """Return the derivative (6 + m, 6 + m) of B^T wrench by displacements, for a wrench (6,) in inertial axes."""
         _, turned, phi, psi = shape.motion(q)
         force, moment = wrench[:3] @ A, wrench[3:] @ A
-        found = np.zeros((6 + self.size,) * 2)
-        found[:, 3:6] = B[:3].T @ A @ skew(force) + B[3:].T @ A @ skew(moment)
-        found[3:6, 6:] = -skew(force) @ phi
-        found[6:, 6:] = psi.T @ rate_derivative(turned, moment) @ psi
+        D = np.zeros((6 + self.size,) * 2)
+        D[:, 3:6] = B[:3].T @ A @ skew(force) + B[3:].T @ A @ skew(moment)
+        D[3:6, 6:] = -skew(force) @ phi
+        D[6:, 6:] = psi.T @ rate_derivative(turned, moment) @ psi
         if shape.phi1 is not None:
-            found[6:, 6:] += np.tensordot(force, shape.phi1, axes=1)
-            found[6:, 6:] += np.tensordot(moment @ rate_matrix(turned), shape.psi1, axes=1)
-        return found
+            D[6:, 6:] += np.tensordot(force, shape.phi1, axes=1)
+            D[6:, 6:] += np.tensordot(moment @ rate_matrix(turned), shape.psi1, axes=1)
+        return D
 
     def assemble(self, r, p, q):
         """Return r, p, q after the least rigid motion that brings the held nodes to their places, and whether it moved.
@@ -398,12 +398,12 @@ class FlexibleBody:
         drives = [drive for hold in self.holds for drive in (*hold.support.shifts, *hold.support.turns)]
         times = [drive.longest_step() for drive in drives]
         step = 1e-4 * min([1.0, 1 / (1.0 + np.linalg.norm(z[3:6])), *times])
-        found = []
+        differences = []
         for h in (step, 2 * step):
             motions = self.node_motions(*self._state(_moved(r, p, q, h * z)))
             G, rates = self.constraints(h, motions)
-            found.append(G @ z - rates)
-        return (4 * found[0] - found[1]) / (2 * step)
+            differences.append(G @ z - rates)
+        return (4 * differences[0] - differences[1]) / (2 * step)
 
     @staticmethod
     def _state(placed):
@@ -416,9 +416,9 @@ class FlexibleBody:
         rank = int((values > 1e-10 * values.max(initial=0.0)).sum())
         if rank == len(G):
             return
-        part = np.abs(left[:, rank:]).max(axis=1) > 1e-6
+        unheld = np.abs(left[:, rank:]).max(axis=1) > 1e-6
         labels = np.repeat([hold.label for hold in self.holds], [len(hold) for hold in self.holds])
-        named = ", ".join(dict.fromkeys(labels[part]))
+        named = ", ".join(dict.fromkeys(labels[unheld]))
         raise InputError(
             f"constraint: the constraints depend on each other ({named}); leave one of them out, hold less by it, or "
             "reduce with more elastic coordinates, which let the nodes move apart"
@@ -468,24 +468,24 @@ class FlexibleBody:
     def energies(self, r, A, q, z, dashpots):
         """Return kinetic, elastic and gravity's energy (nt, 3) in J at many times; the elastic one is also that of
         Maxwell elements."""
-        body, found = self.floating_frame, np.empty((len(q), 3))
+        body, energies = self.floating_frame, np.empty((len(q), 3))
         v, w, u = np.split(z, [3, 6], axis=1)
         for first in range(0, len(q), CHUNK):
-            part = slice(first, first + CHUNK)
-            change = body.varied(q[part])
+            now = slice(first, first + CHUNK)
+            change = body.varied(q[now])
             couplings = np.concatenate([body.Ct, body.Cr], axis=1) + change[:, :, :6]
-            centre = body.mc + np.einsum("tk,tki->ti", q[part], body.Ct + change[:, :, :3] / 2)
-            inertia = body.J + np.einsum("tk,tki->ti", q[part], body.dJ.reshape(-1, 9) + change[:, :, 9:] / 2).reshape(
+            centre = body.mc + np.einsum("tk,tki->ti", q[now], body.Ct + change[:, :, :3] / 2)
+            inertia = body.J + np.einsum("tk,tki->ti", q[now], body.dJ.reshape(-1, 9) + change[:, :, 9:] / 2).reshape(
                 -1, 3, 3
             )
-            found[part, 0] = (
-                self.mass * (v[part] ** 2).sum(axis=1) / 2 + (w[part] * np.cross(centre, v[part])).sum(axis=1)
-                + np.einsum("ti,tij,tj->t", w[part], inertia, w[part]) / 2
-                + np.einsum("tk,tki,ti->t", u[part], couplings, z[part, :6])
+            energies[now, 0] = (
+                self.mass * (v[now] ** 2).sum(axis=1) / 2 + (w[now] * np.cross(centre, v[now])).sum(axis=1)
+                + np.einsum("ti,tij,tj->t", w[now], inertia, w[now]) / 2
+                + np.einsum("tk,tki,ti->t", u[now], couplings, z[now, :6])
             )  # fmt: skip
-            found[part, 2] = -(self.mass * r[part] @ self.gravity + np.einsum("ti,tij,j->t", centre, A[part].transpose(
+            energies[now, 2] = -(self.mass * r[now] @ self.gravity + np.einsum("ti,tij,j->t", centre, A[now].transpose(
                 0, 2, 1), self.gravity))  # fmt: skip
-        found[:, 0] += np.einsum("ti,ij,tj->t", u, body.Me, u) / 2
+        energies[:, 0] += np.einsum("ti,ij,tj->t", u, body.Me, u) / 2
         stretch = q @ self.elements.L - dashpots
-        found[:, 1] = (np.einsum("ti,ij,tj->t", q, self.K, q) + stretch**2 @ self.elements.factors) / 2
-        return found
+        energies[:, 1] = (np.einsum("ti,ij,tj->t", q, self.K, q) + stretch**2 @ self.elements.factors) / 2
+        return energies

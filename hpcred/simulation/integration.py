@@ -46,9 +46,9 @@ def integrate(system, setup, y0, yp0, limits, progress):
         for watch in (pace.stepped, twists, limits):
             watch(solver.t, solver.y)
         if (until := int(np.searchsorted(outputs, solver.t, side="right"))) > done:
-            found = solver.dense_output()(outputs[done:until])
-            for kept, part in zip((states, rates), found, strict=True):
-                kept.append(part)
+            values = solver.dense_output()(outputs[done:until])
+            for kept, value in zip((states, rates), values, strict=True):
+                kept.append(value)
             done = until
     if solver.status == "failed":
         stopped = (
@@ -74,10 +74,10 @@ def _solver(system, setup, y0, yp0, pace):
 
     # a pulse must not be stepped over
     moving = (*setup.force, *setup.moment, *setup.load, *setup.drive)
-    longest = min([setup.end / 20, *(item.longest_step(setup.end) for item in moving)])
-    for steps, what in ((setup.end / longest, "the fastest load or drive"), (_steps_of_turns(setup), "its turns")):
+    longest = min([setup.end / 20, *(mover.longest_step(setup.end) for mover in moving)])
+    for steps, events in ((setup.end / longest, "the fastest load or drive"), (_steps_of_turns(setup), "its turns")):
         if steps > MOST_STEPS:
-            raise _too_many(f"end = {setup.end:g} s takes {steps:.1e} steps of {what}", "leave out what is so fast")
+            raise _too_many(f"end = {setup.end:g} s takes {steps:.1e} steps of {events}", "leave out what is so fast")
     # impulses begin at zero, and their rates, the forces, have round-off relative to their own size
     tolerance = np.full(len(y0), setup.absolute_tolerance)
     forces = system.split(yp0)[4]
@@ -132,8 +132,8 @@ def _steps_of_turns(setup) -> float:
     return STEPS_OF_A_TURN * turned / (2 * np.pi)
 
 
-def _too_many(what: str, advice: str, most=MOST_STEPS) -> InputError:
-    return InputError(f"{what}, expected at most {most:.0e}; end earlier, or {advice}")
+def _too_many(steps: str, advice: str, most=MOST_STEPS) -> InputError:
+    return InputError(f"{steps}, expected at most {most:.0e}; end earlier, or {advice}")
 
 
 class Pace:

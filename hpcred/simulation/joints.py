@@ -232,20 +232,20 @@ def holds_of(joints, drives, start) -> list[Hold]:
     Raises InputError for joints at nodes without rotations, and drives of rotations that no joint at the node holds.
     """
     holds = []
-    for node in dict.fromkeys(item.node for item in (*joints, *drives)):
+    for node in dict.fromkeys(each.node for each in (*joints, *drives)):
         shape, place, turned = start[node]
-        own = [item for item in joints if item.node == node]
-        moved = [item for item in drives if item.node == node]
+        own = [each for each in joints if each.node == node]
+        moved = [each for each in drives if each.node == node]
         support = _support(shape.label, moved, place if not own or own[0].at is None else np.array(own[0].at))
-        for item in own:
-            if item.turns_with and not shape.rotates:
+        for each in own:
+            if each.turns_with and not shape.rotates:
                 raise InputError(
-                    f"constraint.kind: node {shape.label} has no rotations, which a joint of kind '{item.kind}' holds; "
+                    f"constraint.kind: node {shape.label} has no rotations, which a joint of kind '{each.kind}' holds; "
                     "give the model an [[interface]] there, or hold several nodes by joints of kind 'point'"
                 )
-            at = place if item.at is None else np.array(item.at)
-            cross = tuple(item.unit_axes) if item.kind == "universal" else None
-            holds.append(Hold(shape, f"{item.kind} at {shape.label}", support, at, turned, *item.held(), cross))
+            at = place if each.at is None else np.array(each.at)
+            cross = tuple(each.unit_axes) if each.kind == "universal" else None
+            holds.append(Hold(shape, f"{each.kind} at {shape.label}", support, at, turned, *each.held(), cross))
         if moved:
             translations, rotations = _driven(shape.label, own, support)
             at = place if not own or own[0].at is None else np.array(own[0].at)
@@ -255,23 +255,23 @@ def holds_of(joints, drives, start) -> list[Hold]:
 
 
 def _support(node, drives, place) -> Support:
-    turns = tuple(item for item in drives if item.about is not None)
+    turns = tuple(drive for drive in drives if drive.about is not None)
     centre = None
     if turns:
-        if any(np.linalg.norm(np.cross(item.direction, turns[0].direction)) > PARALLEL for item in turns):
+        if any(np.linalg.norm(np.cross(drive.direction, turns[0].direction)) > PARALLEL for drive in turns):
             raise InputError(f"drive.about: node {node} has drives about different axes, expected one axis a node")
-        points = {item.through for item in turns}
+        points = {drive.through for drive in turns}
         if len(points) > 1:
             raise InputError(f"drive.through: node {node} has drives through different points, expected one axis")
         (through,) = points
         centre = place if through is None else np.array(through)
-    return Support(tuple(item for item in drives if item.along is not None), turns, centre)
+    return Support(tuple(drive for drive in drives if drive.along is not None), turns, centre)
 
 
 def _driven(node, joints, support):
     """Return directions of displacements and rotations that drives hold beside the joints at their node."""
-    rows = [item.held() for item in joints]
-    held, turned = (np.concatenate([np.zeros((0, 3)), *parts]) for parts in zip(*rows, strict=True)) if rows else (
+    rows = [joint.held() for joint in joints]
+    held, turned = (np.concatenate([np.zeros((0, 3)), *blocks]) for blocks in zip(*rows, strict=True)) if rows else (
         np.zeros((0, 3)), np.zeros((0, 3)))  # fmt: skip
     free = _complement(held)
     wanted = np.array([drive.direction for drive in support.shifts]).reshape(-1, 3) @ free.T @ free
@@ -280,7 +280,7 @@ def _driven(node, joints, support):
     if not support.turns:
         return translations, np.zeros((0, 3))
     axes, axis = _complement(turned), support.axis
-    if len(axes) > 1 or any(item.kind == "universal" for item in joints):
+    if len(axes) > 1 or any(joint.kind == "universal" for joint in joints):
         raise InputError(
             f"drive.about: node {node} has no joint that holds its other rotations; add one of kind 'fixed', "
             "'prismatic', 'revolute' or 'cylindrical' there"

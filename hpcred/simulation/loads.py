@@ -152,16 +152,16 @@ class Load:
         return result
 
 
-def load_of(item, shape: NodeShape) -> Load:
+def load_of(entry, shape: NodeShape) -> Load:
     """Return the load of a table at a node. Raises InputError if the node lacks the rotations that it needs."""
-    moment = item.key == "moment"
-    if not shape.rotates and (moment or item.axes == "body"):
+    moment = entry.key == "moment"
+    if not shape.rotates and (moment or entry.axes == "body"):
         needs = "a moment" if moment else "axes = 'body'"
         raise InputError(
-            f"{item.key}.node: node {shape.label} has no rotations, which {needs} needs; give the model an "
+            f"{entry.key}.node: node {shape.label} has no rotations, which {needs} needs; give the model an "
             "[[interface]] there, or take forces at nodes in inertial axes"
         )
-    return Load(shape, item, moment, item.axes == "body")
+    return Load(shape, entry, moment, entry.axes == "body")
 
 
 @dataclass(frozen=True)
@@ -173,23 +173,23 @@ class Push:
     force: np.ndarray
 
 
-def push_of(item, body) -> Push:
+def push_of(load, body) -> Push:
     """Return the Push of an input of a Body. Raises InputError for an unknown name, and without resultants.
 
     Its force and moment move the body frame in the axes of the body, and its column of V^T B deforms the body.
     """
     reduced = body.reduced
-    if item.name not in reduced.input_names:
-        raise InputError(f"load.name: the result has no input '{item.name}'{nearest(item.name, reduced.input_names)}; "
+    if load.name not in reduced.input_names:
+        raise InputError(f"load.name: the result has no input '{load.name}'{nearest(load.name, reduced.input_names)}; "
                          f"it has {', '.join(reduced.input_names)}")  # fmt: skip
     moves = motions_of(reduced.record.loads) if reduced.record is not None else ()
-    if item.quantity != QUANTITIES[-1] and item.name not in moves:
-        raise InputError(f"load.quantity: found {item.quantity} for '{item.name}', which is no motion of a base; leave "
+    if load.quantity != QUANTITIES[-1] and load.name not in moves:
+        raise InputError(f"load.quantity: found {load.quantity} for '{load.name}', which is no motion of a base; leave "
                          "it out")  # fmt: skip
     if reduced.resultants is None:
         raise InputError(
-            f"load '{item.name}': the result does not have the sums of its inputs, since an earlier version made it or "
+            f"load '{load.name}': the result does not have the sums of its inputs, since an earlier version made it or "
             "terms of B change them; reduce the model again, at these values"
         )
-    place = reduced.input_names.index(item.name)
-    return Push(item, np.concatenate([resultants_of(body)[place], reduced.B[:, place]]))
+    place = reduced.input_names.index(load.name)
+    return Push(load, np.concatenate([resultants_of(body)[place], reduced.B[:, place]]))

@@ -125,14 +125,14 @@ class Simulation:
     def nodes(self) -> list:
         """All nodes that are observed, loaded, held or driven: numbers, then names."""
         tables = (*self.force, *self.moment, *self.constraint, *self.drive, *self.spring)
-        numbers = {*self.observe, *(item.node for item in tables)}
+        numbers = {*self.observe, *(table.node for table in tables)}
         return sorted(numbers, key=lambda node: (isinstance(node, str), node))
 
     def numbered(self, body: Body) -> Simulation:
         """Return the settings with numbers of nodes for their names in `body`. Raises InputError for an unknown name.
         """
         tables = {
-            key: tuple(replace(item, node=body.number(item.node)) for item in getattr(self, key))
+            key: tuple(replace(entry, node=body.number(entry.node)) for entry in getattr(self, key))
             for key in ("force", "moment", "constraint", "drive", "spring")
         }
         return replace(self, observe=tuple(map(body.number, self.observe)), **tables)
@@ -285,9 +285,9 @@ def simulate(body: Body, setup: Simulation, progress=None) -> Motion:
     holds = holds_of(setup.constraint, setup.drive, start)
     system = FlexibleBody(
         body.floating_frame, body.reduced.K, body.reduced.D, setup.gravity,
-        [load_of(item, shapes[item.node]) for item in (*setup.force, *setup.moment)],
-        [element_of(item, *start[item.node]) for item in setup.spring],
-        holds, [push_of(item, body) for item in setup.load], elements,
+        [load_of(entry, shapes[entry.node]) for entry in (*setup.force, *setup.moment)],
+        [element_of(entry, *start[entry.node]) for entry in setup.spring],
+        holds, [push_of(entry, body) for entry in setup.load], elements,
     )  # fmt: skip
     warnings = setup.warnings + warnings_of_places(body, setup, {node: motion.x for node, motion in first.items()})
     warnings += warnings_of_inputs(body, setup, holds, {node: motion.R for node, motion in first.items()}, A)
@@ -356,33 +356,33 @@ def _loads_without_stress(body, setup) -> list[str]:
     stiffness = body.geometric_stiffness
     if stiffness is None or not setup.geometric_stiffness:
         return []
-    loaded = {item.node for item in (*setup.force, *setup.moment, *setup.constraint, *setup.drive, *setup.spring)}
+    loaded = {entry.node for entry in (*setup.force, *setup.moment, *setup.constraint, *setup.drive, *setup.spring)}
     missing = [
         shape.label for shape in body.nodes
         if shape.node in loaded and shape.phi.any() and not any(state.startswith(f"{shape.label}:")
                                                                 for state in stiffness.states)
     ]  # fmt: skip
-    found = []
+    sentences = []
     if missing:
-        found.append(
+        sentences.append(
             f"geometric stiffness: forces at {', '.join(missing)} have no state, so that their stress does not count; "
             "make these nodes inputs or interfaces of the reduction"
         )
     if setup.load:
-        names = ", ".join(item.name for item in setup.load)
-        found.append(
+        names = ", ".join(entry.name for entry in setup.load)
+        sentences.append(
             f"geometric stiffness: the stress of the loads {names} does not count: there are states of accelerations, "
             "angular velocities, and forces at nodes"
         )
-    return found
+    return sentences
 
 
 def _spins_twice(body, setup) -> list[str]:
     """Return sentences on loads that are centrifugal forces."""
-    known = {} if body.reduced.record is None else {item.name: item for item in body.reduced.record.loads}
+    known = {} if body.reduced.record is None else {load.name: load for load in body.reduced.record.loads}
     return [
-        f"load '{item.name}': a body that turns has its centrifugal forces without it; these are added to them"
-        for item in setup.load if item.name in known and known[item.name].spins
+        f"load '{load.name}': a body that turns has its centrifugal forces without it; these are added to them"
+        for load in setup.load if load.name in known and known[load.name].spins
     ]  # fmt: skip
 
 
@@ -393,7 +393,7 @@ def _names(body) -> dict:
 
 def _at_outputs(body, setup, system, undeformed, t, states, rates):
     """Return the fields of a Motion that follow from the places of nodes, in one pass over the output times."""
-    r, p, q, z, _, powers, dashpots = (part.T for part in system.split(states))
+    r, p, q, z, _, powers, dashpots = (rows.T for rows in system.split(states))
     p = p / np.linalg.norm(p, axis=1)[:, None]
     A, multipliers, springs = rotation(p), system.split(rates)[4].T, np.zeros((len(t), len(system.springs), 7))
     # all nodes at all times, then joints and springs one time after the other
@@ -416,7 +416,7 @@ def _at_outputs(body, setup, system, undeformed, t, states, rates):
         "position": r, "quaternion": p, "velocity": z[:, :3], "angular_velocity": z[:, 3:6], "elastic": q,
         "elastic_velocity": z[:, 6:], **_energies(stored, powers), **_drifts(system, gaps),
         **_nodes(body, undeformed, places, turned), **_reactions(body, system, reactions),
-        "spring_names": [f"{k + 1}:{_names(body)[item.node]}" for k, item in enumerate(setup.spring)],
+        "spring_names": [f"{k + 1}:{_names(body)[element.node]}" for k, element in enumerate(setup.spring)],
         "spring_force": springs[:, :, :3], "spring_moment": springs[:, :, 3:6], "spring_energy": springs[:, :, 6],
     }  # fmt: skip
 
@@ -452,14 +452,14 @@ def _drifts(system, gaps):
 
 def _nodes(body, undeformed, places, turned):
     """Return the fields of a Motion on nodes from their places (nt, k, 3) and rotations (nt, k, 3, 3)."""
-    first = [undeformed[item.node] for item in body.nodes]
+    first = [undeformed[node.node] for node in body.nodes]
     starts = np.array([start.R for start in first]).reshape(-1, 3, 3)
     turned = turned @ starts.transpose(0, 2, 1)
     rotations = vector_of(turned.reshape(-1, 3, 3)).reshape(places.shape) if turned.size else np.zeros(places.shape)
     return {
-        "nodes": [item.node for item in body.nodes],
+        "nodes": [node.node for node in body.nodes],
         "node_names": list(_names(body).values()),
-        "node_rotates": [item.rotates for item in body.nodes],
+        "node_rotates": [node.rotates for node in body.nodes],
         "node_position": places,
         "node_displacement": places - np.array([start.x for start in first]).reshape(-1, 3),
         "node_rotation": continuous(rotations),
@@ -471,39 +471,39 @@ def _rates_of_nodes(body, system, states, rates):
 
     With x = r + A (d + u(q)): A^T x' = a = v + w x (d + u) + u', and A^T x'' = w x a + a'.
     """
-    _, p, q, z, *_ = (part.T for part in system.split(states))
+    _, p, q, z, *_ = (rows.T for rows in system.split(states))
     A, origin = rotation(p), body.floating_frame.origin
     dz = system.split(rates)[3].T
-    (v, w, u), (dv, dw, du) = (np.split(part, [3, 6], axis=1) for part in (z, dz))
-    found = [np.zeros((len(q), len(body.nodes), 3)) for _ in range(2)]
+    (v, w, u), (dv, dw, du) = (np.split(rows, [3, 6], axis=1) for rows in (z, dz))
+    arrays = [np.zeros((len(q), len(body.nodes), 3)) for _ in range(2)]
     for k, shape in enumerate(body.nodes):
-        moved, speed, bent = (part @ shape.phi.T for part in (q, u, du))
+        moved, speed, bent = (rows @ shape.phi.T for rows in (q, u, du))
         if shape.phi1 is not None:
-            by_q, by_u = (np.einsum("ijk,tk->tij", shape.phi1, part) for part in (q, u))
+            by_q, by_u = (np.einsum("ijk,tk->tij", shape.phi1, rows) for rows in (q, u))
             moved, speed, bent = (
-                part + np.einsum("tij,tj->ti", matrix, other)
-                for part, matrix, other in ((moved, by_q / 2, q), (speed, by_q, u), (bent, by_q, du))
+                rows + np.einsum("tij,tj->ti", matrix, other)
+                for rows, matrix, other in ((moved, by_q / 2, q), (speed, by_q, u), (bent, by_q, du))
             )
             bent = bent + np.einsum("tij,tj->ti", by_u, u)
         arm = shape.position - origin + moved
         a = v + np.cross(w, arm) + speed
         rate = np.cross(w, a) + dv + np.cross(dw, arm) + np.cross(w, speed) + bent
-        for array, value in zip(found, (a, rate), strict=True):
+        for array, value in zip(arrays, (a, rate), strict=True):
             array[:, k] = np.einsum("tij,tj->ti", A, value)
-    return {"node_velocity": found[0], "node_acceleration": found[1]}
+    return {"node_velocity": arrays[0], "node_acceleration": arrays[1]}
 
 
 def _outputs(reduced, system, t, states, rates):
     """Return the fields of a Motion on outputs of the reduced model."""
-    q, u, du = (part.T for part in (system.split(states)[2], system.split(states)[3][6:], system.split(rates)[3][6:]))
-    y = sum(part @ matrix.T for part, matrix in zip((q, u, du), reduced.output_parts, strict=True))
+    q, u, du = (rows.T for rows in (system.split(states)[2], system.split(states)[3][6:], system.split(rates)[3][6:]))
+    y = sum(rows @ matrix.T for rows, matrix in zip((q, u, du), reduced.output_parts, strict=True))
     for push in system.pushes if reduced.feedthrough is not None else ():
         direct = reduced.feedthrough[:, reduced.input_names.index(push.value.name)]
         y = y + np.outer([push.value(now) for now in t], direct)
     return {"output_names": list(reduced.output_names), "outputs": y}
 
 
-def _reactions(body, system, found):
+def _reactions(body, system, reactions):
     """Return the fields of a Motion on forces and moments of constraints, of those {number: (6,)} at each time: the
     components that joints can transmit."""
     able = {}
@@ -513,8 +513,8 @@ def _reactions(body, system, found):
     for node, components in able.items():
         for i in np.flatnonzero(components):
             names[i // 3].append(f"{names_of[node]}:{'r' * (i // 3)}{AXES[i % 3]}")
-            columns[i // 3].append([reaction[node][i] for reaction in found])
-    force, moment = (np.array(part).reshape(-1, len(found)).T for part in columns)
+            columns[i // 3].append([reaction[node][i] for reaction in reactions])
+    force, moment = (np.array(rows).reshape(-1, len(reactions)).T for rows in columns)
     return {
         "constraint_names": names[0], "constraint_force": force, "moment_names": names[1], "constraint_moment": moment
     }  # fmt: skip

@@ -116,7 +116,7 @@ class LineElement:
         return np.concatenate([-tension * line, np.zeros(3)])
 
     def tangents(self, x, R, v):
-        """Return stiffness and damping (6, 6): minus the derivatives of the wrench by displacement and velocity."""
+        """Return stiffness and damping (6, 6): minus the Jacobians of the wrench by displacement and velocity."""
         line, length = self._line(x)
         K, C = np.zeros((6, 6)), np.zeros((6, 6))
         along = np.outer(line, line)
@@ -166,7 +166,7 @@ class BushingElement:
         return force - self.damping * np.concatenate([v, omega])
 
     def tangents(self, x, R, v):
-        """Return stiffness and damping (6, 6): minus the derivatives of the wrench by displacement and velocity."""
+        """Return stiffness and damping (6, 6): minus the Jacobians of the wrench by displacement and velocity."""
         turned, K = self._deflection(x, R)[3:], np.diag(self.stiffness)
         inverse = np.linalg.inv(rate_matrix(turned))
         moment = inverse.T @ (self.stiffness[3:] * turned)

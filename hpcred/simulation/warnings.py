@@ -48,11 +48,11 @@ def warnings_of_places(body, setup, start: dict) -> list[str]:
     """Return sentences on places so far from their nodes, which start at `start` {number: (3,)}, that they look like
     mm."""
     size, labels = gyration(body.floating_frame), {shape.node: shape.label for shape in body.nodes}
-    given = [("spring.at", item.node, item.at) for item in setup.spring]
-    given += [("constraint.at", item.node, item.at) for item in setup.constraint]
-    given += [("drive.through", item.node, item.through) for item in setup.drive]
+    declared = [("spring.at", entry.node, entry.at) for entry in setup.spring]
+    declared += [("constraint.at", entry.node, entry.at) for entry in setup.constraint]
+    declared += [("drive.through", entry.node, entry.through) for entry in setup.drive]
     far = [(key, node, place, np.linalg.norm(np.subtract(place, start[node])))
-           for key, node, place in given if place is not None]  # fmt: skip
+           for key, node, place in declared if place is not None]  # fmt: skip
     return [
         f"{key}: found {list(place)} m, {distance:.3g} m from where node {labels[node]} starts, while the body "
         f"has a radius of gyration of {size:.3g} m; places are in m"
@@ -75,28 +75,28 @@ def warnings_of_inputs(body, setup, holds, start: dict, turned) -> list[str]:
     def are_inputs(node, kind, directions):
         """Return which of the directions (k, 3) that move the body are inputs."""
         forces = directions @ units[node][kind]
-        rest, size = (np.linalg.norm(part, axis=1) for part in (forces - forces @ inputs.T @ inputs, forces))
-        largest = max(np.abs(part[kind]).max(initial=0.0) for part in units.values())
+        rest, size = (np.linalg.norm(vectors, axis=1) for vectors in (forces - forces @ inputs.T @ inputs, forces))
+        largest = max(np.abs(vectors[kind]).max(initial=0.0) for vectors in units.values())
         return (rest <= OUTSIDE * size)[size > STILL * largest]
 
     # of joints and drives each direction counts; of springs and loads, which may turn, one that is an input is enough
-    found = {}
+    untold = {}
     for hold in holds:
-        for kind, part in enumerate(np.split(hold.directions(0.0, start[hold.shape.node]), 2, axis=1)):
-            if not are_inputs(hold.shape.node, kind, part[part.any(axis=1)]).all():
-                found.setdefault(hold.shape.node, {}).setdefault(kind, hold.label)
+        for kind, vectors in enumerate(np.split(hold.directions(0.0, start[hold.shape.node]), 2, axis=1)):
+            if not are_inputs(hold.shape.node, kind, vectors[vectors.any(axis=1)]).all():
+                untold.setdefault(hold.shape.node, {}).setdefault(kind, hold.label)
     for key in ("force", "moment", "spring"):
-        for item in getattr(setup, key):
+        for entry in getattr(setup, key):
             kind = int(key == "moment")
-            there = are_inputs(item.node, kind, np.eye(3))
+            there = are_inputs(entry.node, kind, np.eye(3))
             if len(there) and not there.any():
-                found.setdefault(item.node, {}).setdefault(kind, key)
+                untold.setdefault(entry.node, {}).setdefault(kind, key)
     labels = {shape.node: shape.label for shape in body.nodes}
     return [
         f"node {labels[node]}: {' and '.join(KINDS[kind] for kind in kinds)} there "
         f"({', '.join(dict.fromkeys(kinds.values()))}) are no inputs of the reduction, whose basis need not follow "
         "them: motion and stresses may be wrong; reduce with the directions in which they act among `inputs`"
-        for node, kinds in found.items()
+        for node, kinds in untold.items()
     ]
 
 
@@ -133,7 +133,7 @@ def note_on_steps(system, setup, y0, yp0) -> str | None:
     elastic = omega > np.finfo(float).eps ** 0.5 * omega.max(initial=0.0)
     omega, X = omega[elastic], X[:, elastic]
     # amplitudes in the elastic coordinates, by the velocities and accelerations that the start has in each mode
-    speed, push = (X.T @ M @ part for part in (z, rates))
+    speed, push = (X.T @ M @ vector for vector in (z, rates))
     amplitude = np.hypot(speed / omega, push / omega**2) * np.abs(X[6:]).max(axis=0, initial=0.0)
     decay = np.einsum("ik,ij,jk->k", X[6:], system.D, X[6:]) / 2
     lasting = np.minimum(setup.end, GONE / np.maximum(decay, 1e-300))
@@ -176,14 +176,14 @@ class Limits:
         values = {"deflection": float(moved.max()), "speed": float(np.linalg.norm(z[3:6]))}
         for key, value in values.items():
             self._largest[key] = max(self._largest[key], value)
-        for item in LIMITS:
-            key, fraction, sentence = item
-            if values[key] > fraction * self._scales[key] and item not in self._found:
+        for limit in LIMITS:
+            key, fraction, sentence = limit
+            if values[key] > fraction * self._scales[key] and limit not in self._found:
                 scale, where = self._scales[key], self._places[int(moved.argmax())]
-                self._found[item] = sentence.format(
+                self._found[limit] = sentence.format(
                     t=t, value=values[key], scale=scale, hz=scale / (2 * np.pi), where=where
                 )
-                self._tell(self._found[item])
+                self._tell(self._found[limit])
 
     @property
     def warnings(self) -> list[str]:

@@ -174,7 +174,7 @@ def assemble(
     """
     check_machine(band, tolerance, inputs, outputs)
     bodies, joints, masses = list(bodies), list(joints), list(masses)
-    results = [_read(item, comm) for item in bodies]
+    results = [_read(body, comm) for body in bodies]
     with progress.stage("assemble"), agreed(comm):
         made = _assembled(bodies, results, joints, masses, band, tolerance, inputs, outputs) if comm.rank == 0 else None
     made = comm.bcast(made)
@@ -335,8 +335,8 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
     with agreed(comm):
         job = read_machine(path, overrides)
     # files that are read and written are checked before anything is computed
-    reads = [path, *(item.result for item in job.body), *(item.table for item in job.joint if hasattr(item, "table"))]
-    measured = any(item.kind == "measured" for item in job.body)
+    reads = [path, *(row.result for row in job.body), *(row.table for row in job.joint if hasattr(row, "table"))]
+    measured = any(row.kind == "measured" for row in job.body)
     if measured:
         check_response_name(job.output)
     elif str(job.output).endswith((".csv", *FOREIGN)):
@@ -350,19 +350,19 @@ def assemble_file(path, *, overrides=(), comm=None, progress: Progress | None = 
     with progress.stage("write", job.output):
         # of measured bodies responses are written, else a result
         if made.reduced is None:
-            found = made.responses()
-            rescued(lambda place: write_responses(place, found, comm), job.output, comm)
-            made.warnings.extend(lost_channels(job.output, found))
-            known = {"frequencies_hz": found.frequencies.tolist()}
+            responses = made.responses()
+            rescued(lambda place: write_responses(place, responses, comm), job.output, comm)
+            made.warnings.extend(lost_channels(job.output, responses))
+            known = {"frequencies_hz": responses.frequencies.tolist()}
         else:
             made.save(job.output, basis=job.write_basis, comm=comm)
             known = {
                 "size": made.reduced.size, "pseudo_frequencies_hz": made.reduced.frequencies.tolist(),
-                "parameters": [asdict(item) for item in getattr(made.reduced, "parameters", ())],
+                "parameters": [asdict(row) for row in getattr(made.reduced, "parameters", ())],
                 "error": None if accuracy is None or not np.isfinite(accuracy.largest) else accuracy.largest,
             }  # fmt: skip
     return {"output": job.output, **known, "inputs": list(made.machine.inputs.own),
-            "outputs": list(made.machine.outputs.own), "joints": [item.row for item in made.machine.joints],
+            "outputs": list(made.machine.outputs.own), "joints": [row.row for row in made.machine.joints],
             "budget": made.budget, "sentence": made.sentence,
             "reached": accuracy is None or accuracy.reached, "warnings": made.warnings,
             "timing": asdict(progress.timing())}  # fmt: skip

@@ -104,16 +104,16 @@ def write_script(path, kind: str, *, store=None, submit: bool = False, comm=None
         script = sweep.folder / f"{sweep.path.stem}.{kind}"
         with atomic_output(script, MPI.COMM_SELF) as temporary:
             temporary.write_text(script_of(sweep, kind, store), encoding="utf-8")
-        command, said = [SUBMIT[kind], str(script)], None
+        command, answer = [SUBMIT[kind], str(script)], None
         if submit:
             # Python's own environment: MPI has put into that of the process what the ranks of the job must not find
-            found = subprocess.run(
+            run = subprocess.run(
                 command, capture_output=True, text=True, stdin=subprocess.DEVNULL, env=dict(os.environ)
             )
-            if found.returncode:
-                raise ComputationError(f"{SUBMIT[kind]} {script}: {(found.stderr or found.stdout).strip()}")
-            said = found.stdout.strip()
-        return {"script": str(script), "command": shlex.join(command), "said": said}
+            if run.returncode:
+                raise ComputationError(f"{SUBMIT[kind]} {script}: {(run.stderr or run.stdout).strip()}")
+            answer = run.stdout.strip()
+        return {"script": str(script), "command": shlex.join(command), "said": answer}
 
 
 def script_of(sweep, kind, store=None) -> str:

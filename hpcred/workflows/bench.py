@@ -95,7 +95,7 @@ def _measure(cells, folder, comm, progress):
         solver.release()
         with progress.stage("orderings"):
             expected = solver.factors.expected((*orderings(), PORD))
-        report["gflop_by_ordering"] = {ORDERINGS[number]: item["flops"] / 1e9 for number, item in expected.items()}
+        report["gflop_by_ordering"] = {ORDERINGS[number]: factor["flops"] / 1e9 for number, factor in expected.items()}
         solver.release()
         return report | _products(model, comm, progress) | _files(model, folder, comm, progress)
 
@@ -103,36 +103,36 @@ def _measure(cells, folder, comm, progress):
 def _solve_seconds(solver, load, solution, width):
     """Return the better of two solves with so many columns at a time."""
     solver.factors.set_solve_width(width)
-    record, found = solver.records[-1], []
+    record, seconds = solver.records[-1], []
     for _ in range(2):
         before = record.solve_seconds
         solver.solve(load, solution)
-        found.append(record.solve_seconds - before)
-    return min(found)
+        seconds.append(record.solve_seconds - before)
+    return min(seconds)
 
 
 def _hints(report) -> list[str]:
     """Return advice that would make this machine faster."""
-    found = []
+    hints = []
     if report["ordering"] not in NESTED:
-        found.append(
+        hints.append(
             f"MUMPS ordered by {report['ordering']}: large solids need about half the operations with METIS or Scotch; "
             "on Debian `apt-get install 'libmumps-ptscotch-[0-9]*'`, elsewhere build MUMPS with METIS"
         )
     widths = report[f"solve_ms_per_column_of_{MANY}_by_width"]
     best = min(widths, key=widths.get)
     if widths[best] < WORTH * widths[SOLVE_WIDTH]:
-        found.append(
+        hints.append(
             f"many columns are solved for fastest {best} at a time here, {widths[best]:.3g} ms each instead of "
             f"{widths[SOLVE_WIDTH]:.3g}: PETSC_OPTIONS='-shift_{WIDTH_OPTION} {best}'"
         )
     if report["ranks"] < (os.cpu_count() or 1):
-        found.append(
+        hints.append(
             f"{report['ranks']} ranks on a machine with {os.cpu_count()} cores: try mpiexec -n {os.cpu_count()}"
         )
     if pages := processor.small_pages():
-        found.append(pages)
-    return found
+        hints.append(pages)
+    return hints
 
 
 def _products(model, comm, progress):

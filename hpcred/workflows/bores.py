@@ -43,16 +43,16 @@ def bores_of_file(
         loaded = read_model(model, comm)
     with loaded:
         with progress.stage("bores"):
-            found, warnings = bores_and_warnings(loaded, turn)
+            bores, warnings = bores_and_warnings(loaded, turn)
         if figure is not None:
             with progress.stage("figure"):
-                draw_sets_of(figure, loaded, {item.name: np.array(item.nodes) for item in found})
+                draw_sets_of(figure, loaded, {bore.name: np.array(bore.nodes) for bore in bores})
     rows = [
-        {key: getattr(item, key) for key in ("name", "kind", "centre", "axis", "start", "end", "radius", "length",
-                                             "turn")} | {"nodes": len(item.nodes)}
-        for item in found
+        {key: getattr(bore, key) for key in ("name", "kind", "centre", "axis", "start", "end", "radius", "length",
+                                             "turn")} | {"nodes": len(bore.nodes)}
+        for bore in bores
     ]  # fmt: skip
-    return {"model": str(model), "bores": rows, "job": "\n".join(map(lines_of_job, found)), "warnings": warnings}
+    return {"model": str(model), "bores": rows, "job": "\n".join(map(lines_of_job, bores)), "warnings": warnings}
 
 
 def lines_of_job(bore: Bore) -> str:
@@ -60,7 +60,7 @@ def lines_of_job(bore: Bore) -> str:
     interface = bore.interface()
     key = "pin" if interface.nodes.pin is not None else "bore"
     start, end, radius = interface.nodes.surface
-    at = [float(f"{part:.9g}") for part in interface.at]
+    at = [float(f"{coordinate:.9g}") for coordinate in interface.at]
     return (
         f'[[interface]]\nname  = "{interface.name}"\n'
         "# ends of the axis, radius; m\n"

@@ -76,7 +76,7 @@ def campbell_file(
     InputError
         For a parameter, an axis or a model that does not fit.
     """
-    found, output, figure = read_result(result, comm), files.output, files.figure
+    source, output, figure = read_result(result, comm), files.output, files.figure
     files.check(comm, [result, full], progress, over=over)
     for key, number in (("points", speeds.points), ("solves", solves)):
         within(key, declared(key, number, int), SAMPLES)
@@ -85,8 +85,8 @@ def campbell_file(
     if solves < 1:
         raise InputError(f"solves: found {solves}, expected at least 1")
     # the model over the parameter, at values of it, with the nodes that tell the whirl
-    axis = axis_of(found.reduced.record) or "z" if whirl.axis is None else whirl.axis
-    model = parametric_of(found, over, axis)
+    axis = axis_of(source.reduced.record) or "z" if whirl.axis is None else whirl.axis
+    model = parametric_of(source, over, axis)
     if at and not model.parameters:
         raise InputError(f"at: found a value of {next(iter(at))}, but {result} has no parameters; leave it out")
     values = speeds.values
@@ -94,19 +94,19 @@ def campbell_file(
         range = speeds.range or _range_of(model, over)
         values = np.linspace(*declared("range", range, tuple[float, float]), speeds.points)
     with agreed(comm):
-        shapes = found.nodes if whirl.nodes is None else found.body(whirl.nodes).nodes
+        shapes = source.nodes if whirl.nodes is None else source.body(whirl.nodes).nodes
     # the poles, and those of the full model at some of the values
     with progress.stage("poles"):
         diagram = campbell(
             model, over, values, at=at, nodes=shapes, axis=axis, orders=whirl.orders, highest=whirl.highest
         )
     if full is not None:
-        diagram = _with_full(diagram, full, found, at, solves, factoring, comm, progress)
+        diagram = _with_full(diagram, full, source, at, solves, factoring, comm, progress)
     if not model.parameters:
         told = ["the body is stiffened by its centrifugal forces; Coriolis forces are left out"]
         with agreed(comm):
             fastest = diagram.values[np.abs(diagram.values).argmax()] * unit_axis("axis", axis)
-            far = warning_of_basis(found.body(), Preload(omega=tuple(fastest.tolist())))
+            far = warning_of_basis(source.body(), Preload(omega=tuple(fastest.tolist())))
         diagram = replace(diagram, warnings=(*diagram.warnings, *told, *([far] if far else [])))
     report = _report(diagram) | {"result": str(result), "output": output and str(output)}
     with progress.stage("write"), together(comm):
@@ -139,8 +139,8 @@ def _with_full(diagram, full, result, at, solves, factoring, comm, progress):
 def axis_of(record: Record | None):
     """Return the axis of the terms of rotation of the job of a record, or None where it has none, or several."""
     terms = ((record and record.job) or {}).get("term", ())
-    axes = [item["axis"] for item in terms if item.get("axis") is not None]
-    return axes[0] if axes and all(item == axes[0] for item in axes) else None
+    axes = [term["axis"] for term in terms if term.get("axis") is not None]
+    return axes[0] if axes and all(axis == axes[0] for axis in axes) else None
 
 
 def parametric_of(result: Result, over: str, axis):
@@ -170,7 +170,7 @@ def parametric_of(result: Result, over: str, axis):
 
 
 def _range_of(model, over):
-    known: dict[str, Parameter] = {item.name: item for item in model.parameters}
+    known: dict[str, Parameter] = {parameter.name: parameter for parameter in model.parameters}
     if not known:
         raise InputError(f"range: a result with geometric stiffness has no range of {over}; give it (rad/s)")
     if over not in known:
@@ -178,35 +178,35 @@ def _range_of(model, over):
     return known[over].range
 
 
-def _report(found: Campbell) -> dict:
+def _report(diagram: Campbell) -> dict:
     return {
-        "parameter": found.parameter,
-        "unit": found.unit,
-        "values": found.values.tolist(),
-        "frequencies_hz": found.frequencies.tolist(),
-        "damping_ratios": found.damping_ratios.tolist(),
-        "orbits": found.orbits.tolist(),
-        "modes": rows_of_modes(found),
-        "critical_speeds": [asdict(item) | {"mode": item.mode + 1} for item in found.critical_speeds],
-        "critical_rows": rows_of_critical(found),
-        "full": found.full_rows,
-        "residual": max((item.residual for item in found.full), default=None),
-        "stability_limit": found.stability_limit,
-        "unstable_frequency_hz": found.unstable_frequency,
-        "sentence": found.sentence,
-        "warnings": list(found.warnings),
+        "parameter": diagram.parameter,
+        "unit": diagram.unit,
+        "values": diagram.values.tolist(),
+        "frequencies_hz": diagram.frequencies.tolist(),
+        "damping_ratios": diagram.damping_ratios.tolist(),
+        "orbits": diagram.orbits.tolist(),
+        "modes": rows_of_modes(diagram),
+        "critical_speeds": [asdict(entry) | {"mode": entry.mode + 1} for entry in diagram.critical_speeds],
+        "critical_rows": rows_of_critical(diagram),
+        "full": diagram.full_rows,
+        "residual": max((entry.residual for entry in diagram.full), default=None),
+        "stability_limit": diagram.stability_limit,
+        "unstable_frequency_hz": diagram.unstable_frequency,
+        "sentence": diagram.sentence,
+        "warnings": list(diagram.warnings),
     }
 
 
-def rows_of_modes(found: Campbell) -> list[dict]:
+def rows_of_modes(diagram: Campbell) -> list[dict]:
     """Return a row for each mode: frequency and damping at the first and the last value, where it is there, and the
     whirl between."""
-    low, high = (f"{value:.6g}" for value in found.values[[0, -1]])
+    low, high = (f"{value:.6g}" for value in diagram.values[[0, -1]])
     rows = []
-    for k, orbits in enumerate(found.orbits.T):
+    for k, orbits in enumerate(diagram.orbits.T):
         widest = orbits[np.nanargmax(np.abs(orbits))] if np.isfinite(orbits).any() else np.nan
         senses = {in_words(orbit) for orbit in orbits[np.isfinite(orbits)]} - {"none"}
-        ends = [{"f": found.frequencies[end, k], "damping": 100 * found.damping_ratios[end, k]} for end in (0, -1)]
+        ends = [{"f": diagram.frequencies[end, k], "damping": 100 * diagram.damping_ratios[end, k]} for end in (0, -1)]
         first, last = ({key: "" if np.isnan(value) else float(value) for key, value in end.items()} for end in ends)
         rows.append({
             "mode": k + 1, f"f (Hz) at {low}": first["f"], f"at {high}": last["f"],
@@ -216,11 +216,12 @@ def rows_of_modes(found: Campbell) -> list[dict]:
     return rows
 
 
-def rows_of_critical(found: Campbell) -> list[dict]:
+def rows_of_critical(diagram: Campbell) -> list[dict]:
     """Return a row for each critical speed."""
-    to_rpm = {"rad/s": 30 / np.pi}.get(found.unit)
+    to_rpm = {"rad/s": 30 / np.pi}.get(diagram.unit)
     return [
-        {"order": item.order, found.parameter: item.value, **({"rpm": to_rpm * item.value} if to_rpm else {}),
-         "f (Hz)": item.frequency, "mode": item.mode + 1, "whirl": item.whirl, "damping (%)": 100 * item.damping_ratio}
-        for item in found.critical_speeds
+        {"order": speed.order, diagram.parameter: speed.value, **({"rpm": to_rpm * speed.value} if to_rpm else {}),
+         "f (Hz)": speed.frequency, "mode": speed.mode + 1, "whirl": speed.whirl,
+         "damping (%)": 100 * speed.damping_ratio}
+        for speed in diagram.critical_speeds
     ]  # fmt: skip

@@ -77,10 +77,10 @@ class Child:
         with suppress(OSError, InputError), open_input(self.log, "r", encoding="utf-8", errors="replace") as file:
             lines = [line.strip() for line in file.read().splitlines()]
             lines = [line for line in lines if any(map(str.isalnum, line)) and line != LOG]
-            said = [line for line in lines if line.startswith("hpcred: ")]
-            if not said and self.met_full_disk:
+            own = [line for line in lines if line.startswith("hpcred: ")]
+            if not own and self.met_full_disk:
                 return f"hpcred: error: {self.log}: the disk is full: what the run printed had no room; make room"
-            return (said or lines or [""])[-1]
+            return (own or lines or [""])[-1]
         return ""
 
 

@@ -87,7 +87,7 @@ def collect_sweep(path, *, output=None, figures=None, store=None, comm=None) -> 
     return {
         "rows": rows,
         "missing": [row["run"] for row in rows if row["size"] is None],
-        "curves": {name: [list(map(float, part)) for part in curve] for name, curve in curves.items()},
+        "curves": {name: [list(map(float, numbers)) for numbers in curve] for name, curve in curves.items()},
         "figures": drawn,
         "remarks": remarks,
     }
@@ -154,7 +154,7 @@ def _draw(folder, rows, curves, sweep, remarks) -> list[str]:
     keys = {key: [row[key] for row in known] for key in sweep.keys}
     numeric = [key for key, values in keys.items() if all(_is_number(value) for value in values)]
     words = [key for key in keys if key not in numeric]
-    kinds = {run.name: " + ".join(item.kind for item in run.job.basis) or "automatic" for run in sweep.runs}
+    kinds = {run.name: " + ".join(component.kind for component in run.job.basis) or "automatic" for run in sweep.runs}
 
     def method(row):
         return ", ".join(_said(key, row[key]) for key in words) or kinds[row["run"]]

@@ -77,9 +77,9 @@ def compare_results(
     # results that can be compared, and the frequencies
     results = [str(path) for path in results]
     labels = short_names(results)
-    found = [result_at(path, at, comm) for path in results]
-    whole = [item.reduced for item in found]
-    reduced = [elastic_part(item) for item in whole]
+    read = [result_at(path, at, comm) for path in results]
+    whole = [result.reduced for result in read]
+    reduced = [elastic_part(model) for model in whole]
     _check_alike(results, reduced)
     first = reduced[0].record
     grid, output, figure = grid.over(band_of(reduced[0], reduced[1:])), files.output, files.figure
@@ -90,34 +90,34 @@ def compare_results(
     if figure is not None:
         written |= {Path(figure).with_suffix(suffix): PICTURES[suffix] for suffix in (".png", ".svg")}
     check_outputs(written, comm, [*results, full], progress=progress)
-    reduced, dampings, _ = zip(*(as_compared(item, (grid[0], grid[-1])) for item in reduced), strict=True)
+    reduced, dampings, _ = zip(*(as_compared(model, (grid[0], grid[-1])) for model in reduced), strict=True)
     if dampings.count(dampings[0]) < len(dampings):
         raise InputError("compare: found results with different modal damping; compare those of one damping")
     grid, notes = above_rest(grid, reduced[0].transfer_function)
     # the full model once, for all
     with full_of_record(
-        full, first, results[0], damping=dampings[0], factoring=solving.factoring, at=found[0].values, comm=comm
+        full, first, results[0], damping=dampings[0], factoring=solving.factoring, at=read[0].values, comm=comm
     ) as full_model:
         known, drive = full_model.response(grid, solving.groups, progress)
         shapes = []
         if full_model.model.is_symmetric("K"):
-            shapes = _modes(full_model, modes, results, labels, found, reduced, progress)
+            shapes = _modes(full_model, modes, results, labels, read, reduced, progress)
         else:
             notes.append(f"{full}: K is not symmetric, so that the model has no real modes to compare with")
     # errors of each result
     rows, curves = [], []
-    for label, given, item in zip(labels, whole, reduced, strict=True):
-        response = frequency_response(item, grid)
-        errors = errors_of(item, grid, known, response, drive, measure, anew=True)
+    for label, uncut, model in zip(labels, whole, reduced, strict=True):
+        response = frequency_response(model, grid)
+        errors = errors_of(model, grid, known, response, drive, measure, anew=True)
         eps, worst = errors.eps, errors.directions[0]
         curves.append((label, eps))
         rows.append({
-            "result": label, "coordinates": item.record.coordinates, "size": given.size,
-            **({"elastic": item.size} if any(part.rigid_size for part in whole) else {}),
+            "result": label, "coordinates": model.record.coordinates, "size": uncut.size,
+            **({"elastic": model.size} if any(each.rigid_size for each in whole) else {}),
             "largest eps": float(eps.max()), "Q": error_integral(grid, eps),
             "worst direction": worst.output, "its error": worst.largest,
         })  # fmt: skip
-    report = {"full": str(full), **({"at": found[0].values} if at else {}),
+    report = {"full": str(full), **({"at": read[0].values} if at else {}),
               "frequencies_hz": grid.tolist(), "rows": rows, "modes": shapes, "notes": notes,
               "eps": {label: eps.tolist() for label, eps in curves}}  # fmt: skip
     with together(comm):
@@ -136,14 +136,14 @@ def _check_alike(results, reduced):
     """Refuse results with other inputs, outputs, frames or damping."""
     if len(set(results)) < len(results) or len(results) < 2:
         raise InputError(f"results: found {', '.join(results)}, expected two or more, each once")
-    for path, item in zip(results, reduced, strict=True):
-        if item.record is None:
+    for path, model in zip(results, reduced, strict=True):
+        if model.record is None:
             raise InputError(f"{path}: has no record of its reduction that tells its model from others, which a "
                              "comparison needs; reduce it again")  # fmt: skip
-        item.record.require_model(path)
+        model.record.require_model(path)
     first = reduced[0].record
-    for path, item in zip(results[1:], reduced[1:], strict=True):
-        record = item.record
+    for path, model in zip(results[1:], reduced[1:], strict=True):
+        record = model.record
         for key in ("inputs", "outputs", "frame", "damping", "size"):
             mine, other = getattr(first, key), getattr(record, key)
             if mine != other:
@@ -155,26 +155,26 @@ def _check_alike(results, reduced):
             raise InputError(f"{path}: was reduced from another model than {results[0]} (its {key} differs)")
 
 
-def _modes(full_model, count, results, labels, found, reduced, progress):
+def _modes(full_model, count, results, labels, read, reduced, progress):
     """Return rows of the lowest modes of the FullModel and what each result has for them. Collective."""
     model = full_model.model
     count = min(count, model.size - full_model.record.rigid_body_modes)
     with full_model.lowest_modes(count, progress) as reference:
         rows = [{"mode": i + 1, "f (Hz)": float(f)} for i, f in enumerate(reference.frequencies)]
         momentum = times(model.M, reference.columns)
-        for path, label, result, item in zip(results, labels, found, reduced, strict=True):
-            basis = None if item.record.projection == "two_sided" else read_basis(path, model)
+        for path, label, result, compared in zip(results, labels, read, reduced, strict=True):
+            basis = None if compared.record.projection == "two_sided" else read_basis(path, model)
             share = None
             if basis is not None:
-                given = result.reduced
-                X = scipy.linalg.eigh(given.K, given.M)[1][:, given.rigid_size :]
+                uncut = result.reduced
+                X = scipy.linalg.eigh(uncut.K, uncut.M)[1][:, uncut.rigid_size :]
                 X = X if result.turn is None else result.turn @ X
                 share = (inner(momentum, basis) @ X) ** 2
             for cluster in _clusters(reference.frequencies):
-                best, value = _nearest(reference.frequencies[cluster], item.frequencies,
+                best, value = _nearest(reference.frequencies[cluster], compared.frequencies,
                                        None if share is None else share[cluster])  # fmt: skip
                 for i, j in zip(cluster, best, strict=True):
-                    rows[i][f"{label} error"] = float(item.frequencies[j] / reference.frequencies[i] - 1)
+                    rows[i][f"{label} error"] = float(compared.frequencies[j] / reference.frequencies[i] - 1)
                     if share is not None:
                         rows[i][f"{label} MAC"] = float(value[j])
     return rows

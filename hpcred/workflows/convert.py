@@ -110,7 +110,7 @@ def _superelement(source, output, variables, units, comm, progress) -> dict:
     warnings = [*record.warnings, *comm.bcast(READERS.broken)]
     with progress.stage("write", str(output)):
         rescued(lambda place: write_result(place, reduced, nodes=result.nodes), output, comm)
-    others = [node.label for node in result.nodes if node.label not in {item.name for item in reduced.interfaces}]
+    others = [node.label for node in result.nodes if node.label not in {own.name for own in reduced.interfaces}]
     placed, frequencies = len(reduced.input_names), np.sort(reduced.frequencies)
     known = frequencies.any() or not reduced.K.any()  # not of a spring, which has no mass
     return {
@@ -133,9 +133,9 @@ def list_formats() -> list[dict]:
         A row each: name, what it holds, what tells it, and the files beside it.
     """
     rows = []
-    for holds, what in (("model", "a whole model"), ("matrix", "a matrix")):
-        for item in readers_of(holds):
-            beside = item.companions if holds == "model" else "-K, -M, --nodes, --dofs"
-            brought = "" if item.package == OWN else f" (of the package {item.package})"
-            rows.append({"format": item.name + brought, "holds": what, "told by": item.told_by, "with it": beside})
+    for holds, kind in (("model", "a whole model"), ("matrix", "a matrix")):
+        for reader in readers_of(holds):
+            beside = reader.companions if holds == "model" else "-K, -M, --nodes, --dofs"
+            brought = "" if reader.package == OWN else f" (of the package {reader.package})"
+            rows.append({"format": reader.name + brought, "holds": kind, "told by": reader.told_by, "with it": beside})
     return rows

@@ -108,20 +108,20 @@ def driven_response(
 
 
 def _random(reduced, loads, band, modes):
-    found = random_response(reduced, loads.over, loads.values, band=band, orders=loads.orders, stress=modes)
+    response = random_response(reduced, loads.over, loads.values, band=band, orders=loads.orders, stress=modes)
     units = [unit_of_output(name) or "1" for name in reduced.output_names]
-    units += ["Pa"] * (len(found.names) - len(units))  # of stresses
+    units += ["Pa"] * (len(response.names) - len(units))  # of stresses
     rows = [{"output": name, "RMS": rms, "unit": unit}
-            for name, rms, unit in zip(found.names, found.rms, units, strict=True)]  # fmt: skip
-    curves = zip(found.names, map(unit_of_density, units), found.psd.T, strict=True)
-    return found.frequencies, list(curves), rows
+            for name, rms, unit in zip(response.names, response.rms, units, strict=True)]  # fmt: skip
+    curves = zip(response.names, map(unit_of_density, units), response.psd.T, strict=True)
+    return response.frequencies, list(curves), rows
 
 
 def _harmonic(reduced, loads):
-    found = harmonic_response(reduced, loads.over, loads.values, orders=loads.orders)
+    response = harmonic_response(reduced, loads.over, loads.values, orders=loads.orders)
     curves = [(name, unit_of_output(name) or "1", values)
-              for name, values in zip(reduced.output_names, found.T, strict=True)]  # fmt: skip
-    most = np.abs(found).argmax(axis=0)
+              for name, values in zip(reduced.output_names, response.T, strict=True)]  # fmt: skip
+    most = np.abs(response).argmax(axis=0)
     rows = [{"output": name, "amplitude": abs(values[k]), "unit": unit, "f (Hz)": loads.over[k]}
             for (name, unit, values), k in zip(curves, most, strict=True)]  # fmt: skip
     return loads.over, curves, rows
@@ -132,7 +132,7 @@ def _shock(reduced, loads, spectrum, q):
     inputs = loads.at(t)
     # accelerations of bases that move, and outputs that are accelerations
     histories = list(zip(reduced.input_names, units_of_inputs(reduced), inputs.T, strict=True))
-    histories = [item for item in histories if item[2].any()]
+    histories = [history for history in histories if history[2].any()]
     histories += [(name, unit_of_output(name), values)
                   for name, values in zip(reduced.output_names, time_response(reduced, t, inputs).T, strict=True)]
     curves, rows = [], []

@@ -83,22 +83,22 @@ def evaluate_result(
     if preload is not None and full is not None:
         raise InputError("--preload: cannot be combined with --full, which is without load; leave one of them out")
     # the reduced model at the values and the load
-    found = result_at(result, at, comm)
-    reduced = elastic_part((found if preload is None else found.at_preload(preload)).reduced)
+    source = result_at(result, at, comm)
+    reduced = elastic_part((source if preload is None else source.at_preload(preload)).reduced)
     record = reduced.record
     # what cannot be written is refused before anything is computed
     grid, output, figure = grid.over(band_of(reduced)), files.output, files.figure
-    given = [(record.job or {}).get(key) for key in ("inputs", "outputs")]
-    reads = [result, full, *(name for name in given if isinstance(name, str))]
+    named = [(record.job or {}).get(key) for key in ("inputs", "outputs")]
+    reads = [result, full, *(name for name in named if isinstance(name, str))]
     files.check(comm, reads, progress)
     grid, told = above_rest(grid, reduced.transfer_function)
     shown = pairs_by_name(pairs, reduced.output_names, reduced.input_names, result)
     report = {"result": str(result), "frequencies_hz": grid.tolist()}
     if at:
-        report |= {"at": found.values, "pseudo_frequencies_hz": reduced.frequencies.tolist()}
+        report |= {"at": source.values, "pseudo_frequencies_hz": reduced.frequencies.tolist()}
     if preload is not None:
         report |= {"preload": asdict(preload), "pseudo_frequencies_hz": reduced.frequencies.tolist()}
-        told += [text for text in [warning_of_basis(found.body(), preload)] if text]
+        told += [text for text in [warning_of_basis(source.body(), preload)] if text]
     # both responses, with a damping that both have
     damping, words = record.damping, ""
     if full is not None:
@@ -108,7 +108,7 @@ def evaluate_result(
     # eps(f) (55) and Q (57) against full solves
     if full is not None:
         with full_of_record(
-            full, record, result, damping=damping, factoring=solving.factoring, at=found.values, comm=comm
+            full, record, result, damping=damping, factoring=solving.factoring, at=source.values, comm=comm
         ) as known:
             arrays["full"], arrays["drive"] = known.response(grid, solving.groups, progress)
         errors = errors_of(reduced, grid, arrays["full"], arrays["reduced"], arrays["drive"], measure)
@@ -123,7 +123,7 @@ def evaluate_result(
             "eps_max": float(arrays["eps"].max()),
             "Q": error_integral(grid, arrays["eps"]),
             "measure": errors.measure.kind,
-            "directions": [asdict(item) for item in errors.directions],
+            "directions": [asdict(direction) for direction in errors.directions],
             "direction_rows": rows_of_directions(errors.directions, grid),
         }  # fmt: skip
     if shown:
@@ -137,7 +137,7 @@ def evaluate_result(
             made = {"result": str(result), "model": record.model, "versions": versions(),
                     "moves": motions_of(record.loads)}  # fmt: skip
             names = {"input_names": reduced.input_names, "output_names": reduced.output_names}
-            places = {node.label: (node.node, node.position) for node in found.nodes}
+            places = {node.label: (node.node, node.position) for node in source.nodes}
             responses = Responses(**arrays, **names, record=made, places=places)
             rescued(lambda place: write_responses(place, responses, comm), output, comm)
             told += lost_channels(output, responses)
@@ -191,8 +191,8 @@ def estimate_of_result(result, *, frequencies=(), parts: int = 61, comm=None) ->
             raise InputError(f"points: found {parts}, expected at least 1")
         # the largest error of each part of the band
         S, curve = np.array(accuracy.frequencies), np.array(accuracy.eps)
-        part = np.clip(((S - S[0]) / (S[-1] - S[0]) * parts).astype(int), 0, parts - 1)
-        worst = [index[curve[index].argmax()] for k in range(parts) if len(index := np.flatnonzero(part == k))]
+        piece = np.clip(((S - S[0]) / (S[-1] - S[0]) * parts).astype(int), 0, parts - 1)
+        worst = [index[curve[index].argmax()] for k in range(parts) if len(index := np.flatnonzero(piece == k))]
         chosen, errors = S[worst], curve[worst]
     return {
         "result": str(result),
@@ -248,12 +248,12 @@ def check_result(
     InputError
         Where the basis was chosen by hand, and for another model.
     """
-    found = result_at(result, at, comm)
-    reduced = elastic_part(found.reduced)
+    source = result_at(result, at, comm)
+    reduced = elastic_part(source.reduced)
     accuracy, record = accuracy_of(reduced, result), reduced.record
     damping = measuring_damping(accuracy, record.damping)
     with full_of_record(
-        full, record, result, damping=damping, factoring=solving.factoring, at=found.values, comm=comm
+        full, record, result, damping=damping, factoring=solving.factoring, at=source.values, comm=comm
     ) as known:
         check = check_reduced(
             reduced, known.model, count, seed=seed, factoring=known.factoring, groups=solving.groups, progress=progress
@@ -273,8 +273,8 @@ def check_result(
 def band_of(reduced, others=()) -> tuple[float, float]:
     """Return the band (Hz) that the job or the accuracy of a reduced model states, or else the first that one of the
     others does, or up to between the two highest pseudo-frequencies."""
-    for item in (reduced, *others):
-        record = item.record
+    for model in (reduced, *others):
+        record = model.record
         stated = (record.job or {}).get("band") or (record.accuracy and record.accuracy.band)
         if stated:
             return tuple(stated)

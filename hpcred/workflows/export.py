@@ -125,16 +125,16 @@ def export_result(
                 source = ExportSource(taken, path.stem, nodes, system, modes, surface, writer.stress, settings,
                                       parametric=parametric if keeps else None, base=base)  # fmt: skip
                 report = _write(writer, source, temporary)
-                found = report.get("remarks", [])
+                remarks = report.get("remarks", [])
                 if parametric is not None and not keeps:
-                    found.append(f"at {in_words(parametric.reference)}, the reference values; --at takes others")
+                    remarks.append(f"at {in_words(parametric.reference)}, the reference values; --at takes others")
                 if writer.needs == "body" and _rotates(taken.reduced.record):
-                    found.append("D and K have terms of rotation, whose forces programs that rotate the body add too")
-                if preload is not None and preload.values and not any("preload" in remark for remark in found):
-                    found.append(f"K has the stress of the preload {preload.words}")
+                    remarks.append("D and K have terms of rotation, whose forces programs that rotate the body add too")
+                if preload is not None and preload.values and not any("preload" in remark for remark in remarks):
+                    remarks.append(f"K has the stress of the preload {preload.words}")
                 if far:
-                    found.append(far)
-                found.extend(WRITERS.broken)
+                    remarks.append(far)
+                remarks.extend(WRITERS.broken)
                 beside = {path.with_name(path.stem + suffix): content for suffix, content in source.beside.items()}
         report, names = comm.bcast((report, beside and list(beside)))
         if names or writer.needs == "superelement":
@@ -202,7 +202,7 @@ def export_reduced(
 
 def _rotates(record):
     """Test whether the job of a record has terms that are made for a rotation."""
-    return any(item["kind"] != "matrix" for item in (record and record.job or {}).get("term", ()))
+    return any(term["kind"] != "matrix" for term in (record and record.job or {}).get("term", ()))
 
 
 def _chosen(kind, path, comm):
@@ -246,24 +246,24 @@ def _entry(kind, path):
     return known[kind]
 
 
-def _options_of(writer, given):
+def _options_of(writer, wanted):
     """The settings of a format, checked, or None where it has none. Raises InputError."""
-    if not isinstance(given or {}, Mapping):
+    if not isinstance(wanted or {}, Mapping):
         table = {}
-        for text in given:
+        for text in wanted:
             override(table, text)
         if others := [name for name in table if name != writer.name]:
             raise InputError(f"--set: found '{others[0]}', expected {writer.name}.key=value, of --format {writer.name}")
-        given = table.get(writer.name, {})
+        wanted = table.get(writer.name, {})
     if writer.options is None:
-        if given:
+        if wanted:
             raise InputError(f"--set: '{writer.name}' has no settings of its own; leave it out")
         return None
     known = types_of(writer.options)
-    for key in given or {}:
+    for key in wanted or {}:
         if key not in known:
             raise InputError(f"--set: {writer.name}: unknown key{nearest(key, known)}; known are {', '.join(known)}")
-    settings = writer.options(**(given or {}))
+    settings = writer.options(**(wanted or {}))
     as_declared(settings, f"--set: {writer.name}.")
     return settings
 
@@ -294,14 +294,14 @@ def _write(writer, source, target) -> dict:
                            "base")  # fmt: skip
         named = {"inputs": list(source.reduced.input_names), "outputs": list(source.reduced.output_names)}
     else:
-        found = source.body.nodes if needs == "body" else source.superelement.interfaces
-        named = {"nodes": [item.node for item in found]}
+        points = source.body.nodes if needs == "body" else source.superelement.interfaces
+        named = {"nodes": [node.node for node in points]}
     return {"coordinates": source.reduced.size, **named, "remarks": remarks}
 
 
 def _require_nodes(source):
     """Raise InputError for a body without interface nodes; it names the formats that need none."""
-    others = ", ".join(item.name for item in map(WRITERS.load, WRITERS.own) if item.needs == "reduced")
+    others = ", ".join(writer.name for writer in map(WRITERS.load, WRITERS.own) if writer.needs == "reduced")
     try:
         nodes = source.body.nodes
     except InputError as error:

@@ -106,13 +106,13 @@ def _model_of_record(path, record, result, at, comm):
     record.require_model(result)
     model = read_model(path, comm)
     # what the job adds to a model file that does not have it
-    given = record.job or {}
-    bases = adapter_of(tuple[Base, ...]).validate_python(given.get("base", ()))
-    moved = [name for item in bases for name in item.input_names]
+    job = record.job or {}
+    bases = adapter_of(tuple[Base, ...]).validate_python(job.get("base", ()))
+    moved = [name for entry in bases for name in entry.input_names]
     if set(moved) <= {*motions_of(model.loads)}:
         bases = ()  # they are in the file
-    loads = adapter_of(tuple[AnyLoad, ...]).validate_python(given.get("load", ()))
-    loads = [item for item in loads if item.name not in model.input_names]
+    loads = adapter_of(tuple[AnyLoad, ...]).validate_python(job.get("load", ()))
+    loads = [entry for entry in loads if entry.name not in model.input_names]
     if not bases and model.size != record.size:  # before interfaces are looked for, which another model does not have
         with model:
             raise InputError(f"{path}: has {model.size} dofs, and the model that {result} was reduced from has "
@@ -121,7 +121,7 @@ def _model_of_record(path, record, result, at, comm):
     model = with_matrices_of_record(model, record)
     interfaces = record.interfaces
     if bases:  # of which one may move an interface
-        interfaces = adapter_of(tuple[Interface, ...]).validate_python(given.get("interface", ()))
+        interfaces = adapter_of(tuple[Interface, ...]).validate_python(job.get("interface", ()))
     model = with_interfaces(model, interfaces)
     inputs, outputs = record.inputs, record.outputs
     if bases:
@@ -129,7 +129,7 @@ def _model_of_record(path, record, result, at, comm):
             tuple(name for name in names if name not in moved and not name.startswith(ABSOLUTE))
             for names in (inputs, outputs)
         )
-    added = [item.name for item in loads]
+    added = [entry.name for entry in loads]
     forces = tuple(name for name in inputs if name not in added)
     if forces or not (bases or loads):
         model = _as_recorded(model, "input", forces, record, path)
@@ -143,8 +143,8 @@ def _model_of_record(path, record, result, at, comm):
     key = difference_of(model.digests, record)
     if key is not None:
         with model:
-            what = WORDS.get(key, f"matrix {key} differs")
-            raise InputError(f"{path}: its {what} from what {result} was reduced from; take that model, or "
+            difference = WORDS.get(key, f"matrix {key} differs")
+            raise InputError(f"{path}: its {difference} from what {result} was reduced from; take that model, or "
                              "reduce this one again")  # fmt: skip
     if parametric is None and at:
         with model:
@@ -168,7 +168,7 @@ def with_terms_of_record(model, record) -> ParametricModel | None:
         adapter_of(tuple[kind, ...]).validate_python(job[key])
         for kind, key in ((Parameter, "parameter"), (TermTable, "term"))
     )
-    for name in [item.file for item in tables if item.file is not None]:
+    for name in [table.file for table in tables if table.file is not None]:
         known = (record.contents or {}).get(name)
         if known is not None and os.path.isfile(name) and content_of(name, model.comm) != known:
             with model:

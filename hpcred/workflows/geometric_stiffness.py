@@ -33,15 +33,15 @@ def check_geometric_stiffness(job, model) -> list[str]:
         )
     if job.geometric_stiffness is True:
         warnings = require_stresses(model).warnings()
-    for item in job.loaded_states:
-        require_state(model, item.state)
+    for loaded in job.loaded_states:
+        require_state(model, loaded.state)
         with agreed(model.comm):
-            for name in (item.stresses, item.file, item.opposite):
+            for name in (loaded.stresses, loaded.file, loaded.opposite):
                 if name is not None:
                     require_file(name)
-            of_stress = _is_of_stress(item)
-        if item.file is not None and item.matrix is None and not of_stress:
-            require_axial(model, item.state)
+            of_stress = _is_of_stress(loaded)
+        if loaded.file is not None and loaded.matrix is None and not of_stress:
+            require_axial(model, loaded.state)
     return warnings
 
 
@@ -52,63 +52,63 @@ def geometric_stiffness_of_job(job, model, reduced) -> GeometricStiffness | None
         return geometric_stiffness(model, reduced.columns, job.frame, origin=job.body_origin, factoring=job.factoring)
     if not job.geometric_stiffness:
         return None
-    matrices = [_matrix(item, model, reduced.columns) for item in job.loaded_states]
-    states = tuple(item.state for item in job.loaded_states)
+    matrices = [_matrix(loaded, model, reduced.columns) for loaded in job.loaded_states]
+    states = tuple(loaded.state for loaded in job.loaded_states)
     return GeometricStiffness(states, np.array(matrices), np.array(job.body_origin))
 
 
-def _matrix(item: LoadedState, model, columns) -> np.ndarray:
+def _matrix(loaded: LoadedState, model, columns) -> np.ndarray:
     """Return the stiffness of a unit of a state by its files. Collective."""
-    units = units_of(item.units or model.converted_from or "SI")
-    if item.stresses is not None:
+    units = units_of(loaded.units or model.converted_from or "SI")
+    if loaded.stresses is not None:
         from ..readers.stresses.calculix_dat import read_points  # as other readers, loaded when it is used
 
-        element, point, stress = read_points(item.stresses, model.comm)
+        element, point, stress = read_points(loaded.stresses, model.comm)
         stress = stress * (units.mass / units.length / units.time**2)
-        return stiffness_of_stresses(model, columns, element, point, stress, item.stresses) / item.value
+        return stiffness_of_stresses(model, columns, element, point, stress, loaded.stresses) / loaded.value
     with agreed(model.comm):
-        of_stress = _is_of_stress(item)
+        of_stress = _is_of_stress(loaded)
     if of_stress:
-        return _of_stress(item, units, model, columns) / item.value
-    others = [name and _loaded(name, units, item, model.comm) for name in (item.file, item.opposite)]
-    return stiffness_of_difference(model, columns, item, *others) / item.value
+        return _of_stress(loaded, units, model, columns) / loaded.value
+    others = [name and _loaded(name, units, loaded, model.comm) for name in (loaded.file, loaded.opposite)]
+    return stiffness_of_difference(model, columns, loaded, *others) / loaded.value
 
 
-def _is_of_stress(item) -> bool:
+def _is_of_stress(loaded) -> bool:
     """Test whether the file of a state has the stiffness of its stress. Raises InputError."""
     from ..readers.ansys.full import has_stress_stiffness
 
-    if item.file is None or not has_stress_stiffness(item.file):
+    if loaded.file is None or not has_stress_stiffness(loaded.file):
         return False
-    if item.opposite is not None:
-        raise InputError(f"geometric_stiffness.opposite: {item.file} has the stiffness of the stress, which needs "
+    if loaded.opposite is not None:
+        raise InputError(f"geometric_stiffness.opposite: {loaded.file} has the stiffness of the stress, which needs "
                          "none; leave it out")  # fmt: skip
     return True
 
 
-def _of_stress(item, units, model, columns) -> np.ndarray:
+def _of_stress(loaded, units, model, columns) -> np.ndarray:
     """Return the stiffness of the stress of a state in a file of a buckling analysis. Collective."""
     from ..readers.ansys.full import BUCKLING, read_parts
     from ..readers.assembly import assemble
 
-    parts = read_parts(item.file, model.comm, BUCKLING)
+    parts = read_parts(loaded.file, model.comm, BUCKLING)
     matrices = parts.matrices  # of which M may be anything, and is refused as a mass
     matrices["K"], matrices["M"] = matrices["M"], matrices["K"]
-    with assemble(parts, model.comm, item.file) as read, in_si(read, units) as other:
+    with assemble(parts, model.comm, loaded.file) as read, in_si(read, units) as other:
         elastic = other.M.copy()
         elastic.scale(units.time**-2)  # it was converted as a mass
-        return stiffness_of_stress(model, columns, item, other, elastic)
+        return stiffness_of_stress(model, columns, loaded, other, elastic)
 
 
-def _loaded(name, units, item, comm):
+def _loaded(name, units, loaded, comm):
     """Return the model of a file of a LoadedState in SI, with K of its name, or its own. Collective."""
-    kind, matrix, given = None, item.matrix, item.units
+    kind, matrix, system = None, loaded.matrix, loaded.units
     with agreed(comm):
         kind = kind_of_file(name)
     if kind == MODEL:
         if matrix:
             raise InputError(f"geometric_stiffness.matrix: {name} is a model of hpcred, whose K has no other name")
-        if given and units_of(given) != units_of("SI"):
+        if system and units_of(system) != units_of("SI"):
             raise InputError(f"geometric_stiffness.units: {name} is a model of hpcred, which is in SI; leave units out")
         return read_model(name, comm)
     from ..readers.model_source import load_export  # which loads the readers of all formats

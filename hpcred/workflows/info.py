@@ -181,25 +181,25 @@ def _job(path, job, figure, comm, progress):
     with model:
         with model.with_loads(job.load) as loaded:
             loads = loaded.loads
-        found = model.interfaces
+        nodes = model.interfaces
         if figure is not None:
-            sets = {item.name: np.unique(model.dofs.node[members(model, item.definition)]) for item in found}
+            sets = {node.name: np.unique(model.dofs.node[members(model, node.definition)]) for node in nodes}
             with progress.stage("figure"):
-                draw_sets_of(figure, model, sets, [(item.name, item.position) for item in found])
+                draw_sets_of(figure, model, sets, [(node.name, node.position) for node in nodes])
         rows = [
-            {"interface": item.name, "node": item.node, "kind": item.definition.kind, "nodes": item.count}
-            | {axis: round(value, 12) + 0.0 for axis, value in zip("xyz", item.position, strict=True)} for item in found
+            {"interface": node.name, "node": node.node, "kind": node.definition.kind, "nodes": node.count}
+            | {axis: round(value, 12) + 0.0 for axis, value in zip("xyz", node.position, strict=True)} for node in nodes
         ]  # fmt: skip
         varied = model.declared | ({
             "parameters": rows_of_parameters(job.parameter),
-            "terms": [{"of": item.with_matrix(None).of, "factor": item.factor, "matrix": item.matrix_in_words}
-                      for item in job.term],
+            "terms": [{"of": node.with_matrix(None).of, "factor": node.factor, "matrix": node.matrix_in_words}
+                      for node in job.term],
         } if job.term else {})  # fmt: skip
         return {
             "format": "job file", "model": model.name, "dofs": model.size, "output": job.output,
-            "interfaces": rows, **({"bases": [_base_row(item) for item in job.base]} if job.base else {}),
-            "loads": [item.row for item in loads], **varied,
-            "warnings": [*model.remarks, *warnings_of_interfaces(model), *sum((item.notes for item in loads), [])],
+            "interfaces": rows, **({"bases": [_base_row(node) for node in job.base]} if job.base else {}),
+            "loads": [node.row for node in loads], **varied,
+            "warnings": [*model.remarks, *warnings_of_interfaces(model), *sum((node.notes for node in loads), [])],
         }  # fmt: skip
 
 
@@ -248,7 +248,7 @@ def _export(path, export, comm, variables):
         mesh = abaqus_input.read(path, comm, calculix="K" in calculix.files_of(path))
         report["format"] = "Abaqus or CalculiX input file"
         return report | _mesh(comm, mesh.nodes, mesh.elements, mesh.sets, mesh.properties) | {"warnings": [str(error)]}
-    report |= {key: f"{parts.files[key]}: {_size(comm, item)}" for key, item in parts.matrices.items()}
+    report |= {key: f"{parts.files[key]}: {_size(comm, matrix)}" for key, matrix in parts.matrices.items()}
     report |= _mesh(comm, parts.nodes, parts.elements, parts.sets, parts.properties)
     if held := len(set().union(*comm.allgather(set(parts.removed.tolist())))):
         report["held_dofs"] = held
@@ -258,14 +258,14 @@ def _export(path, export, comm, variables):
 def _mesh(comm, nodes, elements, sets, properties=None):
     if nodes is None:
         return {"nodes": "none"}
-    found = {"nodes": comm.allreduce(len(nodes.label))}
+    counts = {"nodes": comm.allreduce(len(nodes.label))}
     if elements:
-        found["elements"] = {kind: comm.allreduce(len(part)) for kind, part in elements.items()}
+        counts["elements"] = {kind: comm.allreduce(len(members)) for kind, members in elements.items()}
     if properties is not None:
-        found |= properties_in_words(properties, comm, units=False)
+        counts |= properties_in_words(properties, comm, units=False)
     if sets:
-        found["sets"] = {name: comm.allreduce(len(part)) for name, part in sets.items()}
-    return found
+        counts["sets"] = {name: comm.allreduce(len(members)) for name, members in sets.items()}
+    return counts
 
 
 def _matrix(path, single, comm):
@@ -280,11 +280,11 @@ def _matrix(path, single, comm):
     return {"format": single.name, "matrix": _size(comm, read_entries(path, comm)), "warnings": []}
 
 
-def _size(comm, item):
+def _size(comm, matrix):
     """Return rows, columns and entries of a matrix in words."""
-    entries = comm.allreduce(len(item.values))
-    largest = max(comm.allgather(float(np.abs(item.values).max(initial=0.0))))
-    if isinstance(item, LabelledEntries):
+    entries = comm.allreduce(len(matrix.values))
+    largest = max(comm.allgather(float(np.abs(matrix.values).max(initial=0.0))))
+    if isinstance(matrix, LabelledEntries):
         return f"{entries} entries between named dofs, the largest {largest:.6g}"
-    return f"{item.shape[0]} x {item.shape[1]}, {entries} entries, the largest {largest:.6g}"
+    return f"{matrix.shape[0]} x {matrix.shape[1]}, {entries} entries, the largest {largest:.6g}"
 

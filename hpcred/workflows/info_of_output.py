@@ -37,8 +37,8 @@ from .workflow import workflow
 
 def result(path, comm) -> dict:
     """Describe a result. Collective. Raises InputError."""
-    found = result_file.read_result(path, comm)
-    reduced = found.reduced
+    content = result_file.read_result(path, comm)
+    reduced = content.reduced
     report = {
         "format": "hpcred result",
         "coordinates": reduced.size,
@@ -46,17 +46,17 @@ def result(path, comm) -> dict:
         "frequencies_hz": reduced.frequencies.tolist(),
         "inputs": list(reduced.input_names),
         "outputs": list(reduced.output_names),
-        "interface_nodes": [shape.node for shape in found.nodes],
+        "interface_nodes": [shape.node for shape in content.nodes],
     }
     # what the reduced model has beside M, D, K
     report |= reduced.operator.families
-    if found.geometric_stiffness is not None:
-        report["geometric_stiffness"] = list(found.geometric_stiffness.states)
+    if content.geometric_stiffness is not None:
+        report["geometric_stiffness"] = list(content.geometric_stiffness.states)
     if varied := getattr(reduced, "parameters", ()):
         report["parameters"] = rows_of_parameters(varied)
-        report["terms"] = [{"of": item.of, "factor": item.factor} for item in reduced.terms]
-    if found.stress_nodes:
-        report["stress"] = f"{found.stress_nodes} nodes; {found.stress_source}"
+        report["terms"] = [{"of": entry.of, "factor": entry.factor} for entry in reduced.terms]
+    if content.stress_nodes:
+        report["stress"] = f"{content.stress_nodes} nodes; {content.stress_source}"
     # where it comes from, and how accurate it is
     record = reduced.record
     if record is None:
@@ -73,9 +73,9 @@ def result(path, comm) -> dict:
     if record.interface_rows:
         report["interfaces"] = record.interface_rows
     if record.joints:
-        report["joints"] = [item.row for item in record.joints]
+        report["joints"] = [entry.row for entry in record.joints]
     if record.loads:
-        report["loads"] = [item.row for item in record.loads]
+        report["loads"] = [entry.row for entry in record.loads]
     return report | {"warnings": list(record.warnings)}
 
 
@@ -89,20 +89,20 @@ def _damping(record) -> str:
 
 def response(path, comm) -> dict:
     """Describe a file of responses. Raises InputError."""
-    found = response_file.read_responses(path)
-    f = found.frequencies
+    responses = response_file.read_responses(path)
+    f = responses.frequencies
     report = {
         "format": "hpcred frequency responses",
         "frequencies": len(f),
         "band_hz": [float(f.min()), float(f.max())] if len(f) else [],
-        "inputs": list(found.input_names),
-        "outputs": list(found.output_names),
-        "arrays": [key for key in response_file.ARRAYS if getattr(found, key) is not None],
+        "inputs": list(responses.input_names),
+        "outputs": list(responses.output_names),
+        "arrays": [key for key in response_file.ARRAYS if getattr(responses, key) is not None],
     }
-    if found.eps is not None and len(f):
-        report["largest_eps"] = float(found.eps.max())
-    made_from = {key: found.record[key] for key in ("model", "result") if key in found.record}
-    return report | made_from | {"warnings": list(found.record.get("warnings", []))}
+    if responses.eps is not None and len(f):
+        report["largest_eps"] = float(responses.eps.max())
+    made_from = {key: responses.record[key] for key in ("model", "result") if key in responses.record}
+    return report | made_from | {"warnings": list(responses.record.get("warnings", []))}
 
 
 def simulation(path, comm) -> dict:
@@ -140,16 +140,16 @@ def recovery(path, comm) -> dict:
 
 def diagram(path, comm) -> dict:
     """Describe a file of a Campbell diagram. Raises InputError."""
-    found = campbell_file.read_campbell(path)
+    content = campbell_file.read_campbell(path)
     report = {
         "format": "hpcred Campbell diagram",
-        "parameter": f"{found.parameter} in {found.unit}" if found.unit else found.parameter,
-        "from_to": [float(found.values[0]), float(found.values[-1])],
-        "values": len(found.values),
-        "modes": found.poles.shape[1],
-        "critical_speeds": [item.value for item in found.critical_speeds],
+        "parameter": f"{content.parameter} in {content.unit}" if content.unit else content.parameter,
+        "from_to": [float(content.values[0]), float(content.values[-1])],
+        "values": len(content.values),
+        "modes": content.poles.shape[1],
+        "critical_speeds": [critical.value for critical in content.critical_speeds],
     }
-    return report | {"stability_limit": found.stability_limit, "warnings": list(found.warnings)}
+    return report | {"stability_limit": content.stability_limit, "warnings": list(content.warnings)}
 
 
 OUTPUTS = {
@@ -208,9 +208,9 @@ def table(path) -> dict:
 
 def data(path) -> dict:
     """Return the keys of a JSON file."""
-    found = json.loads(Path(path).read_text(encoding="utf-8"))
-    keys = list(found if isinstance(found, dict) else found[0] if found else [])
-    return {"format": "JSON", "keys": keys, **({} if isinstance(found, dict) else {"rows": len(found)})}
+    content = json.loads(Path(path).read_text(encoding="utf-8"))
+    keys = list(content if isinstance(content, dict) else content[0] if content else [])
+    return {"format": "JSON", "keys": keys, **({} if isinstance(content, dict) else {"rows": len(content)})}
 
 
 def page(path) -> dict:
@@ -227,11 +227,11 @@ def by_writers(path, entries) -> dict | None:
     for entry in WRITERS.fitting(lambda writer: start and writer.begins(start), entries):
         writer = WRITERS.load(entry)
         with blamed(writer):
-            said = writer.describe(path)
+            content = writer.describe(path)
         if entry.package != OWN:
-            return {"format": f"{writer.name} (of the package {writer.package})", **said}
-        if said:
-            return said
+            return {"format": f"{writer.name} (of the package {writer.package})", **content}
+        if content:
+            return content
     return None
 
 
@@ -240,8 +240,8 @@ def described(path, tables=True) -> dict | None:
 
     On one rank.
     """
-    if found := by_writers(path, WRITERS.own):
-        return found
+    if content := by_writers(path, WRITERS.own):
+        return content
     kind = outputs.kind_of(path)
     if kind in outputs.TABLES or kind.startswith(".csv table"):
         return table(path) if tables else None

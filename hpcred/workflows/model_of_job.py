@@ -55,13 +55,13 @@ def with_terms(model, parameters, tables) -> ParametricModel:
 
     with model:
         terms, remarks = [], list(model.remarks)
-        for item in tables:
-            if item.kind == "matrix":
-                matrix, found = read_term_matrix(model, item.of, item.file, item.variable, item.units)
-                remarks += found
+        for table in tables:
+            if table.kind == "matrix":
+                matrix, notes = read_term_matrix(model, table.of, table.file, table.variable, table.units)
+                remarks += notes
             else:
-                matrix = rotation_matrix(model, item.kind, unit_axis("term: axis", item.axis))
-            terms.append(item.with_matrix(matrix))
+                matrix = rotation_matrix(model, table.kind, unit_axis("term: axis", table.axis))
+            terms.append(table.with_matrix(matrix))
         with model.with_fields(remarks=tuple(remarks)) as constant:
             return ParametricModel(constant, parameters, terms)
 
@@ -85,19 +85,19 @@ def model_of_files(source, comm):
 def _loaded_at_interfaces(model, job):
     """Return the model with all directions of its interfaces as inputs, and as outputs unless the job has some, in
     place of those of its file; `model` is closed. Collective."""
-    given, fields = [("inputs", model.B is not None, model.input_names)], {}
+    declared, fields = [("inputs", model.B is not None, model.input_names)], {}
     if job.outputs is None:
-        given.append(("outputs", model.has_own_outputs, model.own_output_names))
+        declared.append(("outputs", model.has_own_outputs, model.own_output_names))
         fields = {"Ct": None, "rates": Rates(), "own_output_names": ()}
     lost = [f"{key} ({', '.join(names[:4])}{', ...' if len(names) > 4 else ''})"
-            for key, there, names in given if there]  # fmt: skip
+            for key, there, names in declared if there]  # fmt: skip
     if lost:
         first, *others = model.interfaces
         told = f"the interfaces of the job take the place of the {' and '.join(lost)} of {model.name}; name all that " \
                "shall be there in `inputs` and `outputs`"  # fmt: skip
         fields["interfaces"] = (replace(first, warnings=(*first.warnings, told)), *others)
     with model, model.with_fields(**fields) as bare:
-        return bare.with_inputs([item.name for item in bare.interfaces])
+        return bare.with_inputs([interface.name for interface in bare.interfaces])
 
 
 def with_declared_terms(model, terms: Job | DeclaredTerms):
@@ -111,17 +111,17 @@ def with_declared_terms(model, terms: Job | DeclaredTerms):
     from ..readers.term_files import read_term_matrix  # which loads the readers of all formats
 
     with model:
-        parts, remarks = [], list(model.remarks)
+        added, remarks = [], list(model.remarks)
         for part in terms.viscoelastic:
             if part.material is not None:
                 matrix = material_stiffness(model, part.material)
-                parts.append(Viscoelastic(matrix, part.law, part.name or part.material, within=True))
+                added.append(Viscoelastic(matrix, part.law, part.name or part.material, within=True))
                 continue
-            matrix, more = read_term_matrix(model, "K", part.file, part.variable, part.units)
-            remarks += more
-            parts.append(Viscoelastic(matrix, part.law, part.name or Path(part.file).name))
+            matrix, notes = read_term_matrix(model, "K", part.file, part.variable, part.units)
+            remarks += notes
+            added.append(Viscoelastic(matrix, part.law, part.name or Path(part.file).name))
         with model.with_fields(remarks=tuple(remarks)) as elastic:
-            return elastic.with_viscoelastic(parts)
+            return elastic.with_viscoelastic(added)
 
 
 def with_matrices_of_record(model, record):
@@ -140,8 +140,8 @@ def with_interfaces(model, interfaces):
         return model
     with model:
         with agreed(model.comm):
-            interfaces = [replace(item, nodes=read_node_numbers(item.nodes)) if isinstance(item.nodes, str) else item
-                          for item in interfaces]  # fmt: skip
+            interfaces = [replace(each, nodes=read_node_numbers(each.nodes)) if isinstance(each.nodes, str) else each
+                          for each in interfaces]  # fmt: skip
         return interface_motion.with_interfaces(model, interfaces)
 
 

@@ -65,26 +65,26 @@ def modes_of_file(
     startup.start(preferred="real", low_rank=factoring is not None and factoring.low_rank is not None)
     with progress.stage("read", str(model)):
         loaded = at_preload(read_model(model, comm), preload, frame, factoring)
-    with loaded, closing(natural_modes(loaded, count, frame, factoring=factoring, progress=progress)) as found:
-        report = {"model": str(model), "size": loaded.size, **_numbers(found)}
+    with loaded, closing(natural_modes(loaded, count, frame, factoring=factoring, progress=progress)) as modes:
+        report = {"model": str(model), "size": loaded.size, **_numbers(modes)}
         exchanged = exchange_of_matrices(loaded)
         asked = [exchanged] if exchanged else questions_on_order(loaded)
-        report["warnings"] = [*asked, *loaded.remarks, *found.warnings]
+        report["warnings"] = [*asked, *loaded.remarks, *modes.warnings]
         if figure is not None:
             with progress.stage("figure"):
-                _draw(figure, loaded, found)
+                _draw(figure, loaded, modes)
             report["figure"] = str(figure)
     return report | {"timing": asdict(progress.timing())}
 
 
-def _numbers(found: NaturalModes) -> dict:
-    report = {"frequencies_hz": found.frequencies.tolist(), "rigid_body_modes": found.rigid, "residual": found.residual}
-    if found.masses is not None:
+def _numbers(modes: NaturalModes) -> dict:
+    report = {"frequencies_hz": modes.frequencies.tolist(), "rigid_body_modes": modes.rigid, "residual": modes.residual}
+    if modes.masses is not None:
         report |= {
             "motions": list(MOTIONS),
-            "masses": found.masses.tolist(),
-            "effective_masses": found.effective_masses.tolist(),
-            "participation_factors": found.participation.tolist(),
+            "masses": modes.masses.tolist(),
+            "effective_masses": modes.effective_masses.tolist(),
+            "participation_factors": modes.participation.tolist(),
         }
     return report
 
@@ -111,9 +111,9 @@ def tables_of_modes(report) -> tuple[list[dict], list[dict]]:
     factors[np.abs(factors) < np.sqrt(ROUND_OFF * masses)] = 0.0
     named = [{"mode": i, "f (Hz)": f} for i, f in enumerate(report["frequencies_hz"], 1)]
     rigid = slice(report["rigid_body_modes"], None)
-    rows = [row | _by_motion(100 * part, 2, there) for row, part in zip(named, share, strict=True)][rigid]
+    rows = [row | _by_motion(100 * values, 2, there) for row, values in zip(named, share, strict=True)][rigid]
     rows.append({"mode": "sum", "f (Hz)": ""} | _by_motion(100 * share.sum(axis=0), 2, there))
-    return rows, [row | _by_motion(part, 5, there) for row, part in zip(named, factors, strict=True)][rigid]
+    return rows, [row | _by_motion(values, 5, there) for row, values in zip(named, factors, strict=True)][rigid]
 
 
 def mass_in_words(report) -> str:
@@ -126,12 +126,12 @@ def mass_in_words(report) -> str:
     """
     masses = np.array(report["masses"])
     there = _moving(masses)
-    parts = []
-    for what, unit, place in (("mass", "kg", slice(0, 3)), ("inertia", "kg m^2", slice(3, 6))):
+    sentences = []
+    for quantity, unit, place in (("mass", "kg", slice(0, 3)), ("inertia", "kg m^2", slice(3, 6))):
         named = [f"{mass:.6g}" + ("" if there.all() else f" ({name})")
                  for name, mass, moves in list(zip(MOTIONS, masses, there, strict=True))[place] if moves]  # fmt: skip
-        parts.append(f"{what} {', '.join(named)} {unit}" if named else f"no {what}")
-    return "; ".join(parts)
+        sentences.append(f"{quantity} {', '.join(named)} {unit}" if named else f"no {quantity}")
+    return "; ".join(sentences)
 
 
 def _moving(masses):
@@ -145,26 +145,26 @@ def _by_motion(values, digits, there):
     }
 
 
-def _draw(figure, model, found):
+def _draw(figure, model, modes):
     with (
         atomic_output(figure, model.comm) as temporary,
-        shapes_of_modes(Path(f"{temporary}.h5"), model, found) as shapes,
+        shapes_of_modes(Path(f"{temporary}.h5"), model, modes) as shapes,
     ):
         if shapes is not None:
             draw_shapes(temporary, shapes)
 
 
 @contextmanager
-def shapes_of_modes(store, model, found):
+def shapes_of_modes(store, model, modes):
     """Yield the Shapes of the elastic modes on rank 0, None on the others, by way of the file `store`, which is read
     mode by mode, as a result is, and removed. Collective. Raises InputError."""
-    comm, elastic = model.comm, found.frequencies[found.rigid :]
-    if model.dofs is None or found.shapes is None or not len(elastic):
+    comm, elastic = model.comm, modes.frequencies[modes.rigid :]
+    if model.dofs is None or modes.shapes is None or not len(elastic):
         raise InputError("figure: no elastic mode with nodes to draw; ask for more modes, or convert --nodes")
     try:
         with writing(store, comm, "hpcred-shapes") as file:
-            file.attribute("first_number", found.rigid + 1)  # as in the table
-            with local_rows(found.shapes) as rows:
+            file.attribute("first_number", modes.rigid + 1)  # as in the table
+            with local_rows(modes.shapes) as rows:
                 columns = rows.real[:, rows.shape[1] - len(elastic) :]
                 file.rows("basis/V", np.ascontiguousarray(columns.T), axis=1)
             file.small("reduced/frequencies", elastic)

@@ -155,9 +155,9 @@ def plot_modes(
         raise InputError(f"{model.name} has no nodes to draw; convert it with --nodes, or give dofs in Python")
     wanted = min(count + RIGID, max(count, model.size - RIGID))
     figure = None
-    with closing(natural_modes(model, wanted, frame, factoring=factoring)) as found:
-        elastic = len(found.frequencies) - found.rigid
-        with folder_of_all(model.comm) as folder, shapes_of_modes(folder / "shapes.h5", model, found) as shapes:
+    with closing(natural_modes(model, wanted, frame, factoring=factoring)) as modes:
+        elastic = len(modes.frequencies) - modes.rigid
+        with folder_of_all(model.comm) as folder, shapes_of_modes(folder / "shapes.h5", model, modes) as shapes:
             if shapes is not None:
                 figure = figure_of_shapes(shapes, range(1, min(count, elastic) + 1))
     return figure

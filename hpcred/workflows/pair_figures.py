@@ -51,7 +51,7 @@ def figures_of_pairs(path, outputs, inputs, responses, comm, pairs, loads=()) ->
 def pairs_by_name(wanted, outputs, inputs, where) -> list[tuple[int, int]]:
     """Return output and input (from 0) of pairs named output/input, such as 20:z/1:x. Raises InputError for others;
     `where` names the result."""
-    known = {f"{output}/{given}": (i, j) for i, output in enumerate(outputs) for j, given in enumerate(inputs)}
+    known = {f"{output}/{input_}": (i, j) for i, output in enumerate(outputs) for j, input_ in enumerate(inputs)}
     for name in wanted:
         if name not in known:
             first = next(iter(known))

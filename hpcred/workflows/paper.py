@@ -79,9 +79,9 @@ def _reproduced(folder, figures, show, comm, progress):
         if show is not None:
             show(data)
         with progress.stage("figures"), agreed(comm):
-            for setting, found in results.items():
+            for setting, reproduced in results.items():
                 if comm.rank == 0 and setting.figure in figures:
-                    curves = [(f"{r['row'].method}, Q = {r['Q']:.2g}", r["eps"]) for r in found]
+                    curves = [(f"{r['row'].method}, Q = {r['Q']:.2g}", r["eps"]) for r in reproduced]
                     error_figure(
                         folder / f"figure_{setting.figure}", FREQUENCIES, curves,
                         f"Relative error of the reduced models, {setting.title.partition(':')[0]} case",
@@ -114,10 +114,10 @@ def _write(folder, data, results, motions, comm):
     """Write section5.h5 and section5.json, with the motions of Figure 5 unless they are None. Collective."""
     with writing(folder / "section5.h5", comm, "hpcred-section5") as file:
         file.small("frequencies", FREQUENCIES)
-        for setting, found in results.items():
-            file.small(f"table_{setting.table}/methods", [r["row"].method for r in found])
-            file.small(f"table_{setting.table}/Q", np.array([r["Q"] for r in found]))
-            file.small(f"table_{setting.table}/eps", np.array([r["eps"] for r in found]))
+        for setting, rows in results.items():
+            file.small(f"table_{setting.table}/methods", [r["row"].method for r in rows])
+            file.small(f"table_{setting.table}/Q", np.array([r["Q"] for r in rows]))
+            file.small(f"table_{setting.table}/eps", np.array([r["eps"] for r in rows]))
         if motions is not None:
             file.small("figure_5/t", motions[0][1].t)
             file.small("figure_5/methods", [row.method for row, _ in motions])

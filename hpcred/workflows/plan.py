@@ -165,24 +165,24 @@ def _size(model, analyse, comm, progress) -> Size:
         loaded = model_of_files(model, comm)
     with loaded, progress.stage("analysis", f"{loaded.size} dofs"):
         factor = Mumps(loaded.K, loaded.symmetric, "shift_")
-        found = factor.expected([nested_dissection()])[nested_dissection()]
+        estimate = factor.expected([nested_dissection()])[nested_dissection()]
         factor.close()
         nonzeros = int(loaded.K.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
         dofs, warnings = loaded.size, tuple(inspect(loaded, progress=progress)["warnings"])
     if is_complex():
-        found |= {key: found[key] / 2 for key in ("mb", "mb_on_disk")}
+        estimate |= {key: estimate[key] / 2 for key in ("mb", "mb_on_disk")}
     source = f"by MUMPS' analysis on {counted(comm.size, 'rank')} here"
     return Size(
         dofs=dofs, nonzeros=nonzeros, ranks=comm.size, source=source, warnings=warnings,
-        **{key: found[key] for key in ("flops", "entries", "mb", "mb_on_disk")},
+        **{key: estimate[key] for key in ("flops", "entries", "mb", "mb_on_disk")},
     )  # fmt: skip
 
 
 def _as_cube(dofs, nonzeros) -> Size:
     """Return the Size of a cube of so many dofs."""
-    found = {key: CUBE[key] * (dofs / CUBE["rows"]) ** power for key, power in EXPONENTS.items()}
+    sizes = {key: CUBE[key] * (dofs / CUBE["rows"]) ** power for key, power in EXPONENTS.items()}
     return Size(
-        dofs=dofs, nonzeros=nonzeros, **found, mb_on_disk=ON_DISK * found["mb"], ranks=2,
+        dofs=dofs, nonzeros=nonzeros, **sizes, mb_on_disk=ON_DISK * sizes["mb"], ranks=2,
         source="of a cube of as many dofs, the worst of solids (--analyse asks MUMPS)",
     )  # fmt: skip
 
@@ -191,7 +191,7 @@ def _points(job) -> tuple[int, str]:
     """Return how many factors are made, and at which points, in words."""
     if job is None or job.tolerance is not None:
         return FACTORS, "of a reduction to a tolerance, which takes one or two"
-    names = list(dict.fromkeys(getattr(item, "name", "0 Hz") for item in job.basis))  # others factor K
+    names = list(dict.fromkeys(getattr(component, "name", "0 Hz") for component in job.basis))  # others factor K
     return len(names), f"at {', '.join(names)}"
 
 
@@ -199,18 +199,18 @@ def _ways(size: Size, ranks, gflops, factors, job: Job | None) -> list[Way]:
     """Return the ways to solve, the quickest first, and the GPU; that of the job is marked."""
     # groups of ranks factor points at the same time; complex factors take twice the memory and four times the work
     groups = min(job.groups, factors, ranks) if job is not None and isinstance(job.groups, int) else 1
-    parts = 2 if job is not None and job.preferred_scalar == "complex" else 1
+    arrays = 2 if job is not None and job.preferred_scalar == "complex" else 1
     each = ranks / groups
 
     # MUMPS estimates for the ranks of the analysis
-    more = (ON_TWO if size.ranks == 1 < each else 1.0) * MORE_BY_RANKS ** max(log2(each / max(size.ranks, 2)), 0.0)
-    in_core, on_disk = (parts * groups * more * mb * MB for mb in (size.mb, size.mb_on_disk))
-    rest = PROGRAM * ranks + parts * (MATRICES * groups * size.nonzeros + 16 * size.dofs * COLUMNS)
+    growth = (ON_TWO if size.ranks == 1 < each else 1.0) * MORE_BY_RANKS ** max(log2(each / max(size.ranks, 2)), 0.0)
+    in_core, on_disk = (arrays * groups * growth * mb * MB for mb in (size.mb, size.mb_on_disk))
+    rest = PROGRAM * ranks + arrays * (MATRICES * groups * size.nonzeros + 16 * size.dofs * COLUMNS)
 
-    operations = parts**2 * ceil(factors / groups) * size.flops
+    operations = arrays**2 * ceil(factors / groups) * size.flops
     beside = BESIDE * size.dofs / sqrt(ranks)
     seconds = operations / (each * gflops * 1e9) + beside
-    file, card = 8 * parts * size.entries / GB, CARD * parts * size.entries / GB
+    file, card = 8 * arrays * size.entries / GB, CARD * arrays * size.entries / GB
     solver = LinearSolver() if job is None else job.solver
     low_rank, out_of_core = (None, None) if job is None else (job.low_rank, job.out_of_core)
     accuracy = f"{low_rank or 1e-8:g}".replace("e-0", "e-")
@@ -228,7 +228,7 @@ def _ways(size: Size, ranks, gflops, factors, job: Job | None) -> list[Way]:
             remark=f"and {_two(card):g} GB of one GPU, half in single precision"),
     ]  # fmt: skip
     # multigrid solves at real points
-    imaginary = job is not None and job.tolerance is None and any(getattr(item, "point", 0j).imag for item in job.basis)
+    imaginary = job is not None and job.tolerance is None and any(getattr(part, "point", 0j).imag for part in job.basis)
     return [way for way in ways if way.name != "kind = multigrid" or not imaginary]
 
 

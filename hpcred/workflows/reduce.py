@@ -138,7 +138,7 @@ def _reduced(job, basis, reads, comm, progress) -> Reduced:
                 )  # fmt: skip
             record = replace(reduced.record, timing=progress.timing())
             report = str(_report_of(output)) if job.report else None
-            found = Reduced(
+            outcome = Reduced(
                 output, record, reduced.size, reduced.size_in_words, tuple(reduced.frequencies.tolist()), report,
                 has_body=reference.dofs is not None and reduced.left_columns is None,
             )  # fmt: skip
@@ -147,7 +147,7 @@ def _reduced(job, basis, reads, comm, progress) -> Reduced:
 
         with progress.stage("report"):
             report_file([output], output=_report_of(output), comm=comm)
-    return found
+    return outcome
 
 
 def _name_of(job, accuracy) -> str:
@@ -170,7 +170,7 @@ def _report_of(output) -> Path:
 
 def _bytes(job, model) -> int:
     """Estimate the bytes of the basis in the file, as far as its columns are known beforehand."""
-    columns = sum(item.columns(len(model.input_names), 0) for item in job.basis)
+    columns = sum(component.columns(len(model.input_names), 0) for component in job.basis)
     if job.search is not None:
         columns += job.adaptive.size or SIZE
     return 8 * model.size * min(columns, model.size) * (3 if job.stress is True else 1)  # six stresses a node

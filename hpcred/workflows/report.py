@@ -123,8 +123,8 @@ def choose_pairs(sheet: Sheet, wanted=()) -> list[tuple[str, int, int]]:
     outputs, inputs = sheet.reduced.output_names, sheet.reduced.input_names
     shown = pairs_by_name(wanted, outputs, inputs, sheet.name)
     if not shown:
-        worst = [(outputs.index(item.output), inputs.index(name)) for item in sheet.directions
-                 for name in dict.fromkeys((item.input, item.worst_input))]  # fmt: skip
+        worst = [(outputs.index(direction.output), inputs.index(name)) for direction in sheet.directions
+                 for name in dict.fromkeys((direction.input, direction.worst_input))]  # fmt: skip
         every = dict.fromkeys([*worst[:MOST_PAIRS], *pairs_to_show(sheet.response, outputs, inputs, MOST_PAIRS)])
         shown = list(every)[:MOST_PAIRS]
     if not wanted and len(shown) == MOST_PAIRS:

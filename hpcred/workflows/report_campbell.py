@@ -21,9 +21,9 @@ def diagrams_of(result: Result, notes: list[str], at: dict[str, float]) -> list[
     axis = axis_of(result.reduced.record)
     nodes = () if axis is None else result.nodes
     try:
-        return [campbell(result.reduced, item.name, nodes=nodes, axis=axis or "z",
-                         at={name: value for name, value in at.items() if name != item.name})
-                for item in getattr(result.reduced, "parameters", ())]  # fmt: skip
+        return [campbell(result.reduced, parameter.name, nodes=nodes, axis=axis or "z",
+                         at={name: value for name, value in at.items() if name != parameter.name})
+                for parameter in getattr(result.reduced, "parameters", ())]  # fmt: skip
     except InputError as error:
         notes.append(f"{result.path}: no poles over parameters: {error}")
         return []
@@ -33,20 +33,20 @@ def shown_diagrams(sheet) -> list[dict]:
     """Return sentence, picture and rows of tables of the diagrams of a sheet, for the page; on one rank."""
     return [
         {
-            "over": found.parameter,
-            "sentence": found.sentence,
-            "stable": found.stability_limit is None,
-            "warnings": list(found.warnings),
+            "over": diagram.parameter,
+            "sentence": diagram.sentence,
+            "stable": diagram.stability_limit is None,
+            "warnings": list(diagram.warnings),
             "picture": drawn_for_page(draw) if has_matplotlib() else None,
-            "critical": rows_of_critical(found),
-            "modes": rows_of_modes(found),
+            "critical": rows_of_critical(diagram),
+            "modes": rows_of_modes(diagram),
         }
-        for found, (_, draw) in zip(sheet.diagrams, pictures_of_diagrams(sheet, "png"), strict=True)
+        for diagram, (_, draw) in zip(sheet.diagrams, pictures_of_diagrams(sheet, "png"), strict=True)
     ]
 
 
 def pictures_of_diagrams(sheet, kind):
     """Yield names, and functions of a path that draw the diagrams of a sheet."""
-    for found in sheet.diagrams:
-        title = f"{sheet.name} over {found.parameter}"
-        yield f"poles_over_{found.parameter}", lambda path, f=found, t=title: campbell_figure(path, f, t, kind)
+    for diagram in sheet.diagrams:
+        title = f"{sheet.name} over {diagram.parameter}"
+        yield f"poles_over_{diagram.parameter}", lambda path, f=diagram, t=title: campbell_figure(path, f, t, kind)

@@ -29,7 +29,7 @@ def draw_files(folder, kind, sheets, chosen) -> list[str]:
 
     # one figure for each pair of output and input, with all results
     names = list(dict.fromkeys(name for pairs in chosen for name, _, _ in pairs))
-    loads = [item for sheet in sheets for item in sheet.record.loads]
+    loads = [load for sheet in sheets for load in sheet.record.loads]
     for name in names:
         curves = _curves_of(name, sheets, chosen)
         into(f"response_{name.replace('/', '-')}", lambda path, c=curves, n=name: pair_figure(
@@ -107,11 +107,11 @@ def write_tables(folder, sheets) -> list[str]:
         if sheet.errors is not None:
             rows = zip(sheet.full.frequencies.tolist(), sheet.errors.eps.tolist(), strict=True)
             tables["error_measured"] = [{"f_hz": f, "eps": eps} for f, eps in rows]
-        for found in sheet.diagrams:
-            written.append(target(f"poles_over_{found.parameter}", sheet))
-            write_campbell(written[-1], found, MPI.COMM_SELF)
+        for diagram in sheet.diagrams:
+            written.append(target(f"poles_over_{diagram.parameter}", sheet))
+            write_campbell(written[-1], diagram, MPI.COMM_SELF)
         if sheet.record.joints:
-            tables["joints"] = [item.row for item in sheet.record.joints]
+            tables["joints"] = [joint.row for joint in sheet.record.joints]
         for key, rows in tables.items():
             if rows:  # a machine has no points
                 written.append(target(key, sheet))

@@ -110,31 +110,31 @@ def _shown(sheet):
         "alarms": list(accuracy.warnings) if accuracy is not None and accuracy.reached else [],
         "directions": directions_of(sheet),
         "facts": _facts(sheet),
-        "joints": [item.row | ({} if item.apart is not None else {"apart (m)": ""}) for item in record.joints],
-        "warnings": [item for item in record.warnings if accuracy is None or item not in accuracy.warnings],
+        "joints": [entry.row | ({} if entry.apart is not None else {"apart (m)": ""}) for entry in record.joints],
+        "warnings": [entry for entry in record.warnings if accuracy is None or entry not in accuracy.warnings],
         "errors": [] if sheet.errors is None else [
             {"f (Hz)": f, "measured eps": eps}
             for f, eps in zip(sheet.full.frequencies.tolist(), sheet.errors.eps.tolist(), strict=True)
         ],
         "proofs": [] if accuracy is None else [
-            {"f (Hz)": item.frequency, "estimated": item.estimated, "measured": item.measured}
-            for item in accuracy.proofs
+            {"f (Hz)": entry.frequency, "estimated": entry.estimated, "measured": entry.measured}
+            for entry in accuracy.proofs
         ],
         "points": [] if accuracy is None else [
-            {"point": k + 1, "f (Hz)": item.frequency, "columns": item.columns, "modes below": item.modes_below,
-             "estimate after it": item.estimate, "factor": item.factor_in_words}
-            for k, item in enumerate(accuracy.points)
+            {"point": k + 1, "f (Hz)": entry.frequency, "columns": entry.columns, "modes below": entry.modes_below,
+             "estimate after it": entry.estimate, "factor": entry.factor_in_words}
+            for k, entry in enumerate(accuracy.points)
         ],
         "stopped": f"{len(accuracy.points)} points, {accuracy.stopped}" if accuracy is not None else "",
         "frequencies": frequency_rows(sheet),
         "effort": effort,
         "stages": [{"stage": name, "seconds": value} for name, value in
-                   sorted(timing.seconds.items(), key=lambda item: -item[1])],
+                   sorted(timing.seconds.items(), key=lambda entry: -entry[1])],
         "factorisations": [
-            {"of K + mass M, mass": item.mass, "ordering": item.ordering, "analysis (s)": item.analysis_seconds,
-             "factor (s)": item.factor_seconds, "solves (s)": item.solve_seconds,
-             "MB, all ranks": item.memory_mb_used_total, "columns": item.columns_solved, "residual": item.residual}
-            for item in record.factorisations
+            {"of K + mass M, mass": entry.mass, "ordering": entry.ordering, "analysis (s)": entry.analysis_seconds,
+             "factor (s)": entry.factor_seconds, "solves (s)": entry.solve_seconds,
+             "MB, all ranks": entry.memory_mb_used_total, "columns": entry.columns_solved, "residual": entry.residual}
+            for entry in record.factorisations
         ],
         "shape": None if sheet.body is None else {"count": len(sheet.body["names"]), "start": sheet.body["start"] + 1},
         "shape_note": sheet.body_sentence,
@@ -206,7 +206,7 @@ def _facts(sheet):
         "outputs": in_words(list(record.outputs)),
         "interface nodes": in_words(interface),
         **({} if machine else {
-            "basis": "; ".join(kind_in_words(item) for item in record.basis) or "chosen to a tolerance",
+            "basis": "; ".join(kind_in_words(component) for component in record.basis) or "chosen to a tolerance",
             "modes of the band": "not counted" if record.accuracy is None else record.accuracy.modes_in_words,
         }),
         "pseudo-frequencies (Hz)": f"{reduced.frequencies[0]:.6g} to {reduced.frequencies[-1]:.6g}",

@@ -145,7 +145,7 @@ def _measuring(result, read):
 
 def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
     """Add to a sheet the response of the full model at some frequencies, its modes, and the error. Collective."""
-    same = next((item for item in before if item.full is not None and _same_question(item, sheet)), None)
+    same = next((earlier for earlier in before if earlier.full is not None and _same_question(earlier, sheet)), None)
     if same is not None:
         sheet.full, sheet.full_as_before = same.full, True
     else:
@@ -154,8 +154,8 @@ def _add_full(sheet, path, count, before, groups, factoring, comm, progress):
             sheet.full = _solved(full_model, sheet, count, groups, progress)
             units = _likely_units(full_model.model)
         sheet.notes += [f"{path} looks like {units}: from its mass, size, and speed of waves"] if units else []
-    found = frequency_response(sheet.measured, sheet.full.frequencies)
-    sheet.errors = errors_of(sheet.measured, sheet.full.frequencies, sheet.full.response, found, sheet.full.drive)
+    response = frequency_response(sheet.measured, sheet.full.frequencies)
+    sheet.errors = errors_of(sheet.measured, sheet.full.frequencies, sheet.full.response, response, sheet.full.drive)
 
 
 def _likely_units(model):
@@ -197,6 +197,6 @@ def _same_question(one, other):
 
 def kind_in_words(value) -> str:
     """Return a frame, a damping model or a component in words."""
-    given = {key: list(item) if isinstance(item, tuple) else item for key, item in table_of(value).items()
+    settings = {key: list(item) if isinstance(item, tuple) else item for key, item in table_of(value).items()
              if key != "kind" and item is not None}  # fmt: skip
-    return value.kind.replace("_", " ") + (f" ({in_words(given)})" if given else "")
+    return value.kind.replace("_", " ") + (f" ({in_words(settings)})" if settings else "")

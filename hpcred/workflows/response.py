@@ -96,27 +96,27 @@ def response_file(
     loaded = at_preload(loaded, state.preload, state.frame, solving.factoring)
     # the response, and files of it
     with loaded:
-        found = full_response(
+        result = full_response(
             loaded, chosen, state.frame, state.damping, tolerance=tolerance, band=grid.band, **fresh.given,
             **solving.given, progress=progress,
         )  # fmt: skip
-        warnings = list(found.warnings)
+        warnings = list(result.warnings)
         if loaded.D is not None and isinstance(state.damping, NoDamping):
             warnings.append(f"the damping matrix of {loaded.name} is not used; --damping given takes it")
         size, loads = loaded.size, getattr(loaded, "loads", ())
-    report = _report(found, size) | {
+    report = _report(result, size) | {
         "model": str(model), "warnings": warnings, "output": output and str(output),
     } | ({"moves": moves} if (moves := motions_of(loads)) else {})  # fmt: skip
     with progress.stage("write"), together(comm):
         if output is not None:
-            _write(output, found, report, comm, polar)
+            _write(output, result, report, comm, polar)
         if figure is not None:
-            drawn, response, eps = found.to_draw()
-            names = found.output_names, found.input_names
+            drawn, response, eps = result.to_draw()
+            names = result.output_names, result.input_names
             curves = [(names[0][i], names[1][j], response[:, i, j]) for i, j in pairs_to_show(response, *names)]
             effort = counted(report["factorisations"], "factorisation")
             title = f"{report['model']}: {counted(len(chosen), 'frequency', 'frequencies')}, {effort}"
-            written_by_one(figure, comm, response_figure, drawn, curves, eps, found.accuracy.tolerance, title, loads,
+            written_by_one(figure, comm, response_figure, drawn, curves, eps, result.accuracy.tolerance, title, loads,
                            kind_of_figure(figure))  # fmt: skip
             report["figure"] = str(figure)
             if len(curves) > MOST:
@@ -126,25 +126,25 @@ def response_file(
     return report | {"timing": asdict(progress.timing())}
 
 
-def _write(output, found, report, comm, polar):
+def _write(output, response, report, comm, polar):
     left_out = ("frequencies_hz", "norm", "eps", "output")
     record = {key: value for key, value in report.items() if key not in left_out} | {"versions": versions()}
-    arrays = {key: getattr(found, key) for key in ("frequencies", "input_names", "output_names", "response", "eps")}
+    arrays = {key: getattr(response, key) for key in ("frequencies", "input_names", "output_names", "response", "eps")}
     responses = Responses(**arrays, record=record)
     report["warnings"] += lost_channels(output, responses)
     rescued(lambda place: write_responses(place, responses, comm, polar), output, comm)
 
 
-def _report(found: FullResponse, size: int) -> dict:
-    accuracy = found.accuracy
+def _report(response: FullResponse, size: int) -> dict:
+    accuracy = response.accuracy
     report = {
         "size": size,
-        "inputs": list(found.input_names),
-        "outputs": list(found.output_names),
-        "reached": found.reached,
-        "sentences": list(found.sentences),
+        "inputs": list(response.input_names),
+        "outputs": list(response.output_names),
+        "reached": response.reached,
+        "sentences": list(response.sentences),
         "columns": accuracy.uncompressed_size,
-        "factorisations": len(found.factorisations),
+        "factorisations": len(response.factorisations),
         "points": [asdict(point) for point in accuracy.points],
         "proofs": [asdict(proof) for proof in accuracy.proofs],
         "tolerance": accuracy.tolerance,
@@ -153,10 +153,10 @@ def _report(found: FullResponse, size: int) -> dict:
         "measured": accuracy.measured,
         "missing_modes": accuracy.missing_modes,
         "counted": None if accuracy.counted is None else asdict(accuracy.counted),
-        "frequencies_hz": found.frequencies.tolist(),
-        "norm": np.linalg.norm(found.response, axis=(1, 2)).tolist(),
-        "eps": found.eps.tolist(),
+        "frequencies_hz": response.frequencies.tolist(),
+        "norm": np.linalg.norm(response.response, axis=(1, 2)).tolist(),
+        "eps": response.eps.tolist(),
     }
-    if found.check is not None:
-        report["check"] = {"seed": found.check.seed, "passed": found.check.passed, "rows": found.check.rows}
+    if response.check is not None:
+        report["check"] = {"seed": response.check.seed, "passed": response.check.passed, "rows": response.check.rows}
     return report

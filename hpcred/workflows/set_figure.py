@@ -24,18 +24,18 @@ def draw_sets_of(figure, model, sets: dict, marks=()):
     for name, size in sizes_of_sets(sets, comm).items():
         if size > MOST:
             raise InputError(f"figure {figure}: {name} has {size} nodes, a set to draw at most {MOST}; choose others")
-    lines = {kind: part for kind, part in model.elements.items() if kind.startswith("line")}
-    more = [part.ravel() for part in [*lines.values(), *sets.values()]]
-    if not any(comm.allgather(any(len(part) for part in model.elements.values()))):
+    lines = {kind: nodes for kind, nodes in model.elements.items() if kind.startswith("line")}
+    shown = [nodes.ravel() for nodes in [*lines.values(), *sets.values()]]
+    if not any(comm.allgather(any(len(nodes) for nodes in model.elements.values()))):
         step = 1 + comm.allreduce(len(model.dofs.node)) // MOST  # nothing else shows the body
-        more.append(np.unique(model.dofs.node)[::step])
-    surface = gathered_surface(model, np.concatenate([np.zeros(0, np.int64), *more]))
+        shown.append(np.unique(model.dofs.node)[::step])
+    surface = gathered_surface(model, np.concatenate([np.zeros(0, np.int64), *shown]))
     lines, sets = comm.gather(lines), comm.gather(sets)
     with atomic_output(figure, comm) as temporary, agreed(comm):
         if comm.rank == 0:
             places = []
-            for name in dict.fromkeys(name for part in sets for name in part):
-                numbers = np.concatenate([part[name] for part in sets if name in part])
+            for name in dict.fromkeys(name for nodes in sets for name in nodes):
+                numbers = np.concatenate([nodes[name] for nodes in sets if name in nodes])
                 places.append((name, np.flatnonzero(np.isin(surface.nodes, numbers))))
             seen = surface_of(surface.points, _cells(surface, lines))
             draw_sets(temporary, seen, surface.points, places, marks, kind_of_figure(figure))
@@ -50,8 +50,8 @@ def _cells(surface, lines) -> dict:
         corners = 3 if kind.startswith("triangle") else 4
         both = [faces.corners[chosen][:, :corners], faces.middles[chosen][:, :corners]]
         cells[kind] = np.hstack(both[: 2 if kind[-1].isdigit() else 1])
-    for part in lines:
-        for kind, nodes in part.items():
+    for cells_of_rank in lines:
+        for kind, nodes in cells_of_rank.items():
             index = np.searchsorted(surface.nodes, nodes).clip(max=len(surface.nodes) - 1)
             there = (surface.nodes[index] == nodes).all(axis=1)
             cells[kind] = np.concatenate([cells.get(kind, np.zeros((0, nodes.shape[1]), int)), index[there]])

@@ -39,8 +39,8 @@ def reduced_from_ranges(path, job: Job, model, contents) -> ReducedModel:
     `path`: the result of the same job over the ranges; `contents` of the files of the job. Collective; the caller
     closes it. Raises InputError for another result, and for one that did not reach the tolerance.
     """
-    found = read_result(path, model.comm)
-    record = found.reduced.record
+    result = read_result(path, model.comm)
+    record = result.reduced.record
     asked = SweepRun("", {}, {}, job_of_ranges(job, job.output))
     if not job.at or record is None or record.accuracy is None or record.accuracy.parameters is None or (
         not asked.same_job(record.job, record.contents, lambda name: contents[str(Path(name).absolute())])
@@ -49,7 +49,7 @@ def reduced_from_ranges(path, job: Job, model, contents) -> ReducedModel:
                          "without its `at`; reduce that first, or leave --basis out")  # fmt: skip
     if not record.accuracy.reached:
         raise InputError(f"--basis {path}: it did not reach the tolerance; leave --basis out")
-    there = decided(model.comm, lambda: found.at(**job.at))
+    there = decided(model.comm, lambda: result.at(**job.at))
     columns = read_basis(path, model)  # which the job has written, as it is that of the ranges
     multiply(columns, there.turn)
     reduced = replace(there.reduced, columns=columns, resultants=resultants(model))

@@ -75,7 +75,7 @@ def simulate_file(path, *, overrides=(), comm=None, progress=None) -> dict:
                 motion.warnings += warnings_of_spin(body, motion.angular_velocity, motion.energies["elastic"].max())
             if result.turn is not None:  # coordinates of the basis in the file, for whoever reads the motion
                 motion.elastic, motion.elastic_velocity = (
-                    part @ result.turn.T for part in (motion.elastic, motion.elastic_velocity)
+                    rows @ result.turn.T for rows in (motion.elastic, motion.elastic_velocity)
                 )
     motion, basis = comm.bcast((motion, basis))
     files = [(output.with_suffix(".csv"), write_motion_csv)]

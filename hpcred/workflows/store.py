@@ -34,8 +34,8 @@ def list_store(folder, *, check: bool = False, comm=None) -> list[dict]:
     rows = []
     with agreed(comm):
         if comm.rank == 0:
-            found = [describe_entry(path, check) for path in entries_of(folder)]
-            rows = [row for row in found if row is not None]
+            entries = [describe_entry(path, check) for path in entries_of(folder)]
+            rows = [row for row in entries if row is not None]
     return comm.bcast(rows)
 
 

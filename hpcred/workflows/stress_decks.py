@@ -116,18 +116,18 @@ def add_stresses(result, answers, output, *, units: str = "SI", comm=None, progr
     require_name(source)
     check_outputs({output: hdf5_kind(FORMAT)}, comm, [source, answers], progress=progress)
     with progress.stage("read", str(answers)):
-        found = read_answers(answers, comm)
+        read = read_answers(answers, comm)
         points = read_points(source, comm)
     count = len(points.shapes)
-    if len(found.stress) != count:
-        raise InputError(f"{answers}: found {len(found.stress)} steps with stresses, expected {count}, one a column of "
+    if len(read.stress) != count:
+        raise InputError(f"{answers}: found {len(read.stress)} steps with stresses, expected {count}, one a column of "
                          f"{source}")  # fmt: skip
-    _check_displacements(answers, source, found, points, system.length, comm)
+    _check_displacements(answers, source, read, points, system.length, comm)
     with progress.stage("write", str(output)):
         pascal = system.mass / (system.length * system.time**2)
-        modes = StressModes(found.node, found.stress * pascal, found.source)
+        modes = StressModes(read.node, read.stress * pascal, read.source)
         copy_with_stress(source, output, modes, comm)
-    return {"output": str(output), "columns": count, "nodes": comm.allreduce(len(found.node)), "source": found.source}
+    return {"output": str(output), "columns": count, "nodes": comm.allreduce(len(read.node)), "source": read.source}
 
 
 def _is_of(deck):
@@ -165,15 +165,15 @@ def _main_text(deck, original, names) -> str:
 
 def _places(source, comm):
     """Return nodes (k,) of a result and their positions (k, 3) in m, a share of them on each rank."""
-    parts = []
+    placed = []
     with agreed(comm), reading(source, FORMAT, VERSION, SCHEMA) as file:
         for group in ("dofs", "held"):
             if group in file:
                 count = len(file[f"{group}/node"])
                 mine = slice(count * comm.rank // comm.size, count * (comm.rank + 1) // comm.size)
                 node, direction, position = (file[f"{group}/{key}"][mine] for key in ("node", "direction", "position"))
-                parts.append((node[direction < SCALAR], position[direction < SCALAR]))
-    node, position = map(np.concatenate, zip(*parts, strict=True))
+                placed.append((node[direction < SCALAR], position[direction < SCALAR]))
+    node, position = map(np.concatenate, zip(*placed, strict=True))
     node, first = np.unique(node.astype(np.int64), return_index=True)
     return node, position[first]
 
@@ -205,10 +205,10 @@ def _write_columns(source, numbers, length, deck, folder):
     The text of a piece but for the values is made once for all columns, and filled by one format operation.
     """
     with reading(source, FORMAT, VERSION, SCHEMA) as file:
-        for part, placed, node, direction in _rows(file, "dofs"):
+        for rows, placed, node, direction in _rows(file, "dofs"):
             text = deck.line * len(node) % _paired(node.tolist(), _words(deck, direction))
             for number in numbers:
-                values = file["basis/V"][number, part][placed]
+                values = file["basis/V"][number, rows][placed]
                 values[direction < 3] /= length
                 with open(folder / (deck.column % (number + 1)), "a", encoding="ascii") as lines:
                     lines.write(text.replace(OWN_SET, f"{SET + number + 1:16d}") % tuple(values.tolist()))
@@ -235,23 +235,23 @@ def _words(deck, direction) -> list:
 def _rows(file, group):
     """Yield some rows of a group at a time: their part of all, which have places, their nodes and directions."""
     for low in range(0, len(file[f"{group}/node"]), AT_ONCE):
-        part = slice(low, low + AT_ONCE)
-        node, direction = (file[f"{group}/{key}"][part] for key in ("node", "direction"))
+        rows = slice(low, low + AT_ONCE)
+        node, direction = (file[f"{group}/{key}"][rows] for key in ("node", "direction"))
         placed = direction < SCALAR
-        yield part, placed, node[placed], direction[placed]
+        yield rows, placed, node[placed], direction[placed]
 
 
-def _check_displacements(answers, source, found, points, length, comm):
+def _check_displacements(answers, source, read, points, length, comm):
     """Raise InputError where the displacements of the answers are not those of the columns of the basis."""
     count, nodes = len(points.shapes), len(points.node)
     moved = points.shapes.reshape(count, nodes, 3).transpose(0, 2, 1).reshape(3 * count, nodes)
-    there, values = look_up(comm, points.node, list(moved), found.node)
+    there, values = look_up(comm, points.node, list(moved), read.node)
     if not comm.allreduce(int(there.sum())):
         raise InputError(f"{answers}: found none of the nodes of {source}; it belongs to another model")
     expected = np.array(values).reshape(count, 3, -1).transpose(0, 2, 1)[:, there]
-    off = np.abs(found.displacement[:, there] * length - expected).max(axis=(1, 2), initial=0.0)
+    off = np.abs(read.displacement[:, there] * length - expected).max(axis=(1, 2), initial=0.0)
     size = np.abs(expected).max(axis=(1, 2), initial=0.0)
-    off, size = (np.max(comm.allgather(item), axis=0) for item in (off, size))
+    off, size = (np.max(comm.allgather(largest), axis=0) for largest in (off, size))
     if (wrong := off > DIGITS * size).any():
         k = int(np.flatnonzero(wrong)[0])
         raise InputError(f"{answers}: found displacements in step {k + 1} that differ by {off[k] / size[k]:.1e} of the "

@@ -47,24 +47,24 @@ def stress_of_motion(result: Result, motion, comm) -> StressOfMotion | None:
         flat, peaks, instants = modes.stress.reshape(len(modes.stress), -1), -1.0, 0
         step = max(1, AT_ONCE // flat.shape[1])
         for first in range(0, len(q), step):
-            found = von_mises((q[first : first + step] @ flat).reshape(-1, len(modes.node), 6))
-            instants = np.where(found.max(axis=0) > peaks, first + found.argmax(axis=0), instants)
-            peaks = np.maximum(found.max(axis=0), peaks)
+            equivalent = von_mises((q[first : first + step] @ flat).reshape(-1, len(modes.node), 6))
+            instants = np.where(equivalent.max(axis=0) > peaks, first + equivalent.argmax(axis=0), instants)
+            peaks = np.maximum(equivalent.max(axis=0), peaks)
         with result.shapes() as shapes:
             place = np.searchsorted(shapes.nodes, modes.node).clip(max=len(shapes.nodes) - 1)
             there = shapes.nodes[place] == modes.node  # a program also has stresses of nodes that follow others
             places = np.where(there[:, None], shapes.points[place], np.nan)
             chosen = _apart(peaks, places, APART * np.linalg.norm(np.ptp(shapes.points, axis=0)))
-        found = von_mises(np.einsum("tm,msc->tsc", q, modes.stress[:, chosen])) / 1e6
+        equivalent = von_mises(np.einsum("tm,msc->tsc", q, modes.stress[:, chosen])) / 1e6
         worst = instants[chosen[0]]
         spaced = np.linspace(0, len(q) - 1, min(SHOWN, len(q))).round().astype(int)
         shown = np.unique([*spaced, worst])
         return StressOfMotion(
             q[worst],
-            f"t = {coordinates.t[worst]:.4g} s: von Mises stress up to {found.max():.4g} MPa, at node "
+            f"t = {coordinates.t[worst]:.4g} s: von Mises stress up to {equivalent.max():.4g} MPa, at node "
             f"{modes.node[chosen[0]]}",
             coordinates.t,
-            [(f"node {node}", values) for node, values in zip(modes.node[chosen], found.T, strict=True)],
+            [(f"node {node}", values) for node, values in zip(modes.node[chosen], equivalent.T, strict=True)],
             q[shown],
             shown,
             int(np.searchsorted(shown, worst)),

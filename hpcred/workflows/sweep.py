@@ -60,7 +60,7 @@ def _contents():
 
 
 def _state(run, content):
-    found = [State("missing")]
+    states = [State("missing")]
     for path, word in ((run.output, "finished"), (run.beside(".not-reached.h5"), "not reached")):
         if not path.is_file():
             continue
@@ -68,11 +68,11 @@ def _state(run, content):
             with reading(path, FORMAT, VERSION) as file:
                 record = file.table("record")
         except (InputError, OSError):
-            found.append(State("damaged", path))
+            states.append(State("damaged", path))
             continue
         same = run.same_job(record.get("job"), record.get("contents"), content)
-        found.append(State(word if same else "of another job", path, record))
-    return next((state for state in found if state.done), found[-1])
+        states.append(State(word if same else "of another job", path, record))
+    return next((state for state in states if state.done), states[-1])
 
 
 @spelled
@@ -149,9 +149,9 @@ def _run(sweep, chosen, left, before, skipped, at_once, progress) -> dict:
     mine = [known[basis.name] for basis in wanted if basis.name not in by_others]
     # the runs, with such a basis where it has reached its tolerance
     proven = {run.name: known[shared[run.name].name] for run in left if run.name in shared}
-    given = {name: ["--basis", str(state.file.absolute())] for name, state in proven.items()
+    from_bases = {name: ["--basis", str(state.file.absolute())] for name, state in proven.items()
              if state.word == "finished"}  # fmt: skip
-    children, by_others = _reduced(sweep, left, given, at_once, progress)
+    children, by_others = _reduced(sweep, left, from_bases, at_once, progress)
     skipped |= by_others
     # the responses of the full model that they are compared with
     after = states_of(sweep)
@@ -161,11 +161,11 @@ def _run(sweep, chosen, left, before, skipped, at_once, progress) -> dict:
     return _report(sweep, chosen, after, skipped, ended, mine)
 
 
-def _reduced(sweep, runs, given, at_once, progress) -> tuple[list[Child], set[str]]:
+def _reduced(sweep, runs, bases, at_once, progress) -> tuple[list[Child], set[str]]:
     """Run `hpcred reduce` for each of these runs, with what is `given` to it by name; returns the children, and the
     names of those that another sweep in this folder has done meanwhile. Raises Stopped."""
     children = [
-        _child(sweep, run.name, "reduce", str(run.beside(".toml").absolute()), *given.get(run.name, ()),
+        _child(sweep, run.name, "reduce", str(run.beside(".toml").absolute()), *bases.get(run.name, ()),
                log=run.beside(".log")) for run in runs
     ]  # fmt: skip
     by_name, content, skipped = {run.name: run for run in runs}, _contents(), set()
@@ -361,8 +361,8 @@ def response_of(sweep, run, content) -> Path:
     settings = [job[key] for key in ("inputs", "outputs", "interface", "frame", "damping")]
     settings += [job[key] for key in TERMS_OF_MODEL if job[key]]
     grid = asked.frequencies or [asked.band or run.job.band, asked.points]
-    what = [content(full), [content(name) for name in run.job.files[1:]], *settings, grid]
-    return sweep.folder / f"full-{name_of_plain(what, 12)}.h5"
+    inputs = [content(full), [content(name) for name in run.job.files[1:]], *settings, grid]
+    return sweep.folder / f"full-{name_of_plain(inputs, 12)}.h5"
 
 
 def responses_of(sweep) -> dict[str, Path]:
@@ -391,9 +391,9 @@ def _full_responses(sweep, chosen, states, at_once, progress):
             band = asked.band or run.job.band
             grid = ["--band", f"{band[0]!r},{band[1]!r}", "--points", str(asked.points)]
         full = os.path.abspath(asked.full or run.job.model)
-        given = [str(result.absolute()), "--full", full, "-o", str(file.absolute()), *grid]
+        arguments = [str(result.absolute()), "--full", full, "-o", str(file.absolute()), *grid]
         outputs[file.stem] = file
-        children.append(_child(sweep, file.stem, "evaluate", *given, log=file.with_suffix(".log")))
+        children.append(_child(sweep, file.stem, "evaluate", *arguments, log=file.with_suffix(".log")))
     others = _beside_others(progress, lambda child: outputs[child.name].exists())
     run_all(children, at_once, sweep.launch.environment, **others, **_told(progress, len(children)))
     return {child.name: child for child in children}

@@ -64,11 +64,11 @@ class UserElement(SuperelementWriter):
         labels = element.labels(directions=3)
         count = len(element.interfaces)
         modal = np.unique(labels[6 * count :, 0]).tolist()
-        nodes = [item.node for item in element.interfaces] + modal
+        nodes = [interface.node for interface in element.interfaces] + modal
         number = element.interfaces[0].node
         lines = ["** superelement of interface nodes and modal coordinates", "*NODE"]
-        for item in element.interfaces:
-            lines += [f"** {item.name}", _node(item.node, item.position)]
+        for interface in element.interfaces:
+            lines += [f"** {interface.name}", _node(interface.node, interface.position)]
         lines += ["** modal coordinates"] * bool(modal) + [_node(node, element.centre) for node in modal]
         # one linear user element with K and M
         lines += [f"*USER ELEMENT, TYPE=U{number % 9999 + 1}, NODES={len(nodes)}, LINEAR, COORDINATES=3"]
@@ -79,13 +79,13 @@ class UserElement(SuperelementWriter):
         lines += [f"*UEL PROPERTY, ELSET=BODY_{number}"]
         # a user element has no damping, so that comes as matrices of the same labels
         structural = element.loss_factor * element.K if element.loss_factor else None
-        for what, name, matrix in (
+        for quantity, name, matrix in (
             ("VISCOUS DAMPING", f"BODY_{number}_D", element.D),
             ("STRUCTURAL DAMPING", f"BODY_{number}_S", structural),
         ):
             if matrix is not None:
                 lines += [f"*MATRIX INPUT, NAME={name}, TYPE=SYMMETRIC", *_entries(matrix, labels)]
-                lines += [f"*MATRIX ASSEMBLE, {what}={name}"]
+                lines += [f"*MATRIX ASSEMBLE, {quantity}={name}"]
         return "\n".join(lines) + "\n", {}, [
             *element.remark_on_modal_points(modal),
             f"the body is element {number}, and no other element may have this number",

@@ -57,8 +57,8 @@ class Matrix50(SuperelementWriter):
         lines.append("*DEL,HPC_R,,NOPR")  # or the *DIM of the next body finds an array of another size
         # the element, its nodes, and points of modal coordinates
         lines += ["/PREP7", "*GET,HPC_T,ETYP,0,NUM,MAX", "HPC_T=HPC_T+1", "ET,HPC_T,MATRIX50"]
-        for item in element.interfaces:
-            lines.append(f"N,{item.node},{_position(item.position)}  ! {item.name}")
+        for interface in element.interfaces:
+            lines.append(f"N,{interface.node},{_position(interface.position)}  ! {interface.name}")
         modal = np.unique(labels[6 * len(element.interfaces) :, 0]).tolist()
         lines += [f"N,{node},{_position(element.centre)}  ! modal coordinates" for node in modal]
         lines += ["TYPE,HPC_T", f"SE,{stem}", "FINISH"]

@@ -74,14 +74,14 @@ def arrays_of_parameters(reduced: ParametricReducedModel | None) -> dict:
         return {}
     parameters, terms = reduced.parameters, reduced.terms
     return {
-        "parameter_names": np.array([item.name for item in parameters]),
-        "parameter_units": np.array([item.unit for item in parameters]),
-        "parameter_ranges": np.array([item.range for item in parameters]),
-        "parameter_references": np.array([item.reference for item in parameters]),
-        **{f"constant_{key}": part for key, part in reduced.constant.items()},
-        "term_of": np.array([item.of for item in terms]),
-        "term_factors": np.array([item.factor.replace("**", "^") for item in terms]),  # as MATLAB has it
-        **{f"term_{k}": item.matrix for k, item in enumerate(terms, 1)},
+        "parameter_names": np.array([entry.name for entry in parameters]),
+        "parameter_units": np.array([entry.unit for entry in parameters]),
+        "parameter_ranges": np.array([entry.range for entry in parameters]),
+        "parameter_references": np.array([entry.reference for entry in parameters]),
+        **{f"constant_{key}": matrix for key, matrix in reduced.constant.items()},
+        "term_of": np.array([entry.of for entry in terms]),
+        "term_factors": np.array([entry.factor.replace("**", "^") for entry in terms]),  # as MATLAB has it
+        **{f"term_{k}": entry.matrix for k, entry in enumerate(terms, 1)},
     }
 
 

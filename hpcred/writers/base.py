@@ -87,10 +87,10 @@ class ExportSource:
     @cached_property
     def superelement(self) -> Superelement:
         """The superelement of a result in interface coordinates. Raises InputError for others."""
-        item = superelement(self.reduced)
+        element = superelement(self.reduced)
         if self.units == SI:
-            return item
-        return replace(item, **fields_in(item, self.units), remarks=(*item.remarks, f"in {self.units.name}"))
+            return element
+        return replace(element, **fields_in(element, self.units), remarks=(*element.remarks, f"in {self.units.name}"))
 
     def shapes(self) -> AbstractContextManager[Shapes]:
         """A context with the shapes of all nodes (see Shapes)."""
@@ -191,5 +191,5 @@ class SuperelementWriter(Writer):
 
     def describe(self, path):
         text = Path(path).read_text(encoding="utf-8", errors="replace")
-        interfaces = {item["name"]: int(item["node"]) for item in re.finditer(self.nodes, text)}
+        interfaces = {match["name"]: int(match["node"]) for match in re.finditer(self.nodes, text)}
         return {"format": f"superelement: {self.title}", "interface_nodes": interfaces}

@@ -121,7 +121,7 @@ class NastranDeck(Deck):
             raise InputError("found no GRID in the bulk data, expected an input file of Nastran")
         constraints = NASTRAN_MPC.findall(original[: begin.start()]) if begin else []
         lines = ["SOL 101", "CEND", "ECHO = NONE", "DISPLACEMENT(PUNCH) = ALL", "STRESS(PUNCH,CORNER) = ALL"]
-        lines += [*(item.strip() for item in constraints), f"SPC = {SET}"]
+        lines += [*(constraint.strip() for constraint in constraints), f"SPC = {SET}"]
         for number in range(1, len(columns) + 1):
             lines += [f"SUBCASE {number}", f"  LOAD = {SET + number}"]
         lines += ["BEGIN BULK", bulk, f"INCLUDE '{self.supports}'", *(f"INCLUDE '{name}'" for name in columns)]

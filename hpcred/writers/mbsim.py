@@ -79,7 +79,7 @@ class MbsimFile(Writer):
 
     def describe(self, path):
         with h5py.File(path, "r") as file:
-            arrays = {name: " x ".join(map(str, item.shape)) or "1" for name, item in file.items()}
+            arrays = {name: " x ".join(map(str, array.shape)) or "1" for name, array in file.items()}
         return {"format": "body for MBSim (ExternalFlexibleFfrBody)", "arrays": arrays}
 
 

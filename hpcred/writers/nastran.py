@@ -19,7 +19,7 @@ WIDTH = 16
 def _ascending(element):
     """The same superelement with its rows in the order of the node numbers, as in the files of EXTSEOUT: matrices of
     OP4 carry no numbers, and a program that sorts the points of the EXTRN card finds the same rows."""
-    order = np.argsort([item.node for item in element.interfaces])
+    order = np.argsort([node.node for node in element.interfaces])
     count = 6 * len(order)
     rows = np.concatenate([(6 * order[:, None] + np.arange(6)).ravel(), np.arange(count, element.size)])
     turned = {key: mat[np.ix_(rows, rows)] for key in "KMD" if (mat := getattr(element, key)) is not None}
@@ -55,9 +55,9 @@ def _matrices(element, name):
 def _points(element, labels):
     """Cards of the nodes and of the scalar points."""
     lines = []
-    for item in element.interfaces:
-        x, y, z = (number(value, "E") for value in item.position)
-        lines += [f"$ {item.name}", f"GRID*   {item.node:16d}{0:16d}{x}{y}", f"*       {z}{0:16d}"]
+    for node in element.interfaces:
+        x, y, z = (number(value, "E") for value in node.position)
+        lines += [f"$ {node.name}", f"GRID*   {node.node:16d}{0:16d}{x}{y}", f"*       {z}{0:16d}"]
     points = _modal_points(element, labels)
     return lines + _card("SPOINT", points, continued=False)
 
@@ -92,14 +92,14 @@ def _op4(name, matrix):
         mark = struct.pack("<i", len(content))
         return mark + content + mark
 
-    parts = [record(struct.pack("<4i8s", size, size, 6, 2, f"{name:8}".encode()))]
+    records = [record(struct.pack("<4i8s", size, size, 6, 2, f"{name:8}".encode()))]
     for j in range(size):
         rows = np.flatnonzero(matrix[:, j])
         if rows.size:
             values = matrix[rows[0] : rows[-1] + 1, j].astype("<f8")
-            parts.append(record(struct.pack("<3i", j + 1, rows[0] + 1, 2 * len(values)) + values.tobytes()))
-    parts.append(record(struct.pack("<3id", size + 1, 1, 2, 1.0)))
-    return b"".join(parts)
+            records.append(record(struct.pack("<3i", j + 1, rows[0] + 1, 2 * len(values)) + values.tobytes()))
+    records.append(record(struct.pack("<3id", size + 1, 1, 2, 1.0)))
+    return b"".join(records)
 
 
 class DmigCards(SuperelementWriter):
@@ -133,6 +133,6 @@ class ExternalOp4(SuperelementWriter):
         pairs = [(interface.node, 123456) for interface in element.interfaces]
         pairs += [(node, 0) for node in _modal_points(element, labels)]
         lines = [f"$ external superelement with the matrices of {stem}.op4; behind BEGIN SUPER"]
-        lines += [*_card("EXTRN", [item for pair in pairs for item in pair]), *_points(element, labels)]
-        lines += _card("ASET", [item for pair in pairs for item in pair], continued=False)
+        lines += [*_card("EXTRN", [value for pair in pairs for value in pair]), *_points(element, labels)]
+        lines += _card("ASET", [value for pair in pairs for value in pair], continued=False)
         return content, {".pch": "\n".join(lines) + "\n"}, [*_said(element, labels), *element.remarks]

@@ -46,7 +46,7 @@ class ExtPtfm(Writer):
         element, options = source.superelement, source.options
         check_viscous(element, "OpenFAST")
         if len(element.interfaces) != 1:
-            names = ", ".join(item.name for item in element.interfaces)
+            names = ", ".join(node.name for node in element.interfaces)
             raise InputError(
                 f"found {len(element.interfaces)} interface nodes ({names}), expected one, on which the tower stands; "
                 "moorings and other places are inputs or outputs of the reduction"
@@ -85,9 +85,9 @@ class ExtPtfm(Writer):
             source.beside["_forces.dat"] = "\n".join([*head, *history, ""])
         if points and not flex:
             source.beside["_points.dat"] = "\n".join(
-                [f"{BEGIN} points: nodes {', '.join(item.label for item in points)}", f"!NConn: {len(points)}", "",
-                 "!Connections (m)", *_lines([item.position for item in points], 16), "", "!Displacement (m)",
-                 *_lines(np.concatenate([item.phi for item in points]), 16), ""]
+                [f"{BEGIN} points: nodes {', '.join(node.label for node in points)}", f"!NConn: {len(points)}", "",
+                 "!Connections (m)", *_lines([node.position for node in points], 16), "", "!Displacement (m)",
+                 *_lines(np.concatenate([node.phi for node in points]), 16), ""]
             )  # fmt: skip
         target.write_text("\n".join([*text, ""]), encoding="utf-8", errors=OF_NAMES)
         floats = element.is_free
@@ -119,7 +119,7 @@ def _weight(element):
 
 def _points(source, element):
     """Return the shapes of nodes other than that of the interface."""
-    return [item for item in source.result.nodes if item.node != element.interfaces[0].node]
+    return [node for node in source.result.nodes if node.node != element.interfaces[0].node]
 
 
 def _loads(path, reduced):

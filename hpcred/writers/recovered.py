@@ -71,19 +71,19 @@ def write_recovered(path, points: Points, coordinates: Coordinates, quantities, 
     recovery = Recovery(coordinates, step)
     with output as put:
         for first in range(0, len(t), step):
-            part = slice(first, min(first + step, len(t)))
-            fields = recovery.motion(points.shapes, part, wanted)
+            instants = slice(first, min(first + step, len(t)))
+            fields = recovery.motion(points.shapes, instants, wanted)
             if moved:
-                fields = inertial_motion(fields, local, start, coordinates, part)
+                fields = inertial_motion(fields, local, start, coordinates, instants)
             if points.stress is not None:
-                fields |= recovery.stresses(points.stress, part)
+                fields |= recovery.stresses(points.stress, instants)
             with agreed(comm):
                 _require_numbers(fields, dtype)
-            _keep_largest(largest, {key: fields[key] for key in keys if key != "stress"}, points, t[part])
+            _keep_largest(largest, {key: fields[key] for key in keys if key != "stress"}, points, t[instants])
             fields = {key: fields[key] for key in chosen}
             put(_at_all(fields, points) if shown else fields)
             if progress is not None:
-                progress.step("instants", part.stop, len(t))
+                progress.step("instants", instants.stop, len(t))
         # the largest of all ranks
         report = _all_largest(largest, comm)
         record |= report
@@ -125,6 +125,6 @@ def _keep_largest(largest, fields, points, t):
 
 def _all_largest(largest, comm) -> dict:
     """Return the largest of each field over the ranks, by the names of UNITS. Collective."""
-    parts = comm.allgather(largest)
-    largest_of_all = {key: max((part[key] for part in parts), key=lambda item: item[0]) for key in largest}
+    of_ranks = comm.allgather(largest)
+    largest_of_all = {key: max((own[key] for own in of_ranks), key=lambda peak: peak[0]) for key in largest}
     return {UNITS[key]: {"value": value, "node": node, "t_s": t} for key, (value, node, t) in largest_of_all.items()}

@@ -127,17 +127,17 @@ def _number(value):
     return f"{value: .11E}".replace("E", "D")
 
 
-def _object_lines(name, item, indent):
-    rows, columns = item.m0.shape
-    values = (item.order, rows, columns, item.nq, item.nqn, item.structure)
+def _object_lines(name, taylor, indent):
+    rows, columns = taylor.m0.shape
+    values = (taylor.order, rows, columns, taylor.nq, taylor.nqn, taylor.structure)
     lines = [" " * indent + name] + [_line(26, key, f"{value:5d}") for key, value in zip(HEADER, values, strict=True)]
-    if item.structure not in (0, 4):
-        for i, j in np.argwhere(item.m0 != 0):
-            lines.append(_line(26, f"m0( {i + 1}, {j + 1})" + 13 * " ", _number(item.m0[i, j])))
-    if item.m1 is not None:
+    if taylor.structure not in (0, 4):
+        for i, j in np.argwhere(taylor.m0 != 0):
+            lines.append(_line(26, f"m0( {i + 1}, {j + 1})" + 13 * " ", _number(taylor.m0[i, j])))
+    if taylor.m1 is not None:
         # column by column, as the reference files have it
-        for j, i, k in np.argwhere(item.m1.transpose(2, 0, 1) != 0):
-            lines.append(_line(26, f"m1( {i + 1}, {k + 1}, {j + 1})" + 10 * " ", _number(item.m1[i, k, j])))
+        for j, i, k in np.argwhere(taylor.m1.transpose(2, 0, 1) != 0):
+            lines.append(_line(26, f"m1( {i + 1}, {k + 1}, {j + 1})" + 10 * " ", _number(taylor.m1[i, k, j])))
     return [*lines, f"{' ' * indent}end {name}"]
 
 
@@ -238,8 +238,8 @@ class _Lines:
         return line
 
     def expect(self, words):
-        found = self.next().rstrip("=" + BLANKS).strip(BLANKS)
-        if found != words:
+        line = self.next().rstrip("=" + BLANKS).strip(BLANKS)
+        if line != words:
             raise self.unexpected(f"'{words}'")
 
     def text(self, key):
@@ -316,7 +316,7 @@ def build_sid(body: Body, ge_order: str = "component") -> tuple[Sid, list[str]]:
     # names of the coordinates
     names = [f"Eigen Mode {i:4d} : {f:12.3f} Hz" for i, f in enumerate(reduced.frequencies, 1)]
     if reduced.interfaces:
-        own = [f"Node {item.node} : {name}" for item in reduced.interfaces for name in DIRECTIONS[:6]]
+        own = [f"Node {node.node} : {name}" for node in reduced.interfaces for name in DIRECTIONS[:6]]
         names = own + [f"Modal coordinate {i:4d}" for i in range(1, count - len(own) + 1)]
     comment = "; ".join([f"No. nodes, No. modes: {maker(body.reduced)}", *notes, GE_ORDERS[ge_order]])
     return Sid(quantities.mass, names, nodes, objects, comment), notes

@@ -37,9 +37,9 @@ class FlexibleSolid(SuperelementWriter):
             "K": element.K,
             "M": element.M,
             "D": np.zeros_like(element.K) if element.D is None else element.D,
-            "origins": np.array([item.position for item in element.interfaces], dtype=float),
+            "origins": np.array([node.position for node in element.interfaces], dtype=float),
             "orientations": np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
-            "frames": np.array([item.name for item in element.interfaces], dtype=object),
+            "frames": np.array([node.name for node in element.interfaces], dtype=object),
             "loads": element.loads,
             "load_names": np.array(element.load_names, dtype=object),
         }, oned_as="column")  # fmt: skip

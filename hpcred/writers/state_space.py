@@ -82,7 +82,7 @@ def _second_order(reduced, whole, moved, words=()) -> dict:
     names = [f"velocity of {name}" for name, shown in zip(reduced.output_names, moved, strict=True) if shown]
     return {
         "mass": whole.M, "damping": whole.D, "stiffness": whole.K, "input_matrix": whole.B, "output_matrix": whole.C,
-        **{key: part for key, part in outputs.items() if part is not None},
+        **{key: matrix for key, matrix in outputs.items() if matrix is not None},
         "input_names": np.array(reduced.input_names, dtype=str),
         "output_names": np.array(reduced.output_names, dtype=str),
         "velocity_names": np.array(names, dtype=str),

@@ -48,14 +48,14 @@ class Superelement:
     @property
     def centre(self) -> np.ndarray:
         """The mean position (3,) of the interface nodes, where modal coordinates may be drawn."""
-        return np.mean([item.position for item in self.interfaces], axis=0)
+        return np.mean([node.position for node in self.interfaces], axis=0)
 
     def labels(self, directions: int) -> np.ndarray:
         """Node and direction, from 1, of each row (m, 2).
 
         Modal coordinates are directions 1 to `directions` of further nodes, numbered from the largest one on.
         """
-        nodes = [item.node for item in self.interfaces]
+        nodes = [node.node for node in self.interfaces]
         first, k = max(nodes) + 1, np.arange(self.modal_count)
         if first + self.modal_count > LARGEST_NODE:
             raise InputError(f"interface: found the node number {max(nodes)}, expected at most 8 digits with the modal "
@@ -65,8 +65,8 @@ class Superelement:
 
     def remark_on_modal_points(self, points) -> list[str]:
         """The remark on the numbers of points that carry modal coordinates."""
-        said = "modal coordinates: points {} to {}; the model that takes the file may not use these numbers for others"
-        return [said.format(points[0], points[-1])] if len(points) else []
+        text = "modal coordinates: points {} to {}; the model that takes the file may not use these numbers for others"
+        return [text.format(points[0], points[-1])] if len(points) else []
 
 
 def check_mass(element: Superelement):
@@ -113,7 +113,7 @@ def _is_free(reduced, K, M) -> bool:
     if len(K) == 6 or np.linalg.eigvalsh(M)[0] <= 0:
         return False
     moved, centre = 6 * len(reduced.interfaces), reduced.interfaces[0].position
-    places = np.repeat([np.subtract(item.position, centre) for item in reduced.interfaces], 6, axis=0)
+    places = np.repeat([np.subtract(node.position, centre) for node in reduced.interfaces], 6, axis=0)
     R = rigid_rows(np.tile(np.arange(6), len(reduced.interfaces)), places)
     rigid = eigh(R.T @ K[:moved, :moved] @ R, R.T @ M[:moved, :moved] @ R, eigvals_only=True)
     return bool(np.abs(rigid).max() < FREE**2 * eigh(K, M, eigvals_only=True)[6])

@@ -34,7 +34,7 @@ def _write_elements(file, shapes):
             continue
         for cell in shapes.nodes[cells[:, uff.ORDER.get(kind, slice(None))]]:
             number += 1
-            file.write("".join(f"{item:10d}" for item in (number, CODES[kind], 1, 1, 7, len(cell))) + "\n")
+            file.write("".join(f"{entry:10d}" for entry in (number, CODES[kind], 1, 1, 7, len(cell))) + "\n")
             if kind in ("line", "line3"):
                 file.write(f"{0:10d}{1:10d}{1:10d}\n")
             for low in range(0, len(cell), 8):
@@ -53,9 +53,9 @@ class UffFile(Writer):
             file.write(UNITS)
             file.write("    -1\n  2411\n")
             for low in range(0, len(nodes), LINES):
-                part = zip(nodes[low : low + LINES], shapes.points[low : low + LINES], strict=True)
+                rows = zip(nodes[low : low + LINES], shapes.points[low : low + LINES], strict=True)
                 file.writelines(f"{node:10d}{0:10d}{0:10d}{11:10d}\n{x:25.16E}{y:25.16E}{z:25.16E}\n"
-                                for node, (x, y, z) in part)  # fmt: skip
+                                for node, (x, y, z) in rows)  # fmt: skip
             file.write("    -1\n")
             _write_elements(file, shapes)
             for k, (name, frequency) in enumerate(zip(shapes.names, shapes.frequencies, strict=True)):
@@ -66,8 +66,8 @@ class UffFile(Writer):
                 file.write(f"{frequency:13.5E}{1.0:13.5E}{0.0:13.5E}{0.0:13.5E}\n")
                 moved = shapes.displacement(k)
                 for low in range(0, len(nodes), LINES):
-                    part = zip(nodes[low : low + LINES], moved[low : low + LINES], strict=True)
-                    file.writelines(f"{node:10d}\n{x:13.5E}{y:13.5E}{z:13.5E}\n" for node, (x, y, z) in part)
+                    rows = zip(nodes[low : low + LINES], moved[low : low + LINES], strict=True)
+                    file.writelines(f"{node:10d}\n{x:13.5E}{y:13.5E}{z:13.5E}\n" for node, (x, y, z) in rows)
                 file.write("    -1\n")
             return list(shapes.names)
 
@@ -78,6 +78,6 @@ class UffFile(Writer):
         return {
             "format": "universal file (UFF)",
             "nodes": len(nodes.label),
-            "elements": {kind: len(part) for kind, part in elements.items()} or "none",
+            "elements": {kind: len(cells) for kind, cells in elements.items()} or "none",
             "shapes": shapes,
         }

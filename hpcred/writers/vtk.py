@@ -27,19 +27,19 @@ def describe(path) -> dict:
     InputError for other files of VTK."""
     points, cells, names, group = 0, 0, [], None
     # the file piece by piece, since it may be large
-    for event, item in ElementTree.iterparse(path, ("start", "end")):
-        if item.tag == "AppendedData":  # bytes that are no XML
+    for event, element in ElementTree.iterparse(path, ("start", "end")):
+        if element.tag == "AppendedData":  # bytes that are no XML
             break
         if event == "end":
-            item.clear()
-        elif item.tag == "VTKFile" and item.get("type") != "UnstructuredGrid":
-            raise InputError(f"{path}: found a VTK file of the type {item.get('type')}, expected UnstructuredGrid")
-        elif item.tag == "Piece":
-            points, cells = points + int(item.get("NumberOfPoints")), cells + int(item.get("NumberOfCells"))
-        elif item.tag in ("PointData", "CellData", "Points", "Cells"):
-            group = item.tag
-        elif item.tag == "DataArray" and group == "PointData" and item.get("Name") not in names:
-            names.append(item.get("Name"))
+            element.clear()
+        elif element.tag == "VTKFile" and element.get("type") != "UnstructuredGrid":
+            raise InputError(f"{path}: found a VTK file of the type {element.get('type')}, expected UnstructuredGrid")
+        elif element.tag == "Piece":
+            points, cells = points + int(element.get("NumberOfPoints")), cells + int(element.get("NumberOfCells"))
+        elif element.tag in ("PointData", "CellData", "Points", "Cells"):
+            group = element.tag
+        elif element.tag == "DataArray" and group == "PointData" and element.get("Name") not in names:
+            names.append(element.get("Name"))
     return {"points": points, "cells": cells, "point_data": names}
 
 
@@ -61,6 +61,6 @@ class VtkFile(Writer):
         with open(path, "rb") as file:
             collection = b'type="Collection"' in file.read(500)
         if collection:
-            times = [float(item.get("timestep")) for item in ElementTree.parse(path).iter("DataSet")]
+            times = [float(dataset.get("timestep")) for dataset in ElementTree.parse(path).iter("DataSet")]
             return {"format": "ParaView collection (.pvd)", "times": len(times), "end_s": times[-1] if times else None}
         return {"format": "VTK file (.vtu)", **describe(path)}

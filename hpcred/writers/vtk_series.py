@@ -110,7 +110,7 @@ def mesh_rows(points: Points, comm) -> list[Rows]:
     cells = {kind: nodes for kind, nodes in points.cells.items() if comm.allreduce(len(nodes))}
     if not cells:
         cells = {"vertex": points.first + np.arange(len(points.node))[:, None]}
-    index = np.int32 if comm.allreduce(sum(part.size for part in cells.values())) < 2**31 else np.int64
+    index = np.int32 if comm.allreduce(sum(corners.size for corners in cells.values())) < 2**31 else np.int64
     sizes = np.repeat([nodes.shape[1] for nodes in cells.values()], [len(nodes) for nodes in cells.values()])
     types = np.repeat([TYPES[kind] for kind in cells], [len(nodes) for nodes in cells.values()])
     ends = np.cumsum(sizes) + (comm.exscan(int(sizes.sum())) or 0)
@@ -137,33 +137,33 @@ def write_instants(paths, mesh, points: Points, fields, comm, dtype):
             if comm.rank == 0:
                 with open(path, "wb") as file:
                     file.write(head)
-                    for item, start in zip(rows, starts, strict=True):
+                    for array, start in zip(rows, starts, strict=True):
                         file.seek(start - LENGTH)
-                        file.write((item.total * _row_bytes(item)).to_bytes(LENGTH, "little"))
+                        file.write((array.total * _row_bytes(array)).to_bytes(LENGTH, "little"))
                     file.seek(end)
                     file.write(b"\n</AppendedData>\n</VTKFile>\n")
         with agreed(comm), open(path, "r+b") as file:
-            for item, start in zip(rows, starts, strict=True):
-                if item.local.size:
-                    file.seek(start + item.first * _row_bytes(item))
-                    file.write(item.local.data)
+            for array, start in zip(rows, starts, strict=True):
+                if array.local.size:
+                    file.seek(start + array.first * _row_bytes(array))
+                    file.write(array.local.data)
 
 
-def _row_bytes(item) -> int:
-    return item.local.dtype.itemsize * int(np.prod(item.local.shape[1:]))
+def _row_bytes(array) -> int:
+    return array.local.dtype.itemsize * int(np.prod(array.local.shape[1:]))
 
 
 def _head(rows) -> tuple[bytes, list[int], int]:
     """Return the XML in front of the numbers, the byte where each array begins, and that behind the last one."""
-    counts = {item.name: item.total for item in rows}
+    counts = {array.name: array.total for array in rows}
     text = BEGIN.decode() + f'<Piece NumberOfPoints="{counts["points"]}" NumberOfCells="{counts["types"]}">\n'
-    offsets = np.cumsum([0, *(LENGTH + item.total * _row_bytes(item) for item in rows)])
+    offsets = np.cumsum([0, *(LENGTH + array.total * _row_bytes(array) for array in rows)])
     for group in ("PointData", "Points", "Cells"):
         text += f"<{group}>\n"
-        for item, offset in zip(rows, offsets, strict=False):
-            if item.group == group:
-                components = int(np.prod(item.local.shape[1:]))
-                text += (f'<DataArray type="{KINDS[item.local.dtype.str]}" Name="{item.name}" '
+        for array, offset in zip(rows, offsets, strict=False):
+            if array.group == group:
+                components = int(np.prod(array.local.shape[1:]))
+                text += (f'<DataArray type="{KINDS[array.local.dtype.str]}" Name="{array.name}" '
                          f'NumberOfComponents="{components}" format="appended" offset="{offset}"/>\n')  # fmt: skip
         text += f"</{group}>\n"
     head = (text + '</Piece>\n</UnstructuredGrid>\n<AppendedData encoding="raw">\n_').encode()

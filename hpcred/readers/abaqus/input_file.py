@@ -162,15 +162,16 @@ def read(path, comm, calculix=False, surfaces=False, steps=True) -> Mesh:
     require_elements_once(path, comm, keys.values())
     # sets that sections and surfaces name are read although they are internal
     wanted = {name for block in solids for name in names_of(block)}
-    wanted |= {scope + section.parameters["elset"].lower() for block in sets for section in [block.section]
-               if section.keyword == "nset" and "elset" in section.parameters for scope in scopes_of(block)}
+    for block in sets:
+        if block.section.keyword == "nset" and (elset := block.section.parameters.get("elset")) is not None:
+            wanted |= {scope + elset.lower() for scope in scopes_of(block)}
     if surfaces:
         of_surfaces = [section for section in sections if section.keyword == "surface"]
         wanted |= {line[0].strip('"').lower() for section in of_surfaces for line in data_lines(section)}
-    sets, members, more = read_sets(path, comm, sets, groups, named, elements, keys, wanted, unread)
+    sets, members, remarks_on_sets = read_sets(path, comm, sets, groups, named, elements, keys, wanted, unread)
     program = "CalculiX" if calculix else "Abaqus"
     properties = properties_of(comm, program, solids, materials, types, tables, keys, members) if elements else None
-    return Mesh(nodes, elements, sets, sections, counts, properties, [*remarks, *more], keys, members)
+    return Mesh(nodes, elements, sets, sections, counts, properties, [*remarks, *remarks_on_sets], keys, members)
 
 
 def _sections(path, comm, calculix, steps):
@@ -221,11 +222,11 @@ def _file_named(section):
         return None
     file = section.path.parent / name
     if not file.is_file():
-        given = "*Include of " if keyword == "include" else "input="
-        raise section.refusal(f"found {given}{file}, which is no file")
+        statement = "*Include of " if keyword == "include" else "input="
+        raise section.refusal(f"found {statement}{file}, which is no file")
     if section.has_data():
-        given = "*Include" if keyword == "include" else "a keyword with input="
-        raise section.refusal(f"found data lines below {given}, expected them in that file only")
+        statement = "*Include" if keyword == "include" else "a keyword with input="
+        raise section.refusal(f"found data lines below {statement}, expected them in that file only")
     return file
 
 
@@ -236,8 +237,8 @@ def _keywords(path, positions, calculix):
         head = file.read(positions[0] if positions else size).removeprefix(BYTE_ORDER_MARK)
         head = REDIRECTED.sub(b"", head) if calculix else head
         if first_line(head):
-            found = shown(first_line(head))
-            raise InputError(f"{path}: found '{found}' above the first keyword, expected a keyword such as *Node")
+            above = shown(first_line(head))
+            raise InputError(f"{path}: found '{above}' above the first keyword, expected a keyword such as *Node")
         for position, stop in zip(positions, [*positions, size][1:], strict=True):
             file.seek(position)
             line = file.readline()
@@ -245,9 +246,9 @@ def _keywords(path, positions, calculix):
                 line = line.rstrip() + file.readline()
             text = line.decode("latin-1").strip().lstrip("*").strip()
             keyword, *parameters = ["", *_fields(text)] if text[:1] in ("", ",") else _fields(text)
-            pairs = (item.partition("=") for item in parameters)
-            given = {_word(key): value.strip().strip("\"'") for key, _, value in pairs if key.strip()}
-            sections.append(Section(path, position, _word(keyword), given, file.tell(), stop))
+            pairs = (parameter.partition("=") for parameter in parameters)
+            values = {_word(key): value.strip().strip("\"'") for key, _, value in pairs if key.strip()}
+            sections.append(Section(path, position, _word(keyword), values, file.tell(), stop))
             _require_keyword(sections[-1], line, calculix)
     return sections
 
@@ -279,7 +280,7 @@ def _word(text):
 def data_lines(section):
     """Return the few data lines of a keyword, without comments and blank lines, as lists of fields."""
     text = without_comments(read_bytes(section.path, section.start, section.stop))
-    lines = ([item.strip().decode("latin-1") for item in line.split(b",")] for line in text.splitlines())
+    lines = ([word.strip().decode("latin-1") for word in line.split(b",")] for line in text.splitlines())
     return [fields for fields in lines if fields != [""]]
 
 
@@ -287,7 +288,7 @@ def _numbers(section, fields, count):
     """Return `count` numbers of a data line; what is left out is zero."""
     while fields and not fields[-1]:
         fields = fields[:-1]
-    values = [number_of(item) if item else 0.0 for item in fields]
+    values = [number_of(text) if text else 0.0 for text in fields]
     if len(fields) > count or None in values:
         raise section.refusal(f"found the data line '{', '.join(fields)}', expected {count} numbers")
     if any(abs(value) > LARGEST_COORDINATE for value in values):
@@ -300,7 +301,7 @@ def _blocks(path, sections, calculix):
     parts, blocks, instances = {}, [], {}
     scope, name, placement, system = "model", "", Placement(), Placement()
     for section in sections:
-        keyword, given = section.keyword, section.parameters
+        keyword, values = section.keyword, section.parameters
         # what would give the nodes other places, numbers or directions than are read here
         if keyword in REFUSED:
             makes, lines = REFUSED[keyword]
@@ -312,9 +313,9 @@ def _blocks(path, sections, calculix):
             raise section.refusal(
                 "found *Transform, which turns the directions of dofs; take the matrices from a model without it"
             )
-        if keyword == "node" and calculix and given.get("system", "r").lower() != "r":
+        if keyword == "node" and calculix and values.get("system", "r").lower() != "r":
             raise section.refusal(
-                f"found *Node with system={given['system']}, which CalculiX does not know; its matrices belong to x, "
+                f"found *Node with system={values['system']}, which CalculiX does not know; its matrices belong to x, "
                 "y, z as they are written"
             )
         # *System holds until the next part, assembly or instance begins
@@ -324,17 +325,18 @@ def _blocks(path, sections, calculix):
             system = Placement()
         # a part is kept, and placed by each *Instance of it; its blocks stand under the instance's name
         if keyword == "part":
-            scope, name = "part", given.get("name", "").lower()
+            scope, name = "part", values.get("name", "").lower()
             parts[name] = []
         elif keyword == "assembly":
             scope = "assembly"
         elif keyword == "instance":
-            scope, name, placement = "instance", given.get("name", ""), _placement(section)
+            scope, name, placement = "instance", values.get("name", ""), _placement(section)
             instances[name.lower()] = name
-            part = given.get("part", "").lower()
-            if part not in parts or "instance" in given or "library" in given:
+            part = values.get("part", "").lower()
+            if part not in parts or "instance" in values or "library" in values:
                 raise section.refusal(f"found an *Instance of '{part}', expected one of a *Part above")
-            blocks += [_block(*item, placement, f"instance {name}", f"{name}.") for item in parts[part]]
+            for inner, own_system in parts[part]:
+                blocks.append(_block(inner, own_system, placement, f"instance {name}", f"{name}."))
         elif keyword in ("endpart", "endassembly", "endinstance"):
             scope = "assembly" if keyword == "endinstance" else "model"
         elif keyword in ("node", "element", "nset", "elset", "solidsection"):
@@ -343,7 +345,7 @@ def _blocks(path, sections, calculix):
             elif scope == "instance":
                 blocks.append(_block(section, system, placement, f"instance {name}", f"{name}."))
             else:
-                of = instances.get(given.get("instance", "").lower()) if keyword in ("nset", "elset") else None
+                of = instances.get(values.get("instance", "").lower()) if keyword in ("nset", "elset") else None
                 blocks.append(_block(section, system, Placement(), f"instance {of}" if of else f"the {scope}"))
     if parts and not instances:
         raise InputError(f"{path}: found a *Part but no *Instance of one, expected an assembly, or nodes without parts")
@@ -358,9 +360,9 @@ def _block(section, system, placement, group, prefix=""):
         unknown = sorted(set(section.parameters) - TOLERATED)
         kind = section.parameters.get("system", "r").lower()
         if unknown or kind not in ("r", "c"):
-            found = f"the parameter {unknown[0]}" if unknown else f"system={kind.upper()}"
+            wrong = f"the parameter {unknown[0]}" if unknown else f"system={kind.upper()}"
             raise section.refusal(
-                f"found *Node with {found}, expected rectangular (system=R) or cylindrical (system=C) coordinates"
+                f"found *Node with {wrong}, expected rectangular (system=R) or cylindrical (system=C) coordinates"
             )
     return Block(section, path, start, stop, system, placement, group, prefix)
 
@@ -411,14 +413,14 @@ def _nodes(path, comm, blocks, named, least):
     groups = sorted({block.group for block in blocks})
     with agreed(comm):
         # the lines of all blocks, placed as their instance is
-        parts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0, np.int64))]
+        tables = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0, np.int64))]
         for block in blocks:
             for piece in pieces(block.path, comm, block.start, block.stop):
                 label, position = _node_lines(piece, block, least)
                 _name(named, block, "nset", label)
                 position = block.placement(block.system(position))
-                parts.append((label, position, np.full(len(label), groups.index(block.group))))
-        label, position, group = (np.concatenate(items) for items in zip(*parts, strict=True))
+                tables.append((label, position, np.full(len(label), groups.index(block.group))))
+        label, position, group = (np.concatenate(columns) for columns in zip(*tables, strict=True))
     # ascending over the ranks, so that equal numbers meet
     label, x, y, z, group = sort_over_ranks(comm, label, [*position.T, group])
     position = np.array([x, y, z]).T
@@ -470,7 +472,7 @@ def _elements(comm, blocks, groups, named, unread, calculix):
     """Return node numbers (elements of this rank, nodes) and keys (elements,), see abaqus_sets, by kind; names of types
     and tables (elements, 3) of number, type and no material; the number of all elements by type. Fills `named`, and
     `unread` with names of sets of elements of no known type."""
-    found, keys, counts, types, tables = {}, {}, Counter(), [], {}
+    nodes_by_kind, keys, counts, types, tables = {}, {}, Counter(), [], {}
     with agreed(comm):
         for block in blocks:
             if "type" not in block.section.parameters:
@@ -492,17 +494,17 @@ def _elements(comm, blocks, groups, named, unread, calculix):
             middle = name.upper() == "S8R5"  # which may name the node that it has in its middle
             line = first_line(read_bytes(block.path, block.start, block.start + 4096))
             surplus = (calculix or middle) and len(line.replace(b",", b" ").split()) > width
-            more = 0 if calculix else abaqus_nodes_more(name)
+            extra = 0 if calculix else abaqus_nodes_more(name)
             for piece in pieces(block.path, comm, block.start, block.stop, continued=not surplus):
-                lines = _with_more_nodes(piece, width, more) if more else _element_lines(piece, width, surplus)
+                lines = _with_more_nodes(piece, width, extra) if extra else _element_lines(piece, width, surplus)
                 # nodes, keys and tables of this rank
-                found.setdefault(kind, []).append(lines[:, 1:])
+                nodes_by_kind.setdefault(kind, []).append(lines[:, 1:])
                 keys.setdefault(kind, []).append(GROUP * groups.index(block.group) + lines[:, 0])
                 counts[name.upper()] += len(lines)
                 table = [lines[:, 0], np.full(len(lines), types.index(name.upper())), np.full(len(lines), -1)]
                 tables.setdefault(kind, []).append(np.stack(table, axis=1))
                 _name(named, block, "elset", keys[kind][-1])
-    elements = {kind: in_vtk_order(kind, nodes) for kind, nodes in elements_of(comm, found).items()}
+    elements = {kind: in_vtk_order(kind, nodes) for kind, nodes in elements_of(comm, nodes_by_kind).items()}
     keys = {kind: np.concatenate([np.zeros(0, np.int64), *keys.get(kind, [])]) for kind in elements}
     tables = {kind: np.concatenate([np.zeros((0, 3), np.int64), *tables.get(kind, [])]) for kind in elements}
     return elements, keys, types, tables, dict(sum(comm.allgather(counts), Counter()))
@@ -529,15 +531,15 @@ def _require_nodes(path, comm, nodes, elements):
                 )
 
 
-def _with_more_nodes(piece, width, more):
+def _with_more_nodes(piece, width, extra):
     """As _element_lines, of elements that may name `more` nodes, 0 or none, in their line or behind a last comma."""
     filled = Piece(piece.path, EMPTY_FIELD.sub(b",0", piece.text), piece.start)
-    values, counts, lines = ragged(filled, blanks=False, expected=f"{width} to {width + more} numbers an element")
+    values, counts, lines = ragged(filled, blanks=False, expected=f"{width} to {width + extra} numbers an element")
     first, total = np.arange(len(counts)), counts
     if (counts < width).any() or GOES_ON.search(filled.text):
-        first, total = _lines_joined(filled, lines, counts, width, more)
-    fits = (total >= width) & (total <= width + more)
-    piece.require(fits, lines[first], f"{width} to {width + more} numbers an element")
+        first, total = _lines_joined(filled, lines, counts, width, extra)
+    fits = (total >= width) & (total <= width + extra)
+    piece.require(fits, lines[first], f"{width} to {width + extra} numbers an element")
     place = np.arange(len(values)) - np.repeat(np.cumsum(total) - total, total)
     line = np.repeat(lines, counts)
     labels(piece, values[place < width], line[place < width], "the number of an element or node")
@@ -545,13 +547,13 @@ def _with_more_nodes(piece, width, more):
     return values[place < width].reshape(-1, width).astype(np.int64)
 
 
-def _lines_joined(piece, lines, counts, width, more):
+def _lines_joined(piece, lines, counts, width, extra):
     """Return for each element the first of its lines, and the total of their numbers."""
     text = without_comments(piece.text).split(b"\n")
     goes_on = [text[line].rstrip().endswith(b",") for line in lines]
     first, total = [], []
     for k, count in enumerate(counts.tolist()):
-        if first and (total[-1] < width or (goes_on[k - 1] and total[-1] + count <= width + more)):
+        if first and (total[-1] < width or (goes_on[k - 1] and total[-1] + count <= width + extra)):
             total[-1] += count
         else:
             first.append(k)

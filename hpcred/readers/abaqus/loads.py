@@ -133,9 +133,9 @@ class _Reading:
 
     def __init__(self, path, comm, mesh):
         self.path, self.comm, self.mesh, self.found = path, comm, mesh, DeckLoads(nodes=mesh.nodes)
-        groups = {key for part in mesh.keys.values() for key in np.unique(part // GROUP).tolist()}
+        groups = {key for keys in mesh.keys.values() for key in np.unique(keys // GROUP).tolist()}
         self.one_group = len(set().union(*comm.allgather(groups))) <= 1
-        self.numbers = {kind: part % GROUP for kind, part in mesh.keys.items()}
+        self.numbers = {kind: keys % GROUP for kind, keys in mesh.keys.items()}
         self.weighed = {}  # numbers of elements of this rank by acceleration or spin
 
     def read_cload(self, section):
@@ -164,8 +164,8 @@ class _Reading:
                 if str(name).lower() not in surfaces:
                     raise section.refusal(f"found the surface '{name}', which no *Surface defines"
                                           f"{nearest(name, surfaces)}")  # fmt: skip
-        lines = [(part, face, values) for name, _, values in named for part, face in surfaces[name.lower()]]
-        mine = [(int(part), *more) for part, *more in lines if part.isdecimal()][self.comm.rank :: self.comm.size]
+        lines = [(target, face, values) for name, _, values in named for target, face in surfaces[name.lower()]]
+        mine = [(int(target), *load) for target, *load in lines if target.isdecimal()][self.comm.rank :: self.comm.size]
         self._elements(section, mine, [line for line in lines if not line[0].isdecimal()])
 
     def _lines(self, section, expected, width, labels=0):
@@ -284,8 +284,8 @@ class _Reading:
     def check_whole_body(self):
         """Refuse accelerations that do not act on each element once."""
         total = sum(self.mesh.counts.values())
-        for key, (section, parts) in self.weighed.items():
-            every = sort_over_ranks(self.comm, np.concatenate([np.zeros(0, np.int64), *parts]))[0]
+        for key, (section, numbers) in self.weighed.items():
+            every = sort_over_ranks(self.comm, np.concatenate([np.zeros(0, np.int64), *numbers]))[0]
             members = find_elements(self.comm, self.mesh.elements, self.numbers, np.unique(every))
             counts = [len(every), sum(len(place) for place, _ in members.values())]
             named, there = np.sum(self.comm.allgather(counts), axis=0)

@@ -85,19 +85,19 @@ def properties_of(comm, program, blocks, materials, types, tables, keys, members
     `members`: keys of the elements of this rank by the names of the sets of sections, in small letters.
     """
     materials = list(materials)
-    places = {item.name.lower(): place for place, item in enumerate(materials)}
+    places = {material.name.lower(): place for place, material in enumerate(materials)}
     for block in blocks:
-        given = block.section.parameters
-        name = given.get("material", "")
-        if "composite" in given:
-            place, name = None, f"composite of {given.get('elset', '')}"
+        values = block.section.parameters
+        name = values.get("material", "")
+        if "composite" in values:
+            place, name = None, f"composite of {values.get('elset', '')}"
             reason = "found *Solid Section with COMPOSITE"
         else:
             place, reason = places.get(name.lower()), "found no *Material of this name"
         if place is None:
             place = places[name.lower()] = len(materials)
             materials.append(Material(name=name, reason=reason))
-        elset = next((item for item in names_of(block) if item in members), None)
+        elset = next((name for name in names_of(block) if name in members), None)
         if elset is not None:
             for kind, table in tables.items():
                 table[look_up(comm, members[elset], [], keys[kind])[0], MATERIAL] = place

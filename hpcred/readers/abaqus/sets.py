@@ -65,7 +65,7 @@ def read_sets(path, comm, blocks, groups, named, elements, keys, wanted, unread)
         of_elements = np.unique(sort_over_ranks(comm, of_elements)[0])
         if count := comm.allreduce(len(of_elements)):
             of_kinds = [look_up(comm, of_elements, [], keys[key])[0] for key in elements]
-            nodes = [part[inside].ravel() for part, inside in zip(elements.values(), of_kinds, strict=True)]
+            nodes = [corners[inside].ravel() for corners, inside in zip(elements.values(), of_kinds, strict=True)]
             numbers = np.concatenate([numbers, *nodes])
             count -= comm.allreduce(int(sum(inside.sum() for inside in of_kinds)))
         if count or reached & {("elset", other) for other in unread}:
@@ -90,24 +90,24 @@ def _members(known, kind, name):
 
 def _read_block(comm, block, offset, known, wanted):
     """Put what the data lines of this rank say into `found`."""
-    kind, given = block.section.keyword, block.section.parameters
-    name = given.get(kind)
+    kind, params = block.section.keyword, block.section.parameters
+    name = params.get(kind)
     if not name:
         raise block.section.refusal(f"found *{kind.capitalize()} without a name, expected {kind}=NAME")
     # internal sets count only where something asks for them
-    hidden = "internal" in given and not (kind == "elset" and (block.prefix + name).lower() in wanted)
+    hidden = "internal" in params and not (kind == "elset" and (block.prefix + name).lower() in wanted)
     if hidden:
         return
     members = _members(known, kind, block.prefix + name)
-    members.hidden |= "internal" in given
+    members.hidden |= "internal" in params
     # nodes of elements, ranges, or a list of numbers and names
-    if kind == "nset" and "elset" in given:
+    if kind == "nset" and "elset" in params:
         if block.section.has_data():
             raise block.section.refusal("found data lines below *Nset with elset=, which has the nodes of elements")
-        members.parts.add(("elset", tuple(scope + given["elset"].lower() for scope in scopes_of(block))))
+        members.parts.add(("elset", tuple(scope + params["elset"].lower() for scope in scopes_of(block))))
         return
     offset = offset if kind == "elset" else 0
-    if "generate" in given:  # few lines, perhaps of very many numbers: each rank takes its share of all
+    if "generate" in params:  # few lines, perhaps of very many numbers: each rank takes its share of all
         for piece in pieces(block.path, MPI.COMM_SELF, block.start, block.stop):
             members.numbers.append(offset + _ranges(piece)[comm.rank :: comm.size])
         return
@@ -135,13 +135,13 @@ def _ranges(piece):
     values, counts, lines = ragged(piece, blanks=False, expected="first, last and step of numbers")
     piece.require((counts == 2) | (counts == 3), lines, "first, last and step of numbers")
     values = labels(piece, values, np.repeat(lines, counts), "a number")
-    parts = [NOTHING]
+    ranges = [NOTHING]
     rows = np.split(values, np.cumsum(counts)[:-1]) if len(lines) else []
     for line, row in zip(lines, rows, strict=True):
         if row[0] > row[1]:
             raise piece.refusal(line, "first, last and step of numbers, the first not above the last")
-        parts.append(np.arange(row[0], row[1] + 1, row[2] if len(row) == 3 else 1))
-    return np.concatenate(parts)
+        ranges.append(np.arange(row[0], row[1] + 1, row[2] if len(row) == 3 else 1))
+    return np.concatenate(ranges)
 
 
 def _with_their_parts(path, comm, known):
@@ -150,19 +150,19 @@ def _with_their_parts(path, comm, known):
     Numbers and keys are those of this rank, with those of the sets in it; of a set of elements both are its keys.
     """
     table, hidden = {}, set()
-    for part in comm.allgather({key: (members.name, members.parts, members.hidden) for key, members in known.items()}):
-        for key, (name, parts, internal) in part.items():
-            table.setdefault(key, (name, set()))[1].update(parts)
+    for here in comm.allgather({key: (members.name, members.parts, members.hidden) for key, members in known.items()}):
+        for key, (name, members_of, internal) in here.items():
+            table.setdefault(key, (name, set()))[1].update(members_of)
             hidden |= {key} if internal else set()
     result = {}
     for key in sorted(table):
         reached, new = {key}, {key}
         while new:
-            new = {item for one in new for item in _named_in(path, one, table)} - reached
+            new = {key_of_set for below in new for key_of_set in _named_in(path, below, table)} - reached
             reached |= new
         of_kind = {"nset": [NOTHING], "elset": [NOTHING]}
-        for item in sorted(reached & set(known)):
-            of_kind[item[0]] += known[item].numbers
+        for key_of_set in sorted(reached & set(known)):
+            of_kind[key_of_set[0]] += known[key_of_set].numbers
         numbers, of_elements = (np.concatenate(of_kind[kind]) for kind in (key[0], "elset"))
         result[key] = table[key][0], numbers, of_elements, reached, key in hidden
     return result
@@ -170,14 +170,14 @@ def _with_their_parts(path, comm, known):
 
 def _named_in(path, key, table):
     """Yield the keys of the sets that a set names, which may be without elements of known kinds, but not nodes."""
-    own, (name, parts) = key[0], table[key]
-    for kind, words in sorted(parts):
+    own, (name, named) = key[0], table[key]
+    for kind, words in sorted(named):
         there = [(kind, word) for word in dict.fromkeys(words) if (kind, word) in table]
         if own == "nset" and not there:
-            found = shown(words[0].encode("latin-1"))
-            what = {"nset": "nodes", "elset": "elements"}[kind]
+            unknown = shown(words[0].encode("latin-1"))
+            of = {"nset": "nodes", "elset": "elements"}[kind]
             raise InputError(
-                f"{path}: found the set '{found}' in the set of nodes '{name}', expected one of the sets of {what} of "
+                f"{path}: found the set '{unknown}' in the set of nodes '{name}', expected one of the sets of {of} of "
                 "the file that has a name of its own"
             )
         yield from there

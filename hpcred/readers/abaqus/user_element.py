@@ -43,24 +43,24 @@ def read(path, comm) -> Parts:
     Raises InputError.
     """
     path = Path(path)
-    found = decided(comm, _content, path)
-    node, matrices = found.node, found.matrices
+    content = decided(comm, _content, path)
+    node, matrices = content.node, content.matrices
     # nodes with a place are those of the substructure; others are internal to it, as of its modes
     with agreed(comm):
-        file = path if found.has_nodes else _input_beside(path)
-    mesh = None if file is None else input_file.read(file, comm, calculix=found.of_calculix)
+        file = path if content.has_nodes else _input_beside(path)
+    mesh = None if file is None else input_file.read(file, comm, calculix=content.of_calculix)
     parts = Parts(dict.fromkeys(matrices), dict.fromkeys(matrices, str(path)))
-    parts.warnings += found.remarks * (comm.rank == 0)
+    parts.warnings += content.remarks * (comm.rank == 0)
     placed = np.unique(node)
     if mesh is not None:
-        there = ~np.isin(mesh.nodes.label, found.modal)
+        there = ~np.isin(mesh.nodes.label, content.modal)
         parts.nodes = type(mesh.nodes).as_given(comm, mesh.nodes.label[there], mesh.nodes.position[there])
         parts.sets = mesh.sets
         parts.warnings += [f"nodes are those of {file}"] * (comm.rank == 0)
         placed = np.concatenate(comm.allgather(parts.nodes.label))
     modal = ~np.isin(node, placed)
     scalars = label_of(node.max() + np.cumsum(modal), np.full(len(node), SCALAR))
-    label = np.where(modal, scalars, label_of(node, found.dof - 1))
+    label = np.where(modal, scalars, label_of(node, content.dof - 1))
     for key, matrix in matrices.items():
         # rows of zeros are rows: of a spring in one direction, other directions too
         there = (matrix != 0) | np.eye(len(matrix), dtype=bool)
@@ -92,8 +92,8 @@ def _content(path) -> _Content:
         raise InputError(f"{path}: found {len(elements)} user elements, expected one, of one substructure; matrices "
                          "element by element are no superelement")  # fmt: skip
     # which node and dof each row is
-    given, body = elements[0][1:]
-    nodes = _nodes(path, text, blocks, given)
+    params, body = elements[0][1:]
+    nodes = _nodes(path, text, blocks, params)
     node, dof = _rows(path, nodes, body)
     labels = np.stack([node, dof], axis=1)
     if len(np.unique(labels, axis=0)) < len(labels):
@@ -102,18 +102,18 @@ def _content(path) -> _Content:
                          "expected one row each")  # fmt: skip
     # the matrices that a model has
     matrices, remarks = {}, []
-    for keyword, given, body in blocks:
+    for keyword, params, body in blocks:
         if keyword != "MATRIX":
             continue
-        kind = given.get("TYPE", "").replace(" ", "")
+        kind = params.get("TYPE", "").replace(" ", "")
         if kind not in KEYS:
-            remarks.append(f"{path}: a matrix of type {given.get('TYPE', 'none')} was not read")
+            remarks.append(f"{path}: a matrix of type {params.get('TYPE', 'none')} was not read")
             continue
         if KEYS[kind] in matrices:
-            raise InputError(f"{path}: found two matrices of type {given['TYPE']}, expected one")
-        matrices[KEYS[kind]] = _matrix(path, given["TYPE"], body, len(node), "UNSYMM" in elements[0][1])
-    inputs = {given.get("NAME", ""): (given, body) for keyword, given, body in blocks if keyword == "MATRIXINPUT"}
-    assembled = [pair for keyword, given, _ in blocks if keyword == "MATRIXASSEMBLE" for pair in given.items()]
+            raise InputError(f"{path}: found two matrices of type {params['TYPE']}, expected one")
+        matrices[KEYS[kind]] = _matrix(path, params["TYPE"], body, len(node), "UNSYMM" in elements[0][1])
+    inputs = {params.get("NAME", ""): (params, body) for keyword, params, body in blocks if keyword == "MATRIXINPUT"}
+    assembled = [pair for keyword, params, _ in blocks if keyword == "MATRIXASSEMBLE" for pair in params.items()]
     for kind, name in assembled:
         if kind != "VISCOUS DAMPING" or "D" in matrices or name not in inputs:
             remarks.append(f"{path}: *MATRIX ASSEMBLE, {kind}={name} was not read")
@@ -136,16 +136,16 @@ def _content(path) -> _Content:
 
 def _blocks(text):
     """Return keyword, parameters and data of each keyword."""
-    found, starts = [], list(KEYWORD.finditer(text))
+    blocks, starts = [], list(KEYWORD.finditer(text))
     for match, after in zip(starts, [*starts[1:], None], strict=True):
         keyword, *parameters = match[0].strip().lstrip("* \t").upper().rstrip(",").split(",")
-        given = {key.strip(): value.strip() for key, _, value in (item.partition("=") for item in parameters)}
+        params = {key.strip(): value.strip() for key, _, value in (pair.partition("=") for pair in parameters)}
         body = text[match.end() : after.start() if after else len(text)]
-        found.append((keyword.replace(" ", ""), given, re.sub(r"(?m)^[ \t]*\*\*[^\n]*\n?", "", body)))
-    return found
+        blocks.append((keyword.replace(" ", ""), params, re.sub(r"(?m)^[ \t]*\*\*[^\n]*\n?", "", body)))
+    return blocks
 
 
-def _nodes(path, text, blocks, given) -> np.ndarray:
+def _nodes(path, text, blocks, params) -> np.ndarray:
     """Return the list of nodes (k,) of the element."""
     listed = LISTED.search(text)
     if listed:
@@ -153,8 +153,8 @@ def _nodes(path, text, blocks, given) -> np.ndarray:
     else:
         lines = [body for keyword, _, body in blocks if keyword == "ELEMENT"]
         nodes = [int(word) for word in re.findall(r"\d+", lines[0])][1:] if lines else []
-    if str(len(nodes)) != given.get("NODES"):
-        raise InputError(f"{path}: found {len(nodes)} nodes of the user element, expected NODES={given.get('NODES')} "
+    if str(len(nodes)) != params.get("NODES"):
+        raise InputError(f"{path}: found {len(nodes)} nodes of the user element, expected NODES={params.get('NODES')} "
                          "in a comment ** ELEMENT NODES or below *ELEMENT")  # fmt: skip
     return np.array(nodes, np.int64)
 
@@ -166,7 +166,7 @@ def _rows(path, nodes, body):
         numbers = [[int(word) for word in line.split(",") if word.strip()] for line in lines]
         first, *changes = numbers
         starts, dofs = [1, *(line[0] for line in changes)], [first, *(line[1:] for line in changes)]
-        directions = [d for item in dofs for d in item]
+        directions = [d for group in dofs for d in group]
         if sorted(set(starts)) != starts or starts[-1] > len(nodes) or not set(directions) <= set(range(1, 7)):
             raise ValueError
     except (ValueError, IndexError) as error:
@@ -193,7 +193,7 @@ def _matrix(path, kind, body, size, unsymmetric) -> np.ndarray:
     return matrix + np.triu(matrix, 1).T
 
 
-def _beside(path, name, given, body, labels) -> np.ndarray:
+def _beside(path, name, params, body, labels) -> np.ndarray:
     """Return the matrix (size, size) of the lines of node, dof, node, dof, value below *MATRIX INPUT."""
     table, size = _values(path, name, body), len(labels)
     if len(table) % 5 or not len(table):
@@ -206,7 +206,7 @@ def _beside(path, name, given, body, labels) -> np.ndarray:
     row, column = fits.argmax(axis=2).T
     matrix = np.zeros((size, size))
     np.add.at(matrix, (row, column), table[:, 4])
-    if given.get("TYPE", "SYMMETRIC") == "UNSYMMETRIC":
+    if params.get("TYPE", "SYMMETRIC") == "UNSYMMETRIC":
         return matrix
     return matrix + matrix.T - np.diag(np.diag(matrix))
 
@@ -221,13 +221,13 @@ def _values(path, kind, body) -> np.ndarray:
 
 def _input_beside(path):
     """Return the input file of the run, of the same name or the only one in the folder; None where there is none."""
-    others = [item for item in sorted(path.parent.glob("*.inp")) if item != path and not begins(first_bytes(item))]
-    same = [item for item in others if item.stem == path.stem]
-    found = same or others
-    if len(found) > 1:
-        raise InputError(f"{path}: found several input files beside it ({', '.join(item.name for item in found)}), "
+    others = [file for file in sorted(path.parent.glob("*.inp")) if file != path and not begins(first_bytes(file))]
+    same = [file for file in others if file.stem == path.stem]
+    fitting = same or others
+    if len(fitting) > 1:
+        raise InputError(f"{path}: found several input files beside it ({', '.join(file.name for file in fitting)}), "
                          f"expected one, or {path.stem}.inp with its nodes")  # fmt: skip
-    return found[0] if found else None
+    return fitting[0] if fitting else None
 
 
 class UserElement(Reader):

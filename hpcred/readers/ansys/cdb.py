@@ -91,7 +91,7 @@ def read(path, comm, turned=False) -> Archive:
         heads = [(piece.start + match.start(), match.lastgroup, match[0].decode("latin-1").strip())
                  for piece in pieces(path, comm) for match in COMMAND.finditer(piece.text)]  # fmt: skip
     heads = sum(comm.allgather(heads), [])
-    heads = [item for item in heads if not (turned and item[1] == "turn")]
+    heads = [head for head in heads if not (turned and head[1] == "turn")]
     # the blocks of numbers, each rank its share of the lines
     blocks, types = decided(comm, _blocks, path, heads), decided(comm, _types, path, heads)
     nodes, elements, counts = [(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))], {}, []
@@ -99,9 +99,9 @@ def read(path, comm, turned=False) -> Archive:
     with agreed(comm):
         for block in blocks:
             if block.name == "NBLOCK":
-                parts = [_nodes(piece, block.fields) for piece in pieces(path, comm, block.start, block.stop)]
-                nodes += parts
-                counts.append(sum(len(part[0]) for part in parts))
+                own = [_nodes(piece, block.fields) for piece in pieces(path, comm, block.start, block.stop)]
+                nodes += own
+                counts.append(sum(len(of_piece[0]) for of_piece in own))
             else:
                 counts.append(_elements(path, comm, block, types, elements, tables))
     # a block may say how many entries it has
@@ -136,7 +136,7 @@ def _properties(comm, path, heads, types, tables):
         for table in tables.values():
             distinct, back = np.unique(table[:, column], return_inverse=True)
             table[:, column] = np.array([place.get(number, -1) for number in distinct.tolist()], int)[back]
-    names = [_type_name(type_, given | options.get(number, {})) for number, (type_, given) in sorted(types.items())]
+    names = [_type_name(type_, own | options.get(number, {})) for number, (type_, own) in sorted(types.items())]
     materials = [materials[number] for number in sorted(materials)]
     return used_properties(comm, "ANSYS", names, materials, tables), [f"{path}: {remark}" for remark in remarks]
 
@@ -248,8 +248,8 @@ def _elements(path, comm, block, types, elements, tables):
     place = np.cumsum(counts) - counts
     mine = int(np.count_nonzero(lines < own.count(b"\n") + (not own.endswith(b"\n"))))
     nodes = np.where(counts > HEAD, values[np.minimum(place + COUNT, len(values) - 1)], 0)
-    more = -(-np.maximum(nodes - FIRST, 0) // (HEAD + FIRST))  # lines that follow the first
-    after = np.arange(len(counts)) + 1 + more
+    below = -(-np.maximum(nodes - FIRST, 0) // (HEAD + FIRST))  # lines that follow the first
+    after = np.arange(len(counts)) + 1 + below
     until = np.append(place, len(values))
     fits = (nodes > 0) & (counts == HEAD + np.minimum(nodes, FIRST)) & (after <= len(counts))
     fits[fits] &= until[after[fits]] - place[fits] == HEAD + nodes[fits]
@@ -337,7 +337,7 @@ def material_and_options(commands) -> tuple[dict[int, Material], dict[int, dict[
         label, number, value, many = _constant(name, words + [""] * 8)
         if not number.isdecimal():
             continue
-        given, reason = known.setdefault(int(number), {}), reasons.setdefault(int(number), [])
+        data, reason = known.setdefault(int(number), {}), reasons.setdefault(int(number), [])
         if name == "TB":
             reason += [] if label[:4] in HARMLESS else [f"found TB,{label}"]
         elif label in ORTHOTROPIC:
@@ -346,13 +346,13 @@ def material_and_options(commands) -> tuple[dict[int, Material], dict[int, dict[
             constant = number_in(value)
             if constant is None:
                 reason.append(f"found {label} '{value}', expected a number")
-            elif not (many and key in given):
-                given[key] = constant
+            elif not (many and key in data):
+                data[key] = constant
             if many:
                 tables.setdefault(int(number), set()).add(label)
     remarks = [f"{', '.join(sorted(labels))} of the material {number} have several temperatures; the first one counts"
                for number, labels in sorted(tables.items())]  # fmt: skip
-    return {number: _material(number, given, reasons[number]) for number, given in known.items()}, options, remarks
+    return {number: _material(number, data, reasons[number]) for number, data in known.items()}, options, remarks
 
 
 def _constant(name, words) -> tuple[str, str, str, bool]:
@@ -384,8 +384,8 @@ def _material(number, known, reasons) -> Material:
 def _type_name(number: int, options: dict[int, str]) -> str:
     """Return the name of an element type, with its key options where they change its stresses: SOLID186 KEYOPT(2)=1."""
     family = "SOLID" if number in SOLIDS else "SHELL" if number in SHELLS else "BEAM"
-    given = [f"KEYOPT({key})={options[key]}" for key in OPTIONS if options.get(key, "0") not in ("", "0")]
-    return " ".join([f"{family}{number}", *given])
+    options_of_type = [f"KEYOPT({key})={options[key]}" for key in OPTIONS if options.get(key, "0") not in ("", "0")]
+    return " ".join([f"{family}{number}", *options_of_type])
 
 
 # Components of nodes and elements (CMBLOCK), such as the named selections of Workbench: a line CMBLOCK,NAME,NODE,count,

@@ -138,12 +138,12 @@ def _read(comm, file, header):
     return matrices, label[kept], row, label[~kept], label[follows]
 
 
-def _joined(comm, files, found):
+def _joined(comm, files, shares):
     """Read the sum of the parts of a distributed run, like _read. Collective. Raises InputError."""
     # rows of all parts by node and direction; those on the border of two parts are the same row
-    names, place = number_over_ranks(comm, np.concatenate([label for _, label, *_ in found]))
+    names, place = number_over_ranks(comm, np.concatenate([label for _, label, *_ in shares]))
     size = comm.allreduce(len(names))
-    gone, _ = number_over_ranks(comm, np.concatenate([removed for *_, removed, _ in found]))
+    gone, _ = number_over_ranks(comm, np.concatenate([removed for *_, removed, _ in shares]))
     both, _ = look_up(comm, gone, [], names)
     nodes, _ = number_over_ranks(comm, np.unique(node_and_direction(np.concatenate([names, gone]))[0]))
     total = size + comm.allreduce(len(gone)), comm.allreduce(len(nodes))
@@ -160,29 +160,29 @@ def _joined(comm, files, found):
                 f"expected {header.whole[0]} of {header.whole[1]}; put all parts into one folder"
             )
     # the terms of each part in the numbers of the whole; where parts meet they are added
-    numbers = np.split(place, np.cumsum([len(label) for _, label, *_ in found])[:-1])
+    numbers = np.split(place, np.cumsum([len(label) for _, label, *_ in shares])[:-1])
     matrices = {}
     for key in header.matrices:
-        parts = []
-        for (of_part, _, row, *_), number in zip(found, numbers, strict=True):
-            item = of_part.pop(key)
-            asked = np.unique(np.concatenate([item.rows, item.columns]))
+        triplets = []
+        for (of_part, _, row, *_), number in zip(shares, numbers, strict=True):
+            share = of_part.pop(key)
+            asked = np.unique(np.concatenate([share.rows, share.columns]))
             _, (new,) = look_up(comm, row, [number], asked)
-            parts.append((*(new[np.searchsorted(asked, end)] for end in (item.rows, item.columns)), item.values))
-        matrices[key] = Entries((size, size), *joined(parts, (np.int64, np.int64, float)))
+            triplets.append((*(new[np.searchsorted(asked, end)] for end in (share.rows, share.columns)), share.values))
+        matrices[key] = Entries((size, size), *joined(triplets, (np.int64, np.int64, float)))
     # the rows of the whole, and those that were removed or follow others
     row = (comm.exscan(len(names)) or 0) + np.arange(len(names))
-    return matrices, names, row, gone, np.concatenate([following for *_, following in found])
+    return matrices, names, row, gone, np.concatenate([following for *_, following in shares])
 
 
-def _require_places(comm, path, found, label):
+def _require_places(comm, path, mesh, label):
     """Raise InputError where a node of the matrices is not in the file of nodes, also where all its dofs are held."""
     node = np.unique(node_and_direction(label)[0])
-    there, _ = look_up(comm, found.nodes.label, [], node)
+    there, _ = look_up(comm, mesh.nodes.label, [], node)
     with agreed(comm):
         if not there.all():
             raise InputError(
-                f"{path}: found rows of the node {node[~there][0]}, which is not in {found.file}; one of the files is "
+                f"{path}: found rows of the node {node[~there][0]}, which is not in {mesh.file}; one of the files is "
                 "damaged, or of another model"
             )
 
@@ -190,59 +190,59 @@ def _require_places(comm, path, found, label):
 def header_of(file: RecordFile, analysis=MODAL) -> Header:
     """Return the header of a file of an analysis, with M unless it is a static one. Raises InputError."""
     length, _ = file.frame(STANDARD_END)
-    item, place = file.integers(STANDARD_END, length, "the header")
+    head, place = file.integers(STANDARD_END, length, "the header")
     # what kind of file it is
-    if len(item) < 40:
-        raise file.damaged(STANDARD_END, f"a header of {len(item)} words")
-    if item[0] == FILE:
+    if len(head) < 40:
+        raise file.damaged(STANDARD_END, f"a header of {len(head)} words")
+    if head[0] == FILE:
         raise InputError(
             f"{file.path}: found the frontal solver's form of the file, expected that of the sparse solver; add "
             "EQSLV,SPARSE or take a release after 5.7"
         )
-    if item[0] != -FILE:
-        raise file.damaged(STANDARD_END, f"the file number {item[0]} in the header")
+    if head[0] != -FILE:
+        raise file.damaged(STANDARD_END, f"the file number {head[0]} in the header")
 
     # lengths and places have 64 bits, in two words that need not be neighbours
     def wide(low, high):
-        return (int(item[high]) << 32) | (int(item[low]) & 0xFFFFFFFF)
+        return (int(head[high]) << 32) | (int(head[low]) & 0xFFFFFFFF)
 
-    end, kan = wide(22, 23), int(item[4])
+    end, kan = wide(22, 23), int(head[4])
     # a copy that was cut off is told by the place of the end
     if end and (end > file.size or (end < file.size and file.words(end, 1)[0] != -1)):
         raise file.damaged(end, f"no end of the file, though the header says so ({file.size} words),")
     if end and end < file.size and not any(-(-(end + 1) // block) * block == file.size for block in BLOCKS):
         raise file.damaged(end, f"the end of the file, but {file.size} words")
     # a distributed run writes a part for each process; only parts without equations between them are whole
-    is_part = len(item) > 62 and bool(item[62])
-    if is_part and (len(item) <= 67 or item[67]):
+    is_part = len(head) > 62 and bool(head[62])
+    if is_part and (len(head) <= 67 or head[67]):
         raise InputError(
             f"{file.path}: found the part of one process of a distributed run with constraint equations between parts "
             "(or no word on them), expected none; join the parts by COMBINE,FULL in /AUX2, or run on one process (-smp)"
         )
     # what the analysis was for
     if kan != analysis:
-        what = f"a {ANALYSES.get(kan, f'kind {kan} of')} analysis"
+        analysis_found = f"a {ANALYSES.get(kan, f'kind {kan} of')} analysis"
         if kan == 1:
-            what = "a buckling analysis, whose second matrix is stress stiffening and no mass"
+            analysis_found = "a buckling analysis, whose second matrix is stress stiffening and no mass"
         wanted = f"those of a {ANALYSES[analysis]} analysis; {LINES[analysis]}"
-        raise InputError(f"{file.path}: found {what}, expected {wanted}")
-    if item[13]:
+        raise InputError(f"{file.path}: found {analysis_found}, expected {wanted}")
+    if head[13]:
         raise InputError(
             f"{file.path}: found unsymmetric matrices, expected symmetric ones; use the symmetric solver "
             "(MODOPT,LANB), without friction, rotating frames or fluids"
         )
     # where the matrices begin, and how many terms each has
     places = {"K": wide(18, 19), "M": wide(26, 27), "D": wide(28, 29)}
-    terms = {"K": wide(8, 9) or int(item[12]), "M": wide(33, 21), "D": wide(34, 39)}
+    terms = {"K": wide(8, 9) or int(head[12]), "M": wide(33, 21), "D": wide(34, 39)}
     for key in "K" if analysis == STATIC else "KM":
         if not places[key]:
             raise InputError(f"{file.path}: found no {KINDS[key]} matrix, expected one; {LINES[analysis]}")
     matrices = {key: (places[key], terms[key]) for key in "KMD" if places[key]}
     header = Header(
-        equations=int(item[1]), active=int(item[2]), nodes=int(item[6]), directions=int(item[7]), unequal=int(item[32]),
-        dofs=wide(35, 36), equations_of_constraint=int(item[20]), constraints=wide(30, 31), matrices=matrices,
-        loads=(wide(37, 38), wide(24, 25), wide(59, 60) if len(item) > 60 else 0),
-        place=place, whole=(int(item[61]), int(item[65])) if is_part else None,
+        equations=int(head[1]), active=int(head[2]), nodes=int(head[6]), directions=int(head[7]), unequal=int(head[32]),
+        dofs=wide(35, 36), equations_of_constraint=int(head[20]), constraints=wide(30, 31), matrices=matrices,
+        loads=(wide(37, 38), wide(24, 25), wide(59, 60) if len(head) > 60 else 0),
+        place=place, whole=(int(head[61]), int(head[65])) if is_part else None,
     )  # fmt: skip
     if not 0 < header.active <= header.equations or not 0 < header.directions <= 32 or header.nodes < 1:
         raise file.damaged(STANDARD_END, "impossible numbers of equations, nodes or dofs in the header")
@@ -289,9 +289,9 @@ def rows_of(comm, file: RecordFile, header: Header) -> tuple[np.ndarray, np.ndar
         direction = kinds[np.abs(kind) - 1]
         other = (kind > 0) & ((direction < 1) | (direction > 6))
         if other.any():
-            found = int(direction[other][0])
+            dof = int(direction[other][0])
             raise InputError(
-                f"{file.path}: found the dof {NAMES.get(found, f'number {found}')} at node "
+                f"{file.path}: found the dof {NAMES.get(dof, f'number {dof}')} at node "
                 f"{np.repeat(node, count)[other][0]}, expected displacements and rotations (UX, UY, UZ, ROTX, ROTY, "
                 "ROTZ) only; take structural elements"
             )
@@ -330,53 +330,53 @@ def _matrix(comm, file, header, key, place, terms, removed, slaves):
         return _diagonal(comm, file, header, key, place, removed, size)
     with agreed(comm):
         share = columns(file, place, header.equations, terms, comm.rank, comm.size)
-        parts, chain = _kept(file, share, key, header, removed, slaves)
+        blocks, chain = _kept(file, share, key, header, removed, slaves)
     _require_all(comm, file, header, key, place, terms, chain)
-    return _mirrored(comm, parts, size)
+    return _mirrored(comm, blocks, size)
 
 
-def _mirrored(comm, parts, size):
+def _mirrored(comm, blocks, size):
     """Return entries of both triangles from pieces of one and of the diagonal, which are emptied on the way."""
     with agreed(comm):
-        total = sum(2 * len(i) + len(k) for i, _, _, k, _ in parts)
+        total = sum(2 * len(i) + len(k) for i, _, _, k, _ in blocks)
         entries = Entries((size, size), np.empty(total, np.int32), np.empty(total, np.int32), np.empty(total))
         at = 0
-        while parts:
-            i, j, values, k, diagonal = parts.pop()
-            for rows, columns_, part in ((i, j, values), (j, i, values), (k, k, diagonal)):
+        while blocks:
+            i, j, values, k, diagonal = blocks.pop()
+            for rows, columns_, numbers in ((i, j, values), (j, i, values), (k, k, diagonal)):
                 here = slice(at, at + len(rows))
-                entries.rows[here], entries.columns[here], entries.values[here] = rows, columns_, part
+                entries.rows[here], entries.columns[here], entries.values[here] = rows, columns_, numbers
                 at += len(rows)
     return entries
 
 
 def _kept(file, pieces, key, header, removed, slaves):
     """Return entries below the diagonal and on it, in rows without the removed; and what the pieces cover."""
-    parts, chain = [], []
-    for item in pieces:
-        rows, column = item.rows, item.column
+    blocks, chain = [], []
+    for block in pieces:
+        rows, column = block.rows, block.column
         low, high = min(column.min(), rows.min(initial=1)), max(column.max(), rows.max(initial=1))
         if low < 1 or high > header.equations:
             wrong = high if low > 0 else low
-            raise file.damaged(item.begin, f"the row {wrong} of {header.equations} in {KINDS[key]}")
-        head = (np.cumsum(item.counts) - item.counts)[item.counts > 0]
+            raise file.damaged(block.begin, f"the row {wrong} of {header.equations} in {KINDS[key]}")
+        head = (np.cumsum(block.counts) - block.counts)[block.counts > 0]
         descends = rows[1:] <= rows[:-1]
         descends[head[1:] - 1] = False  # from one column to the next
-        if descends.any() or (np.diff(column) != 1).any() or (rows[head] <= column[item.counts > 0]).any():
-            raise file.damaged(item.begin, "columns whose rows do not ascend below the diagonal, which comes last,")
-        for values in (item.values, item.diagonal):
-            require_sane(values, f"{file.path}: found, near word {item.begin},", KINDS[key])
-        chain.append((item.begin, item.end, int(column[0]), int(column[-1]), len(rows) + len(column)))
-        i, j, k = rows - 1, np.repeat(column - 1, item.counts), column - 1
+        if descends.any() or (np.diff(column) != 1).any() or (rows[head] <= column[block.counts > 0]).any():
+            raise file.damaged(block.begin, "columns whose rows do not ascend below the diagonal, which comes last,")
+        for values in (block.values, block.diagonal):
+            require_sane(values, f"{file.path}: found, near word {block.begin},", KINDS[key])
+        chain.append((block.begin, block.end, int(column[0]), int(column[-1]), len(rows) + len(column)))
+        i, j, k = rows - 1, np.repeat(column - 1, block.counts), column - 1
         if len(removed):
-            _require_decoupled(file, i, j, item.values, slaves, key)
+            _require_decoupled(file, i, j, block.values, slaves, key)
             stays, stays_too = ~(_among(i, removed) | _among(j, removed)), ~_among(k, removed)
-            i, j, k = (part - np.searchsorted(removed, part) for part in (i[stays], j[stays], k[stays_too]))
-            parts.append((i.astype(np.int32), j.astype(np.int32), item.values[stays], k.astype(np.int32),
-                          item.diagonal[stays_too]))  # fmt: skip
+            i, j, k = (places - np.searchsorted(removed, places) for places in (i[stays], j[stays], k[stays_too]))
+            blocks.append((i.astype(np.int32), j.astype(np.int32), block.values[stays], k.astype(np.int32),
+                           block.diagonal[stays_too]))  # fmt: skip
         else:
-            parts.append((i, j, item.values, k, item.diagonal))
-    return parts, chain
+            blocks.append((i, j, block.values, k, block.diagonal))
+    return blocks, chain
 
 
 def _require_decoupled(file, i, j, values, slaves, key):

@@ -56,11 +56,11 @@ def read_loads(path, comm) -> DeckLoads:
     table[at] = np.where(unknown[at], 0.0, value)
     turned, columns = look_up(comm, mesh.turned, list(mesh.rotation.reshape(-1, AXES**2).T), node)
     rotation = np.array(columns).T.reshape(-1, AXES, AXES)
-    for part in (slice(0, AXES), slice(AXES, SIX)):
-        axes, without = rotation[turned], unknown[turned, part]
-        table[turned, part] = np.einsum("nij,nj->ni", axes, table[turned, part])
+    for axes_of in (slice(0, AXES), slice(AXES, SIX)):
+        axes, without = rotation[turned], unknown[turned, axes_of]
+        table[turned, axes_of] = np.einsum("nij,nj->ni", axes, table[turned, axes_of])
         # turned, a component is unknown where any that it is made of is
-        unknown[turned, part] = ((np.abs(axes) > ZERO) & without[:, None]).any(axis=2)
+        unknown[turned, axes_of] = ((np.abs(axes) > ZERO) & without[:, None]).any(axis=2)
     loaded = (table != 0).any(axis=1)
     which, direction = np.nonzero(unknown)
     remarks = [f"{path} has no loads on the {len(held)} dofs that are held there; its sums are without them"]
@@ -68,13 +68,13 @@ def read_loads(path, comm) -> DeckLoads:
                      remarks=remarks if len(held) else [], nodes=mesh.nodes)  # fmt: skip
 
 
-def _share(file, position, count, low, size, what):
+def _share(file, position, count, low, size, vector):
     """Return the floating-point numbers low..low+size of a record of `count`. Raises InputError."""
     if file.count(position) != count:
-        raise file.damaged(position, f"{what} of {file.count(position)} numbers, expected {count},")
+        raise file.damaged(position, f"{vector} of {file.count(position)} numbers, expected {count},")
     values = file.part(position, low, low + size)
     if values.dtype.kind != "f":
-        raise file.damaged(position, f"{what} of integers")
+        raise file.damaged(position, f"{vector} of integers")
     return values.astype(float)
 
 

@@ -107,8 +107,8 @@ def read_mapping(path, comm) -> tuple[np.ndarray, np.ndarray]:
     total = comm.allreduce(len(row))
     twice, again = repeated_key(comm, label), repeated_key(comm, row)
     if twice is not None or again is not None or (total and max(comm.allgather(row.max(initial=-1))) != total - 1):
-        what = f"two rows of {label_name(twice)}" if twice is not None else "equations not numbered 1, 2, 3, ..."
-        raise damaged_file(path, f"{what}")
+        wrong = f"two rows of {label_name(twice)}" if twice is not None else "equations not numbered 1, 2, 3, ..."
+        raise damaged_file(path, f"{wrong}")
     return label, row
 
 
@@ -132,15 +132,15 @@ def read_vector(path, comm, size: int) -> tuple[np.ndarray, np.ndarray]:
         begin = sum(len(line) + 1 for line in lines[: head + 1])
 
     def decode(piece):
-        values, found, at = ragged(piece, False, "a node number")
-        piece.require(found == 1, at, "one node number a line")
+        values, counts, at = ragged(piece, False, "a node number")
+        piece.require(counts == 1, at, "one node number a line")
         return (labels(piece, values, at),)
 
     # one node a line, in the order of the rows
     node, place = read_lines(path, comm, decode, begin)
     total, twice = comm.allreduce(len(node)), repeated_key(comm, node)
     if total != announced or twice is not None:
-        what = f"{total} nodes, but {announced} in its header" if twice is None else f"the node {twice} twice"
-        raise damaged_file(path, f"{what}")
+        wrong = f"{total} nodes, but {announced} in its header" if twice is None else f"the node {twice} twice"
+        raise damaged_file(path, f"{wrong}")
     direction = np.tile(np.arange(per_node), len(node))
     return label_of(np.repeat(node, per_node), direction), np.repeat(place * per_node, per_node) + direction

@@ -125,17 +125,17 @@ def _file_beside(path, lists):
         same = path.with_suffix(suffix)
         if same.is_file():
             return str(same)
-    others = [item for item in sorted(path.parent.iterdir()) if item.suffix.lower() in SUFFIXES and item.is_file()]
+    others = [file for file in sorted(path.parent.iterdir()) if file.suffix.lower() in SUFFIXES and file.is_file()]
     if not others and _is_archive(path.with_name(WORKBENCH)):
         return str(path.with_name(WORKBENCH))
     if not others and lists:
-        others = [item for item in sorted(path.parent.iterdir()) if item != path and item.is_file()
-                  and ansys_lists.begins_nodes(_start(item))]  # fmt: skip
-    alike = [len(commonprefix([path.name, item.name])) for item in others]
+        others = [file for file in sorted(path.parent.iterdir()) if file != path and file.is_file()
+                  and ansys_lists.begins_nodes(_start(file))]  # fmt: skip
+    alike = [len(commonprefix([path.name, file.name])) for file in others]
     if len(others) > 1 and alike.count(max(alike)) == 1:  # rotor_K.txt, rotor_nodes.txt, plate_nodes.txt
         others = [others[alike.index(max(alike))]]
     if len(others) > 1:
-        names = ", ".join(item.name for item in others)
+        names = ", ".join(file.name for file in others)
         raise InputError(
             f"{path}: found several files with nodes beside it ({names}), expected one, or {path.stem}.rst or "
             f"{path.stem}.cdb; keep the files of one model in a folder of their own"

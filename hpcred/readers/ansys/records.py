@@ -30,7 +30,7 @@ def begins(start: bytes) -> bool:
     """Test whether a file that starts so is a binary file of ANSYS, in either order of bytes."""
     words = np.frombuffer(start[: 4 * (STANDARD + 3)], WORD) if len(start) >= 4 * (STANDARD + 3) else []
     return len(words) > 0 and any(
-        item[0] == item[-1] == STANDARD and item[1] == BEFORE for item in (words, words.byteswap())
+        head[0] == head[-1] == STANDARD and head[1] == BEFORE for head in (words, words.byteswap())
     )
 
 
@@ -92,7 +92,7 @@ class RecordFile:
 
     def frame(self, position: int) -> tuple[int, int]:
         """Return length and flags of a record, whose end is where it must be."""
-        length, flags = (int(item) for item in self.words(position, 2))
+        length, flags = (int(word) for word in self.words(position, 2))
         flags &= 0xFFFFFFFF
         if length < 0 or flags & 0x07FFFFFF:
             raise self.damaged(position, f"no record (length {length}, flags {flags:#x})")
@@ -205,15 +205,15 @@ def columns(file: RecordFile, start: int, count: int, terms: int, rank: int, ran
     stop = start + 6 * count + 3 * terms
     low, high = (start + (stop - start) * k // ranks for k in (rank, rank + 1))
     stop = min(stop, file.size)
-    position, window, found = low, PIECE, low == start
+    position, window, synchronised = low, PIECE, low == start
     while position < high:
         words = file.words(position, max(0, min(window, stop - position)))
         first, lengths = _plain_columns(words)
-        if not len(first) or (found and first[0] != 0):
+        if not len(first) or (synchronised and first[0] != 0):
             if position + len(words) < stop and window < PIECE * 64:
                 window *= 4  # a long column
                 continue
-            if found:
+            if synchronised:
                 raise _no_column(file, position)
             return  # the last column began before
         first, lengths, after = _chained(first, lengths, first + 3 * lengths + 6)
@@ -226,13 +226,13 @@ def columns(file: RecordFile, start: int, count: int, terms: int, rank: int, ran
             return
         begin, end = int(first[0]), int(first[-1] + 3 * lengths[-1] + 6)
         # frame, rows, diagonal, frames, values, diagonal, frame
-        parts = np.full((len(first), 7), [2, 0, 1, 3, 0, 2, 1])
-        parts[:, 1], parts[:, 4] = lengths - 1, 2 * lengths - 2
-        what = np.repeat(np.tile(np.array([0, 1, 2, 0, 3, 4, 0], np.int8), len(first)), parts.ravel())
-        rows, column, values, diagonal = (words[begin:end][what == k] for k in (1, 2, 3, 4))
+        runs = np.full((len(first), 7), [2, 0, 1, 3, 0, 2, 1])
+        runs[:, 1], runs[:, 4] = lengths - 1, 2 * lengths - 2
+        role = np.repeat(np.tile(np.array([0, 1, 2, 0, 3, 4, 0], np.int8), len(first)), runs.ravel())
+        rows, column, values, diagonal = (words[begin:end][role == k] for k in (1, 2, 3, 4))
         yield Columns(rows, values.view("<f8"), column, diagonal.view("<f8"), lengths - 1, position + begin,
                       position + end)  # fmt: skip
-        position, window, found = position + end, PIECE, True
+        position, window, synchronised = position + end, PIECE, True
 
 
 def _no_column(file, position):
@@ -265,7 +265,7 @@ def _plain_columns(words):
 def _chained(first, lengths, after):
     """Return where candidates begin, their lengths and ends, without those that lie inside of another record."""
     while (inside := np.flatnonzero(first[1:] < after[:-1])).size:
-        first, lengths, after = (np.delete(item, inside[0] + 1) for item in (first, lengths, after))
+        first, lengths, after = (np.delete(array, inside[0] + 1) for array in (first, lengths, after))
     return first, lengths, after
 
 
@@ -287,8 +287,8 @@ def short_records(file: RecordFile, start: int, count: int, size: int, rank: int
         whole = min(whole, count - number)
         if not whole or first[0] != 0:
             raise file.damaged(position, f"no record of {size} numbers")
-        part = slice(max(low - number, 0), max(min(high - number, whole), 0))
-        shares.append(_unfolded(file, words, first[part], lengths[part], size, position))
+        inside = slice(max(low - number, 0), max(min(high - number, whole), 0))
+        shares.append(_unfolded(file, words, first[inside], lengths[inside], size, position))
         position, number = position + int(after[whole - 1]), number + whole
     return np.concatenate(shares)
 

@@ -81,19 +81,19 @@ def _set_of(path):
     kind = _is_hbmat if _is_hbmat(start) else _is_mmf
     # what lies in the folder, by first bytes and name
     matrices, mappings, vectors = {}, [], []
-    for item in sorted(path.parent.iterdir()):
-        if not item.is_file():
+    for beside in sorted(path.parent.iterdir()):
+        if not beside.is_file():
             continue
         try:
-            head = first_bytes(item)
+            head = first_bytes(beside)
         except InputError:
             continue
         if kind(head):
-            matrices.setdefault(_key(item, head), []).append(item)
+            matrices.setdefault(_key(beside, head), []).append(beside)
         elif ansys_lists.begins_mapping(head):
-            mappings.append(item)
+            mappings.append(beside)
         elif ansys_lists.begins_vector(head):
-            vectors.append(item)
+            vectors.append(beside)
     # the named file is the one of its kind, of the others there must be one
     own = _key(path, start)
     if own is None:
@@ -103,23 +103,23 @@ def _set_of(path):
         )
     matrices[own] = [path]
     files = {}
-    for key, what in (("K", "stiffness"), ("M", "mass"), ("D", "damping")):
+    for key, word in (("K", "stiffness"), ("M", "mass"), ("D", "damping")):
         some = matrices.get(key, [])
         if len(some) > 1 or (not some and key != "D"):
-            names = " and ".join(item.name for item in some) or "none"
+            names = " and ".join(beside.name for beside in some) or "none"
             raise InputError(
-                f"{path}: found {names} as {what} matrix beside it, expected one; give the files by -K and -M, and the "
+                f"{path}: found {names} as {word} matrix beside it, expected one; give the files by -K and -M, and the "
                 "rows by --dofs"
             )
         if some:
             files[key] = str(some[0])
     # equal files of the rows are no question; one with the matrix's name is meant
     stems = {Path(file).stem for file in files.values()}
-    same = [item for item in mappings if item.stem in stems] or mappings
+    same = [beside for beside in mappings if beside.stem in stems] or mappings
     with reading_from(path):
-        texts = {item.read_bytes() for item in same} if len(same) > 1 else set()
+        texts = {beside.read_bytes() for beside in same} if len(same) > 1 else set()
     if len(texts) > 1 or (not same and len(vectors) > 1):
-        names = ", ".join(item.name for item in same or vectors)
+        names = ", ".join(beside.name for beside in same or vectors)
         raise InputError(f"{path}: found several files of the rows beside it ({names}), expected one, or equal ones")
     return files, str(same[0]) if same else None, str(vectors[0]) if vectors and not same else None
 

@@ -71,10 +71,10 @@ def read(path, comm) -> Results | None:
         if wrong.any():
             raise InputError(f"{path}: found the node {label[wrong][0]} at {position[wrong][0].tolist()}, expected "
                              "finite coordinates")  # fmt: skip
-    counts = [comm.allreduce(len(label)), comm.allreduce(sum(len(part) for (part,) in elements.values()))]
-    for what, count, block in zip(("nodes", "elements"), counts, (blocks[2], blocks.get(3)), strict=True):
+    counts = [comm.allreduce(len(label)), comm.allreduce(sum(len(nodes_of) for (nodes_of,) in elements.values()))]
+    for kind, count, block in zip(("nodes", "elements"), counts, (blocks[2], blocks.get(3)), strict=True):
         if block and count != block.count:
-            raise damaged_file(path, f"{count} {what}, expected {block.count}", "cut off or damaged")
+            raise damaged_file(path, f"{count} {kind}, expected {block.count}", "cut off or damaged")
     require_once(comm, label, lambda twice: f"{path}: found the node {twice} more than once, expected one place a node")
     nodes, elements = NodeTable.ascending(comm, label, position), elements_of(comm, elements, VERTICAL_FIRST)
     return Results(nodes, elements, blocks[2].form in (SHORT, LONG))

@@ -69,7 +69,7 @@ def read_triangle(path, comm) -> Triangle:
     # so do the pieces one after the other, and each column has its diagonal
     size = 1 + max(comm.allgather(int(j.max(initial=-1))))
     diagonal, places, count = (comm.allreduce(number) for number in (diagonal, places, len(v)))
-    ends = sorted(item for part in comm.allgather(bounds) for item in part)
+    ends = sorted(bound for bounds_of_rank in comm.allgather(bounds) for bound in bounds_of_rank)
     for (_, _, last), (start, first, _) in zip(ends[:-1], ends[1:], strict=True):
         if first <= last:
             raise damaged_file(path, f"columns that do not ascend at byte {start}")

@@ -26,7 +26,6 @@ from ..parts import Parts, hold_nodes_without_rows
 from . import frd as calculix_frd
 from . import matrices
 from .matrices import read_triangle, require_last_line
-from .shells import offsets
 
 DOF_LINES = re.compile(rb"(?:\d+\.\d\r?\n)*")
 NAMED_LINE = re.compile(rb"(?m)^[ \t]*([A-Za-z_\"][^,\n]*),([^\n]*)")
@@ -41,6 +40,9 @@ SEVERAL = "found {} for several rows, since CalculiX makes solids of beams and s
 FLAT = ("triangle", "triangle6", "quad", "quad8", "line", "line3")
 MOVED = {"submodel", "basemotion"}  # parameters of *Boundary that prescribe motions of other kinds
 NO_NODES = np.zeros(0, np.int64)
+SIDES = {"S1": -1, "SNEG": -1, "S2": 1, "SPOS": 1}
+LEVELS = {"corner": (-1.0, 0.0, 1.0), "edge": (-1.0, 1.0), "linear": (-1.0, 1.0)}
+CORNERS = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4}
 SUFFIXES = {"K": ".sti", "M": ".mas", "dofs": ".dof"}
 
 
@@ -63,7 +65,7 @@ def files_of(path) -> dict[str, str]:
     for key, suffix in {**SUFFIXES, "input": ".inp", "results": ".frd"}.items():
         plain = stem.with_suffix(suffix)
         packed = [plain.with_name(plain.name + ".gz")] * (key != "results")
-        there = [item for item in (plain, *packed) if item.is_file()]
+        there = [file for file in (plain, *packed) if file.is_file()]
         if there:
             files[key] = str(there[0])
     return files
@@ -212,15 +214,15 @@ def _with_expanded_nodes(comm, path, label, mesh):
     # a made node begins where the direction does not ascend; its number is above all others
     again = repeated_key(comm, label[mine])
     ends = comm.allgather(label[-1:].tolist())
-    before = np.array([-1, *(end for part in ends[: comm.rank] for end in part)][-1:] + label.tolist())[:-1]
+    before = np.array([-1, *(end for of_rank in ends[: comm.rank] for end in of_rank)][-1:] + label.tolist())[:-1]
     first = mine & ((before // STRIDE != node) | (label <= before))  # rows with which a node of a solid begins
-    behind = comm.allreduce(max(int(part.max(initial=0)) for part in (mesh.nodes.label, node)), op=MPI.MAX) + 1
+    behind = comm.allreduce(max(int(of_rank.max(initial=0)) for of_rank in (mesh.nodes.label, node)), op=MPI.MAX) + 1
     number = behind + (comm.exscan(int(first.sum())) or 0) + np.cumsum(first) - 1
     # places of the made nodes, through the thickness as far as it is known
     there, places = look_up(comm, mesh.nodes.label, list(mesh.nodes.position.T), node[first])
     if not all(comm.allgather(bool(there.all()))):
         raise Unnamed("nodes of shells and beams have no coordinates")
-    off = offsets(comm, mesh, node[first], number[first])
+    off = _offsets(comm, mesh, node[first], number[first])
     if off is None and again is None:  # one node of each, for which its own name serves
         _require_order(comm, path, label)
         return label, mesh.nodes, (0, True)
@@ -229,36 +231,146 @@ def _with_expanded_nodes(comm, path, label, mesh):
     label = label.copy()
     label[mine] = label_of(number[mine], direction[mine])
     made = number[first], np.array(places).T.reshape(-1, 3) + (0.0 if off is None else off), number[first]
-    parts = zip((mesh.nodes.label, mesh.nodes.position, mesh.nodes.place), made, strict=True)
+    columns = zip((mesh.nodes.label, mesh.nodes.position, mesh.nodes.place), made, strict=True)
     count = comm.allreduce(len(np.unique(sort_over_ranks(comm, node[mine])[0])))
-    return label, NodeTable(*map(np.concatenate, parts)), (count, off is not None)
+    return label, NodeTable(*map(np.concatenate, columns)), (count, off is not None)
+
+
+def _offsets(comm, mesh, node, number) -> np.ndarray | None:
+    """Return how far (k, 3) made nodes are from the node that they are made of; None where it is not known of all.
+
+    A shell of second order becomes solids with three nodes at corners and two at edges, one of first order with two,
+    along the mean normal. A *Tie takes the nodes of its first surface out, which is below (S1, SNEG) or above (S2,
+    SPOS).
+    `node` (k,), `number` (k,): those of this rank, ascending. Collective.
+    """
+    # one row for each node of each element: normal, thickness, and what tells how many nodes CalculiX made
+    thickness, tied = _thickness(comm, mesh), _tied(comm, mesh)
+    table = [np.zeros((0, 8))]
+    kinds = [kind for kind in mesh.elements if kind in CORNERS]
+    for kind in kinds:
+        table.append(_of_elements(comm, mesh, kind, thickness[kind], tied[kind]))
+    if any(len(beams) for beams in comm.allgather([kind for kind in mesh.elements if kind in ("line", "line3")])):
+        return None
+    # rows of one node meet: normals are added, the others must agree
+    whole = np.concatenate(table)
+    label, *columns = sort_over_ranks(comm, whole[:, 0].astype(np.int64), list(whole[:, 1:].T))
+    label, start = np.unique(label, return_index=True)
+    x, y, z, most, least, level, below, above = columns = [
+        reduce.reduceat(column, start) if len(start) else column for reduce, column in zip(
+            (np.add, np.add, np.add, np.maximum, np.minimum, np.maximum, np.maximum, np.maximum),
+            [*columns[:4], columns[3], *columns[4:]], strict=True)]  # fmt: skip
+    # each made node is the k-th of those of its node
+    every, place, count = _counted(comm, node, number)
+    there, values = look_up(comm, label, columns, every)
+    normal = np.array(values[:3]).T
+    size = np.linalg.norm(normal, axis=1)
+    good = there & (values[3] == values[4]) & (values[3] > 0) & (size > 0)
+    # its level through the thickness, by the number of levels that this kind of node has
+    shift = np.zeros(len(every))
+    for kind, levels in enumerate(LEVELS.values()):
+        for low in (0, 1):
+            for high in (0, 1):
+                left = np.array(levels[low : len(levels) - high])
+                mine = (values[5] == kind) & (values[6] == low) & (values[7] == high)
+                good &= ~mine | (count == len(left))
+                mine &= good
+                shift[mine] = left[place[mine]]
+    if not all(comm.allgather(bool(good.all()))):
+        return None
+    return (shift * values[3] / 2)[:, None] * normal / np.maximum(size, 1e-300)[:, None]
+
+
+def _counted(comm, node, number):
+    """Return the nodes, the place of each made node among those of its node, and how many these are, as given."""
+    keys, made = sort_over_ranks(comm, node, [number])
+    label, start, back, count = np.unique(keys, return_index=True, return_inverse=True, return_counts=True)
+    place = np.arange(len(keys)) - start[back]
+    there, (place, count) = look_up(comm, made, [place, count[back]], number)
+    return node, place, count
+
+
+def _thickness(comm, mesh) -> dict:
+    """Return the thickness of each shell of this rank by kind; 0 where a section does not tell a plain one."""
+    of_elements = {kind: np.zeros(len(nodes)) for kind, nodes in mesh.elements.items()}
+    for section in mesh.sections:
+        if section.keyword != "shellsection":
+            continue
+        plain = set(section.parameters) <= {"elset", "material", "orientation"}
+        lines = abaqus_input.data_lines(section) if plain else []
+        value = (abaqus_input.number_of(lines[0][0]) if lines else None) or 0.0
+        numbers = mesh.element_sets.get(section.parameters.get("elset", "").lower(), np.zeros(0, np.int64))
+        for kind, thickness in of_elements.items():
+            thickness[look_up(comm, numbers, [], mesh.keys[kind])[0]] = value
+    return of_elements
+
+
+def _tied(comm, mesh) -> dict:
+    """Return by kind whether the nodes of each element of this rank (elements, 2) are tied below and above."""
+    tied = {kind: np.zeros((len(nodes), 2), bool) for kind, nodes in mesh.elements.items()}
+    surfaces, slaves = {}, []
+    for section in mesh.sections:
+        if section.keyword == "surface":
+            surfaces[section.parameters.get("name", "").lower()] = abaqus_input.data_lines(section)
+        elif section.keyword == "tie":
+            slaves += [line[0].lower() for line in abaqus_input.data_lines(section)]
+    # lines of the surfaces that are taken out: an element or a set of elements, and a side
+    for words in sum((surfaces.get(slave, []) for slave in slaves), []):
+        side = SIDES.get(words[1].upper()) if len(words) > 1 else None
+        if side is None:
+            continue
+        name = words[0].lower()
+        numbers = mesh.element_sets.get(name, np.zeros(0, np.int64))
+        if name.isdecimal():
+            numbers = np.array([int(name)][: comm.rank == 0], np.int64)
+        for kind, flags in tied.items():
+            flags[look_up(comm, numbers, [], mesh.keys[kind])[0], int(side > 0)] = True
+    return tied
+
+
+def _of_elements(comm, mesh, kind, thickness, tied) -> np.ndarray:
+    """Return rows (k, 8) of node, normal, thickness, place in LEVELS, and whether tied below and above, of a kind."""
+    nodes, corners = mesh.elements[kind], CORNERS[kind]
+    _, places = look_up(comm, mesh.nodes.label, list(mesh.nodes.position.T), nodes.ravel())
+    xyz = np.array(places).T.reshape(*nodes.shape, 3)
+    first = xyz[:, 2] - xyz[:, 0]
+    second = xyz[:, 3] - xyz[:, 1] if corners == 4 else xyz[:, 1] - xyz[:, 0]
+    normal = np.cross(first, second) if corners == 4 else np.cross(second, first)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    linear = nodes.shape[1] == corners
+    level = np.where(np.arange(nodes.shape[1]) < corners, 2 if linear else 0, 1)
+    count = nodes.shape[1]
+    return np.column_stack([
+        nodes.ravel(), np.repeat(normal, count, axis=0), np.repeat(thickness, count), np.tile(level, len(nodes)),
+        np.repeat(tied, count, axis=0),
+    ])  # fmt: skip
 
 
 def _mesh_of_results(comm, parts, files, label):
     """Return the mesh of results. Raises Unnamed where rows may be others than those of their nodes."""
-    found = calculix_frd.read(files["results"], comm) if "results" in files else None
-    if found is None:
+    results = calculix_frd.read(files["results"], comm) if "results" in files else None
+    if results is None:
         stem = Path(files["dofs"]).stem
         raise Unnamed(
             f"found no input file ({stem}.inp) beside it, which would give coordinates"
             + (f", and {files['results']} has no nodes" if "results" in files else f", nor results ({stem}.frd)")
         )
-    flat = sorted(set(found.elements) & set(FLAT))
+    flat = sorted(set(results.elements) & set(FLAT))
     if flat:
         raise Unnamed(f"elements of {files['results']} ({', '.join(flat)}) become solids in CalculiX")
     node, _ = node_and_direction(label)
-    there, _ = look_up(comm, found.nodes.label, [], node)
+    there, _ = look_up(comm, results.nodes.label, [], node)
     if other := sum(comm.allgather(np.unique(node[~there])[:1].tolist()), []):
         raise Unnamed(
             f"the node {min(other)} is not in {files['results']}, as those of rigid bodies and couplings, whose "
             "directions only the input file tells"
         )
-    parts.warnings += found.notes(files["results"])
+    parts.warnings += results.notes(files["results"])
     parts.warnings.append(
         f"{files['results']}: nodes and elements are those of this file; supports and sets of nodes only the input "
         "file tells"
     )
-    return abaqus_input.Mesh(found.nodes, found.elements, {}, [], {})
+    return abaqus_input.Mesh(results.nodes, results.elements, {}, [], {})
 
 
 def _turning(comm, files, mesh, label, last):
@@ -302,8 +414,8 @@ def _as_scalars(comm, label, inside, nodes):
     label = label.copy()
     label[inside] = label_of(number, np.full(len(number), SCALAR))
     places = np.zeros((len(number), 3))
-    parts = (nodes.label, number), (nodes.position, places), (nodes.place, number)
-    return label, NodeTable(*map(np.concatenate, parts))
+    columns = (nodes.label, number), (nodes.position, places), (nodes.place, number)
+    return label, NodeTable(*map(np.concatenate, columns))
 
 
 def _require_order(comm, path, label):
@@ -312,11 +424,11 @@ def _require_order(comm, path, label):
     with agreed(comm):
         wrong = np.flatnonzero(np.diff(label) <= 0)
         if wrong.size:
-            found = label_name(label[wrong[0] + 1]), label_name(label[wrong[0]])
+            falling = label_name(label[wrong[0] + 1]), label_name(label[wrong[0]])
         else:
-            found = next(((label_name(b[0]), label_name(a[1])) for a, b in pairwise(ends) if b[0] <= a[1]), None)
-        if found:
-            raise damaged_file(path, f"{found[0]} below {found[1]}, expected lines that ascend")
+            falling = next(((label_name(b[0]), label_name(a[1])) for a, b in pairwise(ends) if b[0] <= a[1]), None)
+        if falling:
+            raise damaged_file(path, f"{falling[0]} below {falling[1]}, expected lines that ascend")
 
 
 def _check_steps(path, sections):
@@ -390,7 +502,7 @@ def held_by_boundary(comm, mesh, turning, rows):
 
 def _supports(comm, section, sets):
     """Return labels of the dofs that a *Boundary names: of its lines of nodes on this rank, and its part of sets."""
-    found = []
+    labels_held = []
     for piece in pieces(section.path, comm, section.start, section.stop):
         text = EMPTY_FIELD.sub(b",0", NAMED_LINE.sub(b"", piece.text))
         values, counts, lines = ragged(Piece(piece.path, text, piece.start), expected="node, directions, value")
@@ -398,12 +510,12 @@ def _supports(comm, section, sets):
         table = padded(values, counts, 4)
         node = labels(piece, table[:, 0], lines)
         first, last = (whole(piece, table[:, k], lines, "the direction", 0, 11) for k in (1, 2))
-        found += _labels(node, first, np.where(last == 0, first, last))
+        labels_held += _labels(node, first, np.where(last == 0, first, last))
     for piece in pieces(section.path, MPI.COMM_SELF, section.start, section.stop):
         for name, rest in NAMED_LINE.findall(piece.text):
             name = name.decode("latin-1").strip().strip('"')
-            fields = [item.strip() for item in rest.decode("latin-1").split(",")]
-            if name.lower() not in sets or not all(item.isdecimal() for item in fields[:2] if item):
+            fields = [word.strip() for word in rest.decode("latin-1").split(",")]
+            if name.lower() not in sets or not all(word.isdecimal() for word in fields[:2] if word):
                 raise section.refusal(
                     f"found *Boundary with '{name}, {', '.join(fields)}', expected a set of nodes, first and last "
                     "direction"
@@ -411,8 +523,8 @@ def _supports(comm, section, sets):
             first = int(fields[0] or 0)
             last = int(fields[1]) if len(fields) > 1 and fields[1] else first
             nodes = sets[name.lower()]
-            found += _labels(nodes, np.full(len(nodes), first), np.full(len(nodes), last))
-    return found
+            labels_held += _labels(nodes, np.full(len(nodes), first), np.full(len(nodes), last))
+    return labels_held
 
 
 def _labels(node, first, last):

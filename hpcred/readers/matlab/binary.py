@@ -79,15 +79,15 @@ class _Element:
         self._unpack = zlib.decompressobj() if self._place.packed else None
 
     def read(self, count) -> bytes:
-        parts = []
+        chunks = []
         while count:
-            part = self._some(min(count, BYTES_AT_A_TIME))
-            if not part:
+            chunk = self._some(min(count, BYTES_AT_A_TIME))
+            if not chunk:
                 raise damaged(self._path, self._place.start + self.position, "an element that ends too early")
-            parts.append(part)
-            count -= len(part)
-            self.position += len(part)
-        return b"".join(parts)
+            chunks.append(chunk)
+            count -= len(chunk)
+            self.position += len(chunk)
+        return b"".join(chunks)
 
     def _some(self, count):
         if self._unpack is None:
@@ -104,8 +104,8 @@ class _Element:
             try:
                 unpacked = self._unpack.decompress(text, count)
             except zlib.error as error:
-                what = f"a packed element that cannot be read ({error})"
-                raise damaged(self._path, self._place.start, what) from error
+                unreadable = f"a packed element that cannot be read ({error})"
+                raise damaged(self._path, self._place.start, unreadable) from error
             self._rest = self._unpack.unconsumed_tail
             if unpacked or (not text and not self._rest):
                 return unpacked
@@ -129,8 +129,8 @@ class _Element:
     def finish(self):
         """Read a packed element to its end, so that its checksum is looked at."""
         if self._unpack is not None:
-            while found := self._some(BYTES_AT_A_TIME):
-                self.position += len(found)
+            while chunk := self._some(BYTES_AT_A_TIME):
+                self.position += len(chunk)
             if not self._unpack.eof or self._unpack.unused_data or self._taken < self._place.size:
                 raise damaged(self._path, self._place.start, "a packed element of another length than it says")
 
@@ -146,7 +146,7 @@ def variables(path) -> list[Variable]:
         if not begins_version_5(start):
             return _variables_4(path, file)
         # without a name: what MATLAB keeps for objects
-        return [item for level in _levels_5(path, file, start) for item in level.found if item.name]
+        return [variable for level in _levels_5(path, file, start) for variable in level.found if variable.name]
 
 
 def arrays(path, names) -> tuple[dict[str, np.ndarray], dict[str, list[str]]]:
@@ -158,9 +158,9 @@ def arrays(path, names) -> tuple[dict[str, np.ndarray], dict[str, list[str]]]:
         if not begins_version_5(start):
             raise InputError(f"{path}: found no MATLAB file of version 5 to 7, expected one that save wrote with '-v7'")
         for level in _levels_5(path, file, start):
-            for item in level.found:
-                if item.name in names and not item.sparse:
-                    numbers[item.name] = _array_of(path, file, item)
+            for variable in level.found:
+                if variable.name in names and not variable.sparse:
+                    numbers[variable.name] = _array_of(path, file, variable)
             for name, shape, letters in level.texts:
                 if (name := name.partition("{")[0]) in names:
                     rows = np.array(list(letters)).reshape(shape[0], -1, order="F") if letters else [""]
@@ -168,16 +168,16 @@ def arrays(path, names) -> tuple[dict[str, np.ndarray], dict[str, list[str]]]:
     return numbers, texts
 
 
-def _array_of(path, file, item) -> np.ndarray:
+def _array_of(path, file, variable) -> np.ndarray:
     """Return a full array."""
-    if 16 * prod(item.shape) > MB * (free := node_mb()):
-        raise InputError(f"{path}: found {item.name}, {item.in_words()}, and {free:.0f} MB are free")
-    element = _Element(path, file, item.place)
-    values = element.numbers(item.place.values, 0, item.place.values.count)
-    if item.complex:
+    if 16 * prod(variable.shape) > MB * (free := node_mb()):
+        raise InputError(f"{path}: found {variable.name}, {variable.in_words()}, and {free:.0f} MB are free")
+    element = _Element(path, file, variable.place)
+    values = element.numbers(variable.place.values, 0, variable.place.values.count)
+    if variable.complex:
         real, values = values, np.empty(len(values), dtype=complex)
-        values.real, values.imag = real, element.numbers(item.place.imaginary, 0, item.place.imaginary.count)
-    return values.astype(bool if item.logical else values.dtype).reshape(item.shape, order="F")
+        values.real, values.imag = real, element.numbers(variable.place.imaginary, 0, variable.place.imaginary.count)
+    return values.astype(bool if variable.logical else values.dtype).reshape(variable.shape, order="F")
 
 
 def _levels_5(path, file, start):
@@ -269,36 +269,36 @@ class _Level5:
         if len(shape) < 2 or min(shape) < 0:
             raise self._wrong(f"a matrix of shape {shape}")
         self._require_names([own])
-        name, items = name or own, int(np.prod(shape, dtype=object))
+        name, count = name or own, int(np.prod(shape, dtype=object))
         # the content by its class
         if kind in NUMERIC:
             runs = [self._run() for _ in range(1 + is_complex)]
-            if any(run.count != items for run in runs):
-                raise self._wrong(f"{runs[0].count} numbers for the matrix '{name}' of {items}")
+            if any(run.count != count for run in runs):
+                raise self._wrong(f"{runs[0].count} numbers for the matrix '{name}' of {count}")
             place = replace(self._place, values=runs[0], imaginary=runs[1] if is_complex else None)
             self.found.append(Variable(name, shape, complex=is_complex, logical=is_logical, place=place))
         elif kind == SPARSE:
             self._sparse(name, shape, is_complex, is_logical, int(flags[1]))
         elif kind == CHAR:
-            self._text(name, shape, items)
+            self._text(name, shape, count)
         elif kind == CELL:
-            self._items([f"{name}{{{k + 1}}}" for k in range(min(items, MOST_ITEMS))], items, depth)
+            self._items([f"{name}{{{k + 1}}}" for k in range(min(count, MOST_ITEMS))], count, depth)
         elif kind in (STRUCT, OBJECT):
             if kind == OBJECT:
                 self._small((1, 2), 2**16)
-            self._fields(name, items, depth)
+            self._fields(name, count, depth)
         else:
             raise InputError(
                 f"{self._path}: found the variable '{name}' of a kind that cannot be read (class {kind}); save the "
                 "matrices without it"
             )
 
-    def _text(self, name, shape, items):
+    def _text(self, name, shape, total):
         kind, count, padding = self._tag()
         if kind in LETTERS and count <= LONGEST_TEXT:
             code = LETTERS[kind] + {"<": "-le", ">": "-be"}[self._order] * (LETTERS[kind] in ("utf-16", "utf-32"))
             letters = self._stream.read(count).decode(code, "replace")
-            if len(letters) == items:  # else some take more than 16 bits, and the shape does not count letters
+            if len(letters) == total:  # else some take more than 16 bits, and the shape does not count letters
                 self.texts.append((name, shape, letters))
             count = 0
         self._stream.skip(count + padding)
@@ -312,16 +312,16 @@ class _Level5:
         place = replace(self._place, values=values, rows=rows, starts=starts)
         self.found.append(Variable(name, shape, True, count, is_complex, place))
 
-    def _fields(self, name, items, depth):
+    def _fields(self, name, count, depth):
         length = int(self._small((5,), 4).sum())
         names = self._small((1, 2), 2**24).astype(np.uint8).tobytes()
         if length < 1 or len(names) % length:
             raise self._wrong(f"a struct '{name}' with {len(names)} letters in names of {length}")
         fields = [names[k : k + length].split(b"\0")[0].decode("latin-1") for k in range(0, len(names), length)]
         self._require_names(fields)
-        names = [f"{name}.{field}" if items == 1 else f"{name}({k + 1}).{field}"
-                 for k in range(min(items, MOST_ITEMS)) for field in fields]  # fmt: skip
-        self._items(names, items * len(fields), depth)
+        names = [f"{name}.{field}" if count == 1 else f"{name}({k + 1}).{field}"
+                 for k in range(min(count, MOST_ITEMS)) for field in fields]  # fmt: skip
+        self._items(names, count * len(fields), depth)
 
     def _require_names(self, names):
         wrong = next((name for name in names if name and not name.isidentifier()), None)
@@ -408,7 +408,7 @@ def entries(path, variable, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndar
         count = place.values.count
         first, last = count * rank // size, count * (rank + 1) // size
         i, j, v = (element.numbers(run, first, last) for run in (place.rows, place.columns, place.values))
-    i, j = (whole(path, variable, item, 1, limit) - 1 for item, limit in zip((i, j), variable.shape, strict=True))
+    i, j = (whole(path, variable, numbers, 1, limit) - 1 for numbers, limit in zip((i, j), variable.shape, strict=True))
     return i, j, v.astype(float)
 
 
@@ -419,5 +419,5 @@ def table_of(path, variable, first, last, across) -> np.ndarray:
         element, values = _Element(path, file, variable.place), variable.place.values
         if across:
             return np.array(element.numbers(values, first * rows, last * rows), dtype=float).reshape(-1, rows)
-        parts = [element.numbers(values, k * rows + first, k * rows + last) for k in range(columns)]
-    return np.array(parts, dtype=float).reshape(columns, last - first).T
+        columns_read = [element.numbers(values, k * rows + first, k * rows + last) for k in range(columns)]
+    return np.array(columns_read, dtype=float).reshape(columns, last - first).T

@@ -34,10 +34,10 @@ def _opened(path):
         yield file
 
 
-def _require_own_numbers(path, item):
+def _require_own_numbers(path, node):
     """Raise InputError where the numbers of an array lie in other files, or are not there."""
-    if isinstance(item, h5py.Dataset):
-        require_own(item, path, item.name)
+    if isinstance(node, h5py.Dataset):
+        require_own(node, path, node.name)
 
 
 def variables(path) -> list[Variable]:
@@ -50,67 +50,67 @@ def variables(path) -> list[Variable]:
     return listed
 
 
-def _look(path, file, item, name, listed, seen, depth):
-    if depth > DEPTH or isinstance(item, h5py.Datatype):
+def _look(path, file, node, name, listed, seen, depth):
+    if depth > DEPTH or isinstance(node, h5py.Datatype):
         return
-    if isinstance(item, h5py.Group) and not _is_new(item, seen):
+    if isinstance(node, h5py.Group) and not _is_new(node, seen):
         return
-    _require_own_numbers(path, item)
-    if isinstance(item, h5py.Dataset) and "MATLAB_object_decode" in item.attrs:  # numbers that say where an object is
+    _require_own_numbers(path, node)
+    if isinstance(node, h5py.Dataset) and "MATLAB_object_decode" in node.attrs:  # numbers that say where an object is
         return
-    if isinstance(item, h5py.Group):
-        if "MATLAB_sparse" in item.attrs:
-            listed.append(_sparse(path, item, name))
+    if isinstance(node, h5py.Group):
+        if "MATLAB_sparse" in node.attrs:
+            listed.append(_sparse(path, node, name))
             return
-        for key in item:
-            part = item[key]
-            if isinstance(part, h5py.Dataset) and part.dtype == h5py.ref_dtype and "MATLAB_class" not in part.attrs:
-                _references(path, file, part, lambda k, key=key: f"{name}({k}).{key}", listed, seen, depth)  # an array
+        for key in node:
+            child = node[key]
+            if isinstance(child, h5py.Dataset) and child.dtype == h5py.ref_dtype and "MATLAB_class" not in child.attrs:
+                _references(path, file, child, lambda k, key=key: f"{name}({k}).{key}", listed, seen, depth)  # an array
             else:
-                _look(path, file, part, f"{name}.{key}", listed, seen, depth + 1)
-    elif item.dtype == h5py.ref_dtype:
-        _references(path, file, item, lambda k: f"{name}{{{k}}}", listed, seen, depth)
-    elif item.attrs.get("MATLAB_empty", 0):
-        shape = tuple(int(number) for number in item[...].ravel()[:32])
-        if _class_of(item) not in ("char", "cell", "struct"):
+                _look(path, file, child, f"{name}.{key}", listed, seen, depth + 1)
+    elif node.dtype == h5py.ref_dtype:
+        _references(path, file, node, lambda k: f"{name}{{{k}}}", listed, seen, depth)
+    elif node.attrs.get("MATLAB_empty", 0):
+        shape = tuple(int(number) for number in node[...].ravel()[:32])
+        if _class_of(node) not in ("char", "cell", "struct"):
             listed.append(Variable(name, shape, place=None))
-    elif _class_of(item) not in ("char", "cell", "struct") and (item.dtype.kind in "fiub" or item.dtype.names):
-        listed.append(Variable(name, item.shape[::-1], complex=bool(item.dtype.names), place=item.name))
+    elif _class_of(node) not in ("char", "cell", "struct") and (node.dtype.kind in "fiub" or node.dtype.names):
+        listed.append(Variable(name, node.shape[::-1], complex=bool(node.dtype.names), place=node.name))
 
 
-def _is_new(item, seen):
+def _is_new(node, seen):
     """Whether a group or list of references is seen the first time: one may be in itself, or in many places."""
-    place = h5py.h5o.get_info(item.id).addr
+    place = h5py.h5o.get_info(node.id).addr
     new = place not in seen
     seen.add(place)
     return new
 
 
-def _references(path, file, item, name_of, found, seen, depth):
-    if not _is_new(item, seen):
+def _references(path, file, dataset, name_of, listed, seen, depth):
+    if not _is_new(dataset, seen):
         return
-    for k, reference in enumerate(item[...].ravel(order="F")[:MOST_ITEMS]):
+    for k, reference in enumerate(dataset[...].ravel(order="F")[:MOST_ITEMS]):
         if reference:
-            _look(path, file, file[reference], name_of(k + 1), found, seen, depth + 1)
+            _look(path, file, file[reference], name_of(k + 1), listed, seen, depth + 1)
 
 
-def _class_of(item):
-    kind = item.attrs.get("MATLAB_class", b"")
+def _class_of(dataset):
+    kind = dataset.attrs.get("MATLAB_class", b"")
     return kind.decode() if isinstance(kind, bytes) else str(kind)
 
 
 def _sparse(path, group, name):
     lists = [group.get(key) for key in LISTS]
-    for item in lists:
-        _require_own_numbers(path, item)
+    for dataset in lists:
+        _require_own_numbers(path, dataset)
     if lists[0] is None or any(
-        not isinstance(item, h5py.Dataset) or item.ndim != 1 or item.dtype.kind not in kinds
-        for item, kinds in zip(lists, LISTS.values(), strict=True) if item is not None
+        not isinstance(dataset, h5py.Dataset) or dataset.ndim != 1 or dataset.dtype.kind not in kinds
+        for dataset, kinds in zip(lists, LISTS.values(), strict=True) if dataset is not None
     ):  # fmt: skip
         raise damaged_file(path, f"a sparse matrix '{name}' without its lists of numbers")
     rows, columns = int(group.attrs["MATLAB_sparse"]), lists[0].shape[0] - 1
     nonzeros = int(lists[0][-1]) if columns >= 0 else -1
-    if rows < 0 or not 0 <= nonzeros <= min(item.shape[0] if item is not None else 0 for item in lists[1:]):
+    if rows < 0 or not 0 <= nonzeros <= min(dataset.shape[0] if dataset is not None else 0 for dataset in lists[1:]):
         raise damaged_file(path, f"a sparse matrix '{name}' whose lists do not fit each other")
     is_complex = lists[2] is not None and bool(lists[2].dtype.names)
     return Variable(name, (rows, columns), True, nonzeros, is_complex, group.name)
@@ -122,10 +122,10 @@ def entries(path, variable, rank, size) -> tuple[np.ndarray, np.ndarray, np.ndar
     with _opened(path) as file:
 
         def numbers(key, low, high):
-            item = file[variable.place]
+            dataset = file[variable.place]
             if variable.sparse:
-                return item[{"starts": "jc", "rows": "ir", "values": "data"}[key]][low:high]
-            return item[low // rows : high // rows].ravel()
+                return dataset[{"starts": "jc", "rows": "ir", "values": "data"}[key]][low:high]
+            return dataset[low // rows : high // rows].ravel()
 
         return entries_of(path, variable, numbers, rank, size)
 
@@ -135,5 +135,5 @@ def table_of(path, variable, first, last, across) -> np.ndarray:
     if variable.place is None:
         return np.zeros((0, variable.shape[not across]))
     with _opened(path) as file:
-        item = file[variable.place]
-        return (item[first:last] if across else item[:, first:last].T).astype(float)
+        dataset = file[variable.place]
+        return (dataset[first:last] if across else dataset[:, first:last].T).astype(float)

@@ -54,25 +54,25 @@ def contents(path) -> dict[str, str]:
 
 def read(path, comm, key="K", variables=None) -> Entries:
     """Read the matrix of a key (K, M, D, B, C, Cv, Ca), by its usual name or that of `variables`. Collective."""
-    found = _variables(path, comm)
+    listed = _variables(path, comm)
     with agreed(comm):
-        variable, _ = _chosen(path, found, key, (variables or {}).get(key), residual=False)
+        variable, _ = _chosen(path, listed, key, (variables or {}).get(key), residual=False)
     return _entries(path, comm, variable)
 
 
 def read_parts(path, comm, variables=None) -> Parts:
     """Return K, M and, where there is one, D; nodes and names of the rows where there are such arrays. Collective."""
     # which variable is which matrix, by option or by name
-    found = _variables(path, comm)
+    listed = _variables(path, comm)
     with agreed(comm):
         unknown = sorted(set(variables or {}) - {"K", "M", "D"})
         if unknown:
             raise InputError(f"--variables: found {unknown[0]} for {path}, expected K, M or D; {_by_options(path)}")
         chosen, passed = {}, []
         for key in ("K", "M"):
-            chosen[key], left = _chosen(path, found, key, (variables or {}).get(key))
+            chosen[key], left = _chosen(path, listed, key, (variables or {}).get(key))
             passed += left
-        damping, left = _chosen(path, found, "D", (variables or {}).get("D"), needed=False)
+        damping, left = _chosen(path, listed, "D", (variables or {}).get("D"), needed=False)
         passed += left
         if damping is not None and (damping.shape == chosen["K"].shape or (variables or {}).get("D")):
             chosen["D"] = damping
@@ -85,19 +85,19 @@ def read_parts(path, comm, variables=None) -> Parts:
         parts.warnings.append(
             f"{path}: '{damping.name}' ({damping.in_words()}) is not of the size of K, and not read as a damping matrix"
         )
-    others = [item.name for item in found if item not in chosen.values()
-              and (item.shape == chosen["K"].shape or item in passed)]  # fmt: skip
+    others = [matrix.name for matrix in listed if matrix not in chosen.values()
+              and (matrix.shape == chosen["K"].shape or matrix in passed)]  # fmt: skip
     if others:
-        taken = ", ".join(f"{key} = {item.name}" for key, item in chosen.items())
+        taken = ", ".join(f"{key} = {matrix.name}" for key, matrix in chosen.items())
         names = ", ".join(others[:8]) + (f" and {len(others) - 8} more" if len(others) > 8 else "")
         parts.warnings.append(
             f"{path}: took {taken}; not read, though of the same size or of such a name: {names}; choose by --variables"
         )
-    if unread := _inputs_and_outputs(found, chosen["K"].shape[0]):
+    if unread := _inputs_and_outputs(listed, chosen["K"].shape[0]):
         parts.warnings.append(f"{path}: not read as inputs and outputs: {unread}; {_by_options(path)}")
     with agreed(comm):
         # nodes and rows, where there are arrays of such names
-        tables = {name: _table(path, found, name, parts.warnings) for name in USES}
+        tables = {name: _table(path, listed, name, parts.warnings) for name in USES}
     if tables["nodes"]:
         parts.nodes = _nodes(path, comm, *tables["nodes"], parts.warnings)
         if tables["dofs"]:
@@ -110,13 +110,13 @@ def read_parts(path, comm, variables=None) -> Parts:
 def _inputs_and_outputs(variables, rows) -> str:
     """Return B (n, p) and C, Cv, Ca (r, n), in words; those of the size of K may be anything."""
     fitting = [
-        item
+        array
         for key, along in (("B", 0), ("C", 1), ("Cv", 1), ("Ca", 1))
-        for item in variables
-        if item.name.lower() in NAMES[key] and len(item.shape) == 2
-        and item.shape[along] == rows != item.shape[1 - along]
+        for array in variables
+        if array.name.lower() in NAMES[key] and len(array.shape) == 2
+        and array.shape[along] == rows != array.shape[1 - along]
     ]  # fmt: skip
-    return ", ".join(f"{item.name} ({item.in_words()})" for item in fitting)
+    return ", ".join(f"{array.name} ({array.in_words()})" for array in fitting)
 
 
 def _by_options(path):
@@ -142,24 +142,24 @@ def _entries(path, comm, variable) -> Entries:
 
 def _chosen(path, variables, key, name, needed=True, residual=True) -> tuple[Variable | None, list[Variable]]:
     """Return the variable of a key, and others passed over; `residual`: whether k0 may stand for several."""
-    listed = ", ".join(f"{item.name} ({item.in_words()})" for item in variables[:12]) or "no numeric matrix"
+    listed = ", ".join(f"{array.name} ({array.in_words()})" for array in variables[:12]) or "no numeric matrix"
     if name:
-        fitting = [item for item in variables if item.name == name] or [
-            item for item in variables if item.name.lower() == name.lower()]  # fmt: skip
+        fitting = [array for array in variables if array.name == name] or [
+            array for array in variables if array.name.lower() == name.lower()]  # fmt: skip
         if len(fitting) != 1:
             raise InputError(f"{path}: found no variable '{name}' for {key}; the file has {listed}")
         return _real(path, fitting[0], key), []
-    matrices = [item for item in variables if len(item.shape) == 2 and item.shape != (1, 1)]
-    usual = [item for item in matrices if set(_words(item.name)) & set(NAMES[key])]
+    matrices = [array for array in variables if len(array.shape) == 2 and array.shape != (1, 1)]
+    usual = [array for array in matrices if set(_words(array.name)) & set(NAMES[key])]
     for fitting in _by_preference(usual, NAMES[key]):
         best = fitting
         if len(fitting) > 1:
-            best = [item for item in fitting if residual and item.name.endswith(RESIDUAL)]
+            best = [array for array in fitting if residual and array.name.endswith(RESIDUAL)]
         if len(best) != 1:
-            names = ", ".join(item.name for item in fitting[:8])
+            names = ", ".join(array.name for array in fitting[:8])
             raise InputError(f"{path}: found several matrices for {key}: {names}; choose by --variables {key}=NAME")
-        others = fitting + [item for item in usual if _words(item.name)[-1] in NAMES[key] and item not in fitting]
-        return _real(path, best[0], key), [item for item in others if item is not best[0]]
+        others = fitting + [array for array in usual if _words(array.name)[-1] in NAMES[key] and array not in fitting]
+        return _real(path, best[0], key), [array for array in others if array is not best[0]]
     if needed:
         raise InputError(
             f"{path}: found no matrix with a usual name of {key} ({', '.join(NAMES[key][:5])}); the file has {listed}; "
@@ -171,11 +171,11 @@ def _chosen(path, variables, key, name, needed=True, residual=True) -> tuple[Var
 def _by_preference(usual, names):
     """Yield matrices with a usual name: in few structs first, then by name, and last those in such structs."""
     for last_only in (True, False):
-        words = [(item, _words(item.name)) for item in usual]
-        for depth in sorted({len(parts) for _, parts in words}):
+        words = [(array, _words(array.name)) for array in usual]
+        for depth in sorted({len(levels) for _, levels in words}):
             for name in names:
-                fitting = [item for item, parts in words
-                           if len(parts) == depth and name in parts[-1 if last_only else 0 :]]  # fmt: skip
+                fitting = [array for array, levels in words
+                           if len(levels) == depth and name in levels[-1 if last_only else 0 :]]  # fmt: skip
                 if fitting:
                     yield fitting
 
@@ -198,17 +198,17 @@ def _real(path, variable, key):
 
 def _table(path, variables, name, warnings) -> tuple[Variable, str] | None:
     """Return the dense array of a name and its key of FORMS, or None with a warning of other shapes."""
-    named = [item for item in variables if _words(item.name)[-1] == name]
-    fitting = [item for item in named if _forms(name, item)]
-    depth = min((len(_words(item.name)) for item in fitting), default=0)
-    fitting = [item for item in fitting if len(_words(item.name)) == depth]
+    named = [array for array in variables if _words(array.name)[-1] == name]
+    fitting = [array for array in named if _forms(name, array)]
+    depth = min((len(_words(array.name)) for array in fitting), default=0)
+    fitting = [array for array in fitting if len(_words(array.name)) == depth]
     if len(fitting) > 1:
-        raise InputError(f"{path}: found several arrays {name}: {', '.join(item.name for item in fitting)}; expected "
+        raise InputError(f"{path}: found several arrays {name}: {', '.join(array.name for array in fitting)}; expected "
                          "one")  # fmt: skip
     expected = " or ".join(FORMS[form][1] for form in USES[name])
-    for item in named:
-        if item not in fitting:
-            warnings.append(f"{path}: '{item.name}' ({item.in_words()}) is not read as {name}, expected {expected}")
+    for array in named:
+        if array not in fitting:
+            warnings.append(f"{path}: '{array.name}' ({array.in_words()}) is not read as {name}, expected {expected}")
     if not fitting:
         return None
     form, *other = _forms(name, fitting[0])
@@ -220,11 +220,11 @@ def _table(path, variables, name, warnings) -> tuple[Variable, str] | None:
     return fitting[0], form
 
 
-def _forms(name, item) -> list[str]:
+def _forms(name, array) -> list[str]:
     """Return the keys of FORMS that the shape of an array allows; the documented one goes first, and alone."""
-    if item.sparse or item.complex or len(item.shape) != 2:
+    if array.sparse or array.complex or len(array.shape) != 2:
         return []
-    rows, columns = item.shape
+    rows, columns = array.shape
     fitting = [form for form in USES[name] if FORMS[form][0] in (columns, -rows)]
     return fitting[:1] if USES[name][0] in fitting else fitting
 

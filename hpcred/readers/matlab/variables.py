@@ -33,17 +33,17 @@ def entries_of(path, variable, numbers, rank, size) -> tuple[np.ndarray, np.ndar
     """Return rows, columns (from 0) and values of the share of a rank, from numbers low..high of the lists by name."""
     rows, columns = variable.shape
     first, last = columns * rank // size, columns * (rank + 1) // size
-    parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
+    tables = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
     if variable.place is None or not rows or not columns:
-        return parts[0]
+        return tables[0]
     # columns of a dense matrix, some at a time
     if not variable.sparse:
         step = max(1, NUMBERS_AT_A_TIME // rows)
         for low in range(first, last, step):
             values = numbers("values", low * rows, min(low + step, last) * rows).astype(float)
             there = np.flatnonzero(values)
-            parts.append((there % rows, low + there // rows, values[there]))
-        return tuple(map(np.concatenate, zip(*parts, strict=True)))
+            tables.append((there % rows, low + there // rows, values[there]))
+        return tuple(map(np.concatenate, zip(*tables, strict=True)))
     # columns of a sparse one: where they begin, and what is in them
     starts = numbers("starts", first, last + 1).astype(np.int64)
     count, low, high = variable.nonzeros, int(starts[0]), int(starts[-1])
@@ -51,7 +51,7 @@ def entries_of(path, variable, numbers, rank, size) -> tuple[np.ndarray, np.ndar
     if (np.diff(starts) < 0).any() or not 0 <= low <= high <= count or not begins_well or not ends_well:
         raise damaged_file(path, f"columns of '{variable.name}' that do not ascend from 0 to its {count} entries")
     if low == high:
-        return parts[0]
+        return tables[0]
     i = whole(path, variable, numbers("rows", low, high), 0, rows - 1)
     v = numbers("values", low, high).astype(float)
     if not len(i) == len(v) == high - low:

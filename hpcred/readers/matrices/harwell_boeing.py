@@ -62,8 +62,8 @@ def title(start: bytes) -> bytes:
 
 def read(path, comm) -> Entries:
     """Read a real assembled matrix; of symmetric files both triangles are given. Collective. Raises InputError."""
-    header, parts = _read(path, comm)
-    return _entries(path, comm, header, parts)
+    header, sections = _read(path, comm)
+    return _entries(path, comm, header, sections)
 
 
 def read_right_hand_sides(path, comm) -> Entries | None:
@@ -72,11 +72,11 @@ def read_right_hand_sides(path, comm) -> Entries | None:
     with agreed(comm):
         if not begins(first_bytes(path)) or not _header(path).cards[3]:
             return None
-    header, parts = _read(path, comm)
+    header, sections = _read(path, comm)
     if header.counts[3] is None:
         raise InputError(f"{path}: found sparse right-hand sides, expected full ones (F in line 5)")
-    place = np.concatenate([np.zeros(0, np.int64), *(begin + np.arange(len(v)) for begin, v in parts[3])])
-    values = np.concatenate([np.zeros(0), *(v for _, v in parts[3])])
+    place = np.concatenate([np.zeros(0, np.int64), *(begin + np.arange(len(v)) for begin, v in sections[3])])
+    values = np.concatenate([np.zeros(0), *(v for _, v in sections[3])])
     rows = header.shape[0]
     mine = place < rows * header.sides  # guesses and solutions may follow
     return Entries((rows, header.sides), place[mine] % rows, place[mine] // rows, values[mine])
@@ -90,16 +90,16 @@ def _read(path, comm):
                  for piece in pieces(path, comm)]  # fmt: skip
     first_line = first_lines(comm, spans)
     with agreed(comm):
-        parts = [[], [], [], []]
+        sections = [[], [], [], []]
         read_of = np.zeros(4, np.int64)
         for piece in pieces(path, comm):
             for section, number, values in _sections(piece, first_line[piece.start], header):
                 read_of[section] += len(values)
-                parts[section].append((number, values))
+                sections[section].append((number, values))
     for section, (total, expected) in enumerate(zip(comm.allreduce(read_of), header.counts, strict=True)):
         if expected is not None and total != expected:
             raise damaged_file(path, f"{total} numbers among the {SECTIONS[section]}, the header says {expected}")
-    return header, parts
+    return header, sections
 
 
 def _header(path):
@@ -124,9 +124,9 @@ def _header(path):
         raise InputError(f"{path}, line 3: found {rows} x {columns} for {kind.upper()}, expected a square matrix")
     # formats of its lists
     formats = [*FORMATS.findall(lines[3]), b"", b"", b""]
-    fields = [fields_of_format(item, f"{path}, line 4") for item in formats[:3]]
-    for item, name, whole_numbers in zip(fields, SECTIONS, (True, True, kind[0] == "i"), strict=False):
-        if any(field.whole != whole_numbers for field in item):
+    fields = [fields_of_format(layout, f"{path}, line 4") for layout in formats[:3]]
+    for layout, name, whole_numbers in zip(fields, SECTIONS, (True, True, kind[0] == "i"), strict=False):
+        if any(field.whole != whole_numbers for field in layout):
             raise InputError(f"{path}, line 4: found a format of {name} for other numbers, expected "
                              f"{'integers' if whole_numbers else 'floating-point numbers'}")  # fmt: skip
     numbers = [columns + 1, entries, entries, 0]
@@ -149,10 +149,10 @@ def _header(path):
     else:
         fields.append([])
     # lines of each list, and of all together
-    for name, number, line, found in zip(SECTIONS, numbers, fields, cards, strict=True):
-        if number is not None and line and found != -(-number // len(line)):
+    for name, number, line, count in zip(SECTIONS, numbers, fields, cards, strict=True):
+        if number is not None and line and count != -(-number // len(line)):
             raise InputError(
-                f"{path}, line 2: found {found} lines of {name}, expected {-(-number // len(line))} for {number} "
+                f"{path}, line 2: found {count} lines of {name}, expected {-(-number // len(line))} for {number} "
                 "numbers; the file is damaged"
             )
     if total != sum(cards):
@@ -187,28 +187,28 @@ def _sections(piece, line, header):
             if stop - ends[high - 1] < wide and piece.text[stop - 1 : stop] != b"\n":
                 raise piece.refusal(high - 1, f"{wide} characters; the file is cut off")
             stop = min(stop, ends[high - 1] + wide)
-        part = Piece(piece.path, piece.text[ends[low] : stop], piece.start + int(ends[low]))
+        run = Piece(piece.path, piece.text[ends[low] : stop], piece.start + int(ends[low]))
         if section == len(SECTIONS):
-            if part.text.strip():
-                raise part.refusal(next(k for k, item in enumerate(part.text.split(b"\n")) if item.strip()),
+            if run.text.strip():
+                raise run.refusal(next(k for k, text_line in enumerate(run.text.split(b"\n")) if text_line.strip()),
                                    "the end of the file")  # fmt: skip
             continue
         if not header.fields[section]:  # sparse right-hand sides
             continue
         fields = header.fields[section]
-        values, counts, at = ragged(separated(part, fields), False, f"{len(fields)} numbers")
+        values, counts, at = ragged(separated(run, fields), False, f"{len(fields)} numbers")
         begin = (line + low - first) * len(fields)
         expected = np.minimum(len(fields), max(header.counts[section] - begin, 0) - len(fields) * np.arange(high - low))
         have = np.zeros(high - low, np.int64)
         have[at] = counts
         if (wrong := np.flatnonzero(have != expected)).size:
-            raise part.refusal(int(wrong[0]), f"{expected[wrong[0]]} numbers among the {SECTIONS[section]}")
+            raise run.refusal(int(wrong[0]), f"{expected[wrong[0]]} numbers among the {SECTIONS[section]}")
         if section < 2:
-            values = whole(part, values, np.repeat(at, counts), "a row or place", 1)
+            values = whole(run, values, np.repeat(at, counts), "a row or place", 1)
         yield section, begin, values
 
 
-def _entries(path, comm, header, parts):
+def _entries(path, comm, header, sections):
     """Return entries from the numbers of the sections, which meet where the share of an entry lies."""
     shares = np.array(comm.allgather(row_range(comm, header.entries)[0]))
 
@@ -217,9 +217,9 @@ def _entries(path, comm, header, parts):
 
     def read_here(section, kind=np.int64):
         """Return places and values of the numbers of a section that this rank has read."""
-        place = np.concatenate([np.zeros(0, np.int64), *(begin + np.arange(len(v)) for begin, v in parts[section])])
-        values = np.concatenate([np.zeros(0, kind), *(v for _, v in parts[section])])
-        parts[section].clear()
+        place = np.concatenate([np.zeros(0, np.int64), *(begin + np.arange(len(v)) for begin, v in sections[section])])
+        values = np.concatenate([np.zeros(0, kind), *(v for _, v in sections[section])])
+        sections[section].clear()
         return place, values
 
     def met(section, kind=np.int64):

@@ -28,7 +28,7 @@ NEEDED = {"coo": ("row", "col"), "csr": ("indptr", "indices"), "csc": ("indptr",
 
 def read_arrays(path, names) -> dict[str, np.ndarray]:
     """Return those of these arrays of numbers or texts that a .npz has. On this rank. Raises InputError."""
-    found = {}
+    arrays = {}
     with _opened(path) as (archive, there):
         for name in names:
             if f"{name}.npy" in there:
@@ -37,8 +37,8 @@ def read_arrays(path, names) -> dict[str, np.ndarray]:
                     array = np.frombuffer(_exactly(path, name, file, prod(shape) * dtype.itemsize), dtype)
                     if file.read(1):
                         raise InputError(f"{path}: the array '{name}' is longer than it says; the file is damaged")
-                found[name] = array.reshape(shape, order="F" if fortran else "C")
-    return found
+                arrays[name] = array.reshape(shape, order="F" if fortran else "C")
+    return arrays
 
 
 def shapes_of(path) -> dict[str, tuple]:
@@ -139,9 +139,9 @@ def _length(path, archive, name, kinds):
     with archive.open(f"{name}.npy") as file:
         shape, _, dtype = _header(path, name, file)
     if len(shape) != 1 or dtype.kind not in kinds:
-        what = "real" if "f" in kinds else "whole"
+        kind = "real" if "f" in kinds else "whole"
         raise InputError(
-            f"{path}: found an array '{name}' of shape {shape} and type {dtype}, expected one row of {what} numbers"
+            f"{path}: found an array '{name}' of shape {shape} and type {dtype}, expected one row of {kind} numbers"
         )
     return shape[0]
 

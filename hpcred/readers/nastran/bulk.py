@@ -99,8 +99,8 @@ class Deck:
     @property
     def mass_unit(self) -> float:
         """PARAM,WTMASS: what masses of the input file are multiplied by."""
-        given = [card for card in self.cards if card.name == "PARAM" and card.text(0) == "WTMASS"]
-        return given[0].real(1, "WTMASS") if given else 1.0
+        cards = [card for card in self.cards if card.name == "PARAM" and card.text(0) == "WTMASS"]
+        return cards[0].real(1, "WTMASS") if cards else 1.0
 
 
 def begins(start: bytes) -> bool:
@@ -142,8 +142,8 @@ def sections_of(path, comm) -> list[Section | None]:
                 for match in SECTION.finditer(piece.text)]  # fmt: skip
     marks = sorted(sum(comm.allgather(mine), []))
     ends = [*(start for start, _ in marks[1:]), size]
-    found = [Section(number, start, end) for (start, number), end in zip(marks, ends, strict=True)] if marks else []
-    return found if len(found) > 1 else [None]
+    sections = [Section(number, start, end) for (start, number), end in zip(marks, ends, strict=True)] if marks else []
+    return sections if len(sections) > 1 else [None]
 
 
 def read_deck(path, comm, section=None) -> Deck:
@@ -276,7 +276,7 @@ def _included(path, name, including):
     for folder in dict.fromkeys([path.parent, *(file.parent for file in including)]):
         file = folder / name
         if not file.is_file() and file.parent.is_dir():
-            file = next((item for item in file.parent.iterdir() if item.name.lower() == file.name.lower()), file)
+            file = next((beside for beside in file.parent.iterdir() if beside.name.lower() == file.name.lower()), file)
         if file.is_file():
             return file
     raise InputError(f"{path}: found INCLUDE '{name}', which is no file in {path.parent}; put it there")
@@ -294,8 +294,8 @@ def _grids(piece):
     """Return label, CP, CD, whether PS is given, coordinates and PS of GRID cards; -2 where a system is left out."""
     lines = lines_of(piece, GRID)
     table, number = lines.table(7)
-    if (more := lines.beyond(8)).size:
-        raise piece.refusal(int(more[0]), "a grid point of at most eight fields")
+    if (long := lines.beyond(8)).size:
+        raise piece.refusal(int(long[0]), "a grid point of at most eight fields")
     label = wholes(piece, table[:, 0], number, "the number of a grid point", 1)
     system, displacement = (_system(piece, table[:, k], number) for k in (1, 5))
     xyz = np.stack([reals(piece, table[:, k], number, "a coordinate") for k in (2, 3, 4)], axis=1)
@@ -337,22 +337,22 @@ def elements_by_number(lines, name, elements, numbers):
                             "the number of a node", 1).reshape(-1, NODES[kind])  # fmt: skip
             elements.setdefault(kind, []).append(labels[:, VTK.get(kind, slice(None))])
             own = wholes(lines.piece, table[full, 0], number[full], "the number of an element", 1)
-            given = np.zeros(len(own), np.int64)
+            property_ = np.zeros(len(own), np.int64)
             if first == 2:
-                given = wholes(lines.piece, table[full, 1], number[full], "the number of a property", empty=0)
-                given = np.where(given == 0, own, given)  # left out, it is that of the element
-            row = [own, np.full(len(own), list(ELEMENTS).index(name)), given]
+                property_ = wholes(lines.piece, table[full, 1], number[full], "the number of a property", empty=0)
+                property_ = np.where(property_ == 0, own, property_)  # left out, it is that of the element
+            row = [own, np.full(len(own), list(ELEMENTS).index(name)), property_]
             numbers.setdefault(kind, []).append(np.stack(row, axis=1))
         left &= ~full
 
 
 def _defaults(cards):
     """Return CP, CD and PS of GRDSET."""
-    card, *more = [card for card in cards if card.name == "GRDSET"] or [None]
+    card, *repeated = [card for card in cards if card.name == "GRDSET"] or [None]
     if card is None:
         return 0, 0, np.zeros(6, bool)
-    if more:
-        raise more[0].error("found a second one, expected one for all points")
+    if repeated:
+        raise repeated[0].error("found a second one, expected one for all points")
     return card.whole(1, "CP", 0), card.whole(5, "CD", 0), card.directions(6)
 
 
@@ -368,7 +368,7 @@ def points_of(deck: Deck, comm) -> Points:
                 "structure without fluid"
             )
     label = np.concatenate([deck.label, scalars])
-    padded = [np.concatenate([part, np.zeros(len(scalars), part.dtype)]) for part in (
+    padded = [np.concatenate([column, np.zeros(len(scalars), column.dtype)]) for column in (
         deck.system, deck.displacement, *deck.coordinates.T, *deck.held.T)]  # fmt: skip
     require_once(comm, label, lambda twice: f"{deck.path}: found the point {twice} more than once, expected each point "
                                             "once")  # fmt: skip
@@ -403,21 +403,21 @@ def systems_of(comm, deck, label, system, coordinates):
     """Return all coordinate systems by number. Collective."""
     with agreed(comm):
         # CORD1 cards are defined by points, which other ranks may have
-        given = _definitions(deck.cards)
-        wanted = [point for *_, points in given for point in points if isinstance(point, int)]
+        definitions = _definitions(deck.cards)
+        wanted = [point for *_, points in definitions for point in points if isinstance(point, int)]
         mine = np.flatnonzero(np.isin(label, np.array(wanted, dtype=np.int64)))
         own = {int(label[k]): (int(system[k]), coordinates[k].tolist()) for k in mine}
-    grids = {point: item for part in comm.allgather(own) for point, item in part.items()}
+    grids = {point: described for grids_of_rank in comm.allgather(own) for point, described in grids_of_rank.items()}
     with agreed(comm):
         # all definitions; a second one of a number must be equal
         systems, open_ = {0: System()}, {}
-        for card, number, points in given:
+        for card, number, points in definitions:
             if missing := [point for point in points if isinstance(point, int) and point not in grids]:
                 raise card.error(f"found the point {missing[0]}, which no GRID card defines")
-            item = SYSTEMS[card.name[5]], [grids[point] if isinstance(point, int) else point for point in points]
-            if number == 0 or (number in open_ and str(open_[number][:2]) != str(item)):
+            described = SYSTEMS[card.name[5]], [grids[point] if isinstance(point, int) else point for point in points]
+            if number == 0 or (number in open_ and str(open_[number][:2]) != str(described)):
                 raise card.error(f"found the coordinate system {number} a second time, expected one definition")
-            open_[number] = *item, card
+            open_[number] = *described, card
         # systems are defined in others, so each pass resolves those whose references are known
         while open_:
             ready = [number for number, (_, points, _) in open_.items() if all(ref in systems for ref, _ in points)]
@@ -470,8 +470,8 @@ def properties_of(comm, cards, names, tables: dict, mass_unit: float) -> Element
             materials.setdefault(card.whole(0, "the number of a material"), _material(card, mass_unit))
     for card in cards:
         number = card.text(0)
-        if card.name == "MATS1" and number.isdigit() and (item := materials.get(int(number))):
-            materials[int(number)] = Material(name=item.name, density=item.density, expansion=item.expansion,
+        if card.name == "MATS1" and number.isdigit() and (linear := materials.get(int(number))):
+            materials[int(number)] = Material(name=linear.name, density=linear.density, expansion=linear.expansion,
                                               reason="found MATS1")  # fmt: skip
     # the place of the material that each PSOLID names
     order = {number: place for place, number in enumerate(materials)}
@@ -496,7 +496,7 @@ def _material(card, mass_unit) -> Material:
     if card.name != "MAT1":
         return Material(name=name, reason=f"found {card.name}")
     young, shear, poisson, density, expansion = (
-        card.real(k, what) if card.text(k) else None for k, what in (
+        card.real(k, constant) if card.text(k) else None for k, constant in (
             (1, "Young's modulus"), (2, "the shear modulus"), (3, "Poisson's ratio"), (4, "a density"),
             (5, "a coefficient of expansion")))  # fmt: skip
     rest = {"density": None if density is None else density * mass_unit, "expansion": expansion}
@@ -530,17 +530,17 @@ def read_point_sets(path, comm, label, cards, of_case) -> tuple[dict[str, np.nda
 
     `label`: points of this rank; `cards` and sets `of_case` control are the same on all ranks.
     """
-    given = [*of_case, *_of_cards(cards)]
-    names, sets, left = Counter(item.name for item in given), {}, []
+    definitions = [*of_case, *_of_cards(cards)]
+    names, sets, left = Counter(definition.name for definition in definitions), {}, []
     label = np.unique(sort_over_ranks(comm, label)[0])
-    for item in given:
-        there, _ = look_up(comm, label, [], np.array(item.single, np.int64))
-        if names[item.name] > 1 or not item.ranges or not there.all():
-            left.append(item.name)
+    for definition in definitions:
+        there, _ = look_up(comm, label, [], np.array(definition.single, np.int64))
+        if names[definition.name] > 1 or not definition.ranges or not there.all():
+            left.append(definition.name)
             continue
-        inside = label[in_ranges(label, item.ranges)]
+        inside = label[in_ranges(label, definition.ranges)]
         if comm.allreduce(len(inside)):
-            sets[item.name] = inside
+            sets[definition.name] = inside
     left = list(dict.fromkeys(left))
     remark = (f"{path}: {', '.join(left[:5])}{', ...' * (len(left) > 5)}: no sets of points alone, or more than one of "
               "that number; they are left out")  # fmt: skip
@@ -590,4 +590,4 @@ def _numbers_of_set(words) -> tuple[list[int], list[tuple[int, int]]]:
         excepted = 0
         single += [first] if first == last else []
         ranges.append((first, last))
-    return single, [item for item in ranges if item[0] <= item[1]]
+    return single, [bounds for bounds in ranges if bounds[0] <= bounds[1]]

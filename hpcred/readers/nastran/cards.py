@@ -98,8 +98,8 @@ class Lines:
     def of(self, name: str) -> "Lines":
         """Return only those of the cards of one name."""
         mine = self.name == name.encode()
-        parts = (getattr(self, key)[mine] for key in ("card", "name", "starts", "number", "count", "fields"))
-        return Lines(self.piece, *parts, self.total)
+        columns = (getattr(self, key)[mine] for key in ("card", "name", "starts", "number", "count", "fields"))
+        return Lines(self.piece, *columns, self.total)
 
     def table(self, width: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the first `width` fields (cards, width) of each card, and the lines (cards,) where they begin."""
@@ -181,7 +181,7 @@ def lines_of(piece: Piece, wanted: re.Pattern, strict=False) -> Lines:
         if place >= 0 and mine[place]:
             raise piece.refusal(k, "a card without a remark behind it")
     # the wanted cards alone
-    card, start, stop, number, head, starts = (part[mine] for part in (card, start, stop, number, head, starts))
+    card, start, stop, number, head, starts = (column[mine] for column in (card, start, stop, number, head, starts))
     if strict:
         piece.require(visible[stop] <= visible[np.minimum(start + 80, stop)], number, "a card of at most 80 columns")
     count, fields = _fields(piece, text, start, stop, head, number)
@@ -356,8 +356,8 @@ def in_full(piece: Piece, plain: bytes) -> tuple[bytes, np.ndarray]:
 
 def _words_of(line):
     """Return the name and the eight fields of data of a line in small or free form, without blanks around."""
-    parts = line.split(b",") if b"," in line else [line[k : k + 8] for k in range(0, 8 * DATA, 8)]
-    return [part.strip() for part in [*parts, *DATA * [b""]][:DATA]]
+    words = line.split(b",") if b"," in line else [line[k : k + 8] for k in range(0, 8 * DATA, 8)]
+    return [word.strip() for word in [*words, *DATA * [b""]][:DATA]]
 
 
 def _next(above, steps):
@@ -381,10 +381,10 @@ def _sum(old, step):
     old = old or (b"0" if WHOLE.fullmatch(step) else b"0.")
     if WHOLE.fullmatch(old) and WHOLE.fullmatch(step):
         return b"%d" % (int(old) + int(step))
-    numbers = [REAL.fullmatch(item) for item in (old, step)]
+    numbers = [REAL.fullmatch(text) for text in (old, step)]
     if not all(numbers):
         return None
-    values = [Decimal(item[1].decode()).scaleb(int(item[2] or item[3] or 0)) for item in numbers]
+    values = [Decimal(text[1].decode()).scaleb(int(text[2] or text[3] or 0)) for text in numbers]
     total = sum(values)
     if abs(total.adjusted()) > 8:
         return f"{float(total)!r}".upper().encode()

@@ -84,16 +84,16 @@ def contents(path, comm, section=None) -> list[DmigMatrix]:
             edges = (int(which[0]), table[0, 0], lines.total - 1 - int(which[-1]), table[-1, 0]) if len(which) else ()
             ends.append((piece.start, lines.total, *edges))
             at = np.flatnonzero(table[:, 1] == b"0")
-            form, kind, columns = (wholes(piece, table[at, k], number[at], what, 0, empty=0)
-                                   for k, what in ((2, "the form"), (3, "the type"), (7, "the number of columns")))
-            mine += [DmigMatrix(name.decode("latin-1"), *(int(item) for item in rest))
+            form, kind, columns = (wholes(piece, table[at, k], number[at], meaning, 0, empty=0)
+                                   for k, meaning in ((2, "the form"), (3, "the type"), (7, "the number of columns")))
+            mine += [DmigMatrix(name.decode("latin-1"), *(int(matrix) for matrix in rest))
                      for name, *rest in zip(table[at, 0], form, kind, columns, strict=True)]  # fmt: skip
             used |= set(table[:, 0].tolist())
     # each matrix has one such card, before its columns
     matrices = sum(comm.allgather(mine), [])
     _check_order(path, sorted(sum(comm.allgather(ends), [])))
     used = set().union(*comm.allgather(used))
-    without = sorted(name.decode("latin-1") for name in used - {item.name.encode("latin-1") for item in matrices})
+    without = sorted(name.decode("latin-1") for name in used - {matrix.name.encode("latin-1") for matrix in matrices})
     if without:
         raise damaged_file(path, f"DMIG cards of {without[0]!r}, which has no card with its form and type")
     return matrices
@@ -130,12 +130,12 @@ def read_matrices(path, comm, wanted: dict[str, DmigMatrix], section=None) -> tu
                     f"{path}: found the matrix {matrix.name} of form {matrix.form} "
                     f"({FORMS.get(matrix.form, 'unknown')}) and type {matrix.kind}, expected a square or symmetric one"
                 )
-        parts, digits = {key: [] for key in wanted}, 0
+        entries, digits = {key: [] for key in wanted}, 0
         for piece in _pieces(path, comm, section):
             lines = lines_of(piece, NAME, strict=True)
             for key, matrix in wanted.items():
-                part, most = _entries(piece, lines, matrix)
-                parts[key].append(part)
+                triplets, most = _entries(piece, lines, matrix)
+                entries[key].append(triplets)
                 digits = max(digits, most)
     digits = max(comm.allgather(digits))
     warnings = [
@@ -145,7 +145,7 @@ def read_matrices(path, comm, wanted: dict[str, DmigMatrix], section=None) -> tu
     ]
     result, lacking = {}, None
     for key, matrix in wanted.items():
-        i, j, v = joined(parts.pop(key), (np.int64, np.int64, float))
+        i, j, v = joined(entries.pop(key), (np.int64, np.int64, float))
         _require_once(path, comm, matrix, i, j)
         # a matrix of all rows has entries in every column, unless the file was cut off or masses are 0
         columns = number_over_ranks(comm, j)[0]
@@ -173,8 +173,8 @@ def _require_once(path, comm, matrix, i, j):
     key = place[: len(i)] * comm.allreduce(len(names)) + place[len(i) :]
     twice = repeated_key(comm, key)
     if twice is not None:
-        found = np.flatnonzero(key == twice)[:1]
-        (row, column), *_ = sum(comm.allgather([(i[k], j[k]) for k in found]), [])
+        places = np.flatnonzero(key == twice)[:1]
+        (row, column), *_ = sum(comm.allgather([(i[k], j[k]) for k in places]), [])
         raise InputError(
             f"{path}: found the entry {label_name(row)}, {label_name(column)} of the matrix {matrix.name} more than "
             "once; the file is damaged"
@@ -199,8 +199,8 @@ def _check_end(path, end):
             file.seek(max(os.path.getsize(path) - 200, 0))
             last = file.read().splitlines(keepends=True)[-1]
             if not last.endswith(b"\n"):
-                found = f"'{shown(last)}'" if last.strip() else f"of {len(last)} blanks"
-                raise damaged_file(path, f"the last line {found} without an end", "cut off")
+                rest = f"'{shown(last)}'" if last.strip() else f"of {len(last)} blanks"
+                raise damaged_file(path, f"the last line {rest} without an end", "cut off")
             return
         file.seek(end)
         expected, at = END_LINE, end

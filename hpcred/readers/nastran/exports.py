@@ -64,8 +64,8 @@ def read_op4(path, comm, variables=None) -> Parts:
     names = [matrix.name for matrix in contents]
     se = _superelements(files, contents, comm)
     choices = _choices(path, names, se, variables)
-    rows, choice, warnings = _rows_of(path, comm, [(item, contents[item.places["K"]].shape[0], se[item.places["K"]])
-                                                   for item in choices], bool(variables))  # fmt: skip
+    rows, choice, warnings = _rows_of(path, comm, [(some, contents[some.places["K"]].shape[0], se[some.places["K"]])
+                                                   for some in choices], bool(variables))  # fmt: skip
     files = {key: files[place] for key, place in choice.places.items()}
     taken = {key: contents[place] for key, place in choice.places.items()}
     parts = _parts(path, comm, {key: op4.read_matrix(files[key], comm, matrix) for key, matrix in taken.items()},
@@ -98,8 +98,8 @@ def _op4_files(path, comm):
         )
     if not is_op2 and not pairs([matrix.name for matrix in contents]):
         for file in decided(comm, _beside, path, op4.begins):
-            more = op4.contents(file, comm)
-            contents, files = contents + more, files + [file] * len(more)
+            matrices = op4.contents(file, comm)
+            contents, files = contents + matrices, files + [file] * len(matrices)
     return files, contents
 
 
@@ -135,8 +135,8 @@ def _choices(path, names, se, variables):
         return [Choice(places, letter_of(names[places["K"]]))]
     # pairs of each superelement by itself
     choices = []
-    for number in sorted(set(se), key=lambda item: -1 if item is None else item):
-        mine = [k for k, item in enumerate(se) if item == number]
+    for number in sorted(set(se), key=lambda superelement: -1 if superelement is None else superelement):
+        mine = [k for k, superelement in enumerate(se) if superelement == number]
         for choice in pairs([names[k] for k in mine]):
             choices.append((number, Choice({key: mine[k] for key, k in choice.places.items()}, choice.letter)))
     if not choices:
@@ -173,8 +173,8 @@ def _left_out(path, names, se, choice, variables) -> list[str]:
         if other != number and None not in places.values():
             ways.append(f"{other} by --variables " + ",".join(
                 f"{key}={names[k]}:{names[: k + 1].count(names[k])}" for key, k in places.items()))  # fmt: skip
-    what = "the residual structure (0)" if number == 0 else f"superelement {number}"
-    return [f"{path}: has the superelements {', '.join(map(str, groups))}, of which {what} is taken; others are: "
+    taken = "the residual structure (0)" if number == 0 else f"superelement {number}"
+    return [f"{path}: has the superelements {', '.join(map(str, groups))}, of which {taken} is taken; others are: "
             f"{'; '.join(ways)}"] if ways else []  # fmt: skip
 
 
@@ -199,10 +199,10 @@ def _check(comm, matrices, origins):
     if isinstance(matrices["K"], LabelledEntries):
         return
     size = matrices["K"].shape
-    for key, item in matrices.items():
-        if item.shape != size or size[0] != size[1]:
+    for key, matrix in matrices.items():
+        if matrix.shape != size or size[0] != size[1]:
             raise InputError(
-                f"{origins[key]}: found {item.shape[0]} x {item.shape[1]}, but {origins['K']} is "
+                f"{origins[key]}: found {matrix.shape[0]} x {matrix.shape[1]}, but {origins['K']} is "
                 f"{size[0]} x {size[1]}, expected square matrices of one size"
             )
 
@@ -225,7 +225,7 @@ def _rows_of(path, comm, candidates, insisted):
     # the first matrices whose number of rows one of the sets of points has
     for choice, size, se in candidates:
         letters = [choice.letter] if choice.letter else list(SETS)
-        of_se = [item for item in groups if se is None or item[0] in (None, se)]
+        of_se = [group for group in groups if se is None or group[0] in (None, se)]
         own = [deck for deck in decks if deck.superelement in (None, se)]
         for deck, letter in [(deck, letter) for deck in (None, *own) for letter in letters]:
             if deck is None:
@@ -267,7 +267,7 @@ def _rows_of_op2(file, groups, decks, comm, letter, size):
     fitting = [(number, points) for number, points in groups if points.count(comm, points.of_set(letter)) == size]
     if not fitting:
         return None
-    _, points = next((item for item in fitting if item[0] == 0), fitting[-1])
+    _, points = next((group for group in fitting if group[0] == 0), fitting[-1])
     mask = points.of_set(letter)
     for deck in decks:
         if points.rough:
@@ -294,24 +294,24 @@ def _said_of_rows(comm, rows, letter):
     points, source = rows.points, rows.source
     held = comm.allreduce(int(np.count_nonzero(points.there() & (points.marks & HELD > 0))))
     gone = points.count(comm, points.there()) - points.count(comm, rows.mask)
-    said = [f"nodes and sets of dofs are those of {source}"]
+    notes = [f"nodes and sets of dofs are those of {source}"]
     if letter == "G":
-        said.append(LOOSE.format("KAA and MAA"))
+        notes.append(LOOSE.format("KAA and MAA"))
     else:
         if held:
-            said.append(f"{held} dofs are held by supports: their mass is missing in the mass of the body")
+            notes.append(f"{held} dofs are held by supports: their mass is missing in the mass of the body")
         if gone > held:
-            said.append(f"{gone - held} dofs have no row, since they depend on others or were condensed")
+            notes.append(f"{gone - held} dofs have no row, since they depend on others or were condensed")
     if points.rough:
-        said.append(f"{source} gives places with 7 digits only, in which rigid-body motions of the nodes meet forces; "
+        notes.append(f"{source} gives places with 7 digits only, in which rigid-body motions of the nodes meet forces; "
                     "put the input file beside it")  # fmt: skip
-    return said
+    return notes
 
 
 def _without_empty_rows(comm, matrices, warnings):
     """Return the matrices without rows that have no entry, and the old numbers of the new rows of this rank."""
     size = matrices["K"].shape[0]
-    used = [np.unique(item.rows[item.values != 0]) for item in matrices.values()]
+    used = [np.unique(matrix.rows[matrix.values != 0]) for matrix in matrices.values()]
     kept, _ = number_over_ranks(comm, np.concatenate(used))
     count = comm.allreduce(len(kept))
     if count == size:
@@ -319,12 +319,12 @@ def _without_empty_rows(comm, matrices, warnings):
     warnings.append(f"{size - count} rows without stiffness and mass were left out")
     first = comm.exscan(len(kept)) or 0
     result = {}
-    for key, item in matrices.items():
-        asked = np.unique(np.concatenate([item.rows, item.columns]))
-        found, (new,) = look_up(comm, kept, [first + np.arange(len(kept))], asked)
-        i, j = (np.searchsorted(asked, end) for end in (item.rows, item.columns))
-        there = found[i] & found[j]
-        result[key] = Entries((count, count), new[i[there]], new[j[there]], item.values[there])
+    for key, matrix in matrices.items():
+        asked = np.unique(np.concatenate([matrix.rows, matrix.columns]))
+        has_row, (new,) = look_up(comm, kept, [first + np.arange(len(kept))], asked)
+        i, j = (np.searchsorted(asked, end) for end in (matrix.rows, matrix.columns))
+        there = has_row[i] & has_row[j]
+        result[key] = Entries((count, count), new[i[there]], new[j[there]], matrix.values[there])
     return result, kept
 
 
@@ -345,7 +345,7 @@ def _label_rows(comm, parts, rows, kept):
 
 
 def _turn(comm, parts, turn):
-    parts.matrices = {key: turned_entries(comm, turn, item) for key, item in parts.matrices.items()}
+    parts.matrices = {key: turned_entries(comm, turn, matrix) for key, matrix in parts.matrices.items()}
 
 
 def _finish(comm, parts, rows, turn, mask):
@@ -521,12 +521,12 @@ def _name_scalars(comm, parts, points):
     if not comm.allreduce(int(points.scalar.sum())):
         return
     mine = points.label[points.scalar]
-    for item in parts.matrices.values():
+    for matrix in parts.matrices.values():
         for end in ("rows", "columns"):
-            label = getattr(item, end)
+            label = getattr(matrix, end)
             node, direction = np.divmod(label, STRIDE)
             there, _ = look_up(comm, mine, [mine], node)
-            setattr(item, end, np.where(there & (direction == 0), label_of(node, np.full(len(node), SCALAR)), label))
+            setattr(matrix, end, np.where(there & (direction == 0), label_of(node, np.full(len(node), SCALAR)), label))
 
 
 class Op4(Reader):
@@ -561,20 +561,20 @@ class Bulk(Reader):
 def compare_mass(comm, path, deck, M: LabelledEntries) -> list[str]:
     """Compare the mass of M, without supports, with a listing or point masses; InputError if less. Collective."""
     same = (M.rows % STRIDE == M.columns % STRIDE) & (M.rows % STRIDE < 3)
-    found = float(max(comm.allreduce(np.bincount(M.rows[same] % STRIDE, M.values[same], 3))))  # in x, y, z
+    mass = float(max(comm.allreduce(np.bincount(M.rows[same] % STRIDE, M.values[same], 3))))  # in x, y, z
     told, source = decided(comm, _told, path)
     exact = told is not None
     if not exact:
         told, source = deck.point_mass, f"the CONM2 of {deck.path} sum up to"
     told *= deck.mass_unit
-    if found < (1 - SAME) * told:
+    if mass < (1 - SAME) * told:
         raise InputError(
-            f"{path}: found a mass of {found:.6g} in M, while {source} {told:.6g}; the file is cut off, or of another "
+            f"{path}: found a mass of {mass:.6g} in M, while {source} {told:.6g}; the file is cut off, or of another "
             "run: export it again"
         )
-    if exact and found > (1 + SAME) * told:
-        return [f"{path}: M has a mass of {found:.6g}, while {source} {told:.6g}; the two are of different runs"]
-    return [f"{path}: the mass of M, {found:.6g}, is what {source}"] if exact else []
+    if exact and mass > (1 + SAME) * told:
+        return [f"{path}: M has a mass of {mass:.6g}, while {source} {told:.6g}; the two are of different runs"]
+    return [f"{path}: the mass of M, {mass:.6g}, is what {source}"] if exact else []
 
 
 def _told(path):

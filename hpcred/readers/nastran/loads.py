@@ -109,9 +109,9 @@ def _scales(sid, combined) -> dict[int, float]:
     mine = [card for card in combined if card.whole(0, "the number of the load set") == sid]
     if not mine:
         return {sid: 1.0}
-    card, *more = mine
-    if more:
-        raise more[0].error(f"found a second LOAD of the number {sid}, expected one")
+    card, *repeated = mine
+    if repeated:
+        raise repeated[0].error(f"found a second LOAD of the number {sid}, expected one")
     overall, scales = card.real(1, "the factor", 1.0), {}
     for k in range(2, len(card.fields), 2):
         if not card.text(k) and not card.text(k + 1):
@@ -185,7 +185,7 @@ def _pressures(piece, table, lines, scale):
 def _press(path, comm, loads, pressed, elements, numbers):
     """Put pressures on the faces that cards name. Collective. Raises InputError."""
     empty = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 2), np.int64), np.zeros(0, bool)
-    wanted, pressure, corners, through = (np.concatenate(part) for part in zip(empty, *pressed, strict=True))
+    wanted, pressure, corners, through = (np.concatenate(columns) for columns in zip(empty, *pressed, strict=True))
     there = through.copy()  # a range may name numbers that no element has
     places = find_elements(comm, elements, numbers, wanted)
     with agreed(comm):

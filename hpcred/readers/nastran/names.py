@@ -37,7 +37,7 @@ def pairs(names: list[str]) -> list[Choice]:
         if damping in names:
             places["D"] = names.index(damping)
         choices.append((rank, Choice(places, letter)))
-    return [choice for _, choice in sorted(choices, key=lambda item: item[0])]
+    return [choice for _, choice in sorted(choices, key=lambda ranked: ranked[0])]
 
 
 def _set_of(rest):
@@ -54,7 +54,7 @@ def named(path, names: list[str], variables: dict[str, str]) -> dict[str, int]:
     chosen = {}
     for key, wanted in variables.items():
         name, _, which = wanted.upper().partition(":")
-        places = [k for k, item in enumerate(names) if item == name]
+        places = [k for k, other in enumerate(names) if other == name]
         if not places or not (which or "1").isdecimal() or not 0 < int(which or 1) <= len(places):
             raise InputError(f"{path}: found the matrices {', '.join(names)}, but none that is {key} = {wanted}")
         if not which and len(places) > 1:
@@ -81,7 +81,7 @@ def none_found(path, names) -> InputError:
 
 def single(path, matrices: list, key: str, variables: dict[str, str] | None):
     """Return the one matrix that a file is read for: K, M, D, B, C, Cv or Ca. Raises InputError."""
-    names = [item.name for item in matrices]
+    names = [one.name for one in matrices]
     if variables and key in variables:
         return matrices[named(path, names, {key: variables[key]})[key]]
     if len(names) == 1:
@@ -90,7 +90,7 @@ def single(path, matrices: list, key: str, variables: dict[str, str] | None):
         if key in choice.places:
             return matrices[choice.places[key]]
     starts = {"K": ("K", "STIF"), "M": ("M",), "D": ("B", "D")}.get(key, (key.upper(),))
-    fitting = [item for item in matrices if item.name.startswith(starts) and not item.name.startswith(STRUCTURAL)]
+    fitting = [one for one in matrices if one.name.startswith(starts) and not one.name.startswith(STRUCTURAL)]
     if len(fitting) == 1:
         return fitting[0]
     raise InputError(f"{path}: found the matrices {', '.join(names)}; say which is {key} by --variables {key}=NAME")

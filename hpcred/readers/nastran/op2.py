@@ -100,14 +100,14 @@ class _Chain:
 
     def pieces(self, words, kind=0) -> list[tuple[int, int]]:
         """Return the parts of a record of so many words, each followed by the words of the next one."""
-        parts = []
+        pieces = []
         while words > 0:
             place, count = self.record()
             if kind == 0 and count != words * self.size:  # of a matrix, numbers are counted
                 raise self.damaged(f"record of {words} words")
-            parts.append((place, count))
+            pieces.append((place, count))
             words = self.key()
-        return parts
+        return pieces
 
     def name(self, words) -> str:
         """Return a record with a name of so many words."""
@@ -148,13 +148,13 @@ class Block:
         return sum(count for _, count in self.records[record]) if record < len(self.records) else 0
 
     def bytes(self, record: int, low: int, high: int) -> np.ndarray:
-        parts, before = [np.zeros(0, np.uint8)], 0
+        chunks, before = [np.zeros(0, np.uint8)], 0
         for at, count in self.records[record]:
             a, b = max(low - before, 0), min(high - before, count)
             if a < b:
-                parts.append(read_numbers(self.path, np.uint8, b - a, offset=at + a))
+                chunks.append(read_numbers(self.path, np.uint8, b - a, offset=at + a))
             before += count
-        return np.concatenate(parts)
+        return np.concatenate(chunks)
 
     def integers(self, record: int, low=0, high=None) -> np.ndarray:
         """Return words low..high of a record as whole numbers."""
@@ -310,15 +310,15 @@ def _systems(table):
     if len(table.records) > 1:
         heads = table.integers(0).reshape(-1, 4)
         reals = table.bytes(1, 0, table.length(1)).view(f"{table.order}f8")
-        items = [(number, kind, reals[at - 1 : at + 11]) for number, kind, _, at in heads]
+        definitions = [(number, kind, reals[at - 1 : at + 11]) for number, kind, _, at in heads]
     else:
         kind = np.dtype([("whole", f"{table.order}i{table.size}", 2), ("real", f"{table.order}f{table.size}", 12)])
         if table.length(0) % kind.itemsize:
             raise InputError(f"{table.path}: found {table.length(0)} bytes in the table {table.name}, expected "
                              f"{kind.itemsize} a coordinate system")  # fmt: skip
-        items = [(*row["whole"], row["real"]) for row in table.bytes(0, 0, table.length(0)).view(kind)]
+        definitions = [(*row["whole"], row["real"]) for row in table.bytes(0, 0, table.length(0)).view(kind)]
     systems = {}
-    for number, kind, values in items:
+    for number, kind, values in definitions:
         axes = np.array(values[3:], dtype=float).reshape(-1, 3)
         if kind not in (1, 2, 3) or axes.shape != (3, 3) or np.abs(axes.T @ axes - np.eye(3)).max() > 1e-5:
             raise damaged_file(table.path, f"no axes of the coordinate system {number} in the table {table.name}")

@@ -130,7 +130,7 @@ def _decode(path, matrix, low, high):
     at = head[dense] + 3 * step
     strings = [(column[dense], first[dense], at, finish[dense])]
     strings += _strings(words, matrix.big, column[~dense], head[~dense] + 3 * step, finish[~dense], damaged)
-    column, row, at, stop = (np.concatenate(part) for part in zip(*strings, strict=True))
+    column, row, at, stop = (np.concatenate(arrays) for arrays in zip(*strings, strict=True))
     place = np.argsort(at)
     column, row, at, stop = column[place], row[place], at[place], stop[place]
     entries = (stop - at) // width
@@ -182,6 +182,6 @@ def _strings(words, big, column, at, end, damaged):
         if (length < 1).any() or (stop > end).any():
             raise damaged("a string of numbers that goes beyond its column")
         strings.append((column, row, at, stop))
-        more = stop < end
-        column, at, end = column[more], stop[more], end[more]
+        unfinished = stop < end
+        column, at, end = column[unfinished], stop[unfinished], end[unfinished]
     return strings

@@ -59,14 +59,14 @@ def real_values(path, matrix: Op4Matrix, numbers: np.ndarray) -> np.ndarray:
     return numbers[::2]
 
 
-def completed(path, comm, matrix: Op4Matrix, parts) -> Entries:
+def completed(path, comm, matrix: Op4Matrix, triplets) -> Entries:
     """Return entries from shares (rows, columns, values) of this rank, with what the form leaves out. Collective."""
     if matrix.form in TRIANGLES:
         raise InputError(
             f"{path}: found the matrix {matrix} as a triangular factor (form {matrix.form}), expected a whole matrix"
         )
-    i, j, v = joined(parts, (np.int64, np.int64, float))
-    del parts
+    i, j, v = joined(triplets, (np.int64, np.int64, float))
+    del triplets
     rows, columns = matrix.shape
     if matrix.form == DIAGONAL and columns == 1 < rows:  # the diagonal as one column
         return Entries((rows, rows), i, i.copy(), v)

@@ -56,10 +56,10 @@ def _header(path, start, stop, line, end):
 def read(path, comm, matrix: Op4Matrix) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Return rows and columns (from 0) and values of the pieces of this rank. Collective. Raises InputError."""
     with agreed(comm):
-        parts, last = [], []
+        triplets, last = [], []
         for piece in records(path, comm, *matrix.starts, COLUMN):
             i, j, v, columns = _decode(piece, matrix)
-            parts.append((i, j, v))
+            triplets.append((i, j, v))
             last += [int(columns[0]), int(columns[-1])] if len(columns) else []
     last = sum(comm.allgather(last), [])
     if not last or last[-1] != matrix.shape[1] + 1:
@@ -69,7 +69,7 @@ def read(path, comm, matrix: Op4Matrix) -> list[tuple[np.ndarray, np.ndarray, np
         )
     if any(later < earlier for earlier, later in zip(last, last[1:], strict=False)):
         raise damaged_file(path, f"columns that do not ascend in the matrix {matrix}")
-    return parts
+    return triplets
 
 
 def _decode(piece, matrix):

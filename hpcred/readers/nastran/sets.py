@@ -66,7 +66,7 @@ def _marked(deck) -> tuple[str | None, list[Marked]]:
     for key, sets in chosen.items():
         if sets is None:
             return f"more than one set of {key} in {deck.path}, and no word on which one was used", []
-    return None, [item for card in deck.cards for item in _marked_by(card, chosen)]
+    return None, [marked for card in deck.cards for marked in _marked_by(card, chosen)]
 
 
 def _chosen(deck, key):
@@ -145,14 +145,14 @@ def hold_rotations_of_solids(deck: Deck, comm, points: Points) -> bool:
     """Mark rotations of points of solids only, and lone points, as AUTOSPC; return if known. Collective."""
     if deck.unknown:
         return False
-    solid, other = ([part.ravel() for kind, part in deck.elements.items() if (kind in SOLID) == which]
+    solid, other = ([corners.ravel() for kind, corners in deck.elements.items() if (kind in SOLID) == which]
                     for which in (True, False))  # fmt: skip
     rigid = [whole_of(word, card.error, "a point") for card in deck.cards if card.name.startswith("RB")
              for word in card.fields[1:] if word.isdecimal()] if comm.rank == 0 else []  # fmt: skip
     other += [deck.other, np.array(rigid, dtype=np.int64)]
     touched = []
-    for part in (solid, other):
-        distinct, _ = number_over_ranks(comm, np.concatenate([np.zeros(0, np.int64), *part]))
+    for corners in (solid, other):
+        distinct, _ = number_over_ranks(comm, np.concatenate([np.zeros(0, np.int64), *corners]))
         touched.append(look_up(comm, distinct, [distinct], points.label)[0])
     rotations, loose = touched[0] & ~touched[1] & ~points.scalar, ~touched[0] & ~touched[1] & ~points.scalar
     points.marks[rotations, 3:] |= HELD

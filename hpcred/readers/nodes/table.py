@@ -44,10 +44,10 @@ class NodeTable:
         return cls.as_given(comm, label, np.stack(columns, axis=1))
 
 
-def elements_of(comm, parts: dict[str, list[np.ndarray]], order=None) -> dict[str, np.ndarray]:
+def elements_of(comm, tables: dict[str, list[np.ndarray]], order=None) -> dict[str, np.ndarray]:
     """Return node numbers (elements of this rank, nodes), `order` of them by kind, the same kinds on all ranks."""
-    kinds = sorted(set().union(*comm.allgather(set(parts))))
-    elements = {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *parts.get(kind, [])]) for kind in kinds}
+    kinds = sorted(set().union(*comm.allgather(set(tables))))
+    elements = {kind: np.concatenate([np.zeros((0, NODES[kind]), np.int64), *tables.get(kind, [])]) for kind in kinds}
     return {kind: nodes[:, (order or {}).get(kind, slice(None))] for kind, nodes in elements.items()}
 
 

@@ -72,25 +72,25 @@ def read(path, comm) -> Mesh:
     """Return what a file has. Collective. Raises InputError."""
     sets = datasets(path, comm)
     with agreed(comm):
-        nodes = [item for item in sets if item[0] in NODE_LINES]
+        nodes = [dataset for dataset in sets if dataset[0] in NODE_LINES]
         if not nodes:
             numbers = ", ".join(str(number) for number, *_ in sets)
             raise InputError(
                 f"{path}: found 0 datasets of nodes (of the datasets {numbers or 'none'}), expected one of "
                 "15, 781 or 2411"
             )
-        systems = _global_systems(path, [item for item in sets if item[0] in (18, 2420)])
-    table = _together(path, comm, [_node_table(path, comm, systems, *item) for item in nodes])
+        systems = _global_systems(path, [dataset for dataset in sets if dataset[0] in (18, 2420)])
+    table = _together(path, comm, [_node_table(path, comm, systems, *dataset) for dataset in nodes])
     elements, groups, remarks = {}, {}, []
     with agreed(comm):
         if comm.rank == 0:
-            elements, numbers = _elements(path, [item for item in sets if item[0] in ELEMENTS])
-            members = [group for item in sets if item[0] in GROUPS for group in _members(path, *item)]
+            elements, numbers = _elements(path, [dataset for dataset in sets if dataset[0] in ELEMENTS])
+            members = [group for dataset in sets if dataset[0] in GROUPS for group in _members(path, *dataset)]
             groups, remarks = _groups(path, members, elements, numbers)
     mine = {name: groups.get(name, np.zeros(0, np.int64)) for name in comm.bcast(list(groups))}
     return Mesh(
         table, elements_of(comm, elements, TO_VTK),
-        {name: sort_over_ranks(comm, found)[0] for name, found in mine.items()}, remarks,
+        {name: sort_over_ranks(comm, nodes_of_group)[0] for name, nodes_of_group in mine.items()}, remarks,
     )  # fmt: skip
 
 
@@ -268,8 +268,8 @@ def _elements(path, sets):
             bad = wrong[0] if wrong.size else heads[-1]
             raise piece.refusal(int(lines[bad]), "number, kind and number of nodes of an element, and its nodes")
         first = np.minimum(heads + skip[heads], len(at) - 1)
-        given = np.append(at, len(values))[np.minimum(following[heads], len(at))] - at[first]
-        piece.require(given == nodes[heads], lines[heads], "as many nodes below as it says")
+        lengths = np.append(at, len(values))[np.minimum(following[heads], len(at))] - at[first]
+        piece.require(lengths == nodes[heads], lines[heads], "as many nodes below as it says")
         for code, name in KINDS.items():
             mine = (kind[heads] == code) & (nodes[heads] == NODES[name])
             if mine.any():

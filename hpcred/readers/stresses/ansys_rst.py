@@ -33,8 +33,8 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         file = RecordFile(path, FILE)
         header, _ = file.record(STANDARD + 3)
         sets = [(place, file.record(place)[0]) for place in file.record(int(header[INDEX]))[0][: header[SETS]].tolist()]
-        for _, item in sets:
-            _require(file, item)
+        for _, results in sets:
+            _require(file, results)
         if not sets:
             raise InputError(f"{path}: found no results, expected one load step a column")
         share = slice(*row_range(comm, int(sets[0][1][COUNT])))
@@ -51,7 +51,7 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         place = order[np.searchsorted(numbers, label, sorter=order).clip(max=len(numbers) - 1)]
         if (numbers[place] != label).any():
             raise InputError(f"{path}: found stresses at nodes that the file does not have; it is damaged")
-        moved = np.stack([_displacements(file, *item, place, len(numbers)) for item in sets])
+        moved = np.stack([_displacements(file, *results, place, len(numbers)) for results in sets])
     return label, moved, mean
 
 

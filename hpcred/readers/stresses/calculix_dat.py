@@ -95,8 +95,9 @@ def _step(path, comm, blocks, mesh, name):
         for block in blocks:
             decode = _moved if block.title == MOVED else stresses_of
             tables[block.title].append(end_to_end(pieces(path, comm, block.start, block.stop), decode))
-    label, place = (np.concatenate(part) for part in zip(*tables[MOVED], strict=True))
-    stresses = PointStresses(comm, *(np.concatenate(part) for part in zip(*tables[STRESSES], strict=True)), path, name)
+    label, place = (np.concatenate(column) for column in zip(*tables[MOVED], strict=True))
+    columns = (np.concatenate(column) for column in zip(*tables[STRESSES], strict=True))
+    stresses = PointStresses(comm, *columns, path, name)
     at, stress = [np.zeros(0, np.int64)], [np.zeros((0, 6))]
     for kind in SOLIDS:
         if kind not in mesh.elements:
@@ -119,7 +120,7 @@ def read_points(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return numbers of elements (r,) and of points (r,) from 1, and stresses (r, 6) xx, yy, zz, xy, yz, zx of this
     rank, in the unit of the file. Collective. Raises InputError for other contents than stresses of one time."""
     with agreed(comm):
-        parts, times = [], set()
+        tables, times = [], set()
         for piece in pieces(path, comm):
             for title, time in TITLE.findall(piece.text):
                 if title.strip() != STRESSES:
@@ -128,8 +129,8 @@ def read_points(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
                         "directions only; print nothing but S by *EL PRINT"
                     )
                 times.add(time)
-            parts.append(stresses_of(Piece(path, TITLE.sub(b"", piece.text), piece.start)))
-        element, point, stress = joined(parts, (np.int64, np.int64, float))
+            tables.append(stresses_of(Piece(path, TITLE.sub(b"", piece.text), piece.start)))
+        element, point, stress = joined(tables, (np.int64, np.int64, float))
     stress = stress.reshape(-1, 6)
     instants = sorted(set().union(*comm.allgather(times)))
     if len(instants) != 1:

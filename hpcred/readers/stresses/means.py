@@ -20,7 +20,7 @@ def means_at_nodes(path, comm, steps: Iterable[tuple]) -> tuple[np.ndarray, np.n
             f"{path}: found two displacements of the node {twice} in step {len(means) + 1}, expected one"))  # fmt: skip
         at, *columns = sort_over_ranks(comm, at, list(stress.T))
         node, start, counts = np.unique(at, return_index=True, return_counts=True)
-        mean = np.array([np.add.reduceat(item, start) if len(start) else item for item in columns]).T / counts[:, None]
+        mean = np.array([np.add.reduceat(sums, start) if len(start) else sums for sums in columns]).T / counts[:, None]
         there, values = look_up(comm, label, list(place.T), node)
         if comm.allreduce(int((~there).sum())):
             raise InputError(f"{path}: found stresses at nodes without displacements, expected those of all nodes, as "

@@ -76,8 +76,8 @@ def _steps(path) -> list[list[Entries]]:
             entries = _described(table, k)
             others = steps.setdefault(entries.subcase, {})
             if entries.type_ in others:
-                what = f"stresses of the element type {entries.type_}" if entries.type_ else "displacements"
-                raise InputError(f"{path}: found {what} twice in subcase {entries.subcase}, expected those of one run")
+                of = f"stresses of the element type {entries.type_}" if entries.type_ else "displacements"
+                raise InputError(f"{path}: found {of} twice in subcase {entries.subcase}, expected those of one run")
             others[entries.type_] = entries
     without = [number for number, step in sorted(steps.items()) if 0 not in step or len(step) == 1]
     if without or not steps:
@@ -127,7 +127,7 @@ def _step(comm, step):
             if entries.type_:
                 _require_solids(entries, whole, number, head)
                 corners = (-1, 1 + CORNERS[entries.type_], CORNER)
-                grid, values = (part[:, HEAD:].reshape(corners)[:, 1:] for part in (whole, real))
+                grid, values = (words[:, HEAD:].reshape(corners)[:, 1:] for words in (whole, real))
                 grid, values = grid[..., 0].ravel(), values[..., PLACES].reshape(-1, len(PLACES))
                 at.append(grid)
                 stress.append(values)

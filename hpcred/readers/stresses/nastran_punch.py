@@ -53,9 +53,9 @@ def read(path, comm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         for block in blocks:
             columns = end_to_end(records(path, comm, block.start, block.stop, FIRST), _reader_of(block))
             (stressed if block.kind else moved).setdefault(block.subcase, []).append(columns)
-    parts = ((np.concatenate(part) for table in (moved, stressed) for part in zip(*table[subcase], strict=True))
+    arrays = ((np.concatenate(chunks) for table in (moved, stressed) for chunks in zip(*table[subcase], strict=True))
              for subcase in sorted(moved))  # fmt: skip
-    return means_at_nodes(path, comm, parts)
+    return means_at_nodes(path, comm, arrays)
 
 
 def _blocks(path) -> list[Block]:

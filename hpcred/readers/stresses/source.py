@@ -39,7 +39,7 @@ def read_answers(path, comm) -> Answers:
     """Read the results of a program by its format. Collective. Raises InputError."""
     with agreed(comm):
         start = first_bytes(path)
-        known = [item for item in FORMATS if item[0](start)]
+        known = [entry for entry in FORMATS if entry[0](start)]
         if not known:
             raise InputError(f"{path}: found no results of a known program, expected a .frd or .dat file of CalculiX, "
                              "a .rst file of ANSYS, a punch file of Nastran, or its OUTPUT2")  # fmt: skip
@@ -52,7 +52,7 @@ def read_answers(path, comm) -> Answers:
             raise
         raise damaged_file(path, f"records that do not fit each other ({error})") from error
     with agreed(comm):
-        for what in ("displacement", "stress"):
-            if not (np.abs(getattr(answers, what)) <= LARGEST).all():
-                raise damaged_file(path, f"a {what} that is no number, or none of a body")
+        for quantity in ("displacement", "stress"):
+            if not (np.abs(getattr(answers, quantity)) <= LARGEST).all():
+                raise damaged_file(path, f"a {quantity} that is no number, or none of a body")
     return answers
