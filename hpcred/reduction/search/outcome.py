@@ -36,7 +36,6 @@ SHARP = 5e-4  # damping ratio of these
 PASSES = 4  # of projections
 TRIALS = 8  # compressions, each with the frequencies where the one before was too bad, until nothing is compressed
 SHOWN = 1e-6  # of the tolerance: what a curve that is kept shows
-TOGETHER = 2**22  # errors of single responses that are held at a time
 
 
 class Outcome(NamedTuple):
@@ -230,8 +229,8 @@ def accuracy_of(search: Search, reason, pair, frequencies, curve, *, largest, no
 
 def directions_of(pair, frequencies, band, model) -> tuple[Direction, ...]:
     """Return the accuracy of each output, the least accurate first; local."""
-    by = measure_over(MEASURES["directions"], band, pair.outer)
-    chunks = np.array_split(frequencies, 1 + len(frequencies) * len(by.outputs) * len(by.inputs) // TOGETHER)
-    pair = pair.by(by)
-    return directions_table(by, ((chunk, pair.each(chunk), pair.outer.responses(chunk)[0]) for chunk in chunks),
-                            model.output_names, model.input_names)  # fmt: skip
+    by, at = measure_over(MEASURES["directions"], band, pair.outer), frequencies[:1]
+    found = pair.by(by).errors(frequencies)
+    H, drive = pair.responses(at)
+    first = by.each(pair.difference(at), H, drive)[0], H[0]
+    return directions_table(by, frequencies, found.outputs, found.worst, first, model.output_names, model.input_names)

@@ -58,7 +58,8 @@ class States:
         if fixed is not None:
             states = states - times(fixed, times(fixed.T, states))
         self._states, self._width = columns(states), states.shape[2]
-        self._known, self._noise = pair.outer.responses(frequencies), None
+        self._H, drive = pair.outer.responses(frequencies)
+        self._scales, self._noise = pair.measure.scales(self._H, drive), None
         self._ties = 1 + TIE * np.linspace(0.0, 1.0, states.shape[2])
         self.balances = BALANCES if states.shape[2] > self._inputs else BALANCES[:1]
         self.reset()
@@ -83,15 +84,16 @@ class States:
         """Return the largest error of a model on orthonormal columns."""
         inside = self.pair.within(span if self._inward is None else np.linalg.qr(self._inward @ span)[0])
         measure = self.pair.measure
-        plain = self._known[0] - inside.inner.quick_response(self.frequencies)
-        each = measure.each(plain, *self._known)
+        plain = self._H - inside.inner.quick_response(self.frequencies)
+        each = measure.scaled(plain, *self._scales)
         # plain subtraction is quick, and serves where its round-off is no matter; a NaN, as at 0 Hz, does not compare
         if self._noise is None:
             some = slice(None, None, EACH)
             wrong = plain[some] - inside.difference(self.frequencies[some])
-            self._noise = float(np.nanmax(measure.eps(wrong, *(known[some] for known in self._known)), initial=0.0))
+            of_these = measure.total(measure.scaled(wrong, *(scales[some] for scales in self._scales)))
+            self._noise = float(np.nanmax(of_these, initial=0.0))
         if not measure.total(each).max() > CLEAR * self._noise:
-            each = measure.each(inside.difference(self.frequencies), *self._known)
+            each = measure.scaled(inside.difference(self.frequencies), *self._scales)
         self._each = np.minimum(each, LARGE)
         return measure.total(self._each).max()
 
