@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...parallel.decisions import decided
+from ...parallel.decisions import Team, decided, decided_with
 from ...parallel.failures import InputError
 from ...parallel.progress import counted
 from ..result.accuracy import Accuracy
@@ -57,13 +57,13 @@ def outcome_of(search: Search, drop_above=None, beside=0) -> Outcome:
     with search.run.progress.stage("project"):
         kept = project_again(search, kept)
     with search.run.progress.stage("compress"):
-        factor, accuracy = decided(search.run.model.comm, _compressed, search, drop_above, kept, beside)
+        factor, accuracy = decided_with(search.run.model.comm, _compressed, search, drop_above, kept, beside)
     return Outcome(factor, accuracy, search.projections)
 
 
-def _compressed(search, drop_above, kept, beside):
+def _compressed(team, search, drop_above, kept, beside):
     judge = search.judge
-    small = compress(judge, search.reason, drop_above, kept, beside)
+    small = compress(team, judge, search.reason, drop_above, kept, beside)
     rest = judge.estimate if small.reason else min(judge.estimate, 3 * judge.floor)
     return small.factor, accuracy_of(
         search, small.reason, small.pair, small.frequencies, small.curve, largest=float(small.curve.max()) + rest,
@@ -84,8 +84,11 @@ class Compressed(NamedTuple):
     reason: str
 
 
-def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarray, beside: int) -> Compressed:
-    """Return the few combinations of a basis that the tolerance asks for, after a search; local.
+def compress(
+    team: Team, judge: Judge, reason: str, drop_above: float | None, kept: np.ndarray, beside: int
+) -> Compressed:
+    """Return the few combinations of a basis that the tolerance asks for, after a search; on the rank
+    of a team that decides.
 
     `reason`: why the search ended before the tolerance was reached, or "". The columns `kept` (m, c), in terms of
     those of the basis, stay in the span. Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the
@@ -93,7 +96,7 @@ def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarr
     """
     eps, est, noise = judge.settings.tolerance, judge.estimate, max(judge.noise, judge.lost)
     outer = judge.projections.model()
-    whole = judge.compare(outer, outer, np.eye(len(outer)))
+    whole = judge.compare(outer, outer, np.eye(len(outer)), team=team)
     goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
     fixed = np.linalg.qr(outer.coordinates_of(kept))[0] if kept.shape[1] else kept
     pair, frequencies, curve, limited = _reach(judge, whole, goal, fixed, beside)

@@ -7,13 +7,14 @@ their distance is a fraction of that to the nearest pole.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ...linalg.known import ModeCount
 from ...linalg.pencil import LEAST_MASS
+from ...parallel.decisions import Place, Team
 from ..result.measure import Measure, Paper, drive_points
 from ..result.oscillating_poles import places_of_poles
 from .pseudo_modal import NUMBERS_AT_A_TIME, Keeping, Proportional, PseudoModal, difference, kept
@@ -31,6 +32,8 @@ SMALL = 0.1  # of the static stiffness: what added terms add to it where the res
 LOWEST = 200  # decades below the band, in which that is sought
 WIDE = 4.0  # ratio of the ends of an interval that is parted on a logarithmic scale
 CLEAR = 1e2  # times the round-off of plain subtraction, above which an error is known by it
+WORTH_SHARING = 2**23  # multiplications, which take as long as to send the models to other ranks
+ALONE = Team()
 PLACES = 1000  # of a curve that are refined at once; one of round-off has maxima everywhere, and grids must end
 
 
@@ -50,12 +53,17 @@ class Errors(NamedTuple):
 @dataclass(frozen=True)
 class Comparison(Keeping):
     """A model `inner` inside of a richer one, `outer`, by its `embedding` (see pseudo_modal.nested), and the measure of
-    how far its responses are from those of that. Local."""
+    how far its responses are from those of that. Local, on rank 0 of a `team` that computes the errors with it, where
+    they are many."""
 
     inner: PseudoModal
     outer: PseudoModal
     embedding: np.ndarray
     measure: Measure
+    team: Team = field(default=ALONE, compare=False, repr=False)
+
+    def __getstate__(self):
+        return super().__getstate__() | {"team": ALONE}
 
     def within(self, U) -> Comparison:
         """Return the comparison of the model on orthonormal columns U (m, k) of the coordinates of `outer` with that.
@@ -84,7 +92,19 @@ class Comparison(Keeping):
 
     def _errors(self, frequencies) -> Errors:
         io = self.outer.io
-        numbers = len(frequencies) * io.output_count * io.inputs.shape[1]
+        work = len(frequencies) * len(self.outer) * io.inputs.shape[1] * (io.output_count + len(self.inner))
+        if work < WORTH_SHARING or len(frequencies) < self.team.size:
+            return self._errors_here(frequencies)
+        parts, found = self.team.each(_errors_of_share, self, frequencies), []
+        for arrays in zip(*parts, strict=True):
+            merged = np.empty((len(frequencies), *arrays[0].shape[1:]), arrays[0].dtype)
+            for rank, array in enumerate(arrays):
+                merged[rank :: len(parts)] = array
+            found.append(merged)
+        return Errors(*found)
+
+    def _errors_here(self, frequencies) -> Errors:
+        numbers = len(frequencies) * self.outer.io.output_count * self.outer.io.inputs.shape[1]
         chunks = np.array_split(frequencies, max(1, -(-numbers // NUMBERS_AT_A_TIME)))
         return Errors(*map(np.concatenate, zip(*map(self._errors_of_few, chunks), strict=True)))
 
@@ -125,6 +145,10 @@ class Comparison(Keeping):
         """Return the same with another proportional damping."""
         inner, outer = (replace(model, damping=damping) for model in (self.inner, self.outer))
         return replace(self, inner=inner, outer=outer)
+
+
+def _errors_of_share(place: Place, pair: Comparison, frequencies) -> Errors:
+    return pair._errors_here(place.share(frequencies))
 
 
 @dataclass(frozen=True)

@@ -41,18 +41,18 @@ def is_for(model: PseudoModal) -> bool:
     return (bool(model.operator) or model.N is not None) and not model.damping.higher
 
 
-def refined(snapshots, wide, best, goal: float) -> np.ndarray:
+def refined(snapshots, pair, frequencies, wide, best, goal: float) -> np.ndarray:
     """Return orthonormal columns (m, k), combinations of `wide` (m, w) and as few as the goal allows for the error of
-    `snapshots` (see compression.Snapshots); `best` (m, k) if fewer are not found.
+    `snapshots` (see compression.SharedSnapshots), those of `pair` at frequencies (S,); `best` (m, k) if fewer are not
+    found.
 
     The columns `wide` are orthonormal and in the order of what they matter, those that stay in the span first.
     """
     kept, w = snapshots.fixed.shape[1], wide.shape[1]
-    (states,) = snapshots.states
-    if len(states.frequencies) * w * w > NUMBERS_AT_A_TIME:
+    if len(frequencies) * w * w > NUMBERS_AT_A_TIME:
         return best
-    errors = Errors(states.pair, states.frequencies, wide, kept)
-    few = Errors(states.pair, states.frequencies[::EACH], wide, kept)
+    errors = Errors(pair, frequencies, wide, kept)
+    few = Errors(pair, frequencies[::EACH], wide, kept)
     for count in range(best.shape[1] - 1, kept, -1):
         if not errors.are_finite or errors.count * ((w - count) * (count - kept)) ** 2 > WORK:
             break
