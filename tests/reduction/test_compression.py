@@ -110,7 +110,9 @@ def test_the_uncompressed_model_is_kept_where_no_compression_reaches_the_goal(mo
 @pytest.mark.mpi(ranks=(1, 2, 3))
 @pytest.mark.parametrize("kind", ["plain", "outputs", "unsymmetric D, outputs"])
 def test_any_number_of_ranks_gives_the_same_curves_and_columns(comm, kind, monkeypatch):
-    """Each rank computes errors and states at a share of the frequencies; as of one rank alone."""
+    """Each rank computes errors and states at a share of the frequencies; as of one rank alone. Steps of a refinement,
+    in single precision, would let round-off grow."""
+    monkeypatch.setattr(compression.refinement, "is_for", lambda model: False)
     monkeypatch.setattr(error_estimate, "WORTH_SHARING", 0)
     monkeypatch.setattr(compression, "WORTH_SHARING", 0)
     model = model_of(kind, UNDAMPED if "D" in kind else Proportional(eta=2e-3))

@@ -17,7 +17,7 @@ BALANCES = (1.0, 0.1, 10.0, 0.01, 100.0)  # of the states of inputs beside those
 LITTLE = 1e-3  # of the goal: errors that are no matter
 WIDE = 0.1  # of the goal: error of the columns that a refinement combines
 EACH = 8  # of so many frequencies one, at which round-off of plain subtraction is looked at
-AT_A_TIME = 2**11  # columns of states whose products are in the cache
+AT_A_TIME = 2**10  # columns of states whose products are in the cache
 TIE = 0.01  # by how much the first input or output counts less than the last, so that equal directions have an order
 
 

@@ -158,6 +158,8 @@ def _turned(errors: Errors, start, goal):
             N = np.linalg.qr(here.U, mode="complete")[0][:, here.U.shape[1] :]
             noticed = np.abs(here.errors) > NOTICED * top
             system = _normal_equations(here.errors[noticed] / top, errors.derivative(here, N, noticed) / top)
+            if not np.isfinite(system[0]).all() or not system[0].any():  # beyond single precision: no step is known
+                break
             before = _sum_of_powers(here, top)
         matrix, gradient = system
         diagonal = np.diag(matrix)
