@@ -119,9 +119,10 @@ def errors_of(
         by = replace(by, inputs=tuple(IDLE if no else value for no, value in zip(idle, by.inputs, strict=True)))
     used = asked or (by if accuracy is None or anew else known)
     used = by if isinstance(used, Directions) else used
-    table = directions_table(
-        by, [(frequencies, by.each(full - of_reduced, full, drive), full)], reduced.output_names, reduced.input_names
-    )
+    each = by.each(full - of_reduced, full, drive)
+    worst, first = np.where(np.isnan(each), np.inf, each).argmax(axis=2), (each[0], full[0])
+    names = reduced.output_names, reduced.input_names
+    table = directions_table(by, frequencies, each.max(axis=2), worst, first, *names)
     return Errors(relative_error(full, of_reduced, used, drive=drive), used, table)
 
 

@@ -4,6 +4,9 @@ Ranks with other processors may have other BLAS kernels, whose last digits diffe
 comparison, an eigenvector or a division is therefore computed on one rank and sent, here and nowhere else.
 """
 
+from dataclasses import dataclass, field
+from typing import Any
+
 from .failures import agreed, common_to
 
 
@@ -30,3 +33,75 @@ def shared_out(comm, function, items) -> list:
         mine = [function(item) for item in items[comm.rank :: comm.size]]
     by_rank = comm.allgather(mine)
     return [by_rank[i % comm.size][i // comm.size] for i in range(len(items))]
+
+
+@dataclass
+class Place:
+    """A rank of a team: which one of how many, and what it has `made` for later parts of the same decision."""
+
+    rank: int = 0
+    size: int = 1
+    made: dict[str, Any] = field(default_factory=dict)
+
+    def share(self, items):
+        """Return the items of this rank."""
+        return items[self.rank :: self.size]
+
+
+class Team:
+    """All ranks of a communicator, which compute parts of a decision that rank 0 takes (see decided_with); by default
+    this rank alone."""
+
+    def __init__(self, comm=None):
+        self._comm, self._place = comm, Place(0, comm.size if comm is not None else 1)
+
+    @property
+    def size(self) -> int:
+        return self._place.size
+
+    def each(self, function, *arguments) -> list:
+        """Return function(place, *arguments) of all ranks: a local function of a module, of small arguments. On rank 0
+        alone, which decides; the others follow."""
+        if self.size == 1:
+            return [function(self._place, *arguments)]
+        self._comm.bcast((function, arguments))
+        outcomes = self._comm.gather(_tried(function, self._place, *arguments))
+        for _, error in outcomes:
+            if error is not None:
+                raise error
+        return [value for value, _ in outcomes]
+
+    def follow(self):
+        """Compute what rank 0 asks for, until it has decided."""
+        place = Place(self._comm.rank, self._comm.size)
+        while (task := self._comm.bcast(None)) is not None:
+            function, arguments = task
+            self._comm.gather(_tried(function, place, *arguments))
+
+    def dismiss(self):
+        """Have the others follow no more."""
+        if self.size > 1:
+            self._comm.bcast(None)
+
+
+def decided_with(comm, function, *arguments):
+    """function(team, *arguments) as rank 0 of `comm` finds it, on all ranks, where it may ask the team of all for
+    parts that take long; what it raises is raised on all. Collective."""
+    team = Team(comm)
+
+    def lead():
+        try:
+            return function(team, *arguments)
+        finally:
+            team.dismiss()
+
+    if comm.rank:
+        team.follow()
+    return decided(comm, lead)
+
+
+def _tried(function, *arguments):
+    try:
+        return function(*arguments), None
+    except Exception as error:
+        return None, error

@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from hpcred.parallel import failures
-from hpcred.parallel.decisions import decided
+from hpcred.parallel.decisions import decided, decided_with
 from hpcred.parallel.failures import InputError, Owned, agreed
 
 
@@ -218,3 +218,35 @@ def test_the_environment_switches_tracebacks_on_and_off(monkeypatch, capsys, val
     said = capsys.readouterr().err
     assert said.endswith("hpcred: error: a sentence\n")
     assert ("InputError: a sentence" in said) == shown
+
+
+def ranks_of(place, items):
+    place.made["sum"] = place.made.get("sum", 0) + len(place.share(items))
+    return place.rank, place.made["sum"]
+
+
+def fails_on(place, rank):
+    if place.rank == rank:
+        raise ValueError(f"no such number on rank {place.rank}")
+
+
+@pytest.mark.mpi(ranks=(1, 2, 3))
+def test_a_team_computes_parts_of_a_decision(comm):
+    """Each rank its share, and with what it has made before; rank 0 alone decides."""
+
+    def decision(team, count):
+        first, second = team.each(ranks_of, range(count)), team.each(ranks_of, range(count))
+        return [rank for rank, _ in first], sum(made for _, made in second)
+
+    assert decided_with(comm, decision, 7) == (list(range(comm.size)), 14)
+    assert decided_with(comm, decision, 7) == (list(range(comm.size)), 14)  # nothing is left of the one before
+
+
+@pytest.mark.mpi(ranks=(2, 3))
+@pytest.mark.parametrize("rank", [0, 1])
+def test_what_a_member_of_a_team_raises_is_raised_on_all(comm, rank):
+    with pytest.raises(ValueError, match=f"no such number on rank {rank}"):
+        decided_with(comm, lambda team: team.each(fails_on, rank))
+    with pytest.raises(ZeroDivisionError):
+        decided_with(comm, lambda team: 1 // comm.rank)
+    assert decided_with(comm, lambda team: team.size) == comm.size

@@ -1,5 +1,6 @@
 """The compression reaches its goal with few columns, against dense responses."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,13 +8,14 @@ import pytest
 from adaptive_models import chain, unit
 
 import hpcred
+from hpcred.parallel.decisions import decided_with
 from hpcred.reduction.result.measure import MEASURES
 from hpcred.reduction.search import outcome
 from hpcred.reduction.search.outcome import TRIALS
-from hpcred.reduction.small import compression
-from hpcred.reduction.small.compression import compressed, snapshots
+from hpcred.reduction.small import compression, error_estimate
+from hpcred.reduction.small.compression import States, compressed
 from hpcred.reduction.small.error_estimate import Comparison, grid, measure_over
-from hpcred.reduction.small.pseudo_modal import UNDAMPED, InputsOutputs, Proportional, columns, diagonalised
+from hpcred.reduction.small.pseudo_modal import UNDAMPED, InputsOutputs, Proportional, diagonalised
 
 BAND = (0.0, 10.0)
 
@@ -59,8 +61,7 @@ def test_goal_is_reached(kind, goal, measured):
 
     assert error(U) <= goal + 1e-9
     # at least as good as the plain singular vectors
-    flat = columns(snapshots(model, S, pair.measure))
-    plain = np.linalg.svd(flat, full_matrices=False)[0]
+    plain = np.linalg.eigh(States.whole(pair, S).gram())[1][:, ::-1]
     assert error(plain[:, : U.shape[1] - 1]) > goal or U.shape[1] == 1
     few = compressed(pair, S, goal, most=4)
     assert few.shape[1] == 4
@@ -104,3 +105,28 @@ def test_the_uncompressed_model_is_kept_where_no_compression_reaches_the_goal(mo
     found, _, curve, limited = outcome._reach(judge, pair, 1e-3, np.zeros((60, 0)), 0)
     assert found.embedding.shape == (60, 60) and curve.max() < 1e-9 and not limited
     assert len(tried) == TRIALS == 8 and tried[1] > tried[0]
+
+
+@pytest.mark.mpi(ranks=(1, 2, 3))
+@pytest.mark.parametrize("kind", ["plain", "outputs", "unsymmetric D, outputs"])
+def test_any_number_of_ranks_gives_the_same_curves_and_columns(comm, kind, monkeypatch):
+    """Each rank computes errors and states at a share of the frequencies; as of one rank alone. Steps of a refinement,
+    in single precision, would let round-off grow."""
+    monkeypatch.setattr(compression.refinement, "is_for", lambda model: False)
+    monkeypatch.setattr(error_estimate, "WORTH_SHARING", 0)
+    monkeypatch.setattr(compression, "WORTH_SHARING", 0)
+    model = model_of(kind, UNDAMPED if "D" in kind else Proportional(eta=2e-3))
+    S, alone = grid([model], BAND, 50), whole(model, "directions")
+
+    def shared(team):
+        pair = replace(alone, team=team)
+        U = compressed(pair, S, 1e-3)
+        return U.shape[1], pair.within(U).errors(S)
+
+    count, found = decided_with(comm, shared)
+    U = compressed(alone, S, 1e-3)
+    expected = alone.within(U).errors(S)
+    assert count == U.shape[1]
+    assert np.allclose(found.total, expected.total, rtol=1e-3, atol=1e-9)
+    assert np.allclose(found.h, expected.h, rtol=1e-9) and np.allclose(found.g, expected.g, rtol=1e-9)
+    assert (found.outputs.max(axis=1) == found.total).all() and found.noise.max() < 1e-9

@@ -55,7 +55,7 @@ def snapshots_at(points, projections, settings, fixed, count=None, coarse=False)
 def _states(projections, point, settings, count, coarse) -> States:
     pair, outward, inward = turned(projections, point, settings, count, COARSE if coarse else UNIFORM)
     S = grid([pair.outer], settings.band, COARSE, None) if coarse else grid([pair.outer], settings.band, ALONG)
-    return States(pair, S, outward=outward, inward=inward)
+    return States.whole(pair, S, outward=outward, inward=inward)
 
 
 def turned(projections, point, settings, count=None, uniform=UNIFORM) -> tuple[Comparison, np.ndarray, np.ndarray]:

@@ -25,26 +25,19 @@ class Direction:
     worst_input: str
 
 
-def directions_table(by: Directions, chunks, outputs, inputs) -> tuple[Direction, ...]:
+def directions_table(by: Directions, frequencies, errors, worst, first, outputs, inputs) -> tuple[Direction, ...]:
     """Return the accuracy of each of the `outputs` under the `inputs` (names), the least accurate output first.
 
-    `chunks`: of the band, as frequencies (S,) in Hz, errors by the measure, and responses, both (S, r, p).
+    `errors` (S, r): of the outputs by the measure at frequencies (S,) in Hz, under the inputs `worst` (S, r); `first`:
+    errors and responses at the first of these, both (r, p).
     """
-    first, largest = None, [(-1.0, 0.0, 0)] * len(outputs)
-    for frequencies, each, H in chunks:
-        first = first or (each[0], np.abs(H[0]))
-        each = np.where(np.isnan(each), np.inf, each)
-        for j in range(len(outputs)):
-            k, i = np.unravel_index(each[:, j].argmax(), each[:, j].shape)
-            if each[k, j, i] > largest[j][0]:
-                largest[j] = float(each[k, j, i]), float(frequencies[k]), int(i)
-    (errors, sizes), g = first, np.sqrt(np.maximum(by.inputs, TINY))
-    table = []
-    for j, (error, f, worst) in enumerate(largest):
-        i = by.drive[j] if by.drive[j] >= 0 else int((sizes[j] / g).argmax())
+    errors, table = np.where(np.isnan(errors), np.inf, errors), []
+    (static, H), g = first, np.sqrt(np.maximum(by.inputs, TINY))
+    for j, k in enumerate(errors.argmax(axis=0)):
+        i = by.drive[j] if by.drive[j] >= 0 else int((np.abs(H[j]) / g).argmax())
         table.append(Direction(
-            output=outputs[j], input=inputs[i], static=float(sizes[j, i]), static_error=float(min(errors[j, i], IDLE)),
-            largest=min(error, IDLE), frequency=f, worst_input=inputs[worst],
+            output=outputs[j], input=inputs[i], static=float(abs(H[j, i])), static_error=float(min(static[j, i], IDLE)),
+            largest=float(min(errors[k, j], IDLE)), frequency=float(frequencies[k]), worst_input=inputs[worst[k, j]],
         ))  # fmt: skip
     return tuple(sorted(table, key=lambda direction: -direction.largest))
 

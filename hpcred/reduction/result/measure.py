@@ -83,7 +83,11 @@ class Measure(ABC):
     def each(self, E: np.ndarray, H: np.ndarray, drive: np.ndarray) -> np.ndarray:
         """Return the error of every response (S, r, p), for errors E (S, r, p) of the responses H; `drive`: see scales.
         """
-        h, g = self.scales(H, drive)
+        return self.scaled(E, *self.scales(H, drive))
+
+    @staticmethod
+    def scaled(E: np.ndarray, h: np.ndarray, g: np.ndarray) -> np.ndarray:
+        """Return |E_ji| / (h_j g_i) (S, r, p), for errors E (S, r, p) and scales h (S, r), g (S, p)."""
         if (h > 0).all() and (g > 0).all():
             each = np.abs(E)
             each /= h[:, :, None]

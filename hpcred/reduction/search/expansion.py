@@ -8,7 +8,7 @@ import numpy as np
 
 from ...linalg.basis import Basis
 from ...linalg.known import ModeCount
-from ...parallel.decisions import decided
+from ...parallel.decisions import decided, decided_with
 from ...parallel.failures import InputError
 from ..components.point_blocks import Part, PointBlocks
 from ..result.accuracy import Point
@@ -209,7 +209,7 @@ class Expansion:
     def _judged(self, blocks) -> Judgement:
         """Judge the basis after a block of a point."""
         try:
-            return decided(self.run.model.comm, self.judge.judge, blocks)
+            return decided_with(self.run.model.comm, self.judge.judge, blocks)
         except InputError:  # a response without what moves no mass may be nothing
             if self.projections.basis.size:
                 check_massless(self.projections, [blocks.frequency])

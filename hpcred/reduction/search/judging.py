@@ -12,9 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...linalg.solvers.shifted import NEARBY
+from ...parallel.decisions import Team
 from ..result.accuracy import Proof
 from ..result.measure import Measure
-from ..small.error_estimate import UNIFORM, Comparison, grid, largest, measure_over, next_point, rounded
+from ..small.error_estimate import ALONE, UNIFORM, Comparison, grid, largest, measure_over, next_point, rounded
 from ..small.pseudo_modal import nested
 from .goal import Adaptive
 from .projections import HELD_BACK, Projections
@@ -79,8 +80,8 @@ class Judge:
 
     `goal`: the tolerance of the uncompressed basis; `enough`: what serves at 0 Hz, if that is more. Of the last
     judgement `estimate` and `noise`; `lost`: the error by what the basis has lost to round-off; `candidate`: the model
-    that the next point checks, or None. Methods that judge are local, for one rank to decide by, and change nothing;
-    those that keep something have to be called on all ranks alike.
+    that the next point checks, or None. Methods that judge are local, for one rank to decide by, with a team, and
+    change nothing; those that keep something have to be called on all ranks alike.
     """
 
     def __init__(self, projections: Projections, settings: Adaptive):
@@ -119,20 +120,21 @@ class Judge:
         """Test whether an error is about as small as can be asked for."""
         return bool(value <= 3 * self.floor)
 
-    def compare(self, inner, outer, embedding, measure: Measure | None = None) -> Comparison:
+    def compare(self, inner, outer, embedding, measure: Measure | None = None, team=ALONE) -> Comparison:
         """Return a model and one that contains it, by a measure, by default that of the search."""
         asked = self.settings
-        return Comparison(inner, outer, embedding, measure or measure_over(asked.error_measure, asked.band, outer))
+        measure = measure or measure_over(asked.error_measure, asked.band, outer)
+        return Comparison(inner, outer, embedding, measure, team)
 
-    def _compared(self, columns, among=None) -> Comparison:
+    def _compared(self, team, columns, among=None) -> Comparison:
         """Return the model of some columns beside that of `among`, by default all of the basis."""
         inner, outer = self.projections.model(columns), self.projections.model(among)
         which = columns if among is None else np.searchsorted(among, columns)
-        return self.compare(inner, outer, nested(inner, outer, which))
+        return self.compare(inner, outer, nested(inner, outer, which), team=team)
 
     # one point
 
-    def judge(self, blocks: Blocks) -> Judgement:
+    def judge(self, team: Team, blocks: Blocks) -> Judgement:
         """Judge the basis after a block, and decide whether the point is done. Raises InputError."""
         columns = np.arange(self.projections.first_held_back)
         judged = Judgement(noise=self.noise, columns=columns)
@@ -140,7 +142,7 @@ class Judge:
             return judged
         if not blocks.new:  # nothing new at all: the basis is complete
             columns = np.arange(self.projections.basis.size)
-        pair = self._compared(columns)
+        pair = self._compared(team, columns)
         if blocks.order >= 1:
             rough = self._roughly(pair)
             if rough > 10 * max(self.floor, self._goal_at(blocks)) and self._has_room(blocks):
@@ -231,10 +233,10 @@ class Judge:
         S = grid([pair.outer], self.settings.band, UNIFORM // 4, None)
         return float(pair.curve(S).max())
 
-    def next_points(self, taken, count, band=None) -> list[float]:
+    def next_points(self, team: Team, taken, count, band=None) -> list[float]:
         """Return up to `count` points (Hz) in the band, by default the whole one, where the estimate is largest."""
         band = band or self.settings.band
-        pair = self._compared(self.candidate.columns)
+        pair = self._compared(team, self.candidate.columns)
         S, curve = self._over_band(pair, band)
         chosen = []
         for _ in range(count):
@@ -244,14 +246,14 @@ class Judge:
 
     # several points at once
 
-    def estimate_of_candidate(self) -> float:
+    def estimate_of_candidate(self, team: Team) -> float:
         """Return the largest estimate over the band of the candidate, from what it is seen from."""
-        return float(self._over_band(self._compared(*self.candidate))[1].max())
+        return float(self._over_band(self._compared(team, *self.candidate))[1].max())
 
-    def judge_round(self, points, columns) -> Judgement:
+    def judge_round(self, team: Team, points, columns) -> Judgement:
         """Judge the basis after a round of points, by the model with the `columns`, without those that are held back;
         `points` (Hz) check the candidate, where there is one: a first round of one point proves nothing."""
-        pair = self._compared(columns)
+        pair = self._compared(team, columns)
         S, curve = self._over_band(pair)
         proofs = tuple(self._proof(f, pair) for f in points) if self.candidate is not None else ()
         noise = float(pair.noise(S).max())

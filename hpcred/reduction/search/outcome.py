@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...parallel.decisions import decided
+from ...parallel.decisions import Team, decided, decided_with
 from ...parallel.failures import InputError
 from ...parallel.progress import counted
 from ..result.accuracy import Accuracy
@@ -37,7 +37,6 @@ FEW, SMALL = 16, 0.1  # modes that this may mix, which are looked at by themselv
 PASSES = 4  # of projections
 TRIALS = 8  # compressions, each with the frequencies where the one before was too bad, until nothing is compressed
 SHOWN = 1e-6  # of the tolerance: what a curve that is kept shows
-TOGETHER = 2**22  # errors of single responses that are held at a time
 
 
 class Outcome(NamedTuple):
@@ -59,13 +58,13 @@ def outcome_of(search: Search, drop_above=None, beside=0) -> Outcome:
     with search.run.progress.stage("project"):
         kept = project_again(search, kept)
     with search.run.progress.stage("compress"):
-        factor, accuracy = decided(search.run.model.comm, _compressed, search, drop_above, kept, beside)
+        factor, accuracy = decided_with(search.run.model.comm, _compressed, search, drop_above, kept, beside)
     return Outcome(factor, accuracy, search.projections)
 
 
-def _compressed(search, drop_above, kept, beside):
+def _compressed(team, search, drop_above, kept, beside):
     judge = search.judge
-    small = compress(judge, search.reason, drop_above, kept, beside)
+    small = compress(team, judge, search.reason, drop_above, kept, beside)
     rest = judge.estimate if small.reason else min(judge.estimate, 3 * judge.floor)
     return small.factor, accuracy_of(
         search, small.reason, small.pair, small.frequencies, small.curve, largest=float(small.curve.max()) + rest,
@@ -86,8 +85,11 @@ class Compressed(NamedTuple):
     reason: str
 
 
-def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarray, beside: int) -> Compressed:
-    """Return the few combinations of a basis that the tolerance asks for, after a search; local.
+def compress(
+    team: Team, judge: Judge, reason: str, drop_above: float | None, kept: np.ndarray, beside: int
+) -> Compressed:
+    """Return the few combinations of a basis that the tolerance asks for, after a search; on the rank
+    of a team that decides.
 
     `reason`: why the search ended before the tolerance was reached, or "". The columns `kept` (m, c), in terms of
     those of the basis, stay in the span. Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the
@@ -95,7 +97,7 @@ def compress(judge: Judge, reason: str, drop_above: float | None, kept: np.ndarr
     """
     eps, est, noise = judge.settings.tolerance, judge.estimate, max(judge.noise, judge.lost)
     outer = judge.projections.model()
-    whole = judge.compare(outer, outer, np.eye(len(outer)))
+    whole = judge.compare(outer, outer, np.eye(len(outer)), team=team)
     goal = max(0.9 * eps - est - noise, 0.3 * eps, noise) if not reason else max(0.9 * eps, min(0.5 * est, 1.0))
     fixed = np.linalg.qr(outer.coordinates_of(kept))[0] if kept.shape[1] else kept
     pair, frequencies, curve, limited = _reach(judge, whole, goal, fixed, beside)
@@ -246,8 +248,8 @@ def accuracy_of(search: Search, reason, pair, frequencies, curve, *, largest, no
 
 def directions_of(pair, frequencies, band, model) -> tuple[Direction, ...]:
     """Return the accuracy of each output, the least accurate first; local."""
-    by = measure_over(MEASURES["directions"], band, pair.outer)
-    chunks = np.array_split(frequencies, 1 + len(frequencies) * len(by.outputs) * len(by.inputs) // TOGETHER)
-    pair = pair.by(by)
-    return directions_table(by, ((chunk, pair.each(chunk), pair.outer.responses(chunk)[0]) for chunk in chunks),
-                            model.output_names, model.input_names)  # fmt: skip
+    by, at = measure_over(MEASURES["directions"], band, pair.outer), frequencies[:1]
+    found = pair.by(by).errors(frequencies)
+    H, drive = pair.responses(at)
+    first = by.each(pair.difference(at), H, drive)[0], H[0]
+    return directions_table(by, frequencies, found.outputs, found.worst, first, model.output_names, model.input_names)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...parallel.decisions import decided
+from ...parallel.decisions import decided_with
 from ...parallel.failures import Owned, agreed
 from ..components.groups import Group, bring
 from .expansion import Expansion, expanded
@@ -30,9 +30,9 @@ def take_round(expansion: Expansion, groups: int, frequencies) -> tuple[Judgemen
     fine = None
     if proves:
         judge.check_next(columns[columns < seen], seen)
-        fine = judge.is_fine(decided(comm, judge.estimate_of_candidate))
+        fine = judge.is_fine(decided_with(comm, judge.estimate_of_candidate))
     at = [point.frequency for point in found]  # some may have been moved off an eigenfrequency
-    judged = decided(comm, judge.judge_round, at[-1:] if proves else at, columns)
+    judged = decided_with(comm, judge.judge_round, at[-1:] if proves else at, columns)
     expansion.take([*found[:-1], replace(found[-1], estimate=judged.estimate)])
     where, size = ", ".join(f"{f:.6g}" for f in at), expansion.projections.basis.size
     run.note(f"adaptive {where} Hz", sum(point.columns for point in found), size - first)

@@ -24,7 +24,7 @@ from ...linalg.basis import Basis
 from ...linalg.conjugate_gradients import NotSolved
 from ...linalg.solvers.multigrid import not_definite
 from ...model.second_order_model import massless
-from ...parallel.decisions import decided
+from ...parallel.decisions import decided, decided_with
 from ...parallel.failures import InputError
 from ...parallel.progress import counted
 from ...parallel.stopping import stop_if_asked
@@ -189,7 +189,7 @@ class Search:
         taken = [point.frequency for point in self._points]
         first_proof = low + PROOF * (high - low)
         if again:
-            second = decided(comm, self.judge.next_points, taken, self._groups, (low, (low + high) / 2))
+            second = decided_with(comm, self.judge.next_points, taken, self._groups, (low, (low + high) / 2))
             self._next = second[:1] + self._next
             return bool(second)
         if proving and not self.expansion.is_at_end and high not in self._next:
@@ -197,7 +197,7 @@ class Search:
         elif proving and not self._next and self._may_prove_nearby() and apart([first_proof], taken, band):
             self._next = [rounded(first_proof, band)]
         elif not self._next:
-            self._next = decided(comm, self.judge.next_points, taken, self._groups)
+            self._next = decided_with(comm, self.judge.next_points, taken, self._groups)
         return True
 
     def _limit_met(self) -> str:

@@ -7,15 +7,17 @@ their distance is a fraction of that to the nearest pole.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ...linalg.known import ModeCount
 from ...linalg.pencil import LEAST_MASS
+from ...parallel.decisions import Place, Team
 from ..result.measure import Measure, Paper, drive_points
 from ..result.oscillating_poles import places_of_poles
-from .pseudo_modal import Keeping, Proportional, PseudoModal, difference, kept
+from .pseudo_modal import NUMBERS_AT_A_TIME, Keeping, Proportional, PseudoModal, difference, kept
 
 UNIFORM = 200  # frequencies of a band, beside those around resonances
 APART = 0.02  # of the band between points
@@ -30,18 +32,38 @@ SMALL = 0.1  # of the static stiffness: what added terms add to it where the res
 LOWEST = 200  # decades below the band, in which that is sought
 WIDE = 4.0  # ratio of the ends of an interval that is parted on a logarithmic scale
 CLEAR = 1e2  # times the round-off of plain subtraction, above which an error is known by it
+WORTH_SHARING = 2**23  # multiplications, which take as long as to send the models to other ranks
+ALONE = Team()
 PLACES = 1000  # of a curve that are refined at once; one of round-off has maxima everywhere, and grids must end
+
+
+class Errors(NamedTuple):
+    """Errors of a model at frequencies (S,): the `total` eps (S,), the largest of every output (S, r), the `worst`
+    input for it (S, r), the largest of every input (S, p), the scales h (S, r) and g (S, p), and the noise (S,)."""
+
+    total: np.ndarray
+    outputs: np.ndarray
+    inputs: np.ndarray
+    worst: np.ndarray
+    h: np.ndarray
+    g: np.ndarray
+    noise: np.ndarray
 
 
 @dataclass(frozen=True)
 class Comparison(Keeping):
     """A model `inner` inside of a richer one, `outer`, by its `embedding` (see pseudo_modal.nested), and the measure of
-    how far its responses are from those of that. Local."""
+    how far its responses are from those of that. Local, on rank 0 of a `team` that computes the errors with it, where
+    they are many."""
 
     inner: PseudoModal
     outer: PseudoModal
     embedding: np.ndarray
     measure: Measure
+    team: Team = field(default=ALONE, compare=False, repr=False)
+
+    def __getstate__(self):
+        return super().__getstate__() | {"team": ALONE}
 
     def within(self, U) -> Comparison:
         """Return the comparison of the model on orthonormal columns U (m, k) of the coordinates of `outer` with that.
@@ -50,58 +72,83 @@ class Comparison(Keeping):
         return replace(self, inner=inner, embedding=embedding)
 
     def difference(self, frequencies) -> np.ndarray:
-        """Return H_outer - H_inner (S, r, p), which is kept as there is room."""
-
-        def compute(some):
-            return (difference(self.inner, self.outer, self.embedding, some),)
-
-        io = self.outer.io
-        return kept(self, "difference", frequencies, compute, io.output_count * io.inputs.shape[1])[0]
+        """Return H_outer - H_inner (S, r, p)."""
+        return difference(self.inner, self.outer, self.embedding, frequencies)
 
     def responses(self, frequencies) -> tuple[np.ndarray, np.ndarray]:
         """Return H_outer (S, r, p) and its drive-point responses (S, p), of which the measure makes scales."""
-        return self.outer.responses(frequencies)
+        return self.outer.responses_once(frequencies)
+
+    def noise_of(self, frequencies, E, H, drive) -> np.ndarray:
+        """Return the noise (S,) of differences E of responses H (S, r, p): what plain subtraction differs by. A Caughey
+        series of more than two terms has no other difference to compare with."""
+        return self.measure.eps(H - self.inner.responses_once(frequencies)[0] - E, H, drive)
+
+    def errors(self, frequencies) -> Errors:
+        """Return the errors of the inner model at frequencies (S,), which are kept as there is room."""
+        io = self.outer.io
+        r, p = io.output_count, io.inputs.shape[1]
+        return Errors(*kept(self, "errors", frequencies, self._errors, 2 + 3 * r + 2 * p))
+
+    def _errors(self, frequencies) -> Errors:
+        io = self.outer.io
+        work = len(frequencies) * len(self.outer) * io.inputs.shape[1] * (io.output_count + len(self.inner))
+        if work < WORTH_SHARING or len(frequencies) < self.team.size:
+            return self._errors_here(frequencies)
+        parts, found = self.team.each(_errors_of_share, self, frequencies), []
+        for arrays in zip(*parts, strict=True):
+            merged = np.empty((len(frequencies), *arrays[0].shape[1:]), arrays[0].dtype)
+            for rank, array in enumerate(arrays):
+                merged[rank :: len(parts)] = array
+            found.append(merged)
+        return Errors(*found)
+
+    def _errors_here(self, frequencies) -> Errors:
+        numbers = len(frequencies) * self.outer.io.output_count * self.outer.io.inputs.shape[1]
+        chunks = np.array_split(frequencies, max(1, -(-numbers // NUMBERS_AT_A_TIME)))
+        return Errors(*map(np.concatenate, zip(*map(self._errors_of_few, chunks), strict=True)))
+
+    def _errors_of_few(self, frequencies) -> Errors:
+        E, (H, drive) = self.difference(frequencies), self.responses(frequencies)
+        h, g = self.measure.scales(H, drive)
+        noise = self.noise_of(frequencies, E, H, drive)
+        each = self.measure.scaled(E, h, g)
+        worst = np.where(np.isnan(each), np.inf, each).argmax(axis=2)
+        return Errors(self.measure.total(each), each.max(axis=2), each.max(axis=1), worst, h, g, noise)
 
     def curve(self, frequencies) -> np.ndarray:
         """Return the error eps (S,) of the inner model."""
-        return self.measure.total(self.each(frequencies))
+        return self.errors(frequencies).total
+
+    def noise(self, frequencies) -> np.ndarray:
+        """Return the noise (S,) of the two models (see noise_of)."""
+        return self.errors(frequencies).noise
 
     def curve_and_dips(self, frequencies) -> tuple[np.ndarray, np.ndarray]:
         """Return curve(), and the largest error that may be beside each frequency (S,), 0 unless a scale has a minimum
         there."""
-        known = self.responses(frequencies)
-        each = self.measure.each(self.difference(frequencies), *known)
-        curve = self.measure.total(each)
-        most, floors = np.zeros_like(curve), self.measure.floors
+        found, floors = self.errors(frequencies), self.measure.floors
+        most = np.zeros_like(found.total)
         if floors is None:
-            return curve, most
-        for scale, floor, error in zip(self.measure.scales(*known), floors, (each.max(2), each.max(1)), strict=True):
+            return found.total, most
+        for scale, floor, error in zip((found.h, found.g), floors, (found.outputs, found.inputs), strict=True):
             low = maxima(-scale) & (scale > floor) & (floor > 0) & np.isfinite(scale)
             grows = np.divide(scale, floor, out=np.ones_like(scale), where=floor > 0) ** 2
             most = np.maximum(most, np.where(low, error * grows, 0.0).max(axis=1))
-        return curve, most
-
-    def each(self, frequencies) -> np.ndarray:
-        """Return the error of every response (S, r, p)."""
-        return self.measure.each(self.difference(frequencies), *self.responses(frequencies))
-
-    def noise(self, frequencies) -> np.ndarray:
-        """Return the noise (S,) of the two models: what plain subtraction of their responses differs by. A Caughey
-        series of more than two terms has no other difference to compare with."""
-        H, drive = self.outer.responses(frequencies)
-        inner = self.inner.response(frequencies)
-        return self.measure.eps(H - inner - self.difference(frequencies), H, drive)
+        return found.total, most
 
     def by(self, measure: Measure) -> Comparison:
-        """Return the same by another measure, for which the differences that are kept serve as well."""
-        other = replace(self, measure=measure)
-        other.memory.update(self.memory)
-        return other
+        """Return the same by another measure."""
+        return self if measure == self.measure else replace(self, measure=measure)
 
     def with_damping(self, damping: Proportional) -> Comparison:
         """Return the same with another proportional damping."""
         inner, outer = (replace(model, damping=damping) for model in (self.inner, self.outer))
         return replace(self, inner=inner, outer=outer)
+
+
+def _errors_of_share(place: Place, pair: Comparison, frequencies) -> Errors:
+    return pair._errors_here(place.share(frequencies))
 
 
 @dataclass(frozen=True)
@@ -113,6 +160,9 @@ class Plain(Comparison):
 
     def responses(self, frequencies) -> tuple[np.ndarray, np.ndarray]:
         return self.outer.quick_responses(frequencies)
+
+    def noise_of(self, frequencies, E, H, drive) -> np.ndarray:
+        return np.full(len(frequencies), np.nan)  # there is nothing to compare with
 
 
 def largest_error(pair: Comparison, look: Callable, some: np.ndarray, little=0.0) -> tuple[float, float]:

@@ -372,7 +372,7 @@ class PseudoModal(Keeping):
     def responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return H (S, r, p), without the factor s^k of rates, and the drive-point responses b_i^T A^-1 b_i
         (S, p) of the inputs; they are kept as there is room."""
-        return kept(self, "responses", frequencies, self._responses_at, (self.io.output_count + 1) * self.B.shape[1])
+        return kept(self, "responses", frequencies, self.responses_once, (self.io.output_count + 1) * self.B.shape[1])
 
     def quick_responses(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the same, with a given D by its poles alone, without refinement: where round-off is looked at, or no
@@ -386,7 +386,8 @@ class PseudoModal(Keeping):
 
         return self._by_poles(frequencies, inverse, self.Ct.T @ right, self.B.T @ right, left)
 
-    def _responses_at(self, frequencies):
+    def responses_once(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the same, which is not kept."""
         if not (self.is_diagonal and self._has_few_products):
             return self._by_states(frequencies, self.solve)
         return self._by_poles(frequencies, lambda f: 1 / self._diagonal_with_D(f), self.Ct.T, self.B.T, self.B)

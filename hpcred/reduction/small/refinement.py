@@ -41,18 +41,18 @@ def is_for(model: PseudoModal) -> bool:
     return (bool(model.operator) or model.N is not None) and not model.damping.higher
 
 
-def refined(snapshots, wide, best, goal: float) -> np.ndarray:
+def refined(snapshots, pair, frequencies, wide, best, goal: float) -> np.ndarray:
     """Return orthonormal columns (m, k), combinations of `wide` (m, w) and as few as the goal allows for the error of
-    `snapshots` (see compression.Snapshots); `best` (m, k) if fewer are not found.
+    `snapshots` (see compression.SharedSnapshots), those of `pair` at frequencies (S,); `best` (m, k) if fewer are not
+    found.
 
     The columns `wide` are orthonormal and in the order of what they matter, those that stay in the span first.
     """
     kept, w = snapshots.fixed.shape[1], wide.shape[1]
-    (states,) = snapshots.states
-    if len(states.frequencies) * w * w > NUMBERS_AT_A_TIME:
+    if len(frequencies) * w * w > NUMBERS_AT_A_TIME:
         return best
-    errors = Errors(states.pair, states.frequencies, wide, kept)
-    few = Errors(states.pair, states.frequencies[::EACH], wide, kept)
+    errors = Errors(pair, frequencies, wide, kept)
+    few = Errors(pair, frequencies[::EACH], wide, kept)
     for count in range(best.shape[1] - 1, kept, -1):
         if not errors.are_finite or errors.count * ((w - count) * (count - kept)) ** 2 > WORK:
             break
@@ -158,6 +158,8 @@ def _turned(errors: Errors, start, goal):
             N = np.linalg.qr(here.U, mode="complete")[0][:, here.U.shape[1] :]
             noticed = np.abs(here.errors) > NOTICED * top
             system = _normal_equations(here.errors[noticed] / top, errors.derivative(here, N, noticed) / top)
+            if not np.isfinite(system[0]).all() or not system[0].any():  # beyond single precision: no step is known
+                break
             before = _sum_of_powers(here, top)
         matrix, gradient = system
         diagonal = np.diag(matrix)
