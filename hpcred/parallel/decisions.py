@@ -9,6 +9,8 @@ from typing import Any
 
 from .failures import agreed, common_to
 
+MOST = 32  # ranks of a team: rank 0 gathers what all of them have computed
+
 
 def decided(comm, function, *arguments):
     """function(*arguments) as rank 0 of `comm` finds it, on all ranks; what it raises is raised on all. Collective."""
@@ -49,11 +51,12 @@ class Place:
 
 
 class Team:
-    """All ranks of a communicator, which compute parts of a decision that rank 0 takes (see decided_with); by default
-    this rank alone."""
+    """The ranks of a communicator, at most MOST, that compute parts of a decision of rank 0 (see decided_with); by
+    default this rank alone."""
 
     def __init__(self, comm=None):
-        self._comm, self._place = comm, Place(0, comm.size if comm is not None else 1)
+        self._comm = comm
+        self._place = Place() if comm is None else Place(comm.rank, min(comm.size, MOST))
 
     @property
     def size(self) -> int:
@@ -65,7 +68,7 @@ class Team:
         if self.size == 1:
             return [function(self._place, *arguments)]
         self._comm.bcast((function, arguments))
-        outcomes = self._comm.gather(_tried(function, self._place, *arguments))
+        outcomes = self._comm.gather(self._tried(function, arguments))[: self.size]
         for _, error in outcomes:
             if error is not None:
                 raise error
@@ -73,10 +76,16 @@ class Team:
 
     def follow(self):
         """Compute what rank 0 asks for, until it has decided."""
-        place = Place(self._comm.rank, self._comm.size)
         while (task := self._comm.bcast(None)) is not None:
-            function, arguments = task
-            self._comm.gather(_tried(function, place, *arguments))
+            self._comm.gather(self._tried(*task))
+
+    def _tried(self, function, arguments):
+        if self._place.rank >= self.size:
+            return None
+        try:
+            return function(self._place, *arguments), None
+        except Exception as error:
+            return None, error
 
     def dismiss(self):
         """Have the others follow no more."""
@@ -98,10 +107,3 @@ def decided_with(comm, function, *arguments):
     if comm.rank:
         team.follow()
     return decided(comm, lead)
-
-
-def _tried(function, *arguments):
-    try:
-        return function(*arguments), None
-    except Exception as error:
-        return None, error

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from hpcred.parallel import failures
+from hpcred.parallel import decisions, failures
 from hpcred.parallel.decisions import decided, decided_with
 from hpcred.parallel.failures import InputError, Owned, agreed
 
@@ -231,15 +231,17 @@ def fails_on(place, rank):
 
 
 @pytest.mark.mpi(ranks=(1, 2, 3))
-def test_a_team_computes_parts_of_a_decision(comm):
-    """Each rank its share, and with what it has made before; rank 0 alone decides."""
+@pytest.mark.parametrize("most", [32, 2])
+def test_a_team_computes_parts_of_a_decision(comm, most, monkeypatch):
+    """Each rank its share, and with what it has made before; rank 0 alone decides, and ranks beyond the most follow."""
+    monkeypatch.setattr(decisions, "MOST", most)
 
     def decision(team, count):
         first, second = team.each(ranks_of, range(count)), team.each(ranks_of, range(count))
         return [rank for rank, _ in first], sum(made for _, made in second)
 
-    assert decided_with(comm, decision, 7) == (list(range(comm.size)), 14)
-    assert decided_with(comm, decision, 7) == (list(range(comm.size)), 14)  # nothing is left of the one before
+    for _ in range(2):  # nothing is left of the first for the second
+        assert decided_with(comm, decision, 7) == (list(range(min(comm.size, most))), 14)
 
 
 @pytest.mark.mpi(ranks=(2, 3))

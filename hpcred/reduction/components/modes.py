@@ -280,7 +280,8 @@ def _lowest_at_once(run, count, most, solve, shift):
         values = values if block is None else _with_modes(run, vectors, block, solve)
         if vectors.size == known < count:
             raise ComputationError(f"only {known} of the {count} modes found are independent")
-        if known >= count and not (values[:count] < before - SAME * (np.abs(before) + shift)).any():
+        # one that was missing moves others up to the last, and the rounded zeros of a free body say nothing
+        if known >= count and not (values[:count] < before - SAME * (np.abs(before).max(initial=0.0) + shift)).any():
             break
         # one more tells whether there are others; where there are, they may be many
         wanted = min(max(count - vectors.size, 2 * wanted if known else 1), most - vectors.size)
