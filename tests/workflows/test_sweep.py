@@ -436,6 +436,23 @@ def test_the_script_for_pbs_with_the_variables_of_pbs(jobs):
     assert bash("jobs/sweep.pbs", PBS_ARRAY_INDEX="1").returncode != 0
 
 
+@pytest.mark.slow
+def test_the_script_for_one_reduction_with_the_variables_of_pbs(jobs, tmp_path):
+    """On as many ranks as the file of nodes has lines, with factors on the local disk of the job."""
+    Path("job.toml").write_text('model = "jobs/model.h5"\n[frame]\nkind = "buckens"\n'
+                                '[[basis]]\nkind = "krylov"\nfrequency = 100.0\norder = 1\n')  # fmt: skip
+    Path("nodes").write_text("localhost\n" * 2)
+    Path("local").mkdir()
+    given = {"PBS_O_WORKDIR": str(jobs), "PBS_NODEFILE": "nodes", "JOB": "job.toml", "TMPDIR": str(tmp_path / "local")}
+    for options, folder in (({}, None), ({"OPTIONS": "--out-of-core $TMPDIR"}, str(tmp_path / "local"))):
+        done = bash("jobs/reduce.pbs", **given, **options)
+        assert done.returncode == 0, done.stderr
+        with h5py.File("result.h5") as file:
+            record = json.loads(file["record"][()])
+        assert record["ranks"] == 2 and record["job"]["out_of_core"] == folder and Path("points").is_dir()
+    assert "usage: qsub" in bash("jobs/reduce.pbs", **given | {"JOB": ""}).stderr
+
+
 @pytest.mark.parametrize("kind", ["slurm", "pbs"])
 def test_written_scripts_say_what_launch_says(jobs, capsys, kind):
     text = Path("jobs/sweep.toml").read_text().replace("ranks = 2", (
