@@ -42,7 +42,7 @@ def main(names=None):
             solid(folder, CASES[name], INPUTS)
             model = folder / "model.h5"
             exact = peer("pardiso_response.py", model, json.dumps(CHECK))["response"]
-            ours = reduce(folder, f"band = [0.0, {BAND}]\ntolerance = {TOLERANCE}\n")
+            ours = reduce(folder, f"band = [0.0, {BAND}]\ntolerance = {TOLERANCE}\nmeasure = \"paper\"\n")
             hpcred("evaluate", "result.h5", "--full", "model.h5", "--check", "2", folder=folder)
             points, orders = orders_of(json.loads((folder / "ours.json").read_text())["accuracy"]["points"])
             copy = peer("pardiso_krylov.py", model, json.dumps(orders), json.dumps(points), json.dumps(CHECK))

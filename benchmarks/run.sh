@@ -8,6 +8,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 python="$here/../.venv/bin/python"
 mkdir -p "${1:-benchmark-results}"
 cd "${1:-benchmark-results}" || exit
+rm -f ./*.json # of an earlier run
 end=$(($(date +%s) + 60 * ${2:-600}))
 : > seconds.txt
 : > failed.txt
