@@ -113,6 +113,7 @@ class Basis:
         self.comm = mass.comm.tompi4py()
         self._diagonal = _weights_of(mass)
         self._leading = 0
+        self._cancelled = 1.0  # how much round-off in M V has grown, as of the images of pending columns
         self.size = 0
         deflated = 0 if deflate is None else np.diff(deflate.getActiveColumns())[0]
         self._block = create_block(mass, deflated + self.width * room)
@@ -178,6 +179,7 @@ class Basis:
             self._append(block, mass_images)
             return Extension(self.size - start, smallest_kept=1.0)
         pending, taken = self._pending(block, mass_images)
+        twice = taken is not None or not self._end  # whether the columns are projected for the second time, if ever
         for _ in range(PASSES):
             # X <- X - V V^H M X, with unit columns
             weight, gram, dropped, none = self._project_and_scale(pending, weight, taken)
@@ -189,13 +191,15 @@ class Basis:
             smallest = min(smallest, resolved)
             fresh = pending.copy() if weight.size else pending
             fresh.combine(self._factor(scaled), cancelled)
-            if cancelled > ENLARGED:
+            if cancelled > ENLARGED or not twice:
                 self._polish(fresh)
             self._append(fresh.block, fresh.mass_images)
+            self._cancelled = max(self._cancelled, fresh.cancelled)
             del fresh  # its memory is for the next one
             if not weight.size:
                 break
             pending.combine(self._factor(rest), np.inf)
+            twice = False
         else:
             raise ComputationError("a block of basis vectors could not be orthonormalised: is M positive definite?")
         return Extension(self.size - start, float(smallest), float(largest), massless)
@@ -267,6 +271,7 @@ class Basis:
             pending.renew()
         else:
             add_product(pending.mass_images, self._all(self._mass_images), self._factor(inside), alpha=-1.0)
+            pending.cancelled = max(pending.cancelled, self._cancelled)
         return inside, (gram + gram.conj().T) / 2, sizes
 
     def _project_and_scale(self, pending, weight, taken):
@@ -352,11 +357,12 @@ def _judge(inside, gram, sizes, weight, taken, tolerance):
     weight, inside = weight[kept], inside @ scale
     gram = scale.T @ gram @ scale - inside.conj().T @ inside
     left = np.diag(gram).real
+    least = left.min(initial=1.0)
+    cancelled = 1.0 / np.sqrt(least) if least > 0 else np.inf
     if not (left > 0.25).all():  # twice is enough
-        cancelled = 1.0 / np.sqrt(left.min()) if left.min() > 0 else np.inf
         return scale, weight, gram, False, dropped, massless, cancelled
     unit = 1.0 / np.sqrt(left)
-    return scale * unit, weight / unit, gram * np.outer(unit, unit), True, dropped, massless, 1.0
+    return scale * unit, weight / unit, gram * np.outer(unit, unit), True, dropped, massless, cancelled
 
 
 def _squared_norms_taken(taken, inside):

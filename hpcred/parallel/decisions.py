@@ -1,13 +1,14 @@
 """Decisions that all ranks must share: how many columns, which signs, which eigenvectors, what to drop.
 
 Ranks with other processors may have other BLAS kernels, whose last digits differ. What follows from small arrays by a
-comparison, an eigenvector or a division is therefore computed on one rank and sent, here and nowhere else.
+comparison, an eigenvector or a division is therefore computed on one rank and sent, here and nowhere else. Of arrays
+that take long, ranks may compute parts, from which one decides: the same for all ranks of a run.
 """
 
 from dataclasses import dataclass, field
 from typing import Any
 
-from .failures import agreed, common_to
+from .failures import agreed, common_to, sendable
 
 MOST = 32  # ranks of a team: rank 0 gathers what all of them have computed
 
@@ -55,7 +56,7 @@ class Team:
     default this rank alone."""
 
     def __init__(self, comm=None):
-        self._comm = comm
+        self._comm, self._is_asking = comm, False
         self._place = Place() if comm is None else Place(comm.rank, min(comm.size, MOST))
 
     @property
@@ -63,12 +64,14 @@ class Team:
         return self._place.size
 
     def each(self, function, *arguments) -> list:
-        """Return function(place, *arguments) of all ranks: a local function of a module, of small arguments. On rank 0
-        alone, which decides; the others follow."""
+        """Return function(place, *arguments) of all ranks: a local function of a module, to all of which the arguments
+        are sent. On rank 0 alone, which decides; the others follow."""
         if self.size == 1:
             return [function(self._place, *arguments)]
+        self._is_asking = True
         self._comm.bcast((function, arguments))
         outcomes = self._comm.gather(self._tried(function, arguments))[: self.size]
+        self._is_asking = False
         for _, error in outcomes:
             if error is not None:
                 raise error
@@ -85,11 +88,11 @@ class Team:
         try:
             return function(self._place, *arguments), None
         except Exception as error:
-            return None, error
+            return None, sendable(error)
 
     def dismiss(self):
-        """Have the others follow no more."""
-        if self.size > 1:
+        """Have the others follow no more; after an interrupt within a question they wait for its end, and are ended."""
+        if self.size > 1 and not self._is_asking:
             self._comm.bcast(None)
 
 

@@ -126,7 +126,7 @@ def agreed(comm):
         _end_by_one(told, comm, error)
     if any(told):
         first = int(np.argmax(told))
-        sent = private.bcast(_sendable(error), root=first)
+        sent = private.bcast(sendable(error), root=first)
         if comm.rank != first:
             error, sent.__cause__ = sent, error
         raise common_to(comm, error)
@@ -350,7 +350,7 @@ def excepthook(kind, error, trace):
         sys.__excepthook__(kind, error, trace)
 
 
-def _sendable(error):
+def sendable(error):
     """The error, or its text where it cannot be sent to another rank and be raised there."""
     try:
         pickle.loads(pickle.dumps(error))

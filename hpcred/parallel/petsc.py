@@ -27,7 +27,7 @@ class _Later:
     def __getattr__(self, name):
         startup.start()
         found = getattr(import_module(self._name), name)
-        setattr(self, name, found)  # asked for ten thousands of times in a reduction: from now on without this call
+        setattr(self, name, found)  # asked for tens of thousands of times in a reduction: from now on without this call
         return found
 
 
@@ -53,7 +53,7 @@ def make_room(comm, size: int):
     """Free what Python has dropped, before `size` bytes are taken on a rank, the same number on all. Collective.
 
     Blocks and dense matrices do this (linalg.blocks), so that none of them, and no vector or matrix, has to be
-    destroyed by hand. It happens once for PILE bytes, as it takes messages, and as long as a small block.
+    destroyed by hand. It happens once for PILE bytes, since it takes messages, and as much time as a small block does.
     """
     comm, keyval = comm.tompi4py(), _keyval_of_taken()
     taken = (comm.Get_attr(keyval) or 0) + max(size, PILE // 100)

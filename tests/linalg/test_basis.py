@@ -55,6 +55,23 @@ def test_blocks_of_well_separated_columns_are_projected_twice(model, monkeypatch
     assert counts == [1, 1, 1, 1, 2, 1]
 
 
+@pytest.mark.parametrize("keeps, with_images", [(True, True), (False, False)])
+def test_a_defect_does_not_grow_with_the_blocks(model, keeps, with_images):
+    """Of columns that lie in the basis by nine tenths one projection, with images M V that are combined and never made
+    anew, multiplies round-off by two, block after block."""
+    mass, random = to_dense(model.M), np.random.default_rng(5)
+    root = np.linalg.cholesky(mass)
+    basis, V = Basis(model.M, keeps=keeps), np.zeros((len(mass), 0))
+    for _ in range(15):
+        new = np.linalg.solve(root.T, np.linalg.qr(root.T @ random.standard_normal((len(mass), 2)))[0])
+        old = V[:, -2:] if V.shape[1] else 0 * new
+        columns = block_from(model.M, 0.9 * old + 0.44 * new)
+        images = block_from(model.M, mass @ (0.9 * old + 0.44 * new)) if with_images else None
+        assert basis.extend(columns, images).kept == 2
+        V = gather(basis.columns)
+    assert np.abs(V.T @ mass @ V - np.eye(30)).max() < 3e-15
+
+
 def test_basis_stays_orthogonal_to_what_it_deflates(model):
     mass = to_dense(model.M)
     random = np.random.default_rng(2)

@@ -1,6 +1,8 @@
 """Coordinates over time of other programs: Exudyn and FMPy themselves, tables, and files that are cut or foreign."""
 
 import shutil
+import subprocess
+import sys
 
 import h5py
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 
 import hpcred
 from hpcred import Buckens, InputError, ModalDamping, Modes
+from hpcred.files.opened_hdf5 import PROBE
 from hpcred.parallel.petsc import MPI
 from hpcred.readers.motions.source import read_coordinates
 
@@ -171,6 +174,18 @@ def test_sizes_of_which_nothing_is_stored_are_not_believed(tmp_path):
         file.create_dataset("q", (2 * 10**9, 2), "f8", chunks=(1000, 2))
     with pytest.raises(InputError, match="/t is not whole; the file is damaged"):
         read(tmp_path / "q.h5")
+
+
+def test_the_program_that_looks_at_a_file_starts_by_itself(tmp_path, forks):
+    """Tests fork it; the start of Python, with nothing loaded, is that of users."""
+    whole, damaged = tmp_path / "whole.h5", tmp_path / "damaged.h5"
+    with h5py.File(whole, "w") as file:
+        file["q"] = np.ones((3, 2))
+    damaged.write_bytes(whole.read_bytes()[:700])
+    (start,) = forks.__bases__
+    for path in (whole, damaged):
+        with start([sys.executable, str(PROBE), str(path)], stderr=subprocess.PIPE) as process:
+            assert process.communicate()[1] == b"" and process.returncode == 0
 
 
 @pytest.mark.parametrize("what", ["import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "while True: pass"])

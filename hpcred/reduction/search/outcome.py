@@ -88,8 +88,8 @@ class Compressed(NamedTuple):
 def compress(
     team: Team, judge: Judge, reason: str, drop_above: float | None, kept: np.ndarray, beside: int
 ) -> Compressed:
-    """Return the few combinations of a basis that the tolerance asks for, after a search; on the rank
-    of a team that decides.
+    """Return the few combinations of a basis that the tolerance asks for, after a search; on the rank of a team that
+    decides.
 
     `reason`: why the search ended before the tolerance was reached, or "". The columns `kept` (m, c), in terms of
     those of the basis, stay in the span. Pseudo-modes above `drop_above` (Hz) are left out, and what that does to the
@@ -194,7 +194,7 @@ def _sharper(model, band) -> float:
 def _changed(judge, before, after=None) -> float:
     """Return how far responses of a model of all columns, by default that which is projected now, are from those of one
     projected before; local."""
-    pair = judge.compare(before, after or judge.projections.model(), np.eye(len(before)))
+    pair = judge.compare(before, judge.projections.model() if after is None else after, np.eye(len(before)))
     return changed(before, pair, judge.settings.band)
 
 

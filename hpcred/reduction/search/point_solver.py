@@ -26,10 +26,10 @@ from .projections import Projections
 from .residual_blocks import residual_block
 
 # columns of loads up to which blocks are filled, to so many: with few a back substitution waits for the factor to pass
-# through memory, which takes as long as the arithmetic of more than ten. Of wider blocks a search needs fewer, but six
-# or seven beyond the modes however wide they are: all solves together change by little between four columns and
-# twelve, and what is done to the columns grows with them. Not by the clock, for a search gives the same each time, on
-# any number of ranks. Factors of fewer rows stay in the cache of the processor
+# through memory, which takes as long as the arithmetic of more than ten. Blocks of any width come to an end six or
+# seven of them after they have the modes: all solves together change by little between four columns and twelve, and
+# what is done to the columns grows with them. Not by the clock, for a search takes the same steps each time, on any
+# number of ranks. Factors of fewer rows stay in the cache of the processor
 FEW, WIDTH, ROWS = 4, 6, 5000
 POLE_GAP = 1e-3  # how far a point is moved that lies on an eigenfrequency
 TRIES, OUTWARDS = (0, 1, -1, 3), (0, 1, 2, 3)  # how often, in turn; points at the ends of a band out of it

@@ -272,7 +272,7 @@ class Search:
         if not (proven or before_proof):
             return False, None
         # multigrid's first point sees the lowest modes
-        look = not (self._solver.multigrid or self._has_modes)
+        look = not self._solver.multigrid and (self._solver.is_smooth or not self._has_modes)
         doubtful = doubtful_modes(self.projections, self.settings.band) if look else None
         # where there are as many pseudo-modes as modes are counted, and each is one, more columns do not change that
         self._has_modes |= look and doubtful is None and self.missing_modes <= 0 and self.expansion.is_counted

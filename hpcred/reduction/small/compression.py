@@ -31,17 +31,15 @@ class States:
     `pair.outer` at frequencies (S,), weighted where the error is large, without what is in the span of the columns
     `fixed` (m, c); where outputs are measured as C = B^T and A is symmetric only the first.
 
-    `outward`: from coordinates of the model to those of the columns, and `inward` back (m, m), where they are others;
-    `sampled`: places of the frequencies at which round-off of plain subtraction is looked at, by default EACH-th ones.
+    `outward`: from coordinates of the model to those of the columns, and `inward` back (m, m), where they are others.
     Inputs and outputs begin with slightly different weights: singular values of a symmetric body come in equal pairs,
     of which round-off would choose the directions where the number of columns parts them. Local. They are those of all
     frequencies by whole(), or a share of them: the others are told first what all have in common.
     """
 
-    def __init__(self, pair: Comparison, frequencies, fixed=None, outward=None, inward=None, sampled=None):
+    def __init__(self, pair: Comparison, frequencies, fixed=None, outward=None, inward=None):
         self.pair, self.frequencies, self._fixed = pair, frequencies, fixed
         self._outward, self._inward = outward, inward
-        self._sampled = np.arange(0, len(frequencies), EACH) if sampled is None else sampled
         self._H, drive = pair.outer.responses_once(frequencies)
         self._scales, self._noise = pair.measure.scales(self._H, drive), None
         self._same = pair.outer.is_reciprocal and pair.outer.io.measured_are_same
@@ -99,10 +97,10 @@ class States:
 
     def noise(self, span) -> float:
         """Return the round-off of plain subtraction, for a model on orthonormal columns."""
-        inside, at = self._inside(span), self.frequencies[self._sampled]
-        wrong = self._H[self._sampled] - inside.inner.quick_response(at) - inside.difference(at)
+        inside, at = self._inside(span), self.frequencies[::EACH]
+        wrong = self._H[::EACH] - inside.inner.quick_response(at) - inside.difference(at)
         measure = self.pair.measure
-        each = measure.scaled(wrong, *(scales[self._sampled] for scales in self._scales))
+        each = measure.scaled(wrong, *(scales[::EACH] for scales in self._scales))
         return float(np.nanmax(measure.total(each), initial=0.0))
 
     def error(self, span, noise=None) -> float:
@@ -183,6 +181,7 @@ class SharedSnapshots:
         work = len(frequencies) * len(pair.outer) ** 2 * pair.outer.io.inputs.shape[1]
         self._team = pair.team if work >= WORTH_SHARING and len(frequencies) >= pair.team.size else Team()
         # what scales and sizes of states have in common at all frequencies
+        self._team.each(_forgotten)  # the states of the compression before
         tops = self._team.each(_begun, pair, frequencies, fixed)
         squares = self._asked("solve", [np.max(tops_of_one, axis=0) for tops_of_one in zip(*tops, strict=True)])
         self.balances = self._asked("balance", sum(squares))[0]
@@ -203,11 +202,11 @@ class SharedSnapshots:
         span = joined(self.fixed, U)
         if self._noise is None:
             self._noise = max(self._asked("noise", span))
-        return float(max(self._asked("error", span, self._noise)))
+        return float(np.max(self._asked("error", span, self._noise)))  # which is NaN if one is
 
     def largest_part(self) -> float:
         """Return the largest error of an input or output, of the model whose error was asked for last."""
-        return float(max(self._asked("largest_part")))
+        return float(np.max(self._asked("largest_part")))
 
     def weight(self, largest: float):
         """Give weight to where that error is large, compared with the `largest`."""
@@ -215,9 +214,12 @@ class SharedSnapshots:
 
 
 def _begun(place: Place, pair, frequencies, fixed):
-    at = place.share(np.arange(len(frequencies)))
-    place.made["states"] = States(pair, frequencies[at], fixed, sampled=np.flatnonzero(at % EACH == 0))
+    place.made["states"] = States(pair, place.share(frequencies), fixed)
     return place.made["states"].tops()
+
+
+def _forgotten(place: Place):
+    place.made.clear()
 
 
 def _of_states(place: Place, method, *arguments):
