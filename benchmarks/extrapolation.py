@@ -43,7 +43,7 @@ def main(edges):
         slope, offset = np.polyfit(dofs[:-1], values[:-1], 1)
         checked[key] = float(np.exp(slope * dofs[-1] + offset - values[-1]))
         slope, offset = np.polyfit(dofs, values, 1)
-        power[key], expected[key] = float(slope), float(np.exp(slope * np.log(TARGET) + offset))
+        power[key], expected[key] = f"{slope:.2f}", float(np.exp(slope * np.log(TARGET) + offset))
     rows += [{"dofs": "exponent", **power}, {"dofs": "power law / largest", **checked},
              {"dofs": "10^7 by the power law", **expected}]  # fmt: skip
     finish("extrapolation", rows)

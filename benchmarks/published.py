@@ -9,6 +9,7 @@ Writes published.json into the current folder.
 
 import argparse
 import shutil
+import sys
 import time
 
 import numpy as np
@@ -92,6 +93,8 @@ def main(arguments=None):
             rows += measured(MODELS[name], given.data)
         except hpcred.InputError as error:
             rows.append({"model": name, "verdict": f"refused: {error}"})
+    if not rows:
+        sys.exit("found no published models; HPCRED_SHARED_DATA names their folder (benchmarks/models)")
     finish("published", rows)
 
 

@@ -23,8 +23,10 @@ run() {
         return
     fi
     [ "$left" -ge "$limit" ] || limit=$left
-    timeout -k 10 "$limit" "$python" "$here/$name.py" "$@" > "$label.txt" 2> "$label.log"
+    folder=$(mktemp -d) # of one that is cut off much may be left
+    TMPDIR=$folder timeout --foreground -k 10 "$limit" "$python" "$here/$name.py" "$@" > "$label.txt" 2> "$label.log"
     status=$?
+    rm -rf "$folder"
     took="$(($(date +%s) - start)) s"
     echo "$label $took" >> seconds.txt
     if [ $status = 0 ]; then
@@ -58,7 +60,7 @@ run 6 shapes shapes 16 cube "housing, hexa" "housing, tetrahedra of 10" "flat te
 ) &
 (
     run 10 directions directions
-    run 8 machines machines --machines 100 --exponents 1.4 1.5 1
+    run 20 machines machines --exponents 1.4 1.5 1
 ) &
 wait
 run 8 adaptive adaptive linkage linkage-mimo solid free plate

@@ -290,10 +290,11 @@ def cells_of_scaling(rows):
 
 
 def cells_of_sizes(rows):
-    """Of the two largest cubes that were analysed, and of the one that the power law is extended to."""
+    """Of the cubes that were analysed with about 10^5 and 10^6 dofs, and of that to which the power law is extended."""
     analysed = [row for row in rows if isinstance(row["dofs"], int)]
+    chosen = [min(analysed, key=lambda row: abs(math.log10(row["dofs"]) - power)) for power in (5, 6)]
     return [[shown(row["dofs"]), shown(row["MB in all"] / 1e3), machine]
-            for row, machine in zip([*analysed[-2:], rows[-1]], MACHINES, strict=True)]  # fmt: skip
+            for row, machine in zip([*chosen, rows[-1]], MACHINES, strict=True)]  # fmt: skip
 
 
 def cells_of_doubling(rows):
@@ -409,16 +410,26 @@ def markdown(head, rows):
     return "".join(f"| {' | '.join(cells)} |\n" for cells in (head, ["---"] * len(head), *rows))
 
 
-def compared(makers, head):
-    """A table of benchmarks.md, empty without results, and where, when and from which commit it was measured."""
-    rows, measured = [], []
-    for name, make in makers.items():
-        path = OUTCOMES / f"{name}.json"
+def compared(name, makers, head):
+    """A table of benchmarks.md, and where, when and from which commit its rows were measured; recorded rows stand where
+    a benchmark has no result for as many dofs."""
+    recorded, rows, measured = json.loads((OUTCOMES / f"{name}.recorded.json").read_text()), [], []
+    for benchmark, make in makers.items():
+        path, new = OUTCOMES / f"{benchmark}.json", []
         if path.exists():
-            found = json.loads(path.read_text())
-            measured.append(origin(found))
-            rows += make(found["rows"])
-    return (markdown(head, rows) if rows else ""), measured
+            result = json.loads(path.read_text())
+            new = list(make(result["rows"]))
+            measured.append(origin(result))
+        earlier = [[row[key] for key in head] for row in recorded["rows"] if row["benchmark"] == benchmark]
+        earlier = [row for row in earlier if size_of(row) not in set(map(size_of, new))]
+        measured += [origin(recorded)] if earlier else []
+        rows += new + earlier
+    return markdown(head, rows), measured
+
+
+def size_of(row):
+    """How many dofs a row of benchmarks.md is about, as a text."""
+    return row[1] if len(row) == len(HEAD) else re.search(r"([\d,]+) dofs", row[0])[1]
 
 
 def origin(found):
@@ -432,10 +443,7 @@ def table(name):
     if name in EVIDENCE:
         return evidence(name) if any(results(*EVIDENCE[name][2:] or [name])) else ""
     makers, head = {"compared": (COMPARED, HEAD), "more": (MORE, ("more", "value"))}[name]
-    text, measured = compared(makers, head)
-    if not text:
-        found = json.loads((OUTCOMES / f"{name}.recorded.json").read_text())
-        text, measured = markdown(head, [[row[key] for key in head] for row in found["rows"]]), [origin(found)]
+    text, measured = compared(name, makers, head)
     return f"{text}\nMeasured on: {'; '.join(dict.fromkeys(measured))}.\n"
 
 
@@ -453,15 +461,13 @@ def written(page):
 
 def main(folder=None):
     for path in sorted(Path(folder).glob("*.json")) if folder else ():
-        replaced = [path.stem] if path.stem in EVIDENCE else []
-        replaced += [name for name, makers in (("compared", COMPARED), ("more", MORE)) if path.stem in makers]
-        if replaced:
+        if path.stem in {*EVIDENCE, *COMPARED, *MORE} and json.loads(path.read_text())["rows"]:
             shutil.copy(path, OUTCOMES / path.name)
+            (OUTCOMES / f"{path.stem}.recorded.json").unlink(missing_ok=True)
             print(f"{path} is now one of benchmarks/outcomes")
-        for name in replaced:
-            (OUTCOMES / f"{name}.recorded.json").unlink(missing_ok=True)
-    for page in PAGES:
-        (ROOT / page).write_text(written(page))
+    texts = {page: written(page) for page in PAGES}
+    for page, text in texts.items():
+        (ROOT / page).write_text(text)
 
 
 if __name__ == "__main__":

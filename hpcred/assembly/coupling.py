@@ -177,12 +177,17 @@ class Machine:
         of more than if these conditions were of the size of the bodies, whatever the band is."""
         own = min(time_of(part.model.K, part.model.M) for part in self.parts.values())
         rows = self._rows() * self._scale(own)
-        shares = np.array([0.0 if joint.rigid else own**2 * abs(joint.impedance(np.array([1j / own]))[0]) * (row @ row)
-                           for joint, row in zip(self.conditions, rows, strict=True)])  # fmt: skip
+        at = np.array([1j / own])
+        shares = np.array([
+            0.0 if condition.rigid else own**2 * abs(condition.impedance(at)[0]) * (row @ row)
+            for condition, row in zip(self.conditions, rows, strict=True)
+        ])  # fmt: skip
         if not (shares > 1).any():
             return self._modes(T, tau)
-        lighter = tuple(replace(joint, laws=tuple((value / max(share, 1.0), law) for value, law in joint.laws))
-                        for joint, share in zip(self.conditions, shares, strict=True))  # fmt: skip
+        lighter = tuple(
+            replace(condition, laws=tuple((value / max(share, 1.0), law) for value, law in condition.laws))
+            for condition, share in zip(self.conditions, shares, strict=True)
+        )  # fmt: skip
         others = replace(self, conditions=lighter)._modes(T, tau)
         try:
             modes = self._modes(T, tau)
@@ -434,10 +439,11 @@ def _parameters(parts) -> tuple[Parameter, ...]:
     """Return the parameters of all bodies, those of one name as one. Raises InputError where they differ."""
     parameters: dict[str, Parameter] = {}
     for part in parts:
-        for known in part.parameters:
-            if parameters.setdefault(known.name, known) != known:
-                raise InputError(f"body '{part.name}': parameter '{known.name}': has another range, reference or unit "
-                                 "than that of another body; a parameter of a name is one of the machine")  # fmt: skip
+        for parameter in part.parameters:
+            if parameters.setdefault(parameter.name, parameter) != parameter:
+                raise InputError(f"body '{part.name}': parameter '{parameter.name}': has another range, reference or "
+                                 "unit than that of another body; a parameter of a name is one of the machine"
+                                 )  # fmt: skip
     return tuple(parameters.values())
 
 

@@ -114,7 +114,7 @@ def sensitivity(machine: Machine, reduced: ReducedModel, band: tuple[float, floa
     largest = max(*machine.outputs.matrix.shape, *machine.inputs.matrix.shape, len(machine.conditions))
     made = [_sizes(machine, flat[chunk], f[chunk], reach[chunk]) for chunk in slices_of(len(flat), largest)]
     out, into, between = map(np.concatenate, zip(*made, strict=True))
-    shaped = [chunk.reshape(*places.shape, *chunk.shape[1:]) for chunk in (out, between, into)]
+    shaped = [sizes.reshape(*places.shape, *sizes.shape[1:]) for sizes in (out, between, into)]
     # the measure of the machine's own responses, of displacements as those of the bodies
     outputs = reduced.output_parts
     orders = orders_of(outputs)

@@ -160,7 +160,7 @@ class CheckedGroup:
 
 
 def _size(size, sizes, length):
-    """The size that is expected where `found` is; letters get their number where they stand first."""
+    """The size that is expected where there are `length`; letters get their number where they stand first."""
     if size == "?":
         return length
     if isinstance(size, int):

@@ -120,7 +120,7 @@ def _labels(path, file, comm, stress) -> _Labels:
                                  for key in ("node", "direction", "position"))  # fmt: skip
     row = np.concatenate([row for *_, row in groups])
     placed = direction < SCALAR
-    cells = {kind: rows_of[slice(*row_range(comm, len(rows_of)))] for kind, rows_of in file.get("elements", {}).items()}
+    cells = {kind: nodes[slice(*row_range(comm, len(nodes)))] for kind, nodes in file.get("elements", {}).items()}
     there = file["basis/stress_node"] if stress else NONE
     return _Labels(
         node[placed].astype(np.int64), direction[placed].astype(np.int64), row[placed], position[placed], cells,

@@ -140,7 +140,7 @@ def number_rows(comm, parts):
     ends = parts.ends
     labels, place = number_over_ranks(comm, np.concatenate(ends))
     size = comm.allreduce(len(labels))
-    numbers = iter(np.split(place, np.cumsum([len(matrix) for matrix in ends])[:-1]))
+    numbers = iter(np.split(place, np.cumsum([len(end) for end in ends])[:-1]))
     parts.matrices = {
         key: Entries((size,) * 2, next(numbers), next(numbers), matrix.values) for key, matrix in parts.matrices.items()
     }

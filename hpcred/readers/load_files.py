@@ -119,7 +119,7 @@ def _placed(model, load, loads: DeckLoads, units: Units):
     where, forces = f"load '{load.name}'", []
     same_mesh.require_places(model.comm, load.file, loads.nodes, units, *placed_nodes(model), model.name)
     force, acceleration = units.energy / units.length, units.length / units.time**2
-    node = np.concatenate([np.zeros(0, np.int64), *(values for values, _ in loads.nodal)])
+    node = np.concatenate([np.zeros(0, np.int64), *(nodes for nodes, _ in loads.nodal)])
     value = np.concatenate([np.zeros((0, 6)), *(values for _, values in loads.nodal)])
     value = value * np.repeat([force, units.energy], 3)
     _require_known(model, load, loads.unknown, where)

@@ -93,7 +93,7 @@ class FlexibleBody:
         ends = np.cumsum([0, 3, 4, self.size, 6 + self.size, self.multipliers, 3]).tolist()
         self._parts = [slice(first, last) for first, last in zip(ends, [*ends[1:], None], strict=True)]
         self.elements = elements or MaxwellStates(np.zeros((self.size, 0)), np.zeros(0), np.zeros(0))
-        self._shapes = {load.shape.node: load.shape for load in (*loads, *springs, *holds)}
+        self._shapes = {acting.shape.node: acting.shape for acting in (*loads, *springs, *holds)}
 
     # The state y: r, p, q | v, w, u | impulses of constraints | work of loads and of drives, losses | dashpots
     def split(self, y):
@@ -222,8 +222,8 @@ class FlexibleBody:
         # a change of r moves the body by A^T dr in its axes, one of p turns it by 2 Q^T dp
         Q = rate_of_quaternion(p)
         turned = 2 * Q.T / (p @ p)
-        for rows, rates in ((at_z, by_place), (at_c, rates_by_place)):
-            dy[rows, at_r], dy[rows, at_p], dy[rows, at_q] = rates[:, :3] @ A.T, rates[:, 3:6] @ turned, rates[:, 6:]
+        for rows, block in ((at_z, by_place), (at_c, rates_by_place)):
+            dy[rows, at_r], dy[rows, at_p], dy[rows, at_q] = block[:, :3] @ A.T, block[:, 3:6] @ turned, block[:, 6:]
         dy[at_z, at_z], dy[at_c, at_z] = by_z, G
         dyp[at_z, at_z], dyp[at_z, at_c], dyp[at_c, at_c] = self.floating_frame.mass_matrix(q), -G.T, 0.0
         # kinematics: r' = A v, p' = Q(p) w / 2 = W p / 2, q' = u
@@ -305,7 +305,7 @@ class FlexibleBody:
         by_z[:3, 3:6] -= skew(P[:3])
         by_z[3:6, :3] -= skew(P[:3])
         by_z[3:6, 3:6] -= skew(P[3:6])
-        # by q also the Hessian of M; by rotations only the weight changes
+        # by q also the second derivatives of M; by rotations only the weight changes
         by_place = np.zeros_like(M)
         by_place[:, 6:] = slopes(zp, at_up)
         by_place[:3, 6:] += W @ (by_q[:3] + at_u[:, :3].T)

@@ -192,14 +192,14 @@ def _job(path, job, figure, comm, progress):
         ]  # fmt: skip
         varied = model.declared | ({
             "parameters": rows_of_parameters(job.parameter),
-            "terms": [{"of": node.with_matrix(None).of, "factor": node.factor, "matrix": node.matrix_in_words}
-                      for node in job.term],
+            "terms": [{"of": term.with_matrix(None).of, "factor": term.factor, "matrix": term.matrix_in_words}
+                      for term in job.term],
         } if job.term else {})  # fmt: skip
         return {
             "format": "job file", "model": model.name, "dofs": model.size, "output": job.output,
-            "interfaces": rows, **({"bases": [_base_row(node) for node in job.base]} if job.base else {}),
-            "loads": [node.row for node in loads], **varied,
-            "warnings": [*model.remarks, *warnings_of_interfaces(model), *sum((node.notes for node in loads), [])],
+            "interfaces": rows, **({"bases": [_base_row(base) for base in job.base]} if job.base else {}),
+            "loads": [load.row for load in loads], **varied,
+            "warnings": [*model.remarks, *warnings_of_interfaces(model), *sum((load.notes for load in loads), [])],
         }  # fmt: skip
 
 

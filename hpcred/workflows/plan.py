@@ -199,18 +199,18 @@ def _ways(size: Size, ranks, gflops, factors, job: Job | None) -> list[Way]:
     """Return the ways to solve, the quickest first, and the GPU; that of the job is marked."""
     # groups of ranks factor points at the same time; complex factors take twice the memory and four times the work
     groups = min(job.groups, factors, ranks) if job is not None and isinstance(job.groups, int) else 1
-    arrays = 2 if job is not None and job.preferred_scalar == "complex" else 1
+    reals = 2 if job is not None and job.preferred_scalar == "complex" else 1
     each = ranks / groups
 
     # MUMPS estimates for the ranks of the analysis
     growth = (ON_TWO if size.ranks == 1 < each else 1.0) * MORE_BY_RANKS ** max(log2(each / max(size.ranks, 2)), 0.0)
-    in_core, on_disk = (arrays * groups * growth * mb * MB for mb in (size.mb, size.mb_on_disk))
-    rest = PROGRAM * ranks + arrays * (MATRICES * groups * size.nonzeros + 16 * size.dofs * COLUMNS)
+    in_core, on_disk = (reals * groups * growth * mb * MB for mb in (size.mb, size.mb_on_disk))
+    rest = PROGRAM * ranks + reals * (MATRICES * groups * size.nonzeros + 16 * size.dofs * COLUMNS)
 
-    operations = arrays**2 * ceil(factors / groups) * size.flops
+    operations = reals**2 * ceil(factors / groups) * size.flops
     beside = BESIDE * size.dofs / sqrt(ranks)
     seconds = operations / (each * gflops * 1e9) + beside
-    file, card = 8 * arrays * size.entries / GB, CARD * arrays * size.entries / GB
+    file, card = 8 * reals * size.entries / GB, CARD * reals * size.entries / GB
     solver = LinearSolver() if job is None else job.solver
     low_rank, out_of_core = (None, None) if job is None else (job.low_rank, job.out_of_core)
     accuracy = f"{low_rank or 1e-8:g}".replace("e-0", "e-")

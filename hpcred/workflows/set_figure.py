@@ -34,8 +34,8 @@ def draw_sets_of(figure, model, sets: dict, marks=()):
     with atomic_output(figure, comm) as temporary, agreed(comm):
         if comm.rank == 0:
             places = []
-            for name in dict.fromkeys(name for nodes in sets for name in nodes):
-                numbers = np.concatenate([nodes[name] for nodes in sets if name in nodes])
+            for name in dict.fromkeys(name for of_rank in sets for name in of_rank):
+                numbers = np.concatenate([of_rank[name] for of_rank in sets if name in of_rank])
                 places.append((name, np.flatnonzero(np.isin(surface.nodes, numbers))))
             seen = surface_of(surface.points, _cells(surface, lines))
             draw_sets(temporary, seen, surface.points, places, marks, kind_of_figure(figure))

@@ -162,7 +162,7 @@ def _run(sweep, chosen, left, before, skipped, at_once, progress) -> dict:
 
 
 def _reduced(sweep, runs, bases, at_once, progress) -> tuple[list[Child], set[str]]:
-    """Run `hpcred reduce` for each of these runs, with what is `given` to it by name; returns the children, and the
+    """Run `hpcred reduce` for each of these runs, with options by name, `bases`; returns the children, and the
     names of those that another sweep in this folder has done meanwhile. Raises Stopped."""
     children = [
         _child(sweep, run.name, "reduce", str(run.beside(".toml").absolute()), *bases.get(run.name, ()),

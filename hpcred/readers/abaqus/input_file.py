@@ -532,7 +532,7 @@ def _require_nodes(path, comm, nodes, elements):
 
 
 def _with_more_nodes(piece, width, extra):
-    """As _element_lines, of elements that may name `more` nodes, 0 or none, in their line or behind a last comma."""
+    """As _element_lines, of elements that may name `extra` nodes, 0 or none, in their line or behind a last comma."""
     filled = Piece(piece.path, EMPTY_FIELD.sub(b",0", piece.text), piece.start)
     values, counts, lines = ragged(filled, blanks=False, expected=f"{width} to {width + extra} numbers an element")
     first, total = np.arange(len(counts)), counts

@@ -89,7 +89,7 @@ def _members(known, kind, name):
 
 
 def _read_block(comm, block, offset, known, wanted):
-    """Put what the data lines of this rank say into `found`."""
+    """Put what the data lines of this rank say into `known`."""
     kind, params = block.section.keyword, block.section.parameters
     name = params.get(kind)
     if not name:

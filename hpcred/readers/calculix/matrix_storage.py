@@ -216,7 +216,7 @@ def _with_expanded_nodes(comm, path, label, mesh):
     ends = comm.allgather(label[-1:].tolist())
     before = np.array([-1, *(end for of_rank in ends[: comm.rank] for end in of_rank)][-1:] + label.tolist())[:-1]
     first = mine & ((before // STRIDE != node) | (label <= before))  # rows with which a node of a solid begins
-    behind = comm.allreduce(max(int(of_rank.max(initial=0)) for of_rank in (mesh.nodes.label, node)), op=MPI.MAX) + 1
+    behind = comm.allreduce(max(int(labels.max(initial=0)) for labels in (mesh.nodes.label, node)), op=MPI.MAX) + 1
     number = behind + (comm.exscan(int(first.sum())) or 0) + np.cumsum(first) - 1
     # places of the made nodes, through the thickness as far as it is known
     there, places = look_up(comm, mesh.nodes.label, list(mesh.nodes.position.T), node[first])

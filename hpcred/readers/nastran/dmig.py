@@ -86,7 +86,7 @@ def contents(path, comm, section=None) -> list[DmigMatrix]:
             at = np.flatnonzero(table[:, 1] == b"0")
             form, kind, columns = (wholes(piece, table[at, k], number[at], meaning, 0, empty=0)
                                    for k, meaning in ((2, "the form"), (3, "the type"), (7, "the number of columns")))
-            mine += [DmigMatrix(name.decode("latin-1"), *(int(matrix) for matrix in rest))
+            mine += [DmigMatrix(name.decode("latin-1"), *(int(number) for number in rest))
                      for name, *rest in zip(table[at, 0], form, kind, columns, strict=True)]  # fmt: skip
             used |= set(table[:, 0].tolist())
     # each matrix has one such card, before its columns
