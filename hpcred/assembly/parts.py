@@ -341,7 +341,8 @@ def _free_motions(reduced, frame, where) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _moved(name, places, origin, where) -> tuple[int, np.ndarray]:
-    """Return the order of the time derivative that an output is, and how rigid-body motions (6,) about the origin move it."""
+    """Return the order of the time derivative that an output is, and how rigid-body motions (6,) move it, about the
+    origin."""
     quantity, place = named_quantity(name)
     node = node_of(name)
     if node is None:
