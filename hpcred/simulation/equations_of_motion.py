@@ -471,20 +471,20 @@ class FlexibleBody:
         body, energies = self.floating_frame, np.empty((len(q), 3))
         v, w, u = np.split(z, [3, 6], axis=1)
         for first in range(0, len(q), CHUNK):
-            now = slice(first, first + CHUNK)
-            change = body.varied(q[now])
+            chunk = slice(first, first + CHUNK)
+            change = body.varied(q[chunk])
             couplings = np.concatenate([body.Ct, body.Cr], axis=1) + change[:, :, :6]
-            centre = body.mc + np.einsum("tk,tki->ti", q[now], body.Ct + change[:, :, :3] / 2)
-            inertia = body.J + np.einsum("tk,tki->ti", q[now], body.dJ.reshape(-1, 9) + change[:, :, 9:] / 2).reshape(
+            centre = body.mc + np.einsum("tk,tki->ti", q[chunk], body.Ct + change[:, :, :3] / 2)
+            inertia = body.J + np.einsum("tk,tki->ti", q[chunk], body.dJ.reshape(-1, 9) + change[:, :, 9:] / 2).reshape(
                 -1, 3, 3
             )
-            energies[now, 0] = (
-                self.mass * (v[now] ** 2).sum(axis=1) / 2 + (w[now] * np.cross(centre, v[now])).sum(axis=1)
-                + np.einsum("ti,tij,tj->t", w[now], inertia, w[now]) / 2
-                + np.einsum("tk,tki,ti->t", u[now], couplings, z[now, :6])
+            energies[chunk, 0] = (
+                self.mass * (v[chunk] ** 2).sum(axis=1) / 2 + (w[chunk] * np.cross(centre, v[chunk])).sum(axis=1)
+                + np.einsum("ti,tij,tj->t", w[chunk], inertia, w[chunk]) / 2
+                + np.einsum("tk,tki,ti->t", u[chunk], couplings, z[chunk, :6])
             )  # fmt: skip
-            energies[now, 2] = -(self.mass * r[now] @ self.gravity + np.einsum("ti,tij,j->t", centre, A[now].transpose(
-                0, 2, 1), self.gravity))  # fmt: skip
+            weight = np.einsum("ti,tij,j->t", centre, A[chunk].transpose(0, 2, 1), self.gravity)
+            energies[chunk, 2] = -(self.mass * r[chunk] @ self.gravity + weight)
         energies[:, 0] += np.einsum("ti,ij,tj->t", u, body.Me, u) / 2
         stretch = q @ self.elements.L - dashpots
         energies[:, 1] = (np.einsum("ti,ij,tj->t", q, self.K, q) + stretch**2 @ self.elements.factors) / 2
