@@ -179,7 +179,7 @@ class Basis:
             self._append(block, mass_images)
             return Extension(self.size - start, smallest_kept=1.0)
         pending, taken = self._pending(block, mass_images)
-        twice = taken is not None or not self._end  # whether the columns are projected for the second time, if ever
+        twice = taken is not None or not self._end  # what V has of the columns was taken out before
         for _ in range(PASSES):
             # X <- X - V V^H M X, with unit columns
             weight, gram, dropped, none = self._project_and_scale(pending, weight, taken)

@@ -91,7 +91,7 @@ class Team:
             return None, sendable(error)
 
     def dismiss(self):
-        """Have the others follow no more; after an interrupt within a question they wait for its end, and are ended."""
+        """Have the others follow no more. An interrupt within a question leaves them in it: the job ends."""
         if self.size > 1 and not self._is_asking:
             self._comm.bcast(None)
 

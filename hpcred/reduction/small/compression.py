@@ -181,7 +181,6 @@ class SharedSnapshots:
         work = len(frequencies) * len(pair.outer) ** 2 * pair.outer.io.inputs.shape[1]
         self._team = pair.team if work >= WORTH_SHARING and len(frequencies) >= pair.team.size else Team()
         # what scales and sizes of states have in common at all frequencies
-        self._team.each(_forgotten)  # the states of the compression before
         tops = self._team.each(_begun, pair, frequencies, fixed)
         squares = self._asked("solve", [np.max(tops_of_one, axis=0) for tops_of_one in zip(*tops, strict=True)])
         self.balances = self._asked("balance", sum(squares))[0]
@@ -214,12 +213,9 @@ class SharedSnapshots:
 
 
 def _begun(place: Place, pair, frequencies, fixed):
+    place.made.clear()  # the states of the compression before
     place.made["states"] = States(pair, place.share(frequencies), fixed)
     return place.made["states"].tops()
-
-
-def _forgotten(place: Place):
-    place.made.clear()
 
 
 def _of_states(place: Place, method, *arguments):
