@@ -31,7 +31,7 @@ def pytest_runtest_setup(item):
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item):
     if TIMES and item.nodeid in started:
-        costly = any(mark.kwargs.get("costly") for mark in item.iter_markers("mpi")) or any(item.iter_markers("costly"))
+        costly = item.get_closest_marker("costly")
         seconds = processor_seconds() - started.pop(item.nodeid)
         with open(TIMES, "a") as file:  # one write a line, so that ranks do not mix
             file.write(f"{seconds:.2f}\t{'costly' if costly else ''}\t{item.nodeid}\n")

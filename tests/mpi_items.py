@@ -6,8 +6,8 @@ suffixes [1-rank] (run here), [2-ranks], [3-ranks] and, where there are two buil
 
 Quick are [1-rank] and one more, as the name of the test decides: of eight tests about four run on two ranks, three on
 two ranks of the complex build, and one on three ranks. Of the cases of one test the first and about every third of the
-others have this one more. All else is marked slow. Tests that cost much say `mpi(costly=True)`, and cases of a test
-`marks=pytest.mark.costly`: of them [1-rank] alone is quick.
+others have this one more. All else is marked slow. Of tests, and cases of tests, that are marked `costly` [1-rank]
+alone is quick.
 
 The items of one suffix run together in one `mpiexec ... pytest`, the inner session, which starts with the first of
 them. Its ranks append what happens, a line of JSON each time, to a file; the session outside reads its reports there
@@ -115,9 +115,8 @@ def pytest_itemcollected(item):
     number = crc32(item.nodeid.replace(job, "").encode())
     turn = MORE[number % len(MORE)]
     more = next((name for name in (turn, *MORE, "1-rank-complex") if name in suffixes), HERE)
-    costly = mark.kwargs.get("costly") or item.get_closest_marker("costly")
     later = max(item.callspec.indices.values()) >= len(suffixes)  # no first case: pytest counts the suffixes as well
-    alone = costly or (later and number % CASES)
+    alone = item.get_closest_marker("costly") or (later and number % CASES)
     if job not in (HERE, more) or (alone and job != suffixes[0]):
         item.add_marker("slow")
 

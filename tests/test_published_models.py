@@ -27,7 +27,8 @@ def published(name):
     return MODELS[name] if name in HERE else pytest.skip(f"{MODELS[name].file} is not here")
 
 
-@pytest.mark.mpi(build="real", costly=True)
+@pytest.mark.mpi(build="real")
+@pytest.mark.costly
 @pytest.mark.parametrize("name", ["shaft", "sandwich", *(pytest.param(name, marks=pytest.mark.slow)
                                                        for name in ("foundation", "concrete"))])  # fmt: skip
 def test_reduced_to_a_tolerance(comm, name):

@@ -363,7 +363,8 @@ def test_a_reduced_rotor_with_viscoelastic_parts(comm):
     assert np.allclose(*(np.sort_complex(each.poles) for each in (found, beside)), rtol=1e-6, equal_nan=True)
 
 
-@pytest.mark.mpi(ranks=(1, 2), costly=True)
+@pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.costly
 def test_a_full_rotor_beside(comm):
     """The lowest modes of an overhung rotor with gyroscopic moments, against all its modes in numpy."""
     with overhung_rotor(comm) as rotor:

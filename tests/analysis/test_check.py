@@ -36,6 +36,7 @@ def scaled(model, length, mass, time, times=1.0):
     return SecondOrderModel.from_csr(model.comm, model.size, indptr, indices, values, dofs=dofs, held=held)
 
 
+@pytest.mark.costly
 def test_kratos_cantilever(comm):
     """Frequencies of the program, held nodes, and a mass that is too small."""
     with cantilever(comm) as model, model.with_inputs([(99, "z")]) as loaded:

@@ -28,7 +28,8 @@ def nearest(poles, to, count):
     return poles[np.argsort(np.abs(poles - to))][:count]
 
 
-@pytest.mark.mpi(ranks=(1, 2), costly=True)
+@pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.costly
 @pytest.mark.parametrize("unsymmetric", [False, True])
 def test_against_a_dense_eigensolver(comm, unsymmetric):
     """Dashpots that make some modes over-critical, and a gyroscopic pair; residuals by shapes in all dofs."""
@@ -63,6 +64,7 @@ def test_a_free_chain_is_shifted(unit):
 
 @pytest.mark.mpi(ranks=(1, 2))
 @pytest.mark.parametrize("equal, count", few_on_ranks([(12, 16), (5, 5)]))
+@pytest.mark.costly
 def test_equal_poles_are_all_found(comm, equal, count):
     """Equal damped oscillators below others: one Krylov sequence ends before round-off brings the second mode."""
     omega = np.r_[np.full(equal, 1.0), np.linspace(3.0, 100.0, 100)]

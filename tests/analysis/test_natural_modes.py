@@ -59,6 +59,7 @@ def test_matrices_of_both_signs_have_no_natural_frequency(comm, key):
         hpcred.natural_modes(model, 2)
 
 
+@pytest.mark.costly
 def test_null_vectors_that_no_node_tells_of(comm):
     """A free chain without nodes, and a count of rigid-body modes only."""
     K = 2 * np.eye(9) - np.eye(9, k=1) - np.eye(9, k=-1)
@@ -73,6 +74,7 @@ def test_null_vectors_that_no_node_tells_of(comm):
 
 
 @pytest.mark.parametrize("soft", few_on_ranks([1e-6, 1e-1, 1e-3, 1e-4]))
+@pytest.mark.costly
 def test_soft_modes_stand_beside_stiff_ones(comm, soft):
     """Six chains, each on a spring of 1e-7 to 1e-12 of theirs: what a stiff mode has of soft ones would take all
     digits of its direction in a step of inverse iteration."""

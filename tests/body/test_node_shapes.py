@@ -13,6 +13,7 @@ from hpcred.parallel.failures import InputError
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_shapes_of_nodes_with_three_and_six_dofs(comm):
     with hpcred.linkage(comm) as linkage, hpcred.solid((4, 3, 2), None, 3, False, comm) as block:
         for model, node, count in ((block, 5, 3), (linkage, 20, 6)):

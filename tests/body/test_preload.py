@@ -29,6 +29,7 @@ def blade(comm, cells=(12, 2, 2), **more):
     Preload(omega=(50.0, 60.0, 80.0)), Preload(forces={"right:x": 4e3}), Preload(omega=(0.0, 0.0, 100.0)),
     Preload(acceleration=(-3000.0, 0.0, 0.0), angular_acceleration=(0.0, 0.0, 50.0)),
 ], 2))  # fmt: skip
+@pytest.mark.costly
 def test_modes_of_the_whole_and_of_the_reduced_body_agree(comm, preload):
     with blade(comm) as model, hpcred.reduce(model, [Modes(count=10)], CLAMP) as rom:
         stiffness = hpcred.geometric_stiffness(model, rom.columns, CLAMP)
@@ -66,6 +67,7 @@ def test_a_column_that_buckles_has_no_frequency(comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_a_preload_counts_once(comm, folder):
     """In K, and no longer among the states; once more, or of a stiffened body, it is refused. A SID file has V^T f of
     it in ksigma, against numpy, in any units, and leaves spin softening to the program that turns the body."""

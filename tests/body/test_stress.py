@@ -132,6 +132,7 @@ def test_bending_of_a_cantilever(comm, type_, kind):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_static_solutions_in_the_basis_make_stresses_near_loads_exact(comm):
     """Under a force at a corner; twenty modes alone miss most of it there, and little in the middle."""
     found = []
@@ -168,6 +169,7 @@ def test_held_nodes_do_not_move_and_have_a_stress(comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_sets_of_nodes(comm):
     with hpcred.crank(600, comm=comm) as model, hpcred.reduce(
         model.with_inputs([(1, "x")]), [hpcred.Modes(count=8)], hpcred.Buckens()
@@ -203,6 +205,7 @@ def test_no_elements_are_missing_where_straight_ones_have_no_forces(comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_energy_of_other_materials_is_noticed(comm):
     with hpcred.crank(600, comm=comm) as model, hpcred.reduce(
         model.with_inputs([(1, "x")]), [hpcred.Modes(count=8)], hpcred.Buckens()

@@ -75,6 +75,7 @@ def equilibrium(model, values):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_the_support_does_not_count_where_loads_and_inertia_are_in_equilibrium(comm):
     """Sums of states by inertia relief, by clamps at either end, and by three nodes, of one basis."""
     rng = np.random.default_rng(5)
@@ -127,6 +128,7 @@ def test_flapping_of_a_blade_rises_with_its_speed():
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_averaging_interfaces_and_nodes_of_solids(comm):
     """The sum of forces at all nodes of an end is a force at its interface, as is the stress."""
     with (
@@ -145,6 +147,7 @@ def test_averaging_interfaces_and_nodes_of_solids(comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_what_has_no_geometric_stiffness_of_its_own(comm):
     with (
         hpcred.linkage(comm) as model,

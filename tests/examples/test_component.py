@@ -17,6 +17,7 @@ FRAME = hpcred.Chord(nodes=(1, 7, 14), axes="yxz")
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_static_deflections_under_further_loads_are_exact(linkage):
     """Forces that are no inputs deflect the reduced body as the full one, which the same number of modes does not."""
     loads = ((10, "z"), (4, "x"))
@@ -52,6 +53,7 @@ BASIS = (hpcred.Modes(count=4), example.FurtherLoads(loads=((10, "z"), (4, "x"))
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_its_results_are_read_again(comm, folder, linkage):
     hpcred.reduce(linkage, BASIS, hpcred.Buckens()).save(folder / "a.h5")
     assert hpcred.read_result(folder / "a.h5", comm).reduced.record.basis == BASIS

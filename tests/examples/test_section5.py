@@ -27,7 +27,8 @@ def test_table_1(linkage):
             assert low <= hpcred.analysis.error_integral(frequencies, errors) <= high
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 def test_tables_of_the_paper(comm, monkeypatch):
     monkeypatch.setattr(section5, "FREQUENCIES", np.linspace(0.1, 300, 601))  # a fifth of those of `hpcred paper`
     with hpcred.linkage(comm) as model:

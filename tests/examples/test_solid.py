@@ -15,6 +15,7 @@ from hpcred.model.material_stiffness import material_stiffness
 pytestmark = pytest.mark.mpi
 
 
+@pytest.mark.costly
 def test_a_slender_block_bends_like_a_beam(comm):
     """Cantilever of Euler and Bernoulli: f1 = 1.8751^2 / (2 pi L^2) sqrt(E I / (rho A))."""
     first = 1.875104**2 / (2 * np.pi) * np.sqrt(2e11 * 0.02**2 / 12 / 7850)
@@ -23,6 +24,7 @@ def test_a_slender_block_bends_like_a_beam(comm):
         assert np.allclose(rom.frequencies, first, rtol=0.03)
 
 
+@pytest.mark.costly
 def test_elements_of_a_clamped_block_keep_their_held_nodes(comm, folder):
     """Those of K: their assembly is K, and their stress beside the clamp that of the free block with the same motion,
     also after model.h5; preload and geometric stiffness find the strain energy of K."""
@@ -56,6 +58,7 @@ def test_elements_of_a_clamped_block_keep_their_held_nodes(comm, folder):
             assert 0 < spun.frequencies[0] / still.frequencies[0] - 1 < 1e-3
 
 
+@pytest.mark.costly
 def test_elements_that_are_missing_are_said_where_stresses_need_them(comm):
     """At the nodes beside them only: in stress modes, and in reductions with stresses as outputs."""
     with hpcred.solid((6, 2, 3), inputs=3, comm=comm) as model:

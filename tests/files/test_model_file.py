@@ -163,6 +163,7 @@ def test_nodes_that_are_held_stand_still_in_shapes_and_exports(comm, folder):
             result.body([7])
 
 
+@pytest.mark.costly
 def test_names_of_node_sets_choose_the_nodes_of_a_body(comm, folder, linkage):
     """A set stands for its nodes that have dofs; an interface comes before a set of the same name."""
     sets = {"tip": np.array([20, 3, 70])[comm.rank :: comm.size], "eye": np.full(int(comm.rank == 0), 4),

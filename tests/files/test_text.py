@@ -32,6 +32,7 @@ def test_every_line_is_read_once_wherever_the_pieces_are_cut(folder, comm, monke
 
 
 @pytest.mark.parametrize("mark", ["$", "**", "!", "#", "  %"])
+@pytest.mark.costly
 def test_a_format_is_told_below_all_comments(folder, comm, mark):
     for count in (0, 1, 99, 3000):
         content = f"{mark} {'x' * 70}\n\n" * count + "first\nsecond\n" + "y" * 9000

@@ -138,6 +138,7 @@ def test_a_coarse_matrix_is_that_of_dense_numpy(comm, monkeypatch, slab):
 
 
 @pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.costly
 def test_a_free_body_is_solved_by_inertia_relief_as_with_a_factor(comm):
     model = hpcred.solid(CELLS, inputs=3, clamped=False, comm=comm)
     with model:
@@ -156,6 +157,7 @@ def test_a_free_body_is_solved_by_inertia_relief_as_with_a_factor(comm):
 
 
 @pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.costly
 def test_what_is_not_positive_definite_is_refused(comm):
     with hpcred.solid(CELLS, inputs=3, clamped=False, comm=comm) as model:
         framed = apply_frame(model, None)
@@ -178,6 +180,7 @@ def test_what_is_not_positive_definite_is_refused(comm):
 
 
 @pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.costly
 def test_rough_solutions_leave_what_they_may_of_the_residual(comm):
     """At 0 Hz of the loads, and above modes that a basis has of what is left beside that."""
     with hpcred.solid(CELLS, inputs=3, comm=comm) as model:
@@ -264,7 +267,8 @@ def test_modes_are_those_of_factors():
             assert np.allclose(*found, rtol=1e-9)
 
 
-@pytest.mark.mpi(ranks=(1, 3), costly=True)
+@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.costly
 def test_a_tolerance_is_reached_by_the_chain_at_0_hz_and_proven_beside_the_basis(comm):
     band = (0.0, 25000.0)
     with hpcred.solid(CELLS, inputs=3, comm=comm) as model:
@@ -293,6 +297,7 @@ def test_a_tolerance_is_reached_by_the_chain_at_0_hz_and_proven_beside_the_basis
 
 @pytest.mark.mpi(ranks=(1, 3))
 @pytest.mark.parametrize("direct", few_on_ranks([False, True]), ids=["levels of K", "a factor above"])
+@pytest.mark.costly
 def test_below_modes_that_a_basis_has_solves_are_as_with_a_factor(comm, direct):
     """Be it with the levels of K or, as far as a response needs it, with the factor of another point. A mode that the
     basis lacks is noticed, or seen in the response."""
@@ -350,7 +355,8 @@ def test_a_search_goes_back_to_0_hz_where_its_basis_lacks_modes(monkeypatch):
         assert accuracy.points[2].frequency > 0 and accuracy.proofs
 
 
-@pytest.mark.mpi(ranks=(1, 3), costly=True)
+@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.costly
 def test_where_a_factor_does_not_fit_multigrid_takes_over_at_real_points(comm, monkeypatch):
     with hpcred.solid((8, 6, 6), inputs=1, comm=comm) as model:
         monkeypatch.setenv("HPCRED_MEMORY_MB", "2")

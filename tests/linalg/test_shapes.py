@@ -35,7 +35,8 @@ ON_RANKS = (
 )  # fmt: skip
 
 
-@pytest.mark.mpi(ranks=(1, 3), costly=True)
+@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.costly
 @pytest.mark.parametrize("name", ON_RANKS)
 def test_iterations_stay_in_bounds_on_ranks(comm, name):
     check_iterations(comm, name)

@@ -123,6 +123,7 @@ def test_held_nodes(comm, lumped):
     assert not notes[0] and ("the mass of held dofs" in notes[1]) == (not lumped)
 
 
+@pytest.mark.costly
 def test_reduced_with_its_exports(comm, tmp_path):
     """Reduction to a tolerance, files and the state space have absolute accelerations as the full model has them."""
     model, *_ = straight(comm, damping=1e-5)
@@ -152,6 +153,7 @@ def test_reduced_with_its_exports(comm, tmp_path):
         (hpcred.GivenDamping(), ((5, "z"), (9, "ry")), 1e-4), (hpcred.Structural(loss_factor=0.02), (), 1e-3),
     ]),
 )  # fmt: skip
+@pytest.mark.costly
 def test_tolerance(comm, damping, forces, tolerance):
     """A reduction to a tolerance, against the dense partition of the whole in the measure that it claims: relative
     displacements and absolute accelerations, of a base alone and beside forces."""
@@ -312,6 +314,7 @@ def test_large_mass(comm):
 
 
 @pytest.mark.parametrize("quantity", few_on_ranks(["displacement", "velocity"]))
+@pytest.mark.costly
 def test_other_motions_as_input(comm, quantity, tmp_path):
     """Displacements and velocities of a base as inputs, alone and beside a force, in the matrices of the state space:
     as the accelerations times powers of s; outputs that would need their derivatives go."""
@@ -345,7 +348,8 @@ def test_other_motions_as_input(comm, quantity, tmp_path):
         driven.driven_by("jerk")
 
 
-@pytest.mark.mpi(ranks=(1,), costly=True)
+@pytest.mark.mpi(ranks=(1,))
+@pytest.mark.costly
 def test_direct_part_over_time(comm, tmp_path):
     """Absolute accelerations over time, in a simulation and by the matrices of a .mat, are those of the full model; the
     same for a displacement and a velocity of the base as for its acceleration."""

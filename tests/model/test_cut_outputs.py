@@ -87,6 +87,7 @@ def test_a_beam_that_is_held_at_its_end(comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_under_the_tolerance_and_in_files(comm, folder):
     model = cantilever(comm)
     hpcred.write_model(folder / "m.h5", model)
@@ -103,7 +104,8 @@ def test_under_the_tolerance_and_in_files(comm, folder):
     assert found["eps_max"] <= 1e-4
 
 
-@pytest.mark.mpi(ranks=(1, 2), costly=True)
+@pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.costly
 @pytest.mark.parametrize("coordinates", ["modal", "interface"])
 def test_a_free_body_to_a_tolerance(comm, coordinates):
     model = cantilever(comm, clamped=False)
@@ -123,6 +125,7 @@ def test_a_free_body_to_a_tolerance(comm, coordinates):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_bodies_in_other_units(comm):
     targets = [
         CutOutput(cut="TIP", component="fz"), CutOutput(cut="TIP", component="mx"),

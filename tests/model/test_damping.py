@@ -11,6 +11,7 @@ from hpcred.model.damping import is_proportional, warnings_of_damping
 pytestmark = pytest.mark.mpi
 
 
+@pytest.mark.costly
 def test_caughey_series_against_dense_matrices(comm):
     """Five terms; full and reduced D, and Rayleigh as the series of two."""
     with hpcred.solid((2, 2, 2), inputs=2, comm=comm) as model:

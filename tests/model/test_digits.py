@@ -44,6 +44,7 @@ def error_of(K, M, digits):
 
 
 @pytest.mark.parametrize("digits", few_on_ranks([10, 9, 12, 14]))
+@pytest.mark.costly
 def test_what_the_digits_leave_is_said(comm, digits):
     """Never less than a fifth of what rounding does, nor more than thirty times."""
     K, M = beam(80)

@@ -95,6 +95,7 @@ def test_numbers_and_places_of_nodes_follow_the_rows(comm, solid, nodes, taken):
 
 
 @pytest.mark.parametrize("frame", few_on_ranks([hpcred.Chord(nodes=(3, 20, 47)), hpcred.NoFrame()]))
+@pytest.mark.costly
 def test_bodies_in_blocks_are_reduced(arrays, nodes, taken, frame):
     """Block sizes do no harm to frames, modes and Krylov blocks."""
     found = []

@@ -59,6 +59,7 @@ def test_stresses_of_models_in_other_units(comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_a_job_with_stresses_among_its_outputs(comm, folder):
     with hpcred.solid((6, 2, 3), None, 3, comm=comm) as model:
         hpcred.write_model(folder / "m.h5", model)

@@ -73,6 +73,7 @@ def steel(comm, text):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("text", few_on_ranks(["mm,t,s", "mm-kg-ms", "inch-lbf-s"]))
+@pytest.mark.costly
 def test_a_converted_model_is_the_one_built_in_si(comm, text):
     """Blocks of translations and rotations scale differently; to round-off, entry by entry."""
     with steel(comm, "SI") as expected, steel(comm, text) as other, hpcred.model.in_si(other, units_of(text)) as found:

@@ -177,6 +177,7 @@ def test_a_part_that_holds_a_free_body_is_refused(comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_a_free_body(comm):
     """K_v = K, by modes: the elastic part of a body of viscoelastic material."""
     law, f = Maxwell(factors=[1.0, 0.3], times=[1e-3, 1e-5]), np.array([20.0, 90.0])

@@ -124,6 +124,7 @@ def test_displacements_of_a_rot_node_are_rotations_of_the_ref_node(comm, folder)
         load_export(folder / "a.inp", comm)
 
 
+@pytest.mark.costly
 def test_rows_inside_of_elements_and_of_couplings(comm, folder):
     """C3D8I has nine rows of no node; *Kinematic and *Rigid Body have ROT nodes that CalculiX made before those."""
     for suffix in ("inp", "dof", "sti.gz", "mas.gz"):
@@ -282,6 +283,7 @@ REFERENCE = {  # Hz, of CalculiX: SOURCES.md beside the files
 @needs_fe
 @pytest.mark.mpi
 @pytest.mark.parametrize("name", REFERENCE)
+@pytest.mark.costly
 def test_frequencies_are_those_of_calculix(comm, name):
     free = name.startswith("lever")
     with load_export(FE / "calculix" / f"{name}.inp", comm) as model, model.with_inputs([1]) as loaded:

@@ -285,6 +285,7 @@ def test_other_files_are_refused(comm, folder):
         DeckLoad(name="n", file="a.inp", step=1, sid=2)
 
 
+@pytest.mark.costly
 def test_a_step_that_is_cut_off_is_refused(comm, folder):
     """Each cut of the file in or behind its step: all of the loads, or a refusal."""
     whole = deck(step("*CLOAD", "1, 1, 5.0", "12, 2, 7.0"))

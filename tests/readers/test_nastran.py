@@ -34,6 +34,7 @@ MODELS = {
 # without a count of modes the complex build solves for all below the band
 @pytest.mark.parametrize("name", [
     pytest.param(name, marks=[pytest.mark.costly] * (name == "maewing1")) for name in MODELS])  # fmt: skip
+@pytest.mark.costly
 def test_frequencies_are_those_of_the_program(comm, folder, name):
     file, size, entries, expected, digits, rigid = MODELS[name]
     unpack(folder, comm, f"nastran/{name}")
@@ -48,7 +49,8 @@ def test_frequencies_are_those_of_the_program(comm, folder, name):
             assert np.allclose(rom.frequencies[:4], expected, rtol=digits, atol=0)
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 def test_few_digits_are_no_end_of_modes(comm, folder, monkeypatch):
     """Where the rigid-body motions of the nodes are too inexact for K, the way out is named, and it is one: that their
     rounded zeros differ from one sequence to the next is no reason to look for more modes."""

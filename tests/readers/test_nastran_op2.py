@@ -66,6 +66,7 @@ def second(path, name):
 
 
 @pytest.mark.peers("pyyeti")
+@pytest.mark.costly
 def test_a_matrix_of_nx_nastran(comm):
     path = DATA / "nastran" / "nx" / "nas2cam_notall6_nx2021.op2"
     (found,) = nastran_op4.contents(path, comm)

@@ -36,6 +36,7 @@ def test_nodes_and_elements_of_a_real_file(comm, monkeypatch):
     }
 
 
+@pytest.mark.costly
 def test_shapes_of_a_result(comm, folder):
     with hpcred.solid((2, 2, 2), inputs=2, comm=comm) as model, hpcred.reduce(model, [Modes(count=3)]) as rom:
         hpcred.write_result(folder / "r.h5", rom, model)

@@ -44,6 +44,7 @@ def one_triangle(entries, order):
 
 @pytest.mark.parametrize("order", ["lower", pytest.param("upper", marks=pytest.mark.slow), "diagonal", "both"])
 @pytest.mark.parametrize("name", ["blockC3D8", "blockC3D10"])  # with a diagonal mass, and a consistent one
+@pytest.mark.costly
 def test_no_cut_of_abaqus_matrices_is_read(comm, folder, name, order):
     """At lines in the middle of a row and at its end, of K and of M; a diagonal M had only lost its mass."""
     found, deck = block(name)
@@ -118,6 +119,7 @@ def test_a_cut_mass_of_dmig_is_refused(comm, folder, maewing, share):
         load_export(folder / MAEWING, comm).close()
 
 
+@pytest.mark.costly
 def test_the_mass_of_a_listing_is_compared(comm, folder, maewing):
     """It is that of M with PARAM,WTMASS; another one is of another run."""
     write(folder / MAEWING.replace("pch1", "f06"), LISTING.format(WEIGHT, WEIGHT), comm)

@@ -478,7 +478,8 @@ def test_modes_of_a_cluster_that_dashpots_leave_alone(comm, seed, n, close):
     assert check.passed and any(np.abs(f / sharp - 1).min() < 3e-4 for f in check.frequencies)
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 def test_a_band_beyond_all_that_the_mesh_follows_is_warned_of(comm):
     with hpcred.solid((2, 1, 1)) as model:
         top = float(hpcred.natural_modes(model, model.size).frequencies.max())
@@ -488,6 +489,7 @@ def test_a_band_beyond_all_that_the_mesh_follows_is_warned_of(comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_a_damping_matrix_that_is_not_asked_for_is_named(linkage):
     with linkage.shared() as plain, plain.with_damping_matrix(plain.K.copy()) as damped:
         for model, damping, said in ((damped, NoDamping(), True), (damped, None, False), (plain, None, False)):
@@ -519,6 +521,7 @@ def test_masses_at_one_node(comm, linkage):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_a_small_damped_model_is_taken_whole(comm):
     """Blocks would be dearer: the first point has all coordinates, and the model is compressed from the exact one."""
     K, M = chain(40)

@@ -50,7 +50,8 @@ def poles_of(M, D, K):
     return poles[poles.imag > 0]
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 def test_a_model_with_an_unsymmetric_stiffness_is_reduced_to_the_tolerance(comm):
     K, N, M, D, B, C = friction()
     f = np.linspace(0.0, 6.0, 61)
@@ -103,7 +104,8 @@ def test_moments_are_those_of_the_unsymmetric_pencil(comm):
                     assert max(close(a, b) for a, b in zip(full, small, strict=True)) < 1e-8
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 def test_a_shaft_whose_damping_turns_with_it_is_stable_up_to_the_known_speed(comm):
     """Omega = omega_1 (1 + d_e / d_i) with d_e = alpha and d_i = beta omega_1^2 of the first mode."""
     external, internal = 20.0, 2e-5
@@ -120,7 +122,8 @@ def test_a_shaft_whose_damping_turns_with_it_is_stable_up_to_the_known_speed(com
             assert rom.at(omega=1.01 * limit).unstable_poles().size == 2
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 def test_a_shaft_with_internal_damping_and_a_disk_over_its_speeds(comm):
     tolerance, rng = 1e-4, np.random.default_rng(3)
     with shaft_with_internal_damping(comm, polar=2e-3) as model, hpcred.reduce(

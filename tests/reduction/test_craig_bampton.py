@@ -32,6 +32,7 @@ def dense_component_modes(model):
 
 
 @KINDS
+@pytest.mark.costly
 def test_craig_bampton_in_interface_coordinates_is_the_textbook_form(comm, kind, clamped):
     """Against the null space of G in dense numpy; M = [M_bb M_bi; M_ib I], K = [K_bb 0; 0 omega^2], C = [I 0]."""
     frame = NoFrame() if clamped else Buckens()
@@ -76,6 +77,7 @@ def test_any_basis_keeps_its_responses_in_interface_coordinates(comm, kind, clam
             assert hpcred.relative_error(undamped, whole).max() < 1e-3
 
 
+@pytest.mark.costly
 def test_craig_bampton_frequencies_lie_above_the_true_ones_and_come_down(comm):
     with block_with_ends(comm, clamped=True) as model:
         K, M, _ = dense_model(model)
@@ -91,7 +93,8 @@ def test_craig_bampton_frequencies_lie_above_the_true_ones_and_come_down(comm):
         assert np.abs(last / true - 1).max() < 1e-2
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 def test_names_of_one_method_are_one_method(comm):
     """Guyan is Craig-Bampton without modes; attachment modes are the Krylov block of the interface loads at 0 Hz."""
     pairs = [
@@ -106,6 +109,7 @@ def test_names_of_one_method_are_one_method(comm):
                 assert np.allclose(roms[0].frequencies, roms[1].frequencies, rtol=1e-9)
 
 
+@pytest.mark.costly
 def test_fixed_interface_modes_in_a_band_are_all_of_it(comm):
     with block_with_ends(comm, clamped=True, cells=(4, 2, 2)) as model:
         frequencies = np.sqrt(dense_component_modes(model)[0]) / 2 / np.pi
@@ -114,6 +118,7 @@ def test_fixed_interface_modes_in_a_band_are_all_of_it(comm):
             assert np.allclose(rom.frequencies, frequencies[:19], rtol=1e-8)
 
 
+@pytest.mark.costly
 def test_a_superelement_to_a_tolerance(comm, folder):
     """Free body: the error is that of the deformation, as said; the file is evaluated as any other."""
     with block_with_ends(comm) as model:
@@ -215,6 +220,7 @@ def test_component_modes_come_from_a_store(comm, tmp_path):
 
 
 @pytest.mark.parametrize("clamped", few_on_ranks([False, True]))
+@pytest.mark.costly
 def test_motions_of_interfaces_that_no_load_needs_stay_whatever_comes_first(comm, clamped):
     """Constraint modes of a basis beside a tolerance were compressed away, and the result was refused for lack of them;
     the rigid-body modes of a free body came on top of `size`."""
@@ -235,6 +241,7 @@ def test_motions_of_interfaces_that_no_load_needs_stay_whatever_comes_first(comm
             hpcred.reduce(model, [], frame, adaptive=few, coordinates="interface")
 
 
+@pytest.mark.costly
 def test_fixed_interface_modes_of_a_body_on_soft_springs_hold_the_interfaces(comm):
     """K^-1 f is 1e6 times the motion of the body held; the first correction leaves round-off of the former."""
     with block_with_ends(comm, cells=(4, 2, 2)) as free:

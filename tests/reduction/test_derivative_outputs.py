@@ -44,7 +44,8 @@ def close(found, expected, to):
     return (np.abs(found - expected) <= to * size).all()
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 def test_responses_of_the_full_model_are_those_of_dense_matrices():
     given = case(1)
     with model_of(given) as model:
@@ -53,7 +54,8 @@ def test_responses_of_the_full_model_are_those_of_dense_matrices():
         assert close(found.response, dense(*given, FREQUENCIES), 1e-7)
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 4))])
 def test_reduced_responses_hold_the_tolerance(seed):
     given = case(seed)
@@ -77,6 +79,7 @@ def test_a_mixture_whose_displacement_nothing_moves():
     assert reduced.record.accuracy.reached and hpcred.check_reduced(reduced, model, 5, seed=1).passed
 
 
+@pytest.mark.costly
 def test_a_pure_derivative_has_the_error_of_its_displacement():
     M, D, K, B, *_ = case(2)
     rows = B.T
@@ -108,7 +111,8 @@ def test_model_files_keep_them(tmp_path):
         assert close(hpcred.frequency_response(again, FREQUENCIES), dense(*given, FREQUENCIES), 1e-10)
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 def test_state_space_has_a_feed_through():
     with model_of(case(4)) as model, hpcred.reduce(model, tolerance=1e-3, band=(0.0, 8.0)) as reduced:
         found = hpcred.state_space(reduced)

@@ -45,7 +45,8 @@ def test_a_damping_matrix_of_nothing_is_measured_as_none(comm, zeros):
     assert "the damping matrix leaves modes of the band without damping" in accuracy.measured
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 def test_what_a_damping_matrix_leaves_undamped_has_a_loss_factor(comm):
     """Dashpots across a rod, forces across it and along: all coordinates were kept, and nothing was reached."""
     K, M = rod()
@@ -61,6 +62,7 @@ def test_what_a_damping_matrix_leaves_undamped_has_a_loss_factor(comm):
 
 
 @pytest.mark.parametrize("inclined", few_on_ranks([2e-7, 1e-5, 1e-8]))
+@pytest.mark.costly
 def test_loads_that_differ_by_little_keep_their_difference(comm, inclined):
     K, M = rod()
     n = len(K)
@@ -69,6 +71,7 @@ def test_loads_that_differ_by_little_keep_their_difference(comm, inclined):
     reached(Case("inclined", K, M, B, (0.0, 1000.0), Ct=Ct), 1e-3, comm)
 
 
+@pytest.mark.costly
 def test_a_basis_of_full_rank_is_smoothed_where_m_is_singular(comm):
     K, M = chain(40)
     M[5, 5] = 0.0

@@ -52,6 +52,7 @@ def beams(comm, kind):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("way", few_on_ranks(sorted(WAYS), 3))
+@pytest.mark.costly
 def test_a_body_with_more_free_motions_is_refused(comm, way):
     for kind, count in (("two parts", 6), ("hinge", 1)):
         with beams(comm, kind) as model:
@@ -175,6 +176,7 @@ def test_inputs_that_only_push_the_body(comm):
 
 @pytest.mark.mpi(ranks=(1, 2))
 @pytest.mark.parametrize("scale", [*few_on_ranks([1e-280, 1e150]), pytest.param(1e-150, marks=pytest.mark.slow)])
+@pytest.mark.costly
 def test_inputs_in_far_off_units(comm, linkage, scale):
     """Reduced models and responses are those of inputs of size 1, in other units; both ways to scale are exact."""
     with linkage.with_inputs([(20, "z"), (1, "x")]) as model:

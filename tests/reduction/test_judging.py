@@ -70,6 +70,7 @@ def test_what_is_left_is_not_known_of_strong_damping_later_blocks_and_other_outp
 @pytest.mark.mpi(ranks=(1, 3))
 @pytest.mark.skipif(is_complex(), reason="modes are not counted, so that each point has a factor")
 @pytest.mark.parametrize("damping, blocks", [(hpcred.Rayleigh(20.0, 1e-8), 1), (hpcred.Rayleigh(3e7, 0.0), 2)])
+@pytest.mark.costly
 def test_one_input_is_verified_by_one_block_unless_damping_is_strong(comm, damping, blocks):
     with hpcred.solid((4, 2, 3), inputs=1, comm=comm) as model:
         rom = hpcred.reduce(model, damping=damping, tolerance=1e-4, band=(0.0, 30000.0))

@@ -45,6 +45,7 @@ def test_markov_parameters_match_at_infinity(solid):
             x, y = np.linalg.solve(M, K @ x), rom.K @ y
 
 
+@pytest.mark.costly
 def test_a_point_on_an_eigenfrequency_is_refused(linkage):
     with hpcred.reduce(linkage, [Modes(count=1)], Buckens()) as rom:
         exact = rom.frequencies[0]

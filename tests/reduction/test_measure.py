@@ -109,6 +109,7 @@ def test_drive_points_are_parallel_loads(random):
     assert drive_points(B, B)[0].tolist() == [0, 1, 2]
 
 
+@pytest.mark.costly
 def test_the_tolerance_holds_for_every_direction_and_the_paper_says_what_it_hides(rod):
     """In the norm of the paper 1e-2 leaves nothing right along the axis, which is a warning."""
     sizes = []
@@ -136,6 +137,7 @@ def test_the_tolerance_holds_for_every_direction_and_the_paper_says_what_it_hide
 
 
 @pytest.mark.parametrize("units", few_on_ranks(["of inputs", "mm-t-s"]))
+@pytest.mark.costly
 def test_other_units_give_the_same_body(rod, comm, units):
     random, found = np.random.default_rng(4), []
     for factor in (np.ones(12), 10.0 ** random.integers(-6, 7, 12) if units == "of inputs" else None):
@@ -162,6 +164,7 @@ def test_other_units_give_the_same_body(rod, comm, units):
     assert [item.output for item in other.directions[:3]] == [item.output for item in accuracy.directions[:3]]
 
 
+@pytest.mark.costly
 def test_static_deflections_are_exact_where_that_is_asked_for(rod):
     H = hpcred.frequency_response(rod, [0.0], hpcred.Buckens())[0]
     for static, least, most in (("tolerance", 1e-6, 1e-2), ("exact", 0.0, 1e-10)):
@@ -187,7 +190,8 @@ class OfThePeak(hpcred.reduction.Measure):
         return np.full(H.shape[:2], self.peak), np.ones(H.shape[::2])
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 def test_a_measure_of_ones_own_is_one_argument(rod, comm, tmp_path):
     """It is reduced to, checked, written, read, evaluated and reported; where its class is not known, kept."""
     folder = comm.bcast(tmp_path)
@@ -215,7 +219,8 @@ def test_a_measure_of_ones_own_is_one_argument(rod, comm, tmp_path):
         hpcred.relative_error(H, H, unknown.measure)
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 def test_a_gyroscopic_response_has_an_error_that_is_no_round_off(comm):
     """H is not symmetric there, though outputs are inputs: their difference passed for round-off."""
     K, M = chain(24)
@@ -250,6 +255,7 @@ def test_an_input_that_moves_nothing_is_no_obstacle(comm):
     assert accuracy.reached and accuracy.largest > 1e-6
 
 
+@pytest.mark.costly
 def test_inputs_in_unusual_units_have_the_same_error(comm):
     """Their model is reduced with other factors, in which the measure is kept."""
     K, M = chain(20)
@@ -286,6 +292,7 @@ def test_results_beside_each_other_leave_out_what_feels_nothing(comm):
             errors_of(measured, f, full, found, drive, "papr")
 
 
+@pytest.mark.costly
 def test_sizes_hold_with_exact_statics_and_nothing_of_them_is_dropped(rod):
     given = {"tolerance": 1e-6, "band": BAND, "static": "exact"}
     asked = hpcred.Adaptive(**given, size=16)

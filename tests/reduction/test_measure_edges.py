@@ -297,7 +297,8 @@ def reduced_isolated(tie, of, rows, comm, tolerance=1e-3):
     return rom, lambda b: errors_of_outputs(rom, K, D, band, changed, b, B, Ct.T)
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 @pytest.mark.parametrize("tie, of, rows", [
     (1e-12, "spring", (5, 21)), *(pytest.param(*case, marks=pytest.mark.slow) for case in
                                   ((1e-10, "spring", (21,)), (1e-12, "tie", (5, 21)), (1e-12, "mass", (21,)))),

@@ -23,6 +23,7 @@ def test_modes_of_the_supported_linkage(linkage):
         assert np.allclose(rom.frequencies, SUPPORTED[1:6], atol=1e-4)
 
 
+@pytest.mark.costly
 def test_elastic_modes_of_the_free_linkage(linkage):
     """Shift-invert at zero of a free body gives wrong eigenvalues when K is factored as it is."""
     with hpcred.reduce(linkage, [Modes(count=8)], Buckens()) as rom:
@@ -43,6 +44,7 @@ def test_all_modes_are_the_whole_model(linkage):
         assert hpcred.relative_error(full, reduced).max() < 1e-8
 
 
+@pytest.mark.costly
 def test_dominant_modes_are_those_that_the_loads_excite(comm):
     """A force along x on a bar: stretching modes matter, bending modes do not."""
     with hpcred.solid((12, 2, 2), (1.2, 0.2, 0.2), inputs=1, comm=comm) as bar:
@@ -78,7 +80,8 @@ def test_dominance_is_half_the_height_of_a_resonance(comm, damping):
     assert np.allclose(frequencies, omega[chosen] / (2 * np.pi), rtol=1e-8)
 
 
-@pytest.mark.mpi(ranks=(1, 3), costly=True)
+@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.costly
 @pytest.mark.parametrize("cells", [(10, 2, 2), (4, 4, 4)])
 def test_no_mode_of_a_repeated_pair_is_left_out(comm, cells):
     """Free square bars, whose bending modes are pairs, against dense numpy, for even and odd numbers of modes."""
@@ -103,6 +106,7 @@ def blades(count, of=4, k=4e4):
     "asked", few_on_ranks([Modes(band=(0.0, 32.0)), Modes(count=50), Modes(index=tuple(range(20, 51)))]),
     ids=["band", "lowest", "listed"],
 )  # fmt: skip
+@pytest.mark.costly
 def test_every_mode_of_equal_blades_is_found(comm, asked):
     """39 of 40 blades vibrate against each other with the same frequency, of which a Krylov sequence knows one."""
     K, M = blades(40)

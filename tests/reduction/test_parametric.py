@@ -90,7 +90,8 @@ def check(case, rom, tolerance):
     assert 0.4 <= true[-1] / accuracy.largest <= 1.2
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 @pytest.mark.parametrize("make, tolerance", [
     pytest.param(bushings, 1e-4, id="bushings"), pytest.param(rotor, 1e-3, id="rotor", marks=pytest.mark.slow)])
 def test_the_tolerance_holds_at_other_values(make, tolerance, comm):
@@ -106,7 +107,8 @@ def test_the_tolerance_holds_at_other_values(make, tolerance, comm):
         assert len(rom.record.factorisations) == sum(point.factorisations for point in accuracy.parameters.points)
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 @pytest.mark.parametrize("seed", [5, pytest.param(16, marks=pytest.mark.slow)])
 def test_random_models(seed, comm):
     case, tolerance = random_affine(seed, 30)
@@ -136,7 +138,8 @@ def rubber(n, laws):
             for k, law in enumerate(laws)]  # fmt: skip
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 @pytest.mark.parametrize("make, law", [
     (bushings, Fractional(low=0.0, high=4.0, time=0.05, exponent=0.6)),
     (rotor, Maxwell(factors=[1.0, 0.5], times=[0.3, 0.02])),
@@ -240,7 +243,8 @@ def test_undamped_models_are_checked_with_the_loss_factor_of_their_error(comm):
         assert max(found.measured) <= 1e-2
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 @pytest.mark.parametrize("frame", [FRAME, Buckens()], ids=lambda item: item.kind)
 def test_frames(frame, comm):
     """Terms have all dofs of the model, the basis those of the frame; against full solves in the frame."""
@@ -262,6 +266,7 @@ def test_frames(frame, comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_spin_softening_and_rigid_body_motions(comm):
     """It loads all rows, which says nothing against the nodes; of a free body it leaves no rigid-body modes."""
     search = hpcred.ParameterSearch(points=3, most=3)
@@ -335,7 +340,8 @@ def test_components_at_several_values(comm):
         assert off(rom, rom.reference) < 1e-9 < max(off(rom, values) for values in points) < 0.3
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 def test_a_store_serves_again(comm, tmp_path):
     """And another model with the same matrices at the reference is another one."""
     folder = comm.bcast(str(tmp_path))
@@ -380,7 +386,8 @@ def test_a_size_that_was_asked_for(comm):
             assert true <= 1.05 * rom.record.accuracy.largest
 
 
-@pytest.mark.mpi(ranks=(1,), costly=True)
+@pytest.mark.mpi(ranks=(1,))
+@pytest.mark.costly
 def test_a_size_that_suffices_is_no_limit(monkeypatch):
     """And the error that is said has what the compression leaves, the estimate and the larger noise."""
     case, search, found = bushing(24), hpcred.ParameterSearch(points=5), []
@@ -451,7 +458,8 @@ def held(factor, band, of="K", n=12):
                       [(of, taken, factor)])  # fmt: skip
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 @pytest.mark.parametrize("factor, where", [("-e", "1"), ("-e/2", "2"), ("0.3 - e", "1.3"), ("-e^2/3", "1.732")])
 def test_a_stiffness_that_is_singular_at_values_in_the_ranges(factor, where, comm):
     """Beside or between the training points. There the response at 0 Hz is infinite, and others are as they are."""
@@ -492,6 +500,7 @@ def test_circulatory_forces_hold_what_springs_do_not(comm):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("reference", [0.0, 2.0])
+@pytest.mark.costly
 def test_values_at_which_the_model_is_unstable(reference, comm):
     """Damping that turns negative within the range, which no K or M tells; both poles of the mode it acts on count."""
     case = held("0.1*e", (0.0, 30.0))

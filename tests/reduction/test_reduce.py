@@ -23,7 +23,8 @@ def test_drop_above_and_band_without_modes(linkage):
         assert rom.frequencies.max() <= 200.0 and rom.size < 4
 
 
-@pytest.mark.mpi(ranks=(1, 2), costly=True)
+@pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.costly
 def test_repeated_reductions_do_not_pile_up_memory(comm):
     """petsc4py frees nothing by itself."""
     from pathlib import Path

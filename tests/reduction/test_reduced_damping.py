@@ -9,6 +9,7 @@ from hpcred import ModalDamping, Modes, StaticCorrection
 pytestmark = pytest.mark.mpi
 
 
+@pytest.mark.costly
 def test_modal_damping_ratios(solid):
     for damping, ratios in (
         (ModalDamping(ratio=0.02), lambda f: np.full(len(f), 0.02)),

@@ -116,6 +116,7 @@ def test_a_singular_model_is_left_as_it_is():
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_a_strongly_damped_model_is_smaller_and_within_the_tolerance(comm, monkeypatch):
     K, M = chain(30)
     D = dashpots(30, 40, np.random.default_rng(3), (5.0, 60.0))

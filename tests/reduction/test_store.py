@@ -66,6 +66,7 @@ def tolerance_of(comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_what_comes_from_the_store_is_what_was_computed(comm, folder):
     """Every kind of component, to the last bit: nothing is factored, and all is said to come from the store."""
     store = PointStore(folder / "a" / "b", comm)
@@ -102,6 +103,7 @@ def test_entries_are_those_of_any_number_of_ranks(comm, folder, frame):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("kind", few_on_ranks(["area", "rigid", "set", "at"]))
+@pytest.mark.costly
 def test_interfaces_of_other_nodes_have_columns_of_their_own(comm, folder, kind):
     """Of a set with other members, of one with weights by the faces around it, and of a reference node elsewhere."""
     models = []
@@ -152,7 +154,8 @@ JOBS = {
 }  # fmt: skip
 
 
-@pytest.mark.mpi(ranks=(1, 3), costly=True)
+@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.costly
 @pytest.mark.parametrize("kind", ["points", pytest.param("tolerance", marks=pytest.mark.slow), "tolerance and modes"])
 def test_a_run_that_is_killed_after_any_point_goes_on(comm, folder, kind):
     with package.linkage(comm) as model:
@@ -191,6 +194,7 @@ def test_a_run_that_is_killed_goes_on_on_other_ranks(comm, folder):
 @pytest.mark.mpi(ranks=(1, 3))
 @pytest.mark.parametrize("kind, block", few_on_ranks(
     [("direct", 1), ("multigrid", 2), ("multigrid", 1)], 2))  # fmt: skip
+@pytest.mark.costly
 def test_a_search_that_failed_beside_its_basis_is_repeated_without_a_factor(comm, folder, monkeypatch, kind, block):
     """It goes the same way again, by a factor in the band or more blocks at 0 Hz, and does not try once more."""
     if kind == "direct" and is_complex():
@@ -358,6 +362,7 @@ def changed_models(comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_nothing_is_served_to_another_job(comm, folder):
     for model, basis, changed in changed_models(comm):
         _, record = reduced(model, PointStore(folder, comm), basis, **({"frame": Buckens()} | changed))

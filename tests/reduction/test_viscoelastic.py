@@ -56,6 +56,7 @@ def test_tolerance_against_truth(comm, laws, more):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_full_response_to_a_tolerance(comm):
     case = sandwich((ZENER, MAXWELL), n=24)
     with case.model(comm) as model:
@@ -251,6 +252,7 @@ def test_differences_of_nested_models_are_exact(outputs):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_interface_coordinates_and_the_basis_turn_k_v(comm):
     """K_v = K in a part of the body: its projection is that of K, in either coordinates."""
     interface = hpcred.Interface(name="end", nodes=hpcred.Nodes(box=((0.035, -1, -1), (1, 1, 1))))

@@ -28,7 +28,8 @@ def crank_folder(folder, comm, monkeypatch):
     return folder
 
 
-@pytest.mark.mpi(build="real", costly=True)
+@pytest.mark.mpi(build="real")
+@pytest.mark.costly
 def test_what_bores_prints_is_a_job(crank_folder, comm, capsys):
     assert run(["bores", "model.h5", "--figure", "bores.png", "--json", "bores.json"]) == 0
     printed = comm.bcast(capsys.readouterr().out)
@@ -53,7 +54,8 @@ def test_what_bores_prints_is_a_job(crank_folder, comm, capsys):
     assert len(hpcred.read_result("result.h5", comm).reduced.input_names) == 7
 
 
-@pytest.mark.mpi(build="real", costly=True)
+@pytest.mark.mpi(build="real")
+@pytest.mark.costly
 def test_sets_of_a_model_are_drawn(crank_folder, comm):
     assert run(["info", "model.h5", "--figure", "sets.png"]) == 0
     assert run(["info", "model.h5", "--figure", "one.svg", "--sets", "SMALL_EYE"]) == 0

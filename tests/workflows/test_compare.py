@@ -13,6 +13,7 @@ pytestmark = pytest.mark.mpi
 FREQUENCIES = (500.0, 4000.0, 9000.0)
 
 
+@pytest.mark.costly
 def test_each_result_has_its_own_error_and_the_modes_of_the_model(comm, folder):
     with block_with_ends(comm, cells=(4, 2, 3)) as model:  # no repeated modes
         K, M, _ = dense_model(model)
@@ -48,6 +49,7 @@ def test_each_result_has_its_own_error_and_the_modes_of_the_model(comm, folder):
     assert np.allclose(table, np.array([FREQUENCIES, *report["eps"].values()]).T)
 
 
+@pytest.mark.costly
 def test_results_of_other_questions_are_refused(comm, folder):
     with hpcred.solid((4, 2, 2), inputs=2, comm=comm) as one, hpcred.solid((4, 2, 2), inputs=3, comm=comm) as other:
         hpcred.write_model(folder / "model.h5", one)

@@ -22,7 +22,8 @@ loss_factor = 0.02
 """
 
 
-@pytest.mark.mpi(ranks=(1, 3), costly=True)
+@pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.costly
 def test_all_formats_without_more(reduced_linkage, comm):
     result = reduced_linkage()
     for export in WRITERS.all():
@@ -45,6 +46,7 @@ def test_all_formats_without_more(reduced_linkage, comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_structural_damping_is_carried_or_refused(reduced_linkage, comm):
     """D is zero then, so that a file without the loss factor would be undamped without a word."""
     head, tail = MODES_JOB.split('kind = "rayleigh"\nalpha = 2.0\nbeta = 1e-5\n')

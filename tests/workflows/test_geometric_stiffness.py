@@ -173,6 +173,7 @@ def with_signs(matrix, path, other):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("units", ["m, kg, s", "mm, t, s (N, MPa)"])
+@pytest.mark.costly
 def test_a_matrix_that_is_the_stiffness_of_the_stress(comm, folder, units):
     """By its name in a file with K and M, for a transverse load too; here of a .mat file, in the units from which the
     model was converted."""

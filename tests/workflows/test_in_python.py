@@ -51,6 +51,7 @@ def test_from_matrices_to_a_file_and_back(comm, folder):
 
 
 @pytest.mark.mpi(ranks=(1, 3))
+@pytest.mark.costly
 def test_a_given_damping_matrix_counts_unless_told_otherwise(comm):
     fom = hpcred.SecondOrderModel(M, D, K, B)
     found = fom.frequency_response(F, damping=hpcred.NoDamping())
@@ -241,6 +242,7 @@ def test_warnings_and_the_measure_are_printed():
 
 
 @pytest.mark.mpi(build="real")
+@pytest.mark.costly
 def test_an_export_without_a_file_of_ones_own(comm, folder):
     fom = hpcred.linkage(comm)
     rom = hpcred.reduce(fom, tolerance=1e-3, band=(0, 300), frame=hpcred.Buckens())
@@ -267,7 +269,8 @@ def test_a_state_space_of_scipy():
         assert np.abs(H - rom.frequency_response(F)[k]).max() < 1e-9 * np.abs(H).max()
 
 
-@pytest.mark.mpi(ranks=(1, 2), build="real", costly=True)
+@pytest.mark.mpi(ranks=(1, 2), build="real")
+@pytest.mark.costly
 @pytest.mark.parametrize("count", [15, pytest.param(1000, marks=pytest.mark.slow)])
 def test_nothing_leaks_without_a_with_block(comm, count):
     """Of what a reduction makes, 0.9 MB once stayed: small matrices of one process that PETSc had put aside."""

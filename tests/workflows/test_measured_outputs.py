@@ -31,6 +31,7 @@ def block(comm, folder, more="tolerance = 1e-3\n"):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_a_job_with_quantities(comm, folder):
     block(comm, folder)
     hpcred.reduce_job(folder / "job.toml", comm=comm)
@@ -49,6 +50,7 @@ def test_a_job_with_quantities(comm, folder):
 
 
 @pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.costly
 def test_interface_coordinates_keep_them(comm, folder):
     coordinates = 'coordinates = "interface"\n[[interface]]\nname = "A"\nkind = "averaging"\nnodes = [49, 52, 57, 60]\n'
     basis = '[[basis]]\nkind = "constraint_modes"\n[[basis]]\nkind = "modes"\ncount = 12\n'

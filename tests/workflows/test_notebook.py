@@ -24,6 +24,7 @@ def curves(axes):
     return {line.get_label(): line.get_xydata().T for line in axes.lines}
 
 
+@pytest.mark.costly
 def test_responses_with_their_peaks_units_and_error(model):
     with hpcred.reduce(model, tolerance=1e-4, band=(0, 300), frame=FRAME, damping=Rayleigh(2.0, 1e-5)) as rom:
         figure = rom.plot()
@@ -40,6 +41,7 @@ def test_responses_with_their_peaks_units_and_error(model):
     assert figure._repr_png_().startswith(b"\x89PNG")
 
 
+@pytest.mark.costly
 def test_chosen_pairs_band_and_models_without_accuracy(model):
     with model.with_inputs([(20, "z"), (20, "rx")]) as loaded, loaded.with_outputs([(12, "z"), (20, "z")]) as seen:
         rom = hpcred.reduce(seen, [Modes(count=8), Krylov(frequency=0.0, order=0)], FRAME)
@@ -57,6 +59,7 @@ def test_chosen_pairs_band_and_models_without_accuracy(model):
             rom.plot(**arguments)
 
 
+@pytest.mark.costly
 def test_the_lowest_elastic_modes(model):
     expected = hpcred.natural_modes(model, 10)
     expected.close()
@@ -84,6 +87,7 @@ def test_small_models_and_models_without_nodes(comm):
         bare.plot_modes()
 
 
+@pytest.mark.costly
 def test_pyplot_knows_nothing_and_matplotlib_may_be_missing(model, monkeypatch):
     from matplotlib._pylab_helpers import Gcf
 

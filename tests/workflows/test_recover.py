@@ -59,6 +59,7 @@ def basis(path):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_all_nodes_in_the_body_frame(simulated):
     report = hpcred.recover(simulated / "result.h5", simulated / "simulation.h5", simulated / "out.h5", quantities=ALL)
     phi, numbers, places = basis(simulated / "result.h5")
@@ -84,6 +85,7 @@ def test_all_nodes_in_the_body_frame(simulated):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_places_of_the_simulation_in_inertial_axes(simulated):
     """Of observed nodes, displacements are those of simulation.h5, and rates the differences of places over time."""
     hpcred.recover(simulated / "result.h5", simulated / "simulation.h5", simulated / "out.h5", quantities=ALL,
@@ -101,6 +103,7 @@ def test_places_of_the_simulation_in_inertial_axes(simulated):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_tables_of_chosen_nodes_and_instants(simulated):
     hpcred.recover(simulated / "result.h5", simulated / "simulation.h5", simulated / "all.h5")
     hpcred.recover(simulated / "result.h5", simulated / "simulation.h5", simulated / "out.csv", nodes=[20, 1],
@@ -160,6 +163,7 @@ def test_a_folder_with_files_of_the_user_is_not_replaced(simulated, capsys):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_sets_and_interfaces(folder, comm):
     """A block whose face is a node set, and whose ends are interfaces; sets stand for their nodes."""
     with block_with_ends(comm) as model:
@@ -326,6 +330,7 @@ def test_what_comes_off_stresses_of_temperatures_is_said(tmp_path):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_nodes_that_are_held_rest(folder, comm):
     """Their largest displacement is zero, at one of them."""
     with (

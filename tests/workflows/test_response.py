@@ -57,6 +57,7 @@ def test_against_dense_solves(solid, damping, terms):
 
 
 @pytest.mark.mpi(ranks=(1, 2))
+@pytest.mark.costly
 def test_a_free_body_with_a_check(linkage):
     """The elastic response in the Buckens frame from rest on, like direct solves in both builds."""
     frequencies = np.linspace(0.0, 300.0, 31)

@@ -63,6 +63,7 @@ def test_files_keep_parameters(rotor, folder, comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_a_body_at_values_has_the_motion_of_its_shapes(rotor, folder, comm):
     """Node shapes, couplings, mass and shapes in files belong to the coordinates at the values."""
     model, rom = rotor
@@ -316,6 +317,7 @@ range = [0.0, 3000.0]
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_a_body_that_spins_against_its_full_model(folder, comm):
     """D is skew-symmetric, of which no z^T D z tells anything."""
     with package.solid((4, 2, 2), comm=comm) as model:

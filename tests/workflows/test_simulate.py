@@ -29,6 +29,7 @@ def made(reduced_linkage, folder, comm):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("gravity, doubted", [("[0.0, 0.0, -9810.0]", True), ("[-9.81, 0.0, 0.0]", False)])
+@pytest.mark.costly
 def test_gravity_in_mm_is_warned_of(made, gravity, doubted):
     warnings = simulate_file(made(), overrides=["end=1e-4", f"gravity={gravity}"])["warnings"]
     assert ("gravity: found 9810 m/s^2; in SI it is 9.81" in warnings) == doubted
@@ -52,6 +53,7 @@ def test_a_motion_that_diverges_is_told_once_also_quietly(made, capsys, quiet):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_places_in_mm_are_warned_of(made):
     path, spring = made(), "spring=[{kind='line', node=20, at=[%s, 0.0, 3.0], stiffness=1.0}]"
     doubted, meant = (simulate_file(path, overrides=["end=1e-4", spring % x])["warnings"] for x in (500.0, -20.0))
@@ -61,6 +63,7 @@ def test_places_in_mm_are_warned_of(made):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_files_of_a_simulation(made):
     path = made()
     report = simulate_file(path, overrides=["velocity=[0.0, 0.0, 1.0]", "relative_tolerance=1e-6"])
@@ -127,7 +130,8 @@ rotational_stiffness = [1.0, 1.0, 1.0]
 """
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 def test_joints_drives_and_springs_in_the_files(made, comm):
     path = made()
     if comm.rank == 0:
@@ -179,6 +183,7 @@ def test_a_program_of_two_ranks_ends(made, hpcred):
 
 
 @pytest.mark.mpi(ranks=(1,))
+@pytest.mark.costly
 def test_a_free_body_at_rest_has_a_picture(made):
     """No node, joint or spring to draw: the energies, all zero."""
     path = made()

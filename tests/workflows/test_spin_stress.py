@@ -52,6 +52,7 @@ axis = [0.0, 0.0, 1.0]
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_static_stresses_under_spin_are_those_of_the_full_model(comm):
     """S q of the reduced body under the centrifugal forces that its floating frame has, against E B u of a solve."""
     with block_with_ends(comm, "rigid") as model:
@@ -72,6 +73,7 @@ def test_static_stresses_under_spin_are_those_of_the_full_model(comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_a_reduction_without_such_a_load_is_told(comm, folder):
     with block_with_ends(comm) as model:
         hpcred.write_model(folder / "model.h5", model)

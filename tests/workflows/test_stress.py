@@ -38,6 +38,7 @@ def job(folder, comm, lines, **properties):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_a_job_writes_stresses_of_all_nodes_or_of_some(comm, folder):
     """They are those of the basis in the same file, whatever the rank."""
     hpcred.reduce_job(job(folder, comm, "stress = true"), comm=comm)
@@ -66,6 +67,7 @@ def test_a_job_writes_stresses_of_all_nodes_or_of_some(comm, folder):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_results_without_stresses_say_how_to_get_them(comm, folder):
     hpcred.reduce_job(job(folder, comm, ""), comm=comm)
     with pytest.raises(InputError, match=r"r.h5: no stress modes; reduce with stress = true, or let the"):

@@ -59,6 +59,7 @@ def frd_of(label, moved, stress):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_answers_become_stress_modes_of_a_new_result(comm, folder):
     """Those of a file with the numbers of our own solids: to six digits, in the order of the ranks or another."""
     result_of(folder, comm)
@@ -82,6 +83,7 @@ def test_answers_become_stress_modes_of_a_new_result(comm, folder):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_answers_of_nastran_in_output2(comm, folder):
     """Of a file with the numbers of our own solids: in single precision."""
     result_of(folder, comm)

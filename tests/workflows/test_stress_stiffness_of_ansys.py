@@ -69,6 +69,7 @@ def put_job(comm, folder, state, value):
     ("wz^2", 9e4, {"omega": (0.0, 0.0, 300.0)}, 1.0),
     ("ay", 50.0, {"acceleration": (0.0, 50.0, 0.0)}, 1.0), ("14:z", -7.0, {"forces": {"14:z": -7.0}}, -1.0),
 ])  # fmt: skip
+@pytest.mark.costly
 def test_the_sign_follows_from_the_equilibrium_of_the_state(comm, folder, state, value, preload, sign):
     """Of loads that are not axial too."""
     with body(comm) as plain, plain.with_inputs([(14, "z")]) as model:
@@ -101,6 +102,7 @@ def test_units_of_the_file(comm, folder):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_matrices_of_other_states_and_bodies_are_refused(comm, folder):
     with body(comm) as model:
         S = stress_stiffness(model, hpcred.body.Preload(omega=(0.0, 0.0, 300.0)))

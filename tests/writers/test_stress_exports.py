@@ -75,6 +75,7 @@ def test_stresses_of_large_models_are_left_out(made, tmp_path, monkeypatch):
 
 
 @pytest.mark.mpi
+@pytest.mark.costly
 def test_reduced_models_in_python_take_stresses_and_geometric_stiffness(comm, folder):
     clamp, preload = hpcred.Tangent("left"), hpcred.body.Preload(acceleration=(9e3, 0.0, 0.0))
     with block_with_ends(comm, "rigid") as model:

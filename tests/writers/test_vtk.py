@@ -92,7 +92,8 @@ def test_a_motion_for_paraview(linkage_folder):
         assert [(code, nodes.shape) for code, nodes in mesh.cells] == [(TYPES["line"], (19, 2))]
 
 
-@pytest.mark.mpi(costly=True)
+@pytest.mark.mpi
+@pytest.mark.costly
 @pytest.mark.parametrize("name, kind, count", [("blockC3D10", "tetra10", 122), ("blockC3D8", "hexahedron", 90)])
 def test_elements_of_abaqus_reach_paraview(folder, comm, name, kind, count):
     assert run(["convert", str(DATA / f"{name}.inp"), str(folder / "model.h5"), "--inputs", "1:x"]) == 0
