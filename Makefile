@@ -87,7 +87,9 @@ test-packages: install
 TIMES := $(CURDIR)/build/test-times
 
 ifneq ($(BLAS),)
-test test-slow test-linalg bench bench-peers: export OPENBLAS_CORETYPE ?= $(BLAS)
+test test-slow test-linalg: export OPENBLAS_CORETYPE ?= $(BLAS)
+# peers with MKL use AVX-512 where there is some
+bench bench-peers: export OPENBLAS_CORETYPE ?= $(if $(shell grep -m1 -ow avx512bw /proc/cpuinfo),SkylakeX,$(BLAS))
 endif
 
 # the processor time of each item goes to TIMES
