@@ -4,6 +4,7 @@ import base64
 import csv
 import json
 import re
+import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.resources import files
@@ -16,7 +17,7 @@ from helpers import LINKAGE_JOB, MODES_JOB, block_with_ends, reduce_linkage, ref
 
 import hpcred as package
 from hpcred.cli.main import run
-from hpcred.report.figures import COLOURS
+from hpcred.report.figures import COLOURS, pair_figure
 from hpcred.report.page import KINDS
 from hpcred.workflows.report import report_file
 from hpcred.workflows.report_sheets import sheets_of
@@ -70,8 +71,21 @@ def linkage_report(tmp_path_factory):
     (folder / "modal.toml").write_text(modal.replace("[frame]", "band = [0.0, 300.0]\n[frame]", 1))
     assert run(["reduce", str(folder / "modal.toml")]) == 0
     target = {"output": folder / "report.html", "csv": folder / "tables", "svg": folder / "figures"}
-    report_file([folder / "mod<al.h5"], folder / "model.h5", solves=2, **target)  # what is there is replaced
-    told = report_file([folder / "result.h5", folder / "mod<al.h5"], folder / "model.h5", solves=5, **target)
+    shutil.copy(folder / "result.html", folder / "report.html")  # what is there is replaced
+    older = {"tables/error_measured_result.csv": "f_hz,eps\n", "figures/error.svg": '<?xml version="1.0"?><svg/>'}
+    for name, text in older.items():
+        (folder / name).parent.mkdir()
+        (folder / name).write_text(text)
+    drawn = []
+
+    def draw_first(path, curves, *more, **keywords):
+        drawn.append([label for label, _, _ in curves])
+        pair_figure(path, curves, *more, **keywords) if len(drawn) == 1 else path.write_text("<svg/>" * 20)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("hpcred.workflows.report_files.pair_figure", draw_first)
+        told = report_file([folder / "result.h5", folder / "mod<al.h5"], folder / "model.h5", solves=5, **target)
+    assert drawn == 3 * [["result", "full model", "mod<al"]]
     return folder, told
 
 
@@ -83,7 +97,7 @@ def test_the_page_is_whole_and_needs_no_network(linkage_report):
         assert text.count(library) == 1
         text = text.replace(library, "")
     assert set(re.findall(r"https?://[^\"' )]*", text)) == {"http://www.w3.org/2000/svg"}  # a name, not an address
-    assert "@import" not in text and "url(" not in text
+    assert "@import" not in text and "url(" not in text and '<section id="stress">' not in text
     assert "mod<al" in page.texts and "mod<al<" not in text  # names of users are not taken as tags
 
 
@@ -158,7 +172,7 @@ def test_a_stiff_direction_that_the_eps_of_the_paper_hides_is_named_in_red_and_s
                 package.write_result(folder / f"{measure}.h5", rom, loaded)
                 accuracy = rom.record.accuracy
             for full in (None, folder / "model.h5"):
-                report_file([folder / f"{measure}.h5"], full, output=folder / "rod.html")
+                report_file([folder / f"{measure}.h5"], full, output=folder / "rod.html", solves=5, modes=1)
                 page = page_of(folder / "rod.html")[0]
                 text = (folder / "rod.html").read_text()
                 first = json.loads(page.data)["results"][0]["pairs"][0]["name"]
