@@ -39,7 +39,7 @@ run() {
 
 # what has seconds in its tables, one after the other
 run 15 search search block block-1 cube --runs 1
-run 15 accuracy accuracy
+run 25 accuracy accuracy
 run 10 solids solids 27k 112k
 run 6 modes modes
 run 6 reading reading
