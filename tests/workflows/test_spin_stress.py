@@ -9,7 +9,6 @@ from hpcred import Krylov, Modes, Tangent
 from hpcred.body.body import body_of
 from hpcred.body.spin_stress import lacks_spin
 from hpcred.loads import Centrifugal
-from hpcred.parallel.petsc import MPI
 
 SPIN = '[[load]]\nname = "spin"\nkind = "centrifugal"\naxis = [0.0, 0.0, 1.0]\n'
 JOB = """
@@ -35,7 +34,7 @@ kind = "static_correction"
 """
 TOLD = "stress: no input of the reduction is a centrifugal load, without which stresses under spin may be 10 % off"
 SIMULATION = """
-body = "result.h5"
+body = "%s"
 end = 2e-5
 steps = 2
 angular_velocity = [0.0, 0.0, %g]
@@ -72,34 +71,39 @@ def test_static_stresses_under_spin_are_those_of_the_full_model(comm):
     assert errors[0] < 1e-7 and errors[1] > 0.02
 
 
-@pytest.mark.mpi
-@pytest.mark.costly
-def test_a_reduction_without_such_a_load_is_told(comm, folder):
+@pytest.fixture(scope="module")
+def reduced(comm, module_folder):
+    """Result files without the load, with it, and without stresses, by name, and the warnings of each."""
     with block_with_ends(comm) as model:
-        hpcred.write_model(folder / "model.h5", model)
-    warnings = []
+        hpcred.write_model(module_folder / "model.h5", model)
+    files, warnings = {}, {}
     jobs = {"without": JOB % "", "with": JOB % "" + SPIN, "no_stress": JOB.replace("stress = true\n", "", 1) % ""}
     for name, text in jobs.items():
         if comm.rank == 0:
-            (folder / f"{name}.toml").write_text(text)
+            (module_folder / f"{name}.toml").write_text(text)
         comm.Barrier()
-        found = hpcred.reduce_job(folder / f"{name}.toml", overrides=[f"output='{name}.h5'"], comm=comm)
-        warnings.append(any(item.startswith(TOLD) for item in found.record.warnings))
-    assert warnings == [True, False, False]
+        found = hpcred.reduce_job(module_folder / f"{name}.toml", overrides=[f"output='{name}.h5'"], comm=comm)
+        files[name], warnings[name] = module_folder / f"{name}.h5", found.record.warnings
+    return files, warnings
 
 
-@pytest.mark.parametrize(("load", "speed", "told"), [("", 500.0, True), ("", 1e-3, False), (SPIN, 500.0, False)])
-def test_a_simulation_that_spins_is_told(tmp_path, monkeypatch, load, speed, told):
-    monkeypatch.chdir(tmp_path)
-    with block_with_ends(MPI.COMM_SELF) as model:
-        hpcred.write_model("model.h5", model)
-    (tmp_path / "job.toml").write_text(JOB % "" + load)
-    hpcred.reduce_job("job.toml")
-    text = SIMULATION % (speed, 0.01 * speed)
-    (tmp_path / "sim.toml").write_text(text)
-    warnings = hpcred.simulate_file("sim.toml")["warnings"]
+@pytest.mark.mpi
+@pytest.mark.costly
+def test_a_reduction_without_such_a_load_is_told(reduced):
+    told = {name: any(item.startswith(TOLD) for item in warnings) for name, warnings in reduced[1].items()}
+    assert told == {"without": True, "with": False, "no_stress": False}
+
+
+@pytest.mark.parametrize(
+    ("name", "speed", "told"), [("without", 500.0, True), ("without", 1e-3, False), ("with", 500.0, False)]
+)
+def test_a_simulation_that_spins_is_told(reduced, tmp_path, monkeypatch, name, speed, told):
+    monkeypatch.setattr("hpcred.workflows.simulate.has_matplotlib", lambda: False)  # no picture
+    text, path = SIMULATION % (reduced[0][name], speed, 0.01 * speed), tmp_path / "sim.toml"
+    path.write_text(text)
+    warnings = hpcred.simulate_file(path)["warnings"]
     assert any(text.startswith("stress: the body turns by up to") for text in warnings) == told
-    if load:
-        (tmp_path / "sim.toml").write_text(text + '[[load]]\nname = "spin"\nkind = "constant"\nvalue = 4.0\n')
-        notes = hpcred.simulate_file("sim.toml")["notes"]
+    if name == "with":
+        path.write_text(text + '[[load]]\nname = "spin"\nkind = "constant"\nvalue = 4.0\n')
+        notes = hpcred.simulate_file(path)["notes"]
         assert "load 'spin': a body that turns has its centrifugal forces without it; these are added to them" in notes
