@@ -12,15 +12,16 @@ from hpcred.cli.main import run
 FREQUENCIES = [21.14057, 21.35569, 128.7332, 129.7476]  # that Nastran itself gives
 
 
-def test_convert_needs_no_option(hpcred, tmp_path, capsys):
+@pytest.mark.mpi(build="real")
+@pytest.mark.costly
+def test_convert_needs_no_option(comm, folder, capsys):
     """The file with its companions, on ranks; what info then says, and what a dense eigensolver makes of it. The input
     file leads to the same."""
     source = DATA / "nastran" / "test_1" / "test_case.pch1"
-    done = hpcred("convert", source, "model.h5", ranks=2)
-    assert done.returncode == 0, done.stderr
-    assert run(["info", str(tmp_path / "model.h5")]) == 0 and "1188" in capsys.readouterr().out
-    assert run(["convert", str(source.with_suffix(".bdf")), str(tmp_path / "other.h5")]) == 0
-    with read_model(tmp_path / "model.h5") as model, read_model(tmp_path / "other.h5") as other:
+    assert run(["convert", str(source), str(folder / "model.h5")]) == 0
+    assert run(["info", str(folder / "model.h5")]) == 0 and "1188" in comm.bcast(capsys.readouterr().out)
+    assert run(["convert", str(source.with_suffix(".bdf")), str(folder / "other.h5")]) == 0
+    with read_model(folder / "model.h5", comm) as model, read_model(folder / "other.h5", comm) as other:
         K, M = to_dense(model.K), to_dense(model.M)
         assert np.array_equal(K, to_dense(other.K)) and np.array_equal(M, to_dense(other.M))
         assert np.array_equal(model.dofs.position, other.dofs.position)
