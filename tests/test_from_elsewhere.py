@@ -30,7 +30,7 @@ from hpcred.files.seal import MARK, TAIL
 from hpcred.files.system_errors import open_input
 from hpcred.parallel.failures import ComputationError, InputError
 from hpcred.parallel.petsc import MPI
-from hpcred.workflows import sweep
+from hpcred.workflows import batch, sweep
 
 HOSTILE = "</script><script>document.title='ran'</script><img src=x onerror=alert(1)>\"'${1}{{7*7}}"
 SWEEP = 'job = "job.toml"\n[[vary]]\nkey = "basis.0.order"\nvalues = [0]\nnames = ["{name}"]\n[launch]\nlauncher = ""\n'
@@ -86,48 +86,65 @@ def test_names_are_text_in_a_report(tmp_path, monkeypatch):
     assert "7*7" not in "".join(page.scripts[1:])
 
 
-@pytest.mark.parametrize("kind", ["slurm", "pbs"])
-def test_names_are_words_in_a_batch_script(linkage_folder, kind):
-    """Those of the sweep file, of its results and of the store; what a sweep file says as shell lines is left out, and
-    modules of the folder of submission are not run."""
-    Path("job.toml").write_text(CHORD_JOB)
-    if sys.version_info >= (3, 11):  # else Python has no safe path
-        Path("numpy.py").write_text("open('ran', 'w')")
-    name = "a;touch ran;$(touch ran)`touch ran`'&& touch ran #"
-    text = 'output = "results"\n' + SWEEP.format(name=name) + '[launch.environment]\nX = "$(touch ran)"\n'
-    Path(f"{name}.toml").write_text(text)
-    assert run(["sweep", f"{name}.toml", f"--{kind}", "--store", f"store {name}"]) == 0
+NAME = "a;touch ran;$(touch ran)`touch ran`'&& touch ran #"
+
+
+def batch_script(kind):
+    """The script of a sweep whose file, results and store have such a name, as bash runs it: the process that ended."""
+    text = 'output = "results"\n' + SWEEP.format(name=NAME) + '[launch.environment]\nX = "$(touch ran)"\n'
+    Path(f"{NAME}.toml").write_text(text)
+    assert run(["sweep", f"{NAME}.toml", f"--{kind}", "--store", f"store {NAME}"]) == 0
     (script,) = Path("results").glob(f"*.{kind}")
-    done = subprocess.run(
+    return subprocess.run(
         ["bash", str(script)], capture_output=True, text=True, timeout=200,
         env=mpi_environment(SLURM_ARRAY_TASK_ID="1", PBS_ARRAY_INDEX="1"),
     )  # fmt: skip
+
+
+def test_a_batch_script_runs_with_names_as_words(linkage_folder):
+    """Those of the sweep file, of its results and of the store; what a sweep file says as shell lines is left out, and
+    modules of the folder of submission are not run."""
+    if sys.version_info >= (3, 11):  # else Python has no safe path
+        Path("numpy.py").write_text("open('ran', 'w')")
+    done = batch_script("slurm")
     assert done.returncode == 0, done.stderr
-    assert len(list(Path("results").glob("*.h5"))) == 1 and Path(f"store {name}").is_dir()
+    assert len(list(Path("results").glob("*.h5"))) == 1 and Path(f"store {NAME}").is_dir()
     assert not list(Path().rglob("ran"))
 
 
+@pytest.mark.parametrize("kind", ["slurm", "pbs"])
+def test_names_are_words_in_a_batch_script(linkage_folder, monkeypatch, kind):
+    """Its command gets them as they are."""
+    monkeypatch.setattr(batch, "HPCRED", [sys.executable, "-I", "-S", "-c", "import sys; print(sys.argv[1:])"])
+    done, here = batch_script(kind), Path().absolute()
+    assert done.returncode == 0, done.stderr
+    words = ["sweep", f"{here}/{NAME}.toml", "--store", f"{here}/store {NAME}", "--index", "1", "--of", "1"]
+    assert done.stdout == f"{words}\n" and not list(Path().rglob("ran"))
+
+
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 has no safe path")
-@pytest.mark.parametrize("kind", [
-    "jobs/sweep.sh", "jobs/sweep.pbs", "children",
-    *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("slurm", "pbs", "jobs/sweep.slurm"))])  # fmt: skip
-def test_modules_of_the_folder_of_submission_are_not_run(linkage_folder, kind):
-    Path("numpy.py").write_text("open('ran', 'w')")
+@pytest.mark.parametrize("kind", ["jobs/sweep.sh", "jobs/sweep.pbs", "jobs/sweep.slurm", "slurm", "pbs"])
+def test_modules_of_the_folder_of_submission_are_not_run(linkage_folder, tmp_path_factory, kind):
+    """By the commands of a script, in whose place a small program stands that loads a module."""
+    stub = tmp_path_factory.mktemp("stub") / "hpcred"
+    stub.mkdir()
+    (stub / "__init__.py").touch()
+    (stub / "__main__.py").write_text("import json, sys\nprint('ran as', sys.argv[1])\n")
+    Path("json.py").write_text("open('ran', 'w')")
     Path("sweep.toml").write_text(SWEEP.format(name="a"))
-    if kind == "children":
-        assert run(["sweep", "sweep.toml"]) == 0
-    else:
-        script = Path(__file__).parents[1] / kind
-        if "/" not in kind:
-            assert run(["sweep", "sweep.toml", f"--{kind}"]) == 0
-            (script,) = Path("sweep").glob(f"*.{kind}")
-        done = subprocess.run(
-            ["bash", str(script), "sweep.toml"], capture_output=True, text=True, timeout=200,
-            env=mpi_environment(SLURM_ARRAY_TASK_ID="1", PBS_ARRAY_INDEX="1", SLURM_ARRAY_TASK_COUNT="1", SHARES="1",
-                                SWEEP="sweep.toml", PBS_O_WORKDIR=".", HPCRED_PYTHON=sys.executable),
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-    assert Path("sweep/order-a.h5").exists() and not Path("ran").exists()
+    script = Path(__file__).parents[1] / kind
+    if "/" not in kind:
+        assert run(["sweep", "sweep.toml", f"--{kind}"]) == 0
+        (script,) = Path("sweep").glob(f"*.{kind}")
+    done = subprocess.run(
+        ["bash", str(script), "sweep.toml"], capture_output=True, text=True, timeout=200,
+        env=mpi_environment(SLURM_ARRAY_TASK_ID="1", PBS_ARRAY_INDEX="1", SLURM_ARRAY_TASK_COUNT="1", SHARES="1",
+                            SWEEP="sweep.toml", PBS_O_WORKDIR=".", HPCRED_PYTHON=sys.executable,
+                            PYTHONPATH=str(stub.parent)),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "ran as sweep\n" + "ran as collect\n" * (kind == "jobs/sweep.sh")
+    assert not Path("ran").exists()
 
 
 def test_scripts_run_python_safely():
@@ -137,6 +154,7 @@ def test_scripts_run_python_safely():
         assert all('"$python" $safely -m hpcred' in line for line in lines), script
 
 
+@pytest.mark.usefixtures("forked_commands")
 @pytest.mark.parametrize("name", [".order-a.h5.lock", "order-a.h5", ".order-a.log.lock", "order-a.log", "order-a.toml"])
 def test_a_pipe_laid_in_the_folder_of_a_sweep_is_not_waited_for(linkage_folder, capfd, name):
     Path("sweep.toml").write_text(SWEEP.format(name="a"))
@@ -303,6 +321,7 @@ def test_links_laid_in_a_shared_folder_lead_nowhere(linkage_folder, capsys):
     assert Path("mine").read_text() == "years of notes\n"
 
 
+@pytest.mark.usefixtures("forked_commands")
 def test_the_log_of_a_run_replaces_a_link_and_not_what_it_leads_to(linkage_folder):
     Path("job.toml").write_text(CHORD_JOB)
     Path("sweep.toml").write_text(SWEEP.format(name="one"))
@@ -366,14 +385,12 @@ def test_matplotlib_takes_nothing_from_the_working_folder(linkage_folder):
     """As a file matplotlibrc there could name programs, such as LaTeX."""
     Path("matplotlibrc").write_text("text.usetex: True\ntext.latex.preamble: \\input{evil}\nsavefig.dpi: 7\n")
     program = (
-        "from hpcred.cli.main import run; assert run(['modes', 'model.h5', '--figure', 'm.png']) == 0; "
-        "from hpcred.report.figures import _matplotlib; print(_matplotlib().rcParams['text.usetex'])"
+        "from hpcred.report import figures, mode_pictures; figures.DOTS = mode_pictures.DOTS = 20; "
+        "from hpcred.cli.main import run; assert run(['modes', 'model.h5', '--count', '7', '--figure', 'm.png']) == 0; "
+        "found = figures._matplotlib().rcParams; print(found['text.usetex'], found['savefig.dpi'])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=mpi_environment())
-    assert done.returncode == 0 and done.stdout.split()[-1] == "False", done.stderr
-    from PIL import Image
-
-    assert Image.open("m.png").width > 500
+    assert done.returncode == 0 and done.stdout.split()[-2:] == ["False", "figure"], done.stderr
 
 
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="Python looks in the working folder first")
@@ -383,7 +400,7 @@ def test_runs_of_a_sweep_load_no_modules_of_the_working_folder(linkage_folder):
     for name in ("numpy", "psutil", "h5py"):
         Path(f"{name}.py").write_text("import os\nos.mkdir('ran')\n")
     assert run(["sweep", "sweep.toml"]) == 0
-    assert not Path("ran").exists()
+    assert Path("sweep/order-one.h5").exists() and not Path("ran").exists()
 
 
 def test_what_would_be_waited_for_is_no_file(tmp_path, monkeypatch):
