@@ -94,7 +94,7 @@ def test_two_solids_are_those_of_the_full_models_within_the_estimate(made, machi
                        [PointMass(at="arm.right", mass=0.1)])  # fmt: skip
     reduced = whole.model(1 / (2 * np.pi * BAND[1]))[0]
     found = sensitivity(whole, reduced, BAND)
-    some = np.unique(np.r_[0 : len(found.frequencies) : 4, found.curve().argmax()])
+    some = np.unique(np.r_[0 : len(found.frequencies) : 16, found.curve().argmax()])
     s = 2j * np.pi * found.frequencies[some]
     H = reduced.transfer_function(s)
     by_receptances = whole.response(s)
@@ -120,7 +120,7 @@ def test_velocities_and_accelerations_have_the_error_of_their_displacements(made
 
 
 def test_the_command_writes_a_result_that_commands_take(machine, capsys):
-    assert run(["assemble", "machine.toml", "--json", "a.json"]) == 0
+    assert run(["assemble", "machine.toml", "--set", "band=[0.0,9000.0]", "--json", "a.json"]) == 0
     shown = capsys.readouterr().out
     assert "largest error of the machine" in shown and "bed" in shown
     assert re.search(r"joint\[0\] +rigid +bed.right +arm.left +0.0141", shown)
@@ -147,8 +147,7 @@ def test_the_command_writes_a_result_that_commands_take(machine, capsys):
         there = at & (file["dofs/direction"][...] == 1) & (node < 1 + 216 // 3 + 12)
         assert V.shape[0] == report["size"] and {"elements", "sets", "held"} & set(file)
         assert np.abs(V[:, there].mean(axis=1) - result.nodes[0].phi[1]).max() < 1e-9 * np.abs(V).max()
-    for command in (["evaluate", "machine.h5", "--points", "5"], ["info", "machine.h5"],
-                    ["report", "machine.h5", "-o", "r.html"], ["evaluate", "machine.h5", "--estimate"],
+    for command in (["evaluate", "machine.h5", "--points", "5"], ["evaluate", "machine.h5", "--estimate"],
                     ["export", "machine.h5", "--format", "statespace-npz", "-o", "m.npz"],
                     ["export", "machine.h5", "--format", "statespace-mat", "-o", "m.mat"]):  # fmt: skip
         assert run([*command, "--quiet"]) == 0, (command, capsys.readouterr())
@@ -220,10 +219,11 @@ def test_twice_the_same_interface_and_rigid_chains(machine):
     bodies = [MachineBody(name=f"b{k}", result="free.h5", position=(0.06 * k, 0.0, 0.0)) for k in range(3)]
     joints = [RigidJoint(bodies=(f"b{k}.right", f"b{k + 1}.left")) for k in range(2)]
     ground = RigidJoint(bodies=("b0.left", "ground"))
-    one = hpcred.assemble(bodies, [*joints, ground], band=BAND).reduced.frequencies
-    other = hpcred.assemble(bodies[::-1], [ground, *joints[::-1]], band=BAND).reduced.frequencies
+    band = (0.0, 500.0)
+    one = hpcred.assemble(bodies, [*joints, ground], band=band).reduced.frequencies
+    other = hpcred.assemble(bodies[::-1], [ground, *joints[::-1]], band=band).reduced.frequencies
     assert one == pytest.approx(other, rel=1e-9) and one[0] > 100
-    free = hpcred.assemble(bodies, joints, band=BAND)
+    free = hpcred.assemble(bodies, joints, band=band)
     assert (free.reduced.frequencies[:6] == 0).all() and free.reduced.frequencies[6] > 100
     assert any("6 rigid-body motions" in text for text in free.warnings)
 
@@ -292,17 +292,18 @@ def test_a_measured_body_couples_as_the_reduced_one_that_it_was_measured_on(mach
     """Through universal files and arrays."""
     import pyuff
 
-    f = np.linspace(200.0, 15000.0, 40)
+    f = np.linspace(200.0, 4000.0, 8)
     alone, H = measured_free(f)
     names = tuple(name.removeprefix("t.") for name in alone.reduced.input_names)
-    Path("machine.toml").write_text(MACHINE)
+    machine = MACHINE.replace("20000.0", "4000.0")
+    Path("machine.toml").write_text(machine)
     assert run(["assemble", "machine.toml", "--quiet"]) == 0
     true = hpcred.read_result("machine.h5").reduced.frequency_response(f)
     places = {"left": (1, np.array([0.0, 0.01, 0.015])), "right": (2, np.array([0.06, 0.01, 0.015]))}
     responses = hpcred.files.Responses(frequencies=f, response=H, input_names=names, output_names=names, places=places)
     for name in ("tool.unv", "tool.npz"):
         hpcred.files.write_responses(name, responses, comm)
-        text = MACHINE.replace('result = "free.h5"', f'result = "{name}"\nkind = "measured"')
+        text = machine.replace('result = "free.h5"', f'result = "{name}"\nkind = "measured"')
         Path("machine.toml").write_text(text.replace("machine.h5", "m.csv"))
         assert run(["assemble", "machine.toml", "--json", "a.json"]) == 0
         assert "no modes" in capsys.readouterr().out
@@ -391,11 +392,11 @@ def test_parameters_of_bodies_are_those_of_the_machine(machine, comm):
         term = hpcred.Term("K", scipy.sparse.csr_matrix(0.5 * K), "e")
         with (
             hpcred.ParametricModel(model, [hpcred.Parameter("e", (0.0, 1.0), 0.0)], [term]) as parametric,
-            hpcred.reduce(parametric, [hpcred.Modes(count=30)], hpcred.Buckens()) as rom,
+            hpcred.reduce(parametric, [hpcred.Modes(count=12)], hpcred.Buckens()) as rom,
         ):
             hpcred.write_result("soft.h5", rom, model)
     bodies = [MachineBody(name="bed", result="held.h5"), MachineBody(name="arm", result="soft.h5")]
-    found = hpcred.assemble(bodies, [RigidJoint(bodies=("bed.right", "arm.left"))], band=BAND)
+    found = hpcred.assemble(bodies, [RigidJoint(bodies=("bed.right", "arm.left"))], band=(0.0, 9000.0))
     found.save("machine.h5")
     read = hpcred.read_result("machine.h5").reduced
     assert [item.name for item in read.parameters] == ["e"]
@@ -452,7 +453,7 @@ def test_interface_coordinates_make_the_same_machine(machine, comm):
         results = []
         for coordinates in ("modal", "interface"):
             settings = hpcred.Reduction(coordinates=coordinates)
-            basis = [hpcred.Modes(count=20), hpcred.Krylov(frequency=0.0, order=0)]
+            basis = [hpcred.Modes(count=8), hpcred.Krylov(frequency=0.0, order=0)]
             with hpcred.reduce(model, basis, hpcred.Buckens(), settings=settings) as rom:
                 hpcred.write_result(f"{coordinates}.h5", rom, model)
             bodies = [MachineBody(name="bed", result="held.h5"), MachineBody(name="arm", result=f"{coordinates}.h5")]

@@ -363,24 +363,23 @@ def test_direct_part_over_time(comm, tmp_path):
     w, joint = 2 * np.pi * 30.0, Joint(node=1, kind="fixed")
     with _on_base(model, (9, "z")) as shaken:
         whole = hpcred.reduce(shaken, [hpcred.Modes(count=48)], damping=hpcred.GivenDamping())
-        t = np.linspace(0.0, 0.05, 4001)
+        t = np.linspace(0.0, 0.03, 2401)
         exact = hpcred.analysis.time_response(whole, t, np.sin(w * t)[:, None])[:, 0]
         hpcred.reduce(shaken, [hpcred.Modes(count=8)], damping=hpcred.GivenDamping()).save(str(tmp_path / "base.h5"))
     model.close()
     result = hpcred.read_result(tmp_path / "base.h5")
 
     def outputs(load):
-        setup = Simulation(end=0.05, steps=40, observe=(9,), constraint=(joint,), load=(load,),
+        setup = Simulation(end=0.03, steps=24, observe=(9,), constraint=(joint,), load=(load,),
                            relative_tolerance=1e-6, absolute_tolerance=1e-11)  # fmt: skip
         return hpcred.simulate(result.body([1, 9]), setup).outputs[:, 0]
 
     np.testing.assert_allclose(outputs(SineLoad("base:z", 1.0, 30.0)), exact[::100], atol=1e-3 * np.abs(exact).max())
     # a base at rest until it moves at once: the velocity jumps, and the states with it
-    space, times = result.reduced.to_state_space(), (-0.02, 0.01, 0.03, 0.06)
+    space, times = result.reduced.to_state_space(), (-0.02, 0.01, 0.02, 0.06)
     table = TableLoad("base:z", times, (1 / w, 1 / w, 0.0, 2 / w), quantity="velocity")
-    for load in (SineLoad("base:z", -1 / w**2, 30.0, quantity="displacement"), table,
-                 SineLoad("base:z", 1 / w, 30.0, -np.pi / 2, quantity="velocity"),
-                 SineLoad("base:z", 1 / w**2, 30.0, np.pi / 2, quantity="displacement")):  # fmt: skip
+    for load in (SineLoad("base:z", -1 / w**2, 30.0, np.pi / 4, quantity="displacement"), table,
+                 SineLoad("base:z", 1 / w, 30.0, -np.pi / 2, quantity="velocity")):  # fmt: skip
         jump = {"displacement": -np.cos(load.phase), "velocity": np.sin(load.phase)}[load.quantity] / w if (
             load is not table) else 1 / w
         accelerations = np.array([load(time) for time in t])

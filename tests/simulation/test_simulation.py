@@ -151,11 +151,11 @@ def test_maxwell_elements_against_the_full_model():
         body = reduced_body(model, [Krylov(frequency=10.0, order=1)], [1, 7, 14, 20])
     joints = Joint(1), Joint(7, ("x", "z")), Joint(14, ("z",))
     setup = Simulation(
-        end=0.6, force=(SineForce(20, (0.0, 0.0, force), frequency),), steps=300, constraint=joints,
+        end=0.4, force=(SineForce(20, (0.0, 0.0, force), frequency),), steps=100, constraint=joints,
         relative_tolerance=1e-6, absolute_tolerance=1e-11,
     )  # fmt: skip
     motion = simulate(body, setup)
-    last = motion.t > 0.4
+    last = motion.t > 0.3001
     wave = np.exp(-2j * np.pi * frequency * motion.t[last])
     found = 2j * np.mean(motion.node_displacement[last, -1, 2] * wave) / force
     assert found == pytest.approx(expected, rel=1e-3) and abs(expected.imag) > 0.1 * abs(expected)
