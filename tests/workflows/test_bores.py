@@ -1,6 +1,7 @@
 """The command that finds bores, its lines for a job, and pictures of sets and of interfaces."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -13,28 +14,48 @@ from hpcred.settings.job_file import read_job
 
 JOB = """
 model = "model.h5"
-band = [0.0, 1000.0]
-tolerance = 1e-2
+basis = [{kind = "modes", count = 2}]
 frame = {kind = "buckens"}
 inputs = ["bore1", ["bore2", "x"]]
 """
 
 
+@pytest.fixture(scope="module")
+def models(module_folder, comm):
+    """A folder with a crank as model.h5, a solid, and beams, which have neither sets nor faces."""
+    with hpcred.crank(900, comm) as rod, hpcred.solid((2, 2, 2), comm=comm) as solid, hpcred.linkage(comm) as beams:
+        for name, model in (("model", rod), ("solid", solid), ("beams", beams)):
+            hpcred.write_model(module_folder / f"{name}.h5", model)
+    return module_folder
+
+
 @pytest.fixture
-def crank_folder(folder, comm, monkeypatch):
+def crank_folder(models, folder, comm, monkeypatch):
+    """A copy of that folder, in which the test works."""
+    if comm.rank == 0:
+        shutil.copytree(models, folder, dirs_exist_ok=True)
+    comm.Barrier()
     monkeypatch.chdir(folder)
-    with hpcred.crank(900, comm) as rod:
-        hpcred.write_model("model.h5", rod)
     return folder
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Names of sets and of reference nodes of the pictures that are asked for, on rank 0, in place of the pictures."""
+    found = []
+    monkeypatch.setattr("hpcred.workflows.set_figure.draw_sets", lambda path, surface, nodes, sets, marks, kind: (
+        path.touch(), found.append(tuple([name for name, _ in pairs] for pairs in (sets, marks)))))  # fmt: skip
+    return found
 
 
 @pytest.mark.mpi(build="real")
 @pytest.mark.costly
-def test_what_bores_prints_is_a_job(crank_folder, comm, capsys):
+def test_what_bores_prints_is_a_job(crank_folder, comm, drawn, capsys):
     assert run(["bores", "model.h5", "--figure", "bores.png", "--json", "bores.json"]) == 0
     printed = comm.bcast(capsys.readouterr().out)
     report = json.loads(Path("bores.json").read_text())
-    assert [row["name"] for row in report["bores"]] == ["bore1", "bore2", "pin1", "pin2"]
+    names = ["bore1", "bore2", "pin1", "pin2"]
+    assert [row["name"] for row in report["bores"]] == names
     assert report["job"] in printed
     if comm.rank == 0:
         Path("job.toml").write_text(JOB + report["job"])
@@ -50,19 +71,24 @@ def test_what_bores_prints_is_a_job(crank_folder, comm, capsys):
     rows = json.loads(Path("job.json").read_text())["interfaces"]
     assert [(row["interface"], row["nodes"]) for row in rows] == [(item.name, item.count) for item in marked]
     assert np.allclose([[row[axis] for axis in "xyz"] for row in rows], [item.centre for item in bores])
+    assert comm.bcast(drawn) == [(names, []), (names, names)]
     assert run(["reduce", "job.toml"]) == 0
     assert len(hpcred.read_result("result.h5", comm).reduced.input_names) == 7
 
 
 @pytest.mark.mpi(build="real")
 @pytest.mark.costly
-def test_sets_of_a_model_are_drawn(crank_folder, comm):
+def test_all_sets_of_a_model_are_drawn(crank_folder, comm, drawn):
     assert run(["info", "model.h5", "--figure", "sets.png"]) == 0
+    assert comm.bcast(drawn) == [(["BIG_EYE", "SMALL_EYE"], [])] and Path("sets.png").exists()
+
+
+@pytest.mark.mpi(build="real")
+@pytest.mark.costly
+def test_sets_of_a_model_are_drawn(crank_folder, comm):
     assert run(["info", "model.h5", "--figure", "one.svg", "--sets", "SMALL_EYE"]) == 0
     text = Path("one.svg").read_text()
     assert "SMALL_EYE: 33 nodes" in text and "BIG_EYE" not in text
-    with hpcred.linkage(comm) as beams:  # without sets and faces
-        hpcred.write_model("beams.h5", beams)
     if comm.rank == 0:
         Path("beams.toml").write_text(
             'model = "beams.h5"\nbasis = [{kind = "modes", count = 8}]\n'
@@ -87,18 +113,15 @@ def test_sets_of_a_model_are_drawn(crank_folder, comm):
         (["bores", "beams.h5"], "beams.h5 has no elements with faces"),
     ],
 )
-def test_refused(crank_folder, capsys, arguments, says):
-    with hpcred.solid((2, 2, 2)) as solid, hpcred.linkage() as beams:
-        hpcred.write_model("solid.h5", solid)
-        hpcred.write_model("beams.h5", beams)
+def test_refused(models, monkeypatch, capsys, arguments, says):
+    monkeypatch.chdir(models)
     Path("K.mtx").write_text("%%MatrixMarket matrix coordinate real general\n1 1 1\n1 1 1.0\n")
     assert says in refused(capsys, *arguments)
     assert not Path("a.png").exists()
 
 
-def test_a_body_without_bores_says_so(crank_folder, capsys):
-    with hpcred.solid((2, 2, 2)) as solid:
-        hpcred.write_model("solid.h5", solid)
+def test_a_body_without_bores_says_so(models, monkeypatch, capsys):
+    monkeypatch.chdir(models)
     assert run(["bores", "solid.h5"]) == 0
     assert "solid.h5: no cylinder of 120 degrees or more on its surface; --turn takes less" in capsys.readouterr().out
 
