@@ -38,7 +38,7 @@ from hpcred.reduction.search.point_solver import ROUGH_LOADS
 
 UNFIT = LinearSolver(unfit="multigrid")
 MULTIGRID = Factoring(solver=LinearSolver(kind="multigrid"))
-CELLS = (9, 5, 5)  # 972 dofs, on several levels
+CELLS = (7, 4, 4)  # 525 dofs, on several levels
 
 
 def solver_of(framed):
@@ -75,7 +75,7 @@ def scrambled(comm):
 
 MODELS = {
     "clamped": (lambda comm: hpcred.solid(CELLS, inputs=3, comm=comm), None),
-    "chord": (lambda comm: hpcred.solid(CELLS, inputs=3, clamped=False, comm=comm), Chord(nodes=(1, 330, 36))),
+    "chord": (lambda comm: hpcred.solid(CELLS, inputs=3, clamped=False, comm=comm), Chord(nodes=(1, 180, 25))),
     "scrambled": (scrambled, None),
     "beam": (lambda comm: bar(comm, 1.0, 60), Tangent(node=1)),
 }
@@ -240,7 +240,7 @@ def test_moments_match_as_with_factors(comm, frame):
 
 @pytest.mark.mpi(ranks=(1, 3))
 def test_constraint_modes_are_those_of_factors(comm):
-    with block_with_ends(comm, cells=(8, 4, 4)) as model:
+    with block_with_ends(comm, cells=(6, 3, 3)) as model:
         found = []
         for factoring in (MULTIGRID, None):
             with hpcred.reduce(
@@ -252,7 +252,7 @@ def test_constraint_modes_are_those_of_factors(comm):
 
 
 def test_modes_are_those_of_factors():
-    with block_with_ends(MPI.COMM_WORLD, cells=(8, 4, 4)) as model:
+    with block_with_ends(MPI.COMM_WORLD, cells=(6, 3, 3)) as model:
         found = []
         for factoring in (MULTIGRID, None):
             with hpcred.reduce(model, [CraigBampton(count=1)], Buckens(), factoring=factoring) as rom:
@@ -358,8 +358,8 @@ def test_a_search_goes_back_to_0_hz_where_its_basis_lacks_modes(monkeypatch):
 @pytest.mark.mpi(ranks=(1, 3))
 @pytest.mark.costly
 def test_where_a_factor_does_not_fit_multigrid_takes_over_at_real_points(comm, monkeypatch):
-    with hpcred.solid((8, 6, 6), inputs=1, comm=comm) as model:
-        monkeypatch.setenv("HPCRED_MEMORY_MB", "2")
+    with hpcred.solid((7, 5, 5), inputs=1, comm=comm) as model:
+        monkeypatch.setenv("HPCRED_MEMORY_MB", "1")
         to_tolerance = {"tolerance": 1e-3, "band": (0.0, 9000.0)}
         for basis, more in (([Krylov(frequency=0.0, order=1)], {}), ([Modes(count=1)], {}), ([], to_tolerance)):
             if isinstance(next(iter(basis), None), Modes) and comm.size > 1:

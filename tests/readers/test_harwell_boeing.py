@@ -171,8 +171,9 @@ def test_files_that_cannot_be_are_refused(comm, folder, text, says):
 
 
 def test_cut_copies_are_refused(comm, folder):
-    """Cut behind any character but the last end of line."""
-    for cut in range(0, len(GOOD) - 1, 1 if comm.size == 1 else 97):
+    """Cut at all places of lines and of numbers, and behind each of the last characters but the end of line."""
+    last = range(len(GOOD) - 30, len(GOOD) - 1)
+    for cut in [*range(0, len(GOOD) - 30, 7), *last] if comm.size == 1 else range(0, len(GOOD) - 1, 97):
         comm.Barrier()
         path = write(folder / "a.hb", GOOD[:cut], comm)
         with pytest.raises(InputError):
