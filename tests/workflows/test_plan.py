@@ -10,12 +10,14 @@ from hpcred.linalg.solvers.shifted import ShiftedSolver
 from hpcred.parallel.failures import InputError
 from hpcred.workflows import plan
 
+CELLS = 9  # of an edge
+
 
 @pytest.fixture(scope="module")
 def cube(tmp_path_factory):
     """A model file, and the record of its factor."""
     path = tmp_path_factory.mktemp("plan") / "cube.h5"
-    with hpcred.solid((14, 14, 14), (1.0, 1.0, 1.0)) as model:
+    with hpcred.solid((CELLS, CELLS, CELLS), (1.0, 1.0, 1.0)) as model:
         hpcred.write_model(path, model)
         solver = ShiftedSolver(model)
         solver.factor(0.0)
@@ -151,7 +153,7 @@ def test_the_table_of_a_cube_of_1e7_dofs_is_that_of_the_law():
 
 def test_nonzeros_of_cubes_are_those_of_the_law(cube):
     """Neighbours along an edge of m nodes: 3 m - 2, three dofs each, one layer of nodes held."""
-    assert hpcred.plan(cube[0], ranks=1)["nonzeros"] == 9 * (3 * 14 - 2) * (3 * 14 + 1) ** 2
+    assert hpcred.plan(cube[0], ranks=1)["nonzeros"] == 9 * (3 * CELLS - 2) * (3 * CELLS + 1) ** 2
 
 
 def test_plans_that_make_no_sense(cube):
