@@ -29,7 +29,9 @@ def simulated_once(module_folder, comm):
     with hpcred.linkage(comm) as model:
         hpcred.write_model(module_folder / "model.h5", model)
     assert run(["reduce", str(module_folder / "job.toml")]) == 0
-    hpcred.simulate_file(module_folder / "sim.toml", overrides=["rotation=[0.1, -0.2, 0.3]"])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("hpcred.workflows.simulate.has_matplotlib", lambda: False)  # no picture
+        hpcred.simulate_file(module_folder / "sim.toml", overrides=["rotation=[0.1, -0.2, 0.3]"])
     return module_folder
 
 
@@ -346,12 +348,8 @@ def test_nodes_that_are_held_rest(folder, comm):
     assert report["largest_displacement_m"] == {"value": 0.0, "node": 1, "t_s": 0.0}
 
 
-def test_on_the_command_line(linkage_folder, capsys):
-    from helpers import reduce_linkage
-
-    reduce_linkage(Path())
-    Path("sim.toml").write_text(SIMULATION)
-    assert run(["simulate", "sim.toml"]) == 0
+def test_on_the_command_line(simulated, monkeypatch, capsys):
+    monkeypatch.chdir(simulated)
     capsys.readouterr()
     assert run(["recover", "result.h5", "simulation.h5", "-o", "out.csv", "--nodes", "1,20", "--from", "0.02", "--to",
                 "0.03", "--quantities", "velocity,displacement", "--json", "out.json"]) == 0  # fmt: skip
@@ -374,22 +372,18 @@ def test_options_that_do_not_belong_together_are_refused(words, says, capsys):
     assert says in " ".join(capsys.readouterr().err.split())
 
 
-def test_an_empty_list_of_nodes_is_refused(linkage_folder, capsys):
-    from helpers import reduce_linkage
-
-    reduce_linkage(Path())
+def test_an_empty_list_of_nodes_is_refused(simulated, monkeypatch, capsys):
+    monkeypatch.chdir(simulated)
     Path("q.csv").write_text("t,q1,q2,q3,q4,q5,q6\n0,0,0,0,0,0,0\n")
     assert run(["recover", "result.h5", "q.csv", "-o", "out.csv", "--nodes", ""]) == 2
     assert "--nodes: found an empty text" in capsys.readouterr().err
 
 
 @pytest.fixture
-def coordinates(tmp_path, monkeypatch):
-    """A function that reduces the linkage and writes coordinates (nt, m) as q.csv, and recovers from them."""
-    from helpers import reduce_linkage
-
+def coordinates(simulated_once, tmp_path, monkeypatch):
+    """A function that writes coordinates (nt, m) of the linkage as q.csv, and recovers from them."""
     monkeypatch.chdir(tmp_path)
-    reduce_linkage(Path())
+    shutil.copy(simulated_once / "result.h5", tmp_path)
 
     def make(q, t=None, output="out.h5", **keywords):
         t = np.arange(len(q)) / 100 if t is None else t
@@ -435,19 +429,15 @@ def test_a_large_table_is_refused(coordinates, monkeypatch):
         coordinates(np.ones((3, 6)), output="out.csv")
 
 
-def test_a_motion_of_another_basis_is_refused(linkage_folder):
-    from helpers import MODES_JOB, reduce_linkage
-
-    reduce_linkage(Path())
-    Path("sim.toml").write_text(SIMULATION)
-    hpcred.simulate_file("sim.toml", overrides=["end=1e-3"])
-    reduce_linkage(Path(), MODES_JOB.replace("12]", "13]"))
+def test_a_motion_of_another_basis_is_refused(simulated, monkeypatch):
+    monkeypatch.chdir(simulated)
+    assert run(["reduce", "job.toml", "--set", "basis.0.index=[7, 8, 9, 10, 11, 13]"]) == 0
     with pytest.raises(InputError, match=r"simulation.h5: the motion is that of another result, with another basis"):
         hpcred.recover("result.h5", "simulation.h5", "out.h5")
 
 
 def test_a_result_without_basis_or_nodes_is_refused(linkage_folder):
-    from helpers import MODES_JOB, reduce_linkage
+    from helpers import reduce_linkage
 
     reduce_linkage(Path(), "write_basis = false\n" + MODES_JOB)
     np.savetxt("q.csv", np.ones((3, 7)) * np.arange(1, 4)[:, None], "%g", ",", comments="",
