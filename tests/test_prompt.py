@@ -18,6 +18,7 @@ from launch import mpi_environment
 import hpcred
 from hpcred.cli.main import run
 from hpcred.files.point_store import PointStore
+from hpcred.parallel import startup
 from hpcred.report.tables import as_json, show_table, told_apart
 from hpcred.workflows import modes as workflow
 
@@ -30,6 +31,7 @@ def test_help_has_a_short_name(capsys, command):
     assert capsys.readouterr().out.startswith(" ".join(["Usage: hpcred", *command]))
 
 
+@pytest.mark.usefixtures("forked_commands")
 def test_shells_complete_commands_and_options(hpcred):
     for words, expected in (("hpcred mod", "modes"), ("hpcred reduce --out-of", "--out-of-core")):
         found = hpcred(_HPCRED_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=str(len(words.split()) - 1))
@@ -37,21 +39,26 @@ def test_shells_complete_commands_and_options(hpcred):
 
 
 @pytest.mark.parametrize(
-    ("words", "closed", "status"),
+    ("words", "closed", "status", "begun"),
     [
-        ("convert --list-formats", "stdout", 141),
-        ("info model.h5 --json -", "stdout", 141),
-        ("info missing.h5", "stdout", 2),
-        ("info missing.h5", "stderr", 2),
+        ("convert --list-formats", "stdout", 141, True),
+        ("info model.h5 --json -", "stdout", 141, False),
+        ("info missing.h5", "stdout", 2, False),
+        ("info missing.h5", "stderr", 2, False),
     ],
 )
-def test_a_reader_that_has_gone_ends_a_command_silently(linkage_folder, words, closed, status):
-    """As SIGPIPE ends other programs; an error keeps its own status, also where nobody reads it."""
+def test_a_reader_that_has_gone_ends_a_command_silently(linkage_folder, forks, monkeypatch, words, closed, status,
+                                                        begun):  # fmt: skip
+    """As SIGPIPE ends other programs; an error keeps its own status, also where nobody reads it.
+
+    Not of forks is only what a process begins and ends with.
+    """
+    monkeypatch.setattr(forks, "commands", not begun)
     reader, writer = os.pipe()
     os.close(reader)
     command = [sys.executable, "-m", "hpcred", *words.split()]
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | {closed: writer}
-    found = subprocess.run(command, **streams, text=True, env=mpi_environment(), timeout=60)
+    found = subprocess.run(command, **streams, text=True, env=mpi_environment(), timeout=60, restore_signals=False)
     os.close(writer)
     assert found.returncode == status
     told = found.stdout or found.stderr or ""
@@ -74,14 +81,16 @@ def test_a_run_that_is_asked_to_stop_can_be_told_by_its_status(linkage_folder, m
     assert not Path("result.h5").exists()
 
 
-@pytest.mark.parametrize("option", [["--json", "-"], ["--json=-"]])
-def test_json_on_standard_output_is_alone_there(hpcred, linkage_folder, option):
+def test_json_on_standard_output_is_alone_there(hpcred, linkage_folder, forks, monkeypatch):
     """Also what PETSc itself prints goes elsewhere."""
-    found = hpcred("info", "model.h5", "--modes", 8, *option, "--", "-mat_view_nothing", "-log_view")
+    found = hpcred("info", "model.h5", "--modes", 8, "--json", "-", "--", "-mat_view_nothing", "-log_view")
     report = json.loads(found.stdout)
     assert report["lowest_frequencies_hz"][:6] == [0.0] * 6 and report["lowest_frequencies_hz"][6] > 30
     assert "rigid body modes" in found.stderr and "PETSc Performance Summary" in found.stderr
     assert "nothing used the PETSc option -mat_view_nothing" in found.stderr
+    monkeypatch.setattr(forks, "commands", True)
+    other = hpcred("info", "model.h5", "--modes", 8, "--json=-")
+    assert json.loads(other.stdout).keys() == report.keys() and "rigid body modes" in other.stderr
 
 
 def test_json_has_no_nan():
@@ -99,11 +108,12 @@ def test_quiet_and_verbose(linkage_folder, capsys):
     assert json.loads(capsys.readouterr().out)["size"] == 120
 
 
-def test_petsc_options_that_nothing_used_are_named(hpcred, linkage_folder):
+def test_petsc_options_that_nothing_used_are_named(hpcred, linkage_folder, monkeypatch, capsys):
     found = hpcred("reduce", "job.toml", "--", "-shift_mat_mumps_icntl_14", "80", "-shift_nothing", "1", ranks=2)
     assert found.stdout.count("nothing used the PETSc option -shift_nothing 1;") == 1
-    found = hpcred("--version", "--", "-nothing")
-    assert "nothing used the PETSc option -nothing;" in found.stdout
+    monkeypatch.setattr(startup, "started", lambda: False)  # as in a command that needs no PETSc
+    assert run(["--version", "--", "-nothing"]) == 0
+    assert "nothing used the PETSc option -nothing;" in capsys.readouterr().out
 
 
 def test_a_table_for_a_closed_pipe_is_no_internal_error(monkeypatch):
