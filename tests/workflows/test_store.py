@@ -1,8 +1,10 @@
 """The store from the shell: kill -9, both builds, two runs at once; what `hpcred store` lists, checks and removes."""
 
 import json
+import multiprocessing
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -14,23 +16,10 @@ import pytest
 from helpers import CHORD_JOB, refused
 from launch import TWO_BUILDS, mpi_environment
 
+from hpcred import PointStore
 from hpcred.cli.main import run
 
 JOB = CHORD_JOB + '[[basis]]\nkind = "krylov"\nfrequency = 200.0\n[[basis]]\nkind = "krylov"\nfrequency = 250.0\n'
-KILLED = """
-import os, signal, sys
-from hpcred import PointStore
-from hpcred.cli.main import run
-save, count = PointStore.save, 0
-def mortal(*arguments):
-    global count
-    save(*arguments)
-    count += 1
-    if count == 2:
-        os.kill(os.getpid(), signal.SIGKILL)
-PointStore.save = mortal
-sys.exit(run(["reduce", "job.toml", "--store", "points"]))
-"""
 
 
 def reduce(*arguments):
@@ -45,11 +34,27 @@ def arrays(name):
         return {key: file[key][...] for key in ("reduced/K", "reduced/B", "basis/V")}
 
 
+def reduce_and_die():
+    """In a process of its own: after two entries of the store it kills itself."""
+    save, saved = PointStore.save, []
+
+    def mortal(*arguments):
+        save(*arguments)
+        saved.append(arguments)
+        if len(saved) == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    PointStore.save = mortal
+    run(["reduce", "job.toml", "--store", "points"])
+
+
 def test_kill_9_and_the_same_command_again(linkage_folder):
     Path("job.toml").write_text(JOB)
     assert reduce("--set", "output=alone.h5")[:2] == (3, 0)
-    killed = subprocess.run([sys.executable, "-c", KILLED], env=mpi_environment(), capture_output=True, timeout=120)
-    assert killed.returncode == -9 and not Path("result.h5").exists()
+    child = multiprocessing.get_context("fork").Process(target=reduce_and_die)
+    child.start()
+    child.join(120)
+    assert child.exitcode == -9 and not Path("result.h5").exists()
     assert reduce("--store", "points")[:2] == (1, 2)
     alone, found = arrays("alone.h5"), arrays("result.h5")
     assert all(np.array_equal(alone[key], found[key]) for key in alone)
