@@ -271,16 +271,16 @@ def test_a_state_space_of_scipy():
 
 @pytest.mark.mpi(ranks=(1, 2), build="real")
 @pytest.mark.costly
-@pytest.mark.parametrize("count", [15, pytest.param(1000, marks=pytest.mark.slow)])
-def test_nothing_leaks_without_a_with_block(comm, count):
+@pytest.mark.parametrize(("count", "most"), [(8, 4.0), pytest.param(1000, 20.0, marks=pytest.mark.slow)])  # MB
+def test_nothing_leaks_without_a_with_block(comm, count, most):
     """Of what a reduction makes, 0.9 MB once stayed: small matrices of one process that PETSc had put aside."""
 
     def resident():
         return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
 
     sizes = []
-    for _ in range(count + 10):
+    for _ in range(count + 6):
         fom = hpcred.solid((5, 4, 4), inputs=2, comm=comm)
         hpcred.reduce(fom, tolerance=1e-2, band=(0, 3000))
         sizes.append(resident())
-    assert sizes[-1] - sizes[9] < 10.0 + 0.01 * count  # MB
+    assert sizes[-1] - sizes[5] < most
