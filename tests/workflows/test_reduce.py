@@ -10,17 +10,14 @@ from launch import TWO_BUILDS
 import hpcred as package
 
 
+@pytest.mark.slow  # test_same_numbers.py has the quick ones
 @pytest.mark.usefixtures("forked_commands")
-@pytest.mark.parametrize("cases", [
-    [(1, ""), (2, "complex" * TWO_BUILDS)],
-    pytest.param([(1, ""), (2, ""), (3, ""), (4, "")] + [(1, "complex")] * TWO_BUILDS, marks=pytest.mark.slow),
-], ids=["two", "all"])  # fmt: skip
-def test_the_numbers_are_the_same_on_all_ranks_and_builds(hpcred, tmp_path, cases):
+def test_the_numbers_are_the_same_on_all_ranks_and_builds(hpcred, tmp_path):
     """Responses to 1e-9."""
     basis = '[[basis]]\nkind = "modes"\ncount = 6\n[[basis]]\nkind = "krylov"\nfrequency = 100.0\norder = 2\n'
     (tmp_path / "job.toml").write_text(LINKAGE_JOB + basis)
     package.write_model(tmp_path / "model.h5", package.linkage())
-    responses = []
+    responses, cases = [], [(1, ""), (2, ""), (3, ""), (4, ""), *[(1, "complex"), (2, "complex")] * TWO_BUILDS]
     for ranks, build in cases:
         output = f"{ranks}{build}.h5"
         run = hpcred("reduce", "job.toml", "--set", f"output={output}", ranks=ranks, HPCRED_SCALAR=build)

@@ -21,6 +21,7 @@ import pytest
 from helpers import CHORD_JOB
 from launch import mpi_environment
 from mpi4py import MPI
+from pictures import undrawn
 
 import hpcred as package
 from hpcred.cli.main import run
@@ -72,6 +73,7 @@ def results(folder):
 @pytest.mark.usefixtures("forked_commands")
 def test_the_documented_example(tmp_path, monkeypatch, capsys):
     """Files whose names have blanks; errors against `evaluate` on the full model."""
+    undrawn(monkeypatch, ["png"])
     (example,) = re.findall(r'```toml title="sweep.toml"\n(.*?)```', (ROOT / "docs/sweeps.md").read_text(), re.S)
     (tmp_path / "a b").mkdir()
     monkeypatch.chdir(tmp_path / "a b")
@@ -90,13 +92,14 @@ def test_the_documented_example(tmp_path, monkeypatch, capsys):
     with h5py.File("table.h5") as table:
         for i, row in enumerate(rows):
             result = f"my sweep/{row['run']}.h5"
-            direct = package.evaluate_result(result, "model.h5", points=31)
-            assert np.allclose([float(row["eps"]), float(row["Q"])], [direct["eps_max"], direct["Q"]], rtol=1e-6)
-            assert np.allclose(table[f"curves/{row['run']}/eps"], direct["eps"], rtol=1e-6)
-            record = package.read_result(result).reduced.record
-            assert int(row["factorisations"]) == len(record.factorisations) == table["columns/factorisations"][i]
-            assert int(row["size"]) == package.read_result(result).reduced.size
-            assert int(row["basis.1.order"]) == record.basis[1].order
+            if i in (0, 3):
+                direct = package.evaluate_result(result, "model.h5", points=31)
+                assert np.allclose([float(row["eps"]), float(row["Q"])], [direct["eps_max"], direct["Q"]], rtol=1e-6)
+                assert np.allclose(table[f"curves/{row['run']}/eps"], direct["eps"], rtol=1e-6)
+            reduced = package.read_result(result).reduced
+            made = len(reduced.record.factorisations)
+            assert int(row["factorisations"]) == made == table["columns/factorisations"][i]
+            assert int(row["size"]) == reduced.size and int(row["basis.1.order"]) == reduced.record.basis[1].order
     drawn = {path.name for path in Path("figures").iterdir()}
     assert drawn == {f"{stem}.{kind}" for stem in ("error_over_size", "error_over_basis.1.order", "errors")
                      for kind in ("png", "svg")}  # fmt: skip
@@ -105,8 +108,9 @@ def test_the_documented_example(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize("taken", [
     "error_over_size.png", *(pytest.param(name, marks=pytest.mark.slow)
                              for name in ("error_over_basis.0.order.svg", "errors.svg"))])  # fmt: skip
-def test_figures_replace_no_file_of_another_kind(swept, capsys, taken):
+def test_figures_replace_no_file_of_another_kind(swept, capsys, monkeypatch, taken):
     """Whether it lies in the folder or a link there leads to it; nothing else is written then."""
+    undrawn(monkeypatch)
     collect = ["collect", "sweep.toml", "-o", "table.csv", "--figures", "figures"]
     Path("figures").mkdir()
     target, text = Path("figures", taken), "years of notes\n"
@@ -157,10 +161,11 @@ def test_finished_runs_are_known_by_what_they_say(swept, capsys, monkeypatch):
 
 
 @pytest.mark.usefixtures("forked_commands")
-def test_keep_replaces_no_result_no_table_and_no_figure(swept, capsys):
+def test_keep_replaces_no_result_no_table_and_no_figure(swept, capsys, monkeypatch):
+    undrawn(monkeypatch)
     assert run(["sweep", "sweep.toml", "--keep"]) == 0
     collect = ["collect", "sweep.toml", "--keep"]
-    for more in (["-o", "table.csv"], ["-o", "table.json"], ["-o", "table.h5"], ["--figures", "figures"]):
+    for more in (["-o", "table.csv"], ["-o", "table.h5"], ["--figures", "figures"]):
         assert run(collect + more) == 0
         assert run(collect + more) == 2
         assert "--keep leaves it" in capsys.readouterr().err
@@ -169,7 +174,7 @@ def test_keep_replaces_no_result_no_table_and_no_figure(swept, capsys):
     assert run(["sweep", "sweep.toml", "--keep"]) == 2
     assert "output sweep/order-0.h5: it exists, and --keep leaves it" in capsys.readouterr().err
     assert {path: path.read_bytes() for path in Path("sweep").iterdir()} == before
-    assert run(["sweep", "sweep.toml"]) == 0
+    assert run(["sweep", "sweep.toml", "--index", "1", "--of", "2"]) == 0
 
 
 @pytest.mark.usefixtures("forked_commands")
@@ -231,6 +236,7 @@ def test_a_run_that_is_refused_by_a_lock_is_begun_again(tmp_path):
     assert child.status == 0 and ended == [child]
 
 
+@pytest.mark.usefixtures("forked_commands")
 def test_failed_runs_are_listed_with_their_sentence(linkage_folder, capsys):
     Path("sweep.toml").write_text(SWEEP.format(last=200, count=2))  # 201 vectors for 114 coordinates
     assert run(["sweep", "sweep.toml", "--json", "report.json"]) == 1
@@ -259,12 +265,12 @@ def test_a_full_disk_ends_a_sweep(linkage_folder):
 @pytest.mark.usefixtures("forked_commands")
 def test_a_tolerance_that_is_not_reached_is_said_each_time(linkage_folder, capsys):
     Path("sweep.toml").write_text(
-        '[job]\nmodel = "model.h5"\nband = [1.0, 300.0]\n[job.frame]\nkind = "chord"\nnodes = [1, 7, 14]\naxes = "yxz"'
-        '\n[[run]]\n"tolerance" = 1e-3\n[[run]]\n"tolerance" = 1e-13\n"adaptive.size" = 3\n[launch]\nlauncher = ""\n'
+        '[job]\nmodel = "model.h5"\nband = [1.0, 60.0]\n[job.frame]\nkind = "chord"\nnodes = [1, 7, 14]\naxes = "yxz"'
+        '\n[[run]]\n"tolerance" = 1e-3\n[[run]]\n"tolerance" = 1e-8\n"adaptive.size" = 3\n[launch]\nlauncher = ""\n'
     )
     for _ in range(2):
         assert run(["sweep", "sweep.toml"]) == 1
-        assert "FAILED tolerance-1e-13_size-3: tolerance not reached" in capsys.readouterr().out
+        assert "FAILED tolerance-1e-08_size-3: tolerance not reached" in capsys.readouterr().out
     rows = package.collect_sweep("sweep.toml")["rows"]
     assert [row["status"] for row in rows] == ["finished", "not reached"] and rows[0]["estimate"] < 1e-3
 
@@ -278,7 +284,7 @@ def test_a_store_saves_factorisations_and_changes_no_number(linkage_folder, caps
     assert run(["sweep", "sweep.toml"]) == 0
     assert "1 factorisations made, 3 saved" in capsys.readouterr().out
     grid = np.linspace(5, 300, 30)
-    for name, reduced in results("sweep").items():
+    for name, reduced in list(results("sweep").items())[::3]:  # one of each order and damping
         job = package.read_job(Path("sweep", name).with_suffix(".toml"), overrides=["output='alone.h5'"])
         alone = package.reduce_job(replace(job, store=None))
         assert len(alone.record.factorisations) == 1
