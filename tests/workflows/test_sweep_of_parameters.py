@@ -54,12 +54,11 @@ values = [0.2, 3.0]
 ALONE = 'launcher = ""'
 
 
-@pytest.fixture
-def body(tmp_path, monkeypatch):
-    """A folder with a block as model.h5 and a job with a bushing and an added mass."""
-    monkeypatch.chdir(tmp_path)
+def make_body(folder, patch):
+    """Write a block as model.h5 and a job with a bushing and an added mass into a folder, and go there."""
+    patch.chdir(folder)
     for key, value in (("FRESH", 2), ("CHECKS", {2: 8}), ("SPREAD", 4)):  # errors are measured
-        monkeypatch.setattr(greedy, key, value)
+        patch.setattr(greedy, key, value)
     with package.solid((3, 2, 2)) as plain:
         model = plain.with_material(package.Material(name="steel", young=2.1e11, poisson=0.3, density=7850.0))
     with model:
@@ -71,7 +70,26 @@ def body(tmp_path, monkeypatch):
         scipy.io.mmwrite(name, scipy.sparse.coo_array((values, (rows, rows)), shape=(n, n)))
     Path("job.toml").write_text(JOB)
     Path("sweep.toml").write_text(SWEEP.format(launch=ALONE))
-    return tmp_path
+    return folder
+
+
+@pytest.fixture
+def body(tmp_path, monkeypatch):
+    return make_body(tmp_path, monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def swept_at_once(tmp_path_factory, forks):
+    """A folder with such a body, and the result of a rough job over the ranges of its parameters that two sweeps at the
+    same time have made; their exit statuses."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(forks, "commands", True)
+        folder = make_body(tmp_path_factory.mktemp("swept"), patch)
+        Path("job.toml").write_text(ROUGH)
+        Path("sweep.toml").write_text(SWEEP.format(launch=ALONE).replace("evaluate", "# evaluate"))
+        command = [sys.executable, "-m", "hpcred", "sweep", "sweep.toml", "--of", "2"]
+        tasks = [subprocess.Popen([*command, "--index", i, "--json", f"{i}.json"], env=mpi_environment()) for i in "12"]
+        return folder, [each.wait() for each in tasks]
 
 
 def truth(k, f, m=0.3):
@@ -162,14 +180,11 @@ def test_a_sweep_that_goes_on_finds_its_basis(body):
     assert len(bases) == 1 and str(ranges.absolute()) not in bases
 
 
-@pytest.mark.usefixtures("forked_commands")
-def test_sweeps_at_the_same_time_make_one_basis(body):
+def test_sweeps_at_the_same_time_make_one_basis(swept_at_once, monkeypatch):
     """As the tasks of an array do."""
-    Path("job.toml").write_text(ROUGH)
-    Path("sweep.toml").write_text(SWEEP.format(launch=ALONE).replace("evaluate", "# evaluate"))
-    command = [sys.executable, "-m", "hpcred", "sweep", "sweep.toml", "--of", "2"]
-    tasks = [subprocess.Popen([*command, "--index", i, "--json", f"{i}.json"], env=mpi_environment()) for i in "12"]
-    assert [each.wait() for each in tasks] == [0, 0]
+    folder, statuses = swept_at_once
+    monkeypatch.chdir(folder)
+    assert statuses == [0, 0]
     reports = [json.loads(Path(f"{i}.json").read_text()) for i in "12"]
     (ranges,) = Path("sweep").glob("ranges-*.h5")
     made = len(package.read_result(ranges).reduced.record.factorisations)
@@ -194,23 +209,22 @@ def test_factors_where_the_basis_does_not_reach_the_tolerance(body, capsys):
     assert package.run_sweep("sweep.toml")["finished"] == 1  # not looked for again
 
 
-def test_what_is_refused(body, capsys, monkeypatch):
+def test_what_is_refused(swept_at_once, capsys, monkeypatch):
+    monkeypatch.chdir(swept_at_once[0])
     text = Path("sweep.toml").read_text().replace("3.0]", "11.0]")
     Path("outside.toml").write_text(text)
     message = refused(capsys, "sweep", "outside.toml")
     assert "run k-11: parameter 'k': found 11, expected 0.1 to 10, its range" in message
-    Path("job.toml").write_text(ROUGH)
-    Path("ranges.toml").write_text(ROUGH.replace("at = {m = 0.3}\n", ""))
-    assert run(["reduce", "ranges.toml"]) == 0
-    of_job = "result.h5: expected the result of this job over the ranges of its parameters, made without its `at`"
-    given = ["reduce", "job.toml", "--basis", "result.h5", "--set", "output='own.h5'"]
+    (ranges,) = Path("sweep").glob("ranges-*.h5")
+    of_job = f"{ranges}: expected the result of this job over the ranges of its parameters, made without its `at`"
+    given = ["reduce", "job.toml", "--basis", str(ranges), "--set", "output='own.h5'"]
     for more in ("tolerance=1e-2", "inputs=[[20,'z']]", "at={}"):
         assert of_job in refused(capsys, *given, "--set", more)
     with monkeypatch.context() as patched:
         patched.setattr(shared_basis, "multiply", lambda *_: None)
         message = refused(capsys, *given, "--set", "at={k=9.0,m=0.5}")
-    assert "--basis result.h5: its basis is not one of model.h5 at k = 9, m = 0.5: V^T M V differs from the" in message
+    assert f"--basis {ranges}: its basis is not one of model.h5 at k = 9, m = 0.5: V^T M V differs from the" in message
     assert not Path("own.h5").exists()
     assert run(given) == 0
     assert "no factorisation, the basis of" in capsys.readouterr().out
-    assert package.read_result("own.h5").reduced.record.basis_of.endswith("result.h5")
+    assert package.read_result("own.h5").reduced.record.basis_of == str(ranges.absolute())
