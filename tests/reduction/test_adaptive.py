@@ -19,7 +19,6 @@ from adaptive_models import (
     up_to,
 )
 from helpers import dense_model, few_on_ranks, to_dense
-from launch import TWO_BUILDS
 
 import hpcred
 from hpcred import (
@@ -210,15 +209,13 @@ def test_groups_of_ranks_take_several_points_at_once(name, comm):
     assert all(point.modes_below is not None for point in accuracy.points)
 
 
-@pytest.mark.skipif(not TWO_BUILDS, reason="only one PETSc build")
-def test_complex_build_has_a_second_proof(hpcred):
-    script = (
-        "import hpcred; m = hpcred.solid((4, 2, 3), inputs=3)\n"
-        "r = hpcred.reduce(m, tolerance=1e-4, band=(0, 30000)); a = r.record.accuracy\n"
-        "print(a.reached, len(a.proofs), min(p.frequency for p in a.proofs) < 15000, a.points[0].modes_below)"
-    )
-    run = hpcred(program=("-c", script), HPCRED_SCALAR="complex")
-    assert run.stdout.split() == ["True", "2", "True", "None"], run.stderr
+@pytest.mark.mpi(ranks=(1,))
+def test_complex_build_has_a_second_proof(solid):
+    with hpcred.reduce(solid, tolerance=1e-4, band=(0, 30000)) as rom:
+        accuracy = rom.record.accuracy
+    assert accuracy.reached and (accuracy.points[0].modes_below is None) == is_complex()
+    if is_complex():
+        assert len(accuracy.proofs) == 2 and min(proof.frequency for proof in accuracy.proofs) < 15000
 
 
 # the accuracy itself

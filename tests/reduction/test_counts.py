@@ -150,7 +150,7 @@ class TestStores:
 
     @staticmethod
     def accuracy(comm, folder):
-        return reduced(comm, [29.5], (0.0, 30.0), store=PointStore(folder, comm))[0].accuracy
+        return reduced(comm, [9.5], (0.0, 10.0), tolerance=1e-2, store=PointStore(folder, comm))[0].accuracy
 
     @needs_counts
     @pytest.mark.parametrize("source", [None, ROUGH])
