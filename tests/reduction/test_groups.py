@@ -5,6 +5,7 @@ import pytest
 
 import hpcred as package
 from hpcred import Buckens, Krylov, Modes, Rayleigh, SecondOrderKrylov, StaticCorrection
+from hpcred.cli.main import run
 from hpcred.parallel.failures import InputError
 
 FREQUENCIES = np.linspace(5, 295, 30)
@@ -48,18 +49,21 @@ def test_groups_give_the_same_model(comm, groups):
             package.reduce(model_of(comm), basis, groups=wrong)
 
 
-def test_a_refusal_in_one_group_ends_all(hpcred, tmp_path):
+@pytest.mark.mpi(ranks=(2,), build="real")
+def test_a_refusal_in_one_group_ends_all(comm, folder, capsys):
     """The second point is an eigenfrequency; the first group has nothing against its own."""
-    package.write_model(tmp_path / "model.h5", package.linkage())
     buckens = '[frame]\nkind = "buckens"\n'
     head, points = JOB.split("\n", 1)
-    (tmp_path / "job.toml").write_text(f"{head}\n{buckens}{points}")
-    with package.linkage() as model, package.reduce(model, [Modes(index=[7])], Buckens()) as rom:
-        (frequency,) = rom.frequencies
-    point = f"basis.1.frequency={float(frequency)!r}"
-    run = hpcred("reduce", "job.toml", "--groups", 2, "--set", point, ranks=2, timeout=60)
-    assert run.returncode == 2
-    assert run.stderr.count("hpcred: error: ") == 1 and "is an eigenfrequency of the undamped model" in run.stderr
+    with package.linkage(comm) as model:
+        package.write_model(folder / "model.h5", model)
+        with package.reduce(model, [Modes(index=[7])], Buckens()) as rom:
+            frequency = comm.bcast(float(rom.frequencies[0]))
+    if comm.rank == 0:
+        (folder / "job.toml").write_text(f"{head}\n{buckens}{points}")
+    comm.Barrier()
+    assert run(["reduce", str(folder / "job.toml"), "--groups", "2", "--set", f"basis.1.frequency={frequency!r}"]) == 2
+    told = "".join(comm.allgather(capsys.readouterr().err))
+    assert told.count("hpcred: error: ") == 1 and "is an eigenfrequency of the undamped model" in told
 
 
 @pytest.mark.mpi

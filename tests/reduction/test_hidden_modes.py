@@ -66,7 +66,7 @@ def test_filled_blocks_have_modes_that_no_load_moves(comm, monkeypatch):
     modes = 2 * np.sin(np.arange(1, n + 1) * np.pi / (2 * n + 2))  # of a chain of unit masses, in rad/s
     spring = scipy.sparse.diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(n, n))
     K = scipy.sparse.block_diag([spring, f**2 * spring], format="csr")
-    B, band = np.zeros((2 * n, 1)), (0.0, float(modes[11] + modes[12]) / (4 * np.pi))
+    B, band = np.zeros((2 * n, 1)), (0.0, float(modes[7] + modes[8]) / (4 * np.pi))
     B[40] = 1.0
     below = int((modes < 2 * np.pi * band[1]).sum() + (f * modes < 2 * np.pi * band[1]).sum())
     passes = []
@@ -74,7 +74,7 @@ def test_filled_blocks_have_modes_that_no_load_moves(comm, monkeypatch):
         monkeypatch.setattr(point_solver, "ROWS", rows)
         with (
             hpcred.SecondOrderModel(scipy.sparse.eye(2 * n, format="csr"), K=K, B=B, comm=comm) as model,
-            hpcred.reduce(model, tolerance=1e-4, band=band) as rom,
+            hpcred.reduce(model, tolerance=1e-3, band=band) as rom,
         ):
             accuracy = rom.record.accuracy
             assert accuracy.reached and not accuracy.missing_modes
