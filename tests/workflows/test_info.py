@@ -55,9 +55,10 @@ def written(tmp_path_factory):
             for key, value in (("FIRST", 1), ("FRAMES", 4), ("MOVING_DOTS", 20)):
                 patch.setattr(mode_pictures, key, value)
             undrawn(patch, ["svg", "pdf"])
+            body, arm, jacket = (package.read_result(folder / f"{name}.h5") for name in ("body", "arm", "jacket"))
             for export in WRITERS.all():
-                of = "arm.h5" if export.needs == "superelement" else "body.h5"
-                export_result(folder / ("jacket.h5" if export.name == "openfast" else of), export.name)
+                of = arm if export.needs == "superelement" else body
+                export_result(jacket if export.name == "openfast" else of, export.name)
             undrawn(patch)
             package.report_file([folder / "body.h5"], output=folder / "page.html", csv=folder / "tables")
         package.evaluate_result(folder / "body.h5", frequencies=(10.0, 20.0, 30.0), output=folder / "h.csv")
