@@ -2,16 +2,15 @@
 
 import io
 import logging
-import subprocess
 import sys
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from helpers import damped
-from launch import mpi_environment
 
 import hpcred
+from hpcred.cli.main import run
 from hpcred.parallel import failures
 from hpcred.parallel.messages import LOGGER
 from hpcred.parallel.progress import Progress
@@ -144,15 +143,11 @@ def test_lines_follow_a_stream_that_is_replaced_as_in_notebooks(comm, logger, mo
     assert (cell.getvalue(), another.getvalue()) == ("in this cell\n", "in another\n")
 
 
-def test_the_command_line_is_the_same_whatever_the_root_logger_has():
+def test_the_command_line_is_the_same_whatever_the_root_logger_has(logger, monkeypatch, capsys):
     """A plug-in may have called logging.basicConfig."""
-    program = (
-        "import logging, sys, hpcred.cli.main\nif sys.argv.pop() == 'configured':\n    logging.basicConfig()\n"
-        "sys.exit(hpcred.cli.main.run(['info', 'missing.h5']))"
-    )
-    plain, configured = (
-        subprocess.run([sys.executable, "-c", program, word], capture_output=True, text=True, env=mpi_environment())
-        for word in ("plain", "configured")
-    )
-    assert plain.returncode == configured.returncode == 2
-    assert plain.stderr == configured.stderr and plain.stderr.startswith("hpcred: error: missing.h5")
+    told = []
+    for handlers in ([], [logging.StreamHandler(sys.stderr)]):
+        monkeypatch.setattr(logging.getLogger(), "handlers", handlers)
+        assert run(["info", "missing.h5"]) == 2
+        told.append(capsys.readouterr().err)
+    assert told[0] == told[1] and told[0].startswith("hpcred: error: missing.h5")
