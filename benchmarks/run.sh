@@ -59,7 +59,7 @@ run 6 shapes shapes 16 cube "housing, hexa" "housing, tetrahedra of 10" "flat te
     run 5 bounds bounds
 ) &
 (
-    run 10 directions directions
+    run 30 directions directions
     run 20 machines machines --exponents 1.4 1.5 1
 ) &
 wait
