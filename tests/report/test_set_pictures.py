@@ -41,7 +41,7 @@ def test_a_set_inside_of_a_larger_one_and_one_without_faces_are_seen(tmp_path):
 
 
 def test_many_sets_have_a_legend_that_ends(tmp_path):
-    points, cells = block(10, 10, 1)
+    points, cells = block(5, 5, 1)
     surface = surface_of(points, {"hexahedron": cells})
     sets = [(f"set {k}", np.arange(k, k + 3)) for k in range(60)]
     draw_sets(tmp_path / "a.svg", surface, points, sets, kind="svg")
