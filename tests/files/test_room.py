@@ -60,6 +60,7 @@ def hpcred(folder, *arguments, ranks=1, **environment):
     )  # fmt: skip
 
 
+@pytest.mark.usefixtures("forked_commands")
 @pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_result_without_room_is_written_elsewhere(full_disk, tmp_path, ranks):
     disk = full_disk(1_500_000)

@@ -67,7 +67,7 @@ def test_meshio_reads_the_shapes(tmp_path, monkeypatch):
 def test_a_motion_for_paraview(linkage_folder):
     """Displacements of the observed nodes are those of simulation.h5, and distances of a stiff body stay."""
     Path("modes.toml").write_text(MODES_JOB)
-    Path("sim.toml").write_text(SIMULATION + "\n")
+    Path("sim.toml").write_text(SIMULATION.replace("end = 0.05", "end = 0.01").replace("steps = 20", "steps = 4"))
     assert run(["reduce", "modes.toml"]) == 0
     Path("simulation_vtu").mkdir()
     (Path("simulation_vtu") / "simulation_vtu_99999.vtu").touch()  # of an earlier run
@@ -80,7 +80,7 @@ def test_a_motion_for_paraview(linkage_folder):
     assert sorted(path.name for path in Path("simulation_vtu").iterdir()) == [
         Path(item.get("file")).name for item in sets
     ]
-    for i in (0, 7, 20):
+    for i in (0, 2, 4):
         mesh = vtu_reading.read(sets[i].get("file"))
         rows = np.searchsorted(mesh.point_data["node"], nodes)
         assert mesh.points[rows] == pytest.approx(place[i], abs=1e-12)
