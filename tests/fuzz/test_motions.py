@@ -14,6 +14,7 @@ from hpcred.readers.motions.source import read_coordinates
 from .mutations import damaged_bytes, damaged_text
 from .readings import Nonsense, lines_of, real, require
 
+SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))]
 COUNT = 3
 RNG = np.random.default_rng(5)
 
@@ -69,7 +70,7 @@ def test_the_second_reading_reads_good_tables(tmp_path, good):
 
 
 @pytest.mark.parametrize("good", [OURS, FMU], ids=["ours", "fmu"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", SEEDS)
 def test_damaged_tables(tmp_path, good, seed):
     rng, path, taken = np.random.default_rng(seed), tmp_path / "m.csv", 0
     for _ in range(150):
@@ -88,7 +89,7 @@ def test_damaged_tables(tmp_path, good, seed):
     assert taken > 3
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", SEEDS)
 def test_damaged_hdf5(tmp_path, seed):
     """Bytes of names, headers and numbers: a sentence, or real numbers of the right shape."""
     with h5py.File(tmp_path / "good.h5", "w") as file:
