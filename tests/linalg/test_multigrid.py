@@ -270,8 +270,8 @@ def test_modes_are_those_of_factors():
 @pytest.mark.mpi(ranks=(1, 3))
 @pytest.mark.costly
 def test_a_tolerance_is_reached_by_the_chain_at_0_hz_and_proven_beside_the_basis(comm):
-    band = (0.0, 25000.0)
-    with hpcred.solid(CELLS, inputs=3, comm=comm) as model:
+    band, cells = (0.0, 25000.0), (9, 5, 5)
+    with hpcred.solid(cells, inputs=3, comm=comm) as model:
         K, M, B = dense_model(model)
         with hpcred.reduce(model, tolerance=1e-5, band=band, factoring=MULTIGRID) as rom:
             accuracy, record = rom.record.accuracy, rom.record
@@ -290,7 +290,7 @@ def test_a_tolerance_is_reached_by_the_chain_at_0_hz_and_proven_beside_the_basis
         with pytest.raises(InputError, match="adaptive.points.*real points alone"):
             asked = Adaptive(tolerance=1e-4, band=band, points=(3000.0,))
             hpcred.reduce(model, adaptive=asked, factoring=MULTIGRID)
-    free = hpcred.solid(CELLS, inputs=3, clamped=False, comm=comm)
+    free = hpcred.solid(cells, inputs=3, clamped=False, comm=comm)
     with free, pytest.raises(InputError, match="at 0 Hz is infinite.*buckens"):
         hpcred.reduce(free, tolerance=1e-4, band=band, factoring=MULTIGRID)
 
