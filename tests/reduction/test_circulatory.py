@@ -111,10 +111,10 @@ def test_a_shaft_whose_damping_turns_with_it_is_stable_up_to_the_known_speed(com
     external, internal = 20.0, 2e-5
     with shaft_with_internal_damping(comm, external, internal) as model:
         omega = 2 * np.pi * hpcred.natural_modes(model.model, 1, HELD).frequencies[0]
-        band, search = (0.0, 3 * omega / 2 / np.pi), hpcred.ParameterSearch(points=3)
-        with hpcred.reduce(model, frame=HELD, tolerance=1e-6, band=band, parameter_search=search) as rom:
+        band = (0.0, 3 * omega / 2 / np.pi)
+        with hpcred.reduce(model, frame=HELD, tolerance=1e-6, band=band, **FEW) as rom:
             assert rom.record.accuracy.reached
-            found = hpcred.campbell(rom, values=np.linspace(0, 3000, 4), axis="x")
+            found = hpcred.campbell(rom, values=np.linspace(0, 3000, 7), axis="x")
             limit = omega * (1 + external / (internal * omega**2))
             assert 1000 < limit < 3000 and found.stability_limit == pytest.approx(limit, rel=1e-6)
             assert found.unstable_frequency == pytest.approx(omega / (2 * np.pi), rel=1e-6)
@@ -172,9 +172,8 @@ def test_the_disk_brake(comm):
 def test_random_models(seed, comm):
     """Some of the hunt of benchmarks/parametric.py."""
     case, tolerance = random_circulatory(seed, 40)
-    search = hpcred.ParameterSearch(points=3)
     with case.model(comm) as model, hpcred.reduce(
-        model, tolerance=tolerance, band=case.band, damping=case.damping, parameter_search=search
+        model, tolerance=tolerance, band=case.band, damping=case.damping, **FEW
     ) as rom:
         assert rom.record.accuracy.reached and case.eps(rom, fresh_pairs(case, 20)).max() <= tolerance
 

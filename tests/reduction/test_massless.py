@@ -95,7 +95,7 @@ def parametric():
         hpcred.SecondOrderModel(M, D, K, B, C) as constant,
         hpcred.ParametricModel(constant, [hpcred.Parameter("p", (0.0, 1.5), 0.0)], terms) as model,
     ):
-        search = hpcred.ParameterSearch(points=2)
+        search = hpcred.ParameterSearch(points=9)
         return replace(hpcred.reduce(model, tolerance=1e-8, band=BAND, parameter_search=search)), response
 
 
@@ -437,7 +437,7 @@ def slender(count, damper):
     return K, M, D, np.array([count - count % 2, 2 * count - 2])
 
 
-@pytest.mark.parametrize("count, damper, warned", [(40, 6e-7, True), (40, 1.0, False), (6, 3e-6, False)])
+@pytest.mark.parametrize("count, damper, warned", [(60, 3e-6, True), (60, 1.0, False), (6, 3e-6, False)])
 def test_peaks_sharper_than_the_last_digits_of_K(count, damper, warned):
     """Right for K as stored, against 50 digits; what other last digits would do is said, with what helps."""
     K, M, D, rows = slender(count, damper)
@@ -445,7 +445,7 @@ def test_peaks_sharper_than_the_last_digits_of_K(count, damper, warned):
         rom = hpcred.reduce(model, tolerance=1e-4, band=(0.0, 8.0))
     said = [line for line in rom.record.warnings if "last digits of K, where stiff parts cancel, move its" in line]
     assert rom.record.accuracy.reached and bool(said) == warned
-    f = at_peaks(rom, 1)
+    f = at_peaks(rom, 2)
     exact = np.array([exact_response(K, M, D, rows, at) for at in f])
     found = np.array([rom.transfer_function(2j * np.pi * at) for at in f])
     assert hpcred.relative_error(exact, found).max() < 1e-4

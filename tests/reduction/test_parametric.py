@@ -141,16 +141,14 @@ def rubber(n, laws):
 @pytest.mark.mpi
 @pytest.mark.costly
 @pytest.mark.parametrize("make, law", [
-    (bushing, Fractional(low=0.0, high=4.0, time=0.05, exponent=0.6)),
+    (bushings, Fractional(low=0.0, high=4.0, time=0.05, exponent=0.6)),
     (rotor, Maxwell(factors=[1.0, 0.5], times=[0.3, 0.02])),
 ], ids=["fractional", "maxwell"])  # fmt: skip
 def test_viscoelastic_parts_beside_parameters(make, law, comm):
-    case = make(5)
+    case = make(12)
     case.parts = rubber(len(case.K), [law])
-    if make is bushing:
-        case.terms.append(("M", np.diag(np.arange(5) % 4 == 0) * 0.3, "a"))
-    else:
-        case.band = (0.0, 1.0)
+    if make is bushings:
+        case.terms.append(("M", np.diag(np.arange(12) % 4 == 0) * 0.3, "a"))
     with reduced(case, 1e-2, comm, parameter_search=hpcred.ParameterSearch(points=3)) as rom:
         check(case, rom, 1e-2)
         assert "viscoelastic parts of the model" in rom.record.accuracy.measured
@@ -234,7 +232,7 @@ def test_damping_that_follows_the_matrices(damping, comm):
 
 
 def test_undamped_models_are_checked_with_the_loss_factor_of_their_error(comm):
-    case, search = bushing(14), hpcred.ParameterSearch(points=3)
+    case, search = bushing(20), hpcred.ParameterSearch(points=5)
     with case.model(comm) as model, hpcred.reduce(
         model, tolerance=1e-2, band=case.band, parameter_search=search
     ) as rom:
@@ -250,21 +248,21 @@ def test_undamped_models_are_checked_with_the_loss_factor_of_their_error(comm):
 @pytest.mark.parametrize("frame", [FRAME, Buckens()], ids=lambda item: item.kind)
 def test_frames(frame, comm):
     """Terms have all dofs of the model, the basis those of the frame; against full solves in the frame."""
-    free, damping, F = isinstance(frame, Buckens), Rayleigh(2.0, 1e-5), [30.0, 133.0]
+    free, damping, F = isinstance(frame, Buckens), Rayleigh(2.0, 1e-5), [30.0, 133.0, 290.0]
     with hpcred.linkage(inputs=(*SUPPORTS, LOAD) if free else (LOAD,)) as link:
         K, M = to_dense(link.K), to_dense(link.M)
         soft = np.diag(np.arange(len(K)) < 60) * 1.0
         terms = [Term("K", K, "e")] if free else [Term("K", soft @ K @ soft, "e"), Term("M", soft @ M @ soft, "e^2")]
         family = ParametricModel(link, [Parameter("e", (0.0, 0.5))], terms)
-    search = hpcred.ParameterSearch(points=2)
+    search = hpcred.ParameterSearch(points=5)
     given = {"frame": frame, "damping": damping}
-    with family, hpcred.reduce(family, tolerance=1e-3, band=(0, 150), parameter_search=search, **given) as rom:
+    with family, hpcred.reduce(family, tolerance=1e-4, band=(0, 300), parameter_search=search, **given) as rom:
         assert rom.record.accuracy.reached and rom.columns.getSizes()[0][1] == family.size
         for e in (0.07, 0.46):
             with family.at(e=e) as full:
                 H = full.frequency_response(F, **given)
             off = rom.frequency_response(F, e=e) - H
-            assert rom.record.accuracy.measure.eps(off, H, np.einsum("sii->si", H)).max() <= 1e-3
+            assert rom.record.accuracy.measure.eps(off, H, np.einsum("sii->si", H)).max() <= 1e-4
 
 
 @pytest.mark.mpi
@@ -363,17 +361,17 @@ def test_a_store_serves_again(comm, tmp_path):
 
 
 def test_limits_end_it_honestly(comm):
-    case = bushing(16)
-    search = hpcred.ParameterSearch(points=3)
+    case = bushing(24)
+    search = hpcred.ParameterSearch(points=5)
     with case.model(comm) as model:
-        adaptive = hpcred.Adaptive(tolerance=1e-8, band=case.band, columns=6)
+        adaptive = hpcred.Adaptive(tolerance=1e-8, band=case.band, columns=10)
         with hpcred.reduce(model, adaptive=adaptive, parameter_search=search) as rom:
             accuracy = rom.record.accuracy
-            assert not accuracy.reached and "with 6 columns" in accuracy.stopped
+            assert not accuracy.reached and "with 10 columns" in accuracy.stopped
             assert case.eps(rom, fresh_pairs(case, 20)).max() <= 3 * accuracy.largest
     with case.model(comm) as model:
         search = hpcred.ParameterSearch(points=4, most=3)
-        with hpcred.reduce(model, tolerance=1e-10, band=(0.0, 1.0), parameter_search=search) as rom:
+        with hpcred.reduce(model, tolerance=1e-10, band=case.band, parameter_search=search) as rom:
             assert len(rom.record.accuracy.parameters.points) <= 3
 
 
@@ -392,7 +390,7 @@ def test_a_size_that_was_asked_for(comm):
 @pytest.mark.costly
 def test_a_size_that_suffices_is_no_limit(monkeypatch):
     """And the error that is said has what the compression leaves, the estimate and the larger noise."""
-    case, search, found = bushing(14), hpcred.ParameterSearch(points=3), []
+    case, search, found = bushing(24), hpcred.ParameterSearch(points=5), []
 
     def compress(*arguments):
         found.append(compression.compress(*arguments)._replace(noise=0.25))
@@ -480,8 +478,8 @@ def test_a_free_motion_that_nothing_pushes_is_no_matter(comm):
     K[-1, -1], M[-1, -1] = 1e3, 1.0
     case.K, case.M, case.B = K, M, np.pad(case.B, ((0, 1), (0, 0)))
     case.terms = [("K", np.diag(1e3 * (np.arange(13) == 12)), "-e")]
-    with reduced(case, 1e-3, comm, parameter_search=hpcred.ParameterSearch(points=3)) as rom:  # one of them e = 1
-        assert rom.record.accuracy.reached and case.eps(rom, fresh_pairs(case, 12)).max() <= 1e-3
+    with reduced(case, 1e-4, comm, parameter_search=hpcred.ParameterSearch(points=9)) as rom:
+        assert rom.record.accuracy.reached and case.eps(rom, fresh_pairs(case)).max() <= 1e-4
 
 
 def test_circulatory_forces_hold_what_springs_do_not(comm):
@@ -493,12 +491,11 @@ def test_circulatory_forces_hold_what_springs_do_not(comm):
     case.terms.append(("K", turning, "e"))
     all_k = [case.matrices({"e": e})["K"] for e in np.linspace(0, 2, 101)]
     assert all(np.linalg.det(K) > 0 for K in all_k) and np.linalg.eigvalsh(all_k[-1] + all_k[-1].T).min() < 0
-    case.band, search = (0.0, 8.0), hpcred.ParameterSearch(points=5)
-    with reduced(case, 0.05, comm, parameter_search=search) as rom:
-        assert not rom.record.accuracy.reached or case.eps(rom, fresh_pairs(case, 12)).max() <= 0.05
+    with reduced(case, 1e-3, comm, parameter_search=hpcred.ParameterSearch(points=5)) as rom:
+        assert not rom.record.accuracy.reached or case.eps(rom, fresh_pairs(case)).max() <= 1e-3
     case.terms[-1] = ("K", turning, "e*(2 - e)/1000")
     with pytest.raises(InputError, match="K is singular, but for round-off, near e = 1"):
-        reduced(case, 0.1, comm, parameter_search=search)
+        reduced(case, 1e-3, comm)
 
 
 @pytest.mark.mpi
@@ -536,13 +533,13 @@ def test_a_mass_that_is_gone_at_values_in_the_ranges_is_refused(comm):
 @pytest.mark.parametrize("damping", [hpcred.NoDamping(), GivenDamping()], ids=lambda item: item.kind)
 def test_terms_that_are_zero(damping, comm):
     """In matrices or factors: they change nothing."""
-    case = held("0*e", (0.0, 4.0))
+    case = held("0*e", (0.0, 30.0))
     case.D, case.damping = 0.5 * np.eye(12), damping
     case.terms += [("M", np.zeros((12, 12)), "e"), ("B", np.zeros((12, 2)), "e"), ("K", np.zeros((12, 12)), "1 - e")]
     case.terms += [("D", np.zeros((12, 12)), "e")] * (damping.kind == "given")
-    with reduced(case, 1e-3, comm, parameter_search=hpcred.ParameterSearch(points=3)) as rom:
-        assert rom.record.accuracy.reached and case.eps(rom, fresh_pairs(case, 10)).max() <= 1e-3
-        s = 2j * np.pi * np.array([0.5, 3.5])
+    with reduced(case, 1e-4, comm, parameter_search=hpcred.ParameterSearch(points=3)) as rom:
+        assert rom.record.accuracy.reached and case.eps(rom, fresh_pairs(case, 10)).max() <= 1e-4
+        s = 2j * np.pi * np.array([0.5, 7.0])
         assert rom.transfer_function(s, e=2.0) == pytest.approx(rom.transfer_function(s, e=0.0), rel=1e-9)
 
 

@@ -32,7 +32,7 @@ EXACT = {
 def beam():
     height = np.sqrt(12 * EI / EA)
     young, density = EA / height**2, MASS / height**2
-    kind, points_and_cells = "hexahedron20", mesh("hexahedron20", (12, 1, 1), (LENGTH, height, height), 0.0)
+    kind, points_and_cells = "hexahedron20", mesh("hexahedron20", (20, 1, 1), (LENGTH, height, height), 0.0)
     material = Material(name="beam", young=young, poisson=0.0, density=density)
     K = stiffness(kind, rule_of("hpcred", kind, kind), *points_and_cells, young, 0.0)
     M = mass(kind, *points_and_cells, density)
@@ -49,7 +49,7 @@ def beam():
 def tip(speed, **more):
     """Times and displacements (nt, 3) of the tip in the axes of the hub."""
     setup = Simulation(
-        end=12.5, steps=125, constraint=(Joint("left", kind="fixed"),), observe=("right",),
+        end=12.5, steps=250, constraint=(Joint("left", kind="fixed"),), observe=("right",),
         drive=(RampDrive(node="left", about=(0.0, 0.0, 1.0), rate=speed, duration=RISE),), **more,
     )  # fmt: skip
     motion = simulate(beam(), setup)
