@@ -10,6 +10,7 @@ from ..parallel.petsc import PETSc
 from .blocks import local_rows, random_block
 
 OF_DIAGONAL = 1e-3  # that a pair of entries is compared with where it is smaller
+AT_ONCE = 10**6  # entries that are compared
 STEPS = 30
 ENOUGH = 1e-12  # norm of a Lanczos vector that is round-off: the space is complete
 
@@ -21,11 +22,12 @@ def symmetry_defect(mat: PETSc.Mat, skew=False) -> float:
     Entry by entry, so that neither units nor the mesh nor stiff parts elsewhere hide a difference. Round-off in entries
     that nearly cancel is some 1e-15 of the diagonal, which stands for them there.
     """
-    indptr, indices, ours = mat.getValuesCSR()
+    # copies of the entries are the most memory of a run by multigrid: the transposed matrix goes before the second one
     transposed = mat.transpose(PETSc.Mat())
     starts, places, theirs = transposed.getValuesCSR()
     transposed.destroy()
-    ours, theirs = ours.real, theirs.real
+    indptr, indices, ours = mat.getValuesCSR()
+    ours, theirs = ours.real, -theirs.real if skew else theirs.real
     # both on one pattern
     if not (np.array_equal(indptr, starts) and np.array_equal(indices, places)):
         shape = (len(indptr) - 1, mat.getSize()[1])
@@ -34,36 +36,40 @@ def symmetry_defect(mat: PETSc.Mat, skew=False) -> float:
         pattern.data[:] = 1.0
         indptr, indices = pattern.tocsr().indptr, pattern.col
         ours, theirs = (np.asarray(matrix[pattern.row, pattern.col]).ravel() for matrix in (A, At))
-    # entries that differ, which are few of most matrices, and the diagonal entries of the row and of the column of each
-    difference = np.abs(ours + theirs if skew else ours - theirs)
-    unequal = np.flatnonzero(difference > 0)
-    difference, ours, theirs = difference[unequal], ours[unequal], theirs[unequal]
     root = mat.getDiagonal()
     root.setArray(np.sqrt(np.abs(root.getArray(readonly=True).real)))
-    rows = np.searchsorted(indptr, unequal, side="right") - 1
-    scale = root.getArray(readonly=True).real[rows] * entries_of(root, indices[unequal])
-    # the comparison
-    scale = np.maximum(np.maximum(np.abs(ours), np.abs(theirs)), OF_DIAGONAL * scale)
-    largest = (difference / scale).max(initial=0.0)
+    roots, of_columns = root.getArray(readonly=True).real, _entries_of(root, indices)
+    largest = 0.0
+    for start in range(0, len(ours), AT_ONCE):  # what is made of all at once takes as much memory as the matrix
+        here = slice(start, start + AT_ONCE)
+        difference = np.abs(ours[here] - theirs[here])
+        unequal = np.flatnonzero(difference > 0)  # round-off may make half of all differ
+        rows = np.searchsorted(indptr, start + unequal, side="right") - 1
+        scale = np.maximum(np.abs(ours[here][unequal]), np.abs(theirs[here][unequal]))
+        scale = np.maximum(scale, OF_DIAGONAL * roots[rows] * of_columns(indices[here][unequal]))
+        largest = max(largest, (difference[unequal] / scale).max(initial=0.0))
     return float(max(mat.comm.tompi4py().allgather(largest)))
 
 
-def entries_of(vector: PETSc.Vec, places: np.ndarray) -> np.ndarray:
-    """Return entries of a distributed vector at global places. Collective."""
+def _entries_of(vector: PETSc.Vec, columns: np.ndarray):
+    """Return a function of some of the global places `columns` that returns the entries of a distributed vector there.
+    Collective; the function is not."""
     first, last = vector.getOwnershipRange()
-    mine = (places >= first) & (places < last)
-    # most are on this rank: only the others are sorted
-    needed, back = np.unique(places[~mine], return_inverse=True)
-    chosen = PETSc.IS().createGeneral(needed.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
-    local = PETSc.Vec().createSeq(len(needed), comm=PETSc.COMM_SELF)
+    # those of other ranks, which are few
+    others = np.unique(columns[(columns < first) | (columns >= last)])
+    chosen = PETSc.IS().createGeneral(others.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+    local = PETSc.Vec().createSeq(len(others), comm=PETSc.COMM_SELF)
     scatter = PETSc.Scatter().create(vector, chosen, local, None)
     scatter.scatter(vector, local)
-    values = np.empty(len(places))
-    values[mine] = vector.getArray(readonly=True).real[places[mine] - first]
-    values[~mine] = local.getArray().real[back]
+    values = np.concatenate([vector.getArray(readonly=True).real, local.getArray().real])
     for owned in (scatter, chosen, local):
         owned.destroy()
-    return values
+
+    def entries(places):
+        own = (places >= first) & (places < last)
+        return values[np.where(own, places - first, last - first + np.searchsorted(others, places))]
+
+    return entries
 
 
 def extreme_quotients(matrix: PETSc.Mat, symmetric=True) -> tuple[float, float]:

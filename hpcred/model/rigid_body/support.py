@@ -14,8 +14,7 @@ import numpy as np
 
 from ...fe.dofs import SCALAR
 from ...linalg.blocks import column_norms, inner, local_rows, multiply, times
-from ...linalg.csr import diagonal_of
-from ...linalg.matrix_estimates import entries_of
+from ...linalg.csr import absolute, diagonal_of
 from ...parallel.decisions import decided
 from ...parallel.petsc import MPI, PETSc
 from ..digits import digits_of, digits_of_numbers
@@ -133,13 +132,13 @@ def _moves(overlaps):
 def _scale_of_rows(model, reach):
     """Return |K| |R| of the rows of this rank for motions of 1, at least the geometric mean of rows of its kind: a weak
     spring on a dof that nothing else holds is no support. Infinite where K has nothing."""
-    indptr, indices, values = model.K.getValuesCSR()
-    moved = np.select([model.dofs.direction < 3, _turns(model.dofs)], [1.0, 1.0 / reach], 0.0)
-    vector = model.K.createVecRight()
-    vector.setArray(moved)
-    rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
-    sizes = np.bincount(rows, np.abs(values) * entries_of(vector, indices), len(indptr) - 1)
-    vector.destroy()
+    moved, sum_of_rows = model.K.createVecs()
+    moved.setArray(np.select([model.dofs.direction < 3, _turns(model.dofs)], [1.0, 1.0 / reach], 0.0))
+    entries = absolute(model.K)
+    entries.mult(moved, sum_of_rows)
+    sizes = sum_of_rows.getArray().real.copy()
+    for owned in (entries, moved, sum_of_rows):
+        owned.destroy()
     for kind in (model.dofs.direction < 3, _turns(model.dofs)):
         there = kind & (sizes > 0)
         total, count = model.comm.allreduce(np.array([np.log(sizes[there]).sum(), there.sum()]))
