@@ -38,7 +38,7 @@ def symmetry_defect(mat: PETSc.Mat, skew=False) -> float:
         ours, theirs = (np.asarray(matrix[pattern.row, pattern.col]).ravel() for matrix in (A, At))
     root = mat.getDiagonal()
     root.setArray(np.sqrt(np.abs(root.getArray(readonly=True).real)))
-    roots, of_columns = root.getArray(readonly=True).real, _entries_of(root, indices)
+    roots, of_columns = root.getArray(readonly=True).real, entries_of(root, indices)
     largest = 0.0
     for start in range(0, len(ours), AT_ONCE):  # what is made of all at once takes as much memory as the matrix
         here = slice(start, start + AT_ONCE)
@@ -51,7 +51,7 @@ def symmetry_defect(mat: PETSc.Mat, skew=False) -> float:
     return float(max(mat.comm.tompi4py().allgather(largest)))
 
 
-def _entries_of(vector: PETSc.Vec, columns: np.ndarray):
+def entries_of(vector: PETSc.Vec, columns: np.ndarray):
     """Return a function of some of the global places `columns` that returns the entries of a distributed vector there.
     Collective; the function is not."""
     first, last = vector.getOwnershipRange()

@@ -14,7 +14,8 @@ import numpy as np
 
 from ...fe.dofs import SCALAR
 from ...linalg.blocks import column_norms, inner, local_rows, multiply, times
-from ...linalg.csr import absolute, diagonal_of
+from ...linalg.csr import diagonal_of
+from ...linalg.matrix_estimates import entries_of
 from ...parallel.decisions import decided
 from ...parallel.petsc import MPI, PETSc
 from ..digits import digits_of, digits_of_numbers
@@ -30,6 +31,7 @@ OF_NODES = {"fewest": 4, "distinct": 10, "nearly_all": 0.8, "many": 0.1}  # digi
 SINGLE = 2.0**-24  # relative round-off of single precision
 LAST_BITS = 0xFF  # of a number of single precision, which those that were chosen do not need
 SAME_MOTION = 1e-10  # squared sine of the angle between motions of nodes on a line that are one
+AT_ONCE = 10_000  # rows
 BINS, PER_DECADE, LOWEST = 80, 4, -18.0  # of a histogram of the decimal logarithm of forces
 
 
@@ -132,13 +134,18 @@ def _moves(overlaps):
 def _scale_of_rows(model, reach):
     """Return |K| |R| of the rows of this rank for motions of 1, at least the geometric mean of rows of its kind: a weak
     spring on a dof that nothing else holds is no support. Infinite where K has nothing."""
-    moved, sum_of_rows = model.K.createVecs()
+    indptr, indices, values = model.K.getValuesCSR()
+    moved = model.K.createVecRight()
     moved.setArray(np.select([model.dofs.direction < 3, _turns(model.dofs)], [1.0, 1.0 / reach], 0.0))
-    entries = absolute(model.K)
-    entries.mult(moved, sum_of_rows)
-    sizes = sum_of_rows.getArray().real.copy()
-    for owned in (entries, moved, sum_of_rows):
-        owned.destroy()
+    of_columns = entries_of(moved, indices)
+    moved.destroy()
+    sizes = np.zeros(len(indptr) - 1)
+    for start in range(0, len(sizes), AT_ONCE):  # what is made of all at once takes as much memory as K
+        ends = indptr[start : start + AT_ONCE + 1]
+        here = slice(ends[0], ends[-1])
+        rows = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
+        products = np.abs(values[here]) * of_columns(indices[here])
+        sizes[start : start + AT_ONCE] = np.bincount(rows, products, len(ends) - 1)
     for kind in (model.dofs.direction < 3, _turns(model.dofs)):
         there = kind & (sizes > 0)
         total, count = model.comm.allreduce(np.array([np.log(sizes[there]).sum(), there.sum()]))
