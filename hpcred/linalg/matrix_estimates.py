@@ -22,7 +22,7 @@ def symmetry_defect(mat: PETSc.Mat, skew=False) -> float:
     Entry by entry, so that neither units nor the mesh nor stiff parts elsewhere hide a difference. Round-off in entries
     that nearly cancel is some 1e-15 of the diagonal, which stands for them there.
     """
-    # copies of the entries are the most memory of a run by multigrid: the transposed matrix goes before the second one
+    # the transposed matrix is freed before the entries are copied a second time: each copy is as large as the matrix
     transposed = mat.transpose(PETSc.Mat())
     starts, places, theirs = transposed.getValuesCSR()
     transposed.destroy()

@@ -147,7 +147,8 @@ def test_the_command_writes_a_result_that_commands_take(machine, capsys):
         there = at & (file["dofs/direction"][...] == 1) & (node < 1 + 216 // 3 + 12)
         assert V.shape[0] == report["size"] and {"elements", "sets", "held"} & set(file)
         assert np.abs(V[:, there].mean(axis=1) - result.nodes[0].phi[1]).max() < 1e-9 * np.abs(V).max()
-    for command in (["evaluate", "machine.h5", "--points", "5"], ["evaluate", "machine.h5", "--estimate"],
+    for command in (["evaluate", "machine.h5", "--points", "5"], ["info", "machine.h5"],
+                    ["report", "machine.h5", "-o", "r.html"], ["evaluate", "machine.h5", "--estimate"],
                     ["export", "machine.h5", "--format", "statespace-npz", "-o", "m.npz"],
                     ["export", "machine.h5", "--format", "statespace-mat", "-o", "m.mat"]):  # fmt: skip
         assert run([*command, "--quiet"]) == 0, (command, capsys.readouterr())

@@ -65,14 +65,14 @@ def test_only_vibrations_above_the_frequency_are_damped(beam, times):
 
 def test_an_undamped_pendulum_keeps_its_energy_in_few_steps(beam):
     """It starts undeformed under its weight; against a much smaller tolerance."""
-    setup = Simulation(end=0.05, gravity=WEIGHT, constraint=(HINGE,), steps=10)
+    setup = Simulation(end=0.1, gravity=WEIGHT, constraint=(HINGE,), steps=20)
     rough, fine = (simulate(beam, replace(setup, relative_tolerance=r, absolute_tolerance=a))
                    for r, a in ((1e-5, 1e-8), (1e-7, 1e-10)))  # fmt: skip
     way = np.abs(fine.node_displacement).max()
-    assert np.abs(rough.node_displacement - fine.node_displacement).max() < 1e-4 * way and way > 0.015
+    assert np.abs(rough.node_displacement - fine.node_displacement).max() < 1e-4 * way and way > 0.04
     assert rough.balance < 1e-4 and fine.balance < 1e-6 and rough.drift < 1e-7
     stiffest = np.sqrt(np.linalg.eigvalsh(beam.reduced.K)[-1]) / (2 * np.pi)
-    assert rough.integrator_steps < 50 < 100 < stiffest * setup.end  # periods of the stiffest pseudo-mode
+    assert rough.integrator_steps < 100 < stiffest * setup.end  # periods of the stiffest pseudo-mode
 
 
 def test_a_very_stiff_bushing_takes_few_steps(beam):
