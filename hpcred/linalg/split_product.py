@@ -13,8 +13,9 @@ LEADING = 22  # bits of the leading part of an entry of the matrix
 
 def terms_of_products(mat, columns) -> np.ndarray:
     """Return x^T |diag(A)| x (m,) of columns, the size of the terms of x^T A x. Collective."""
-    with local_rows(columns) as rows:
-        return summed(mat.comm.tompi4py(), (np.abs(diagonal_of(mat))[:, None] * np.abs(rows) ** 2).sum(axis=0))
+    diagonal = np.abs(diagonal_of(mat))
+    with local_rows(columns) as rows:  # one column at a time: of all, the squares would take as much memory as they do
+        return summed(mat.comm.tompi4py(), np.array([diagonal @ np.abs(column) ** 2 for column in rows.T]))
 
 
 def split_product(mat, block):

@@ -124,6 +124,7 @@ def _of_frequencies(moved: np.ndarray, eigenvalues: np.ndarray) -> np.ndarray:
 def _errors_of_eigenvalues(K, count, block, digits) -> np.ndarray:
     """Return the errors (count,) in (rad/s)^2 of the eigenvalues of the first columns of a block by rounding K to so
     many digits. Collective."""
+    diagonal = diagonal_of(K)
     with local_rows(block) as rows:
-        moved = ((np.abs(rows[:, :count]) ** 2 * diagonal_of(K)[:, None]) ** 2).sum(axis=0)
+        moved = np.array([((np.abs(column) ** 2 * diagonal) ** 2).sum() for column in rows.T[:count]])
     return BESIDE * ROUNDED * 10.0 ** (1 - digits) * np.sqrt(summed(K.comm.tompi4py(), moved))
