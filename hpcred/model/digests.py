@@ -47,12 +47,19 @@ def digest_of(model, key: str) -> str | None:
     indptr, indices, values = held.getValuesCSR()
     number = "<u4" if model.size < 2**32 else "<u8"
     if key == "Gt":
-        scale, values = _rounded(model.comm, values.real, indices, held.getSize()[1])
-        return digest_of_plain([scale, digest(model.comm, first, [(indptr, indices.astype(number)), (indptr, values)])])
-    kept = np.flatnonzero(values)  # the patterns of other matrices leave zeros
-    starts = np.searchsorted(kept, indptr)
-    arrays = [(starts, indices[kept].astype(number, copy=False)), (starts, values[kept].real)]
-    return digest(model.comm, first, arrays)
+        scale, rounded = _rounded(model.comm, values.real, indices, held.getSize()[1])
+
+    def between(low, high):
+        ends = indptr[low : high + 1]
+        if key == "Gt":
+            kept, entries = slice(ends[0], ends[-1]), rounded
+        else:  # the patterns of other matrices leave zeros
+            kept, entries = ends[0] + np.flatnonzero(values[ends[0] : ends[-1]]), values.real
+            ends = np.searchsorted(kept, ends)
+        return (np.diff(ends), indices[kept].astype(number, copy=False)), (np.diff(ends), entries[kept])
+
+    found = digest(model.comm, first, len(indptr) - 1, between)
+    return digest_of_plain([scale, found]) if key == "Gt" else found
 
 
 def _rounded(comm, values, columns, count=None):

@@ -16,43 +16,42 @@ from .exchange import exchange
 ROWS_OF_DIGEST = 4096  # records of results keep digests over so many: with another number they are others
 
 
-def digest(comm, first: int, parts) -> str:
+def digest(comm, first: int, rows: int, between) -> str:
     """XXH3 (128 bits) over the digests of ROWS_OF_DIGEST rows each (hexadecimal), the same on all ranks. Collective.
 
-    The ranks hold the rows in order, this one from row `first` on. `parts`: arrays as pairs (starts (rows + 1,),
-    values): row i of this rank has values[starts[i] : starts[i + 1]]. Values count as bytes, and so does their type.
+    The ranks hold the rows in order, this one `rows` of them from row `first` on. `between(low, high)`: what is held of
+    its rows low to high, in pairs: how many values each row has (high - low,), and the values (their sum,), which count
+    as bytes; so do the numbers.
     """
-    rows = len(parts[0][0]) - 1
     held = comm.allgather((int(first), rows))
     # rows of a chunk that begins on an earlier rank go there
     head = min(-first % ROWS_OF_DIGEST, rows)
     begin = first - first % ROWS_OF_DIGEST
     owner = next((rank for rank, (low, count) in enumerate(held) if low <= begin < low + count), 0)
-    lengths = [np.diff(starts).astype("<i8") for starts, _ in parts]
-    tail = []
-    for length, (starts, values) in zip(lengths, parts, strict=True):
-        for sent in (length[:head], values[starts[0] : starts[head]]):
-            tail += exchange(comm, np.full(len(sent), owner), [sent])
+    tail = [exchange(comm, np.full(len(sent), owner), [sent])[0] for sent in _arrays(between, 0, head)]
     digests = []
     for low in range(head, rows, ROWS_OF_DIGEST):
         high = min(low + ROWS_OF_DIGEST, rows)
         chunk = xxh3_128()
-        for i, (length, (starts, values)) in enumerate(zip(lengths, parts, strict=True)):
-            chunk.update(length[low:high].data)
+        for sent, following in zip(_arrays(between, low, high), tail, strict=True):
+            chunk.update(sent.data)
             if high == rows:
-                chunk.update(tail[2 * i].data)
-            chunk.update(np.ascontiguousarray(values[starts[low] : starts[high]]).data)
-            if high == rows:
-                chunk.update(tail[2 * i + 1].data)
+                chunk.update(following.data)
         digests.append(chunk.digest())
     digests = comm.gather(b"".join(digests))
     return comm.bcast(xxh3_128(b"".join(digests)).hexdigest() if comm.rank == 0 else None)
 
 
+def _arrays(between, low, high):
+    for lengths, values in between(low, high):
+        yield np.ascontiguousarray(lengths, "<i8")
+        yield np.ascontiguousarray(values)
+
+
 def digest_of_block(comm, first: int, values: np.ndarray) -> str:
-    """The digest of an array (rows, columns), C-contiguous, as digest() has it. Collective."""
+    """The digest of an array (rows, columns), as digest() has it. Collective."""
     rows, columns = values.shape
-    return digest(comm, first, [(np.arange(rows + 1) * columns, values.reshape(-1))])
+    return digest(comm, first, rows, lambda low, high: [(np.full(high - low, columns), values[low:high].reshape(-1))])
 
 
 def digest_of_plain(value) -> str:
