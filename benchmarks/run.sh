@@ -38,7 +38,7 @@ run() {
 }
 
 # what has seconds in its tables, one after the other
-run 15 search search block block-1 cube --runs 1
+run 20 search search block block-1 cube
 run 25 accuracy accuracy
 run 10 solids solids 27k 112k
 run 6 modes modes

@@ -109,6 +109,7 @@ class BasisReductor(Reductor):
         self.progress.expect(model.size)
         with self.progress.stage("check"):
             warnings = self.check(model)
+            model.digests  # noqa: B018  (kept for the record: made from copies, before what takes most memory)
         with self.progress.stage("frame"):
             framed = apply_frame(model, self.frame, self.damping)
             warnings += inputs_without_effect(framed)
