@@ -45,10 +45,11 @@ def digits_of_numbers(
     """
     values = np.abs(values[values != 0])
     values = values[:: 1 + len(values) // 500]
-    needed = np.full(len(values), MOST + 1)
-    for digits in range(MOST, 0, -1):
-        rounded = np.array([float(f"{value:.{digits - 1}e}") for value in values])
-        needed[np.abs(rounded - values) <= SAME * values] = digits
+    needed, rest = np.full(len(values), MOST + 1), np.arange(len(values))
+    for digits in range(MOST, 0, -1):  # what changes is not looked at with fewer
+        rounded = np.array([float(f"{value:.{digits - 1}e}") for value in values[rest]])
+        rest = rest[np.abs(rounded - values[rest]) <= SAME * values[rest]]
+        needed[rest] = digits
     counts = comm.allreduce(np.bincount(needed, minlength=MOST + 2))
     total = counts.sum()
     rounded = (counts >= many * total) & (np.cumsum(counts) >= nearly_all * total)

@@ -16,8 +16,7 @@ def require_room(model, frequencies: int = FREQUENCIES):
     inputs, outputs = len(model.input_names), len(model.output_names)
     rows = max(model.comm.allgather(model.local_rows))
     columns, pairs = BLOCKS * 8 * rows * inputs / MB, 16 * frequencies * inputs * outputs / MB
-    there = available_mb(model.comm)
-    if columns + pairs > max(there, LITTLE_MB):
+    if columns + pairs > LITTLE_MB and columns + pairs > (there := available_mb(model.comm)):
         raise InputError(
             f"{model.name}: found {inputs} inputs and {outputs} outputs: columns take {columns:.0f} MB of a rank, "
             f"their {inputs * outputs} responses at {frequencies} frequencies {pairs:.0f} MB, and {there:.0f} MB "

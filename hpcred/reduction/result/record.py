@@ -6,7 +6,7 @@ import platform
 from abc import ABC
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any
 
@@ -266,6 +266,7 @@ def versions() -> dict[str, str]:
     return known | {package: version_of(package) for package in ("hpcred", "numpy", "h5py", "mpi4py")}
 
 
+@cache  # each result names four, whose metadata take milliseconds to read
 def version_of(package: str) -> str:
     try:
         return version(package)
