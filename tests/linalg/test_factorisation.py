@@ -158,6 +158,10 @@ def test_the_folder_for_factors_is_made_with_the_first_one(tmp_path):
         solver.factor(0.0)
         assert (tmp_path / "new" / "folder").is_dir()
         solver.close()
+    program = tmp_path / "program"
+    program.touch(0o700)  # which may be written and executed, as a folder
+    with pytest.raises(InputError, match="program/at cannot be made or written"):
+        Factoring(out_of_core=str(program / "at"))
 
 
 @pytest.mark.mpi(ranks=(2,))

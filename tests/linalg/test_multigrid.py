@@ -355,6 +355,17 @@ def test_a_search_goes_back_to_0_hz_where_its_basis_lacks_modes(monkeypatch):
         assert accuracy.points[2].frequency > 0 and accuracy.proofs
 
 
+def test_what_levels_take():
+    """A number and its column for each entry, those of the finest level among them."""
+    with hpcred.solid((10, 8, 8), inputs=1) as model:
+        solver = solver_of(apply_frame(model, None))
+        solver.factor(0.0)
+        record = solver.records[-1]
+        assert record.factor_entries > model.nonzeros > 1e5
+        assert record.memory_mb_used_total == 12 * record.factor_entries // 2**20 > 0
+        solver.close()
+
+
 @pytest.mark.mpi(ranks=(1, 3))
 @pytest.mark.costly
 def test_where_a_factor_does_not_fit_multigrid_takes_over_at_real_points(comm, monkeypatch):

@@ -410,6 +410,10 @@ def test_a_moving_load_is_a_force_anywhere_on_its_path(comm):
         ordered = MovingLoad(name="wheel", on=tuple(node[on].tolist()), value=(0.0, 0.0, -100.0), points=12)
         with model.with_loads([ordered]) as each:
             assert np.abs(columns_of(each.B)[:, -12:] - exact).max() < 1e-10
+        ends = MovingLoad(name="wheel", on=tuple(node[on[[0, -1]]].tolist()), along=(1.0, 0.0, 0.0),
+                          value=(0.0, 0.0, -100.0), points=2)  # fmt: skip
+        with model.with_loads([ends]) as each:
+            assert np.abs(columns_of(each.B)[:, -2:] - exact[:, [0, -1]]).max() < 1e-10
 
 
 @pytest.mark.mpi(build="real")

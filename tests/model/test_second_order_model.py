@@ -210,8 +210,10 @@ def test_digests_of_loads_have_about_seven_digits(solid):
     entry = np.eye(1, solid.size, 7).T
     for change in (np.ones((1, 1)), entry):
         assert digest(1 + 1e-12 * change) == digest(np.ones((1, 1))) != digest(1 + 1e-6 * change)
-    small = 1 - (1 - 1e-4) * entry  # an entry far below the largest has digits of its own
-    assert digest(small) != digest(small + 1e-9 * entry)
+    for large in (1, -1):  # an entry far below the largest has digits of its own, but not beyond those of that
+        small = large * (1 - (1 - 1e-4) * entry)
+        assert digest(small) != digest(small + 1e-9 * entry)
+        assert digest(small * (1 - entry)) == digest(small * (1 - entry) + 1e-16 * entry)
 
 
 def test_all_directions_of_a_node_ascend_whatever_the_order_of_its_rows(comm):

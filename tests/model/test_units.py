@@ -42,6 +42,15 @@ def test_systems_by_name(text):
     assert found.energy == pytest.approx(SYSTEMS[text][1] * SYSTEMS[text][0] ** 2 / SYSTEMS[text][2] ** 2)
 
 
+@pytest.mark.parametrize(("text", "length", "mass", "time"), [
+    ("um,mg,ms", 1e-6, 1e-6, 1e-3), ("in,lbm,us", 0.0254, 0.45359237, 1e-6), ("ft,slug,s", 0.3048, POUND / 0.3048, 1),
+    ("cm,kgf,s", 0.01, 980.665, 1), ("m,MN,s", 1, 1e6, 1), ("mm,g,s", 1e-3, 1e-3, 1), ("cm,t,us", 0.01, 1e3, 1e-6),
+])  # fmt: skip
+def test_units_by_handbooks(text, length, mass, time):
+    found = units_of(text)
+    assert (found.length, found.mass, found.time) == pytest.approx((length, mass, time), rel=1e-12)
+
+
 @pytest.mark.parametrize("text", ["", "mm", "mm,t", "mm,t,s,s", "mm,N,t", "mm,mm,s", "MM,T,S", "mm,t,h", "nan,t,s"])
 def test_what_is_no_system_is_refused(text):
     with pytest.raises(hpcred.InputError, match="expected SI, or three words such as mm,t,s"):
