@@ -203,6 +203,13 @@ def test_integrals_of_dampers(damped):
     assert made.integrals == 1 and np.linalg.cond(made.reduced.M) < 1e6
     for s in POINTS:
         assert np.allclose(made.reduced.transfer_function(s) + made.feedthrough, response(s), rtol=1e-8, atol=1e-12)
+    Ca = np.zeros_like(rom.C)
+    Ca[0, 0] = 1e-3  # an acceleration beside displacements
+    rom = replace(rom, Ca=Ca)
+    made = with_mass(rom)
+    for s in POINTS:
+        H = rom.transfer_function(s)
+        assert np.allclose(made.reduced.transfer_function(s) + made.feedthrough, H, rtol=1e-8, atol=1e-12)
 
 
 def test_result_file_and_full_model(damped, tmp_path):

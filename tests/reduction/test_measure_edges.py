@@ -21,6 +21,7 @@ from hpcred.parallel.progress import Progress
 from hpcred.reduction.parametric.zeros import _opposite, beside_zeros
 from hpcred.reduction.result.measure import Directions
 from hpcred.reduction.run.run import Run
+from hpcred.reduction.search import silent_outputs
 from hpcred.reduction.search.projections import Projections
 from hpcred.reduction.small.error_estimate import Comparison, grid, largest, measure_over
 from hpcred.reduction.small.pseudo_modal import InputsOutputs, Proportional, diagonalised
@@ -41,8 +42,9 @@ def clamped_beam(n):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("factor", [1.0, 1e3])
-def test_what_symmetry_forbids_is_left_out_and_named(comm, factor):
+def test_what_symmetry_forbids_is_left_out_and_named(comm, factor, monkeypatch):
     """The rotation of the middle, and the difference of two mirrored places; in any unit of rotation."""
+    monkeypatch.setattr(silent_outputs, "AT_A_TIME", 2)
     K, M = clamped_beam(20)
     units = np.where(np.arange(len(K)) % 2, factor, 1.0)
     middle = 2 * (20 // 2 - 1)

@@ -35,6 +35,7 @@ from hpcred.linalg.solvers.shifted import ShiftedSolver
 from hpcred.parallel.failures import ComputationError
 from hpcred.parallel.petsc import MPI, is_complex
 from hpcred.reduction import ConstraintModes
+from hpcred.reduction.run.notes import Notes
 
 BAND = (0.0, 300.0)
 FREQUENCIES = np.linspace(5, 295, 30)
@@ -231,6 +232,13 @@ def test_rough_solutions_of_multigrid_do_not_serve_searches_with_factors(folder)
         again, repeated = reduced(model, PointStore(folder), factoring=by_multigrid, **given)
     assert same(alone, found) and len(record.factorisations) == len(expected.factorisations) > 0
     assert same(rough, again) and not repeated.factorisations
+
+
+def test_a_factor_counts_once_in_a_row():
+    notes = Notes()
+    for mass in "abbccca":
+        notes.needs(mass, "0")
+    assert [mass for mass, _ in notes.needed] == ["a", "b", "c", "a"]
 
 
 SEQUENCES = {

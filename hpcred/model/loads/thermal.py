@@ -9,6 +9,7 @@ from ...fe.element_rules import rule_of
 from ...fe.elements import FACES
 from ...fe.materials import MATERIAL, TYPE
 from ...fe.shape_functions import SOLIDS, integration_points, shape_functions
+from ...fe.solids import NO_TABLE
 from ...fe.strain_matrices import strain_matrices
 from ...parallel.failures import InputError, agreed
 from .on_faces import NodalForces
@@ -29,7 +30,7 @@ def thermal_forces(model, where: str, temperature) -> NodalForces:
                 lost = rows.nodes[~rows.placed][np.isnan(rows.position[~rows.placed]).any(axis=2)][0]
                 raise InputError(f"{where}: node {lost} of the solids of {model.name} has no row, since it follows "
                                  "another one; a temperature needs all nodes")  # fmt: skip
-            table = model.properties.table.get(kind, np.zeros((0, 3), np.int64))
+            table = model.properties.table.get(kind, NO_TABLE)
             for type_, material in np.unique(table[:, [TYPE, MATERIAL]], axis=0).tolist():
                 mine = np.flatnonzero((table[:, TYPE] == type_) & (table[:, MATERIAL] == material))
                 rule, item_of = _rule(model, where, kind, type_), _material(model, where, material)
