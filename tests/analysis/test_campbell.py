@@ -14,7 +14,7 @@ import hpcred
 from hpcred.analysis import campbell_diagram
 from hpcred.analysis.campbell import _orbits
 from hpcred.analysis.damped_modes import damped_modes
-from hpcred.analysis.pole_tracking import PoleTracker
+from hpcred.analysis.pole_tracking import Poles, PoleTracker, growth_of
 from hpcred.analysis.whirl import orbits
 from hpcred.reduction.result.maxwell_states import maxwell_states
 
@@ -452,3 +452,10 @@ def test_what_does_not_vibrate_has_no_orbit():
     for speed in (5.0, -5.0):
         part = SimpleNamespace(value=speed, poles=np.array([0.0, -3.0, 2j]), shapes=modes, single=np.full(3, True))
         assert _orbits(part, shapes, np.array([0.0, 0.0, 1.0]), "speed") == pytest.approx([0, 0, np.sign(speed)])
+
+
+@pytest.mark.parametrize(("real", "grows"), [(5e-13, False), (5e-12, True)])
+def test_growth_is_more_than_round_off_of_the_largest_pole(real, grows):
+    of_one = np.zeros((1, 1)), np.zeros((2, 1)), np.ones(1, bool)
+    growth, pole = growth_of(Poles(0.0, np.array([real + 1e-3j]), *of_one, size=1.0), limit=1.0)
+    assert (growth > 0) == grows and pole == real + 1e-3j

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +11,10 @@ import scipy.sparse
 from helpers import bar, close, columns_of, few_on_ranks, refused, to_dense, with_columns
 
 import hpcred
+from hpcred.body.units import fields_in
 from hpcred.cli.main import run
 from hpcred.fe.dofs import Dofs
+from hpcred.model.interfaces.nodes import InterfaceNode
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.model.units import unit_of_response, units_of
 from hpcred.parallel.failures import InputError
@@ -209,3 +212,10 @@ def test_loads_are_made_in_si(comm):
         pytest.raises(InputError, match="units: solid has loads already, which are in SI; convert it before they"),
     ):
         hpcred.model.in_si(loaded, units_of("mm,t,s"))
+
+
+def test_interface_nodes_have_places_in_other_units():
+    node, one = InterfaceNode(name="pin", node=7, position=(1.0, -2.0, 0.5)), np.eye(8)
+    reduced = SimpleNamespace(size=8, interfaces=(node,), M=one, D=None, K=one)
+    (found,) = fields_in(reduced, units_of("mm,t,s"))["interfaces"]
+    assert found.position == pytest.approx((1000.0, -2000.0, 500.0)) and found.name == "pin"

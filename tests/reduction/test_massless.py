@@ -483,6 +483,7 @@ def test_a_check_beside_a_peak_that_the_last_digits_of_K_decide(tmp_path):
     (5e-5, 3.0, True, "largest error 0.005 %"), (5e-3, 8e-3, True, "where the last digits of K decide"),
     (0.5, 3.0, False, "NOT KNOWN at 1, where the last digits of the matrix K change the response by 100 % or more"),
     (0.2, np.inf, False, "NOT KNOWN at 1"), (0.2, 0.05, False, "ABOVE at 1"), (np.nan, np.inf, False, "ABOVE at 1"),
+    (5.0, 0.2, False, "ABOVE at 1 of them, largest error"),
 ])  # fmt: skip
 def test_no_model_is_good_since_the_digits_of_K_say_nothing(measured, digits, passed, words):
     check = hpcred.analysis.Check(seed=1, bound=1e-4, frequencies=(2.0,), estimated=(1e-5,), measured=(measured,),

@@ -19,9 +19,10 @@ from hpcred.model.operator import Operator
 from hpcred.parallel.failures import Owned
 from hpcred.parallel.progress import Progress
 from hpcred.reduction.parametric.zeros import _opposite, beside_zeros
-from hpcred.reduction.result.measure import Directions
+from hpcred.reduction.result.measure import MEASURES, Directions
 from hpcred.reduction.run.run import Run
 from hpcred.reduction.search import silent_outputs
+from hpcred.reduction.search.outcome import directions_of
 from hpcred.reduction.search.projections import Projections
 from hpcred.reduction.small.error_estimate import Comparison, grid, largest, measure_over
 from hpcred.reduction.small.pseudo_modal import InputsOutputs, Proportional, diagonalised
@@ -159,6 +160,19 @@ def test_nothing_is_hidden_between_0_hz_and_the_first_points(exponent):
     found = largest(pair, grid([pair.outer, pair.inner], band))[1].max()
     dense = pair.curve(np.geomspace(1e-60, band[1], 3000))
     assert dense.max() <= 1.05 * found
+
+
+def test_directions_have_errors_of_their_own_whatever_the_measure():
+    model = SimpleNamespace(input_names=("in",), output_names=("near", "far"))
+    io = InputsOutputs(np.eye(3)[:, :1], np.eye(3)[:, 1:])
+    outer = diagonalised(chain(8)[0], unit(8, 1, 2, 6), None, Proportional(beta=1e-6), io)
+    band = (0.0, float(outer.frequencies[4]))
+    pair = Comparison(outer, outer, np.eye(8), MEASURES["paper"]).within(np.eye(8)[:, :5])
+    frequencies = grid([pair.outer, pair.inner], band)
+    found = directions_of(pair, frequencies, band, model)
+    beside = pair.by(measure_over(MEASURES["directions"], band, outer))
+    assert found == directions_of(beside, frequencies, band, model)
+    assert max(item.largest for item in found) == pytest.approx(beside.curve(frequencies).max(), rel=1e-12)
 
 
 @pytest.mark.parametrize("outputs", [unit(6, 4, 2).T, None])

@@ -6,6 +6,7 @@ from helpers import close, columns_of, damped, dense_model, gather, moments, sec
 
 import hpcred
 from hpcred import GivenDamping, Krylov, Rayleigh, SecondOrderKrylov
+from hpcred.reduction.two_sided import _paired
 
 pytestmark = pytest.mark.mpi
 
@@ -83,3 +84,21 @@ def test_the_defect_of_bi_orthogonal_bases_is_round_off(comm):
             V, W = gather(rom.columns), gather(rom.left_columns)
             defect = rom.record.orthonormality_defect
     assert np.abs(W.T @ M @ V - np.eye(rom.size)).max() < 1e-12 + 10 * defect and defect < 1e-12
+
+
+@pytest.mark.parametrize("damped", [False, True])
+def test_pairs_with_and_without_mass_are_decoupled(damped):
+    """W^T M V = I and W^T K V = I / tau^2, each on its own pairs, and nothing between both."""
+    random, n, massless, tau = np.random.default_rng(8), 7, 3, 0.1
+    K = 40.0 * np.eye(n) + random.normal(size=(n, n))
+    M = np.eye(n)[:, massless:] @ (np.eye(n) + 0.1 * random.normal(size=(n, n)))[massless:]
+    D = np.diag([5.0, *np.zeros(n - 1)]) if damped else None
+    W, V, static = _paired(K, M, D, tau)
+    moving = slice(0, n - static)
+    still = slice(n - static, n)
+    assert static == massless
+    mass, stiffness = W.T @ M @ V, tau**2 * W.T @ K @ V
+    expected = np.diag([1.0] * (n - static) + [0.0] * static)
+    assert np.allclose(mass, expected, atol=1e-12)
+    assert np.allclose(stiffness[still], np.eye(n)[still], atol=1e-12)
+    assert np.allclose(stiffness[moving, still], 0.0, atol=1e-12)

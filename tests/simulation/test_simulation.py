@@ -198,6 +198,15 @@ def test_the_pace_is_looked_at_after_a_number_of_steps(t, refused):
         watch(t, None)
 
 
+def test_the_pace_is_that_of_the_last_steps():
+    watch = Pace(1000.0, SILENT).stepped
+    for k in range(1, FEW_STEPS + 1):
+        watch(k / FEW_STEPS, None)
+    with pytest.raises(InputError, match=f"the last {FEW_STEPS} of which took 1.0e-07 s"):
+        for k in range(1, FEW_STEPS + 1):
+            watch(1.0 + 1e-7 * k / FEW_STEPS, None)
+
+
 def test_steps_that_are_tried_in_vain_count_as_well():
     """None of so many evaluations has brought the time on."""
     pace = Pace(1000.0, SILENT)
