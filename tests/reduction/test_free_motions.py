@@ -14,6 +14,7 @@ from hpcred.linalg.blocks import create_block, local_rows
 from hpcred.model.frames import apply_frame
 from hpcred.model.second_order_model import SecondOrderModel
 from hpcred.parallel.failures import ComputationError, InputError, Owned
+from hpcred.parallel.petsc import is_complex
 from hpcred.parallel.progress import Progress
 from hpcred.reduction.components.modes import _without_rigid
 from hpcred.reduction.run.run import Run
@@ -28,6 +29,8 @@ WAYS = {
     "responses": lambda model: hpcred.frequency_response(model, [10.0, 100.0], hpcred.Buckens()),
     "all responses": lambda model: hpcred.full_response(model, [10.0, 100.0], hpcred.Buckens()),
 }
+# by how the run's own factor, or its modes, show such motions; spectrum slicing is of the real build
+UNCOUNTED = ("krylov at rest", "lowest modes", "tolerance", *["modes in a band"] * is_complex())
 
 
 def beams(comm, kind):
@@ -60,8 +63,8 @@ def test_a_body_with_more_free_motions_is_refused(comm, way):
             values = np.linalg.eigvalsh(np.linalg.solve(np.linalg.cholesky(M), np.linalg.solve(
                 np.linalg.cholesky(M), K).T))  # fmt: skip
             assert (np.abs(values) < 1e-9 * values.max()).sum() == 6 + count
-            # where the run's own factor or its modes show them, they are not counted
-            with pytest.raises(InputError, match=f"K lets ({count} )?more motions? happen without force than the 6"):
+            many = "" if way in UNCOUNTED else f"{count} "
+            with pytest.raises(InputError, match=f"K lets {many}more motions? happen without force than the 6"):
                 WAYS[way](model)
 
 
