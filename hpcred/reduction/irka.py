@@ -22,6 +22,7 @@ from ..parallel.decisions import decided
 from ..parallel.declared import as_declared
 from ..parallel.failures import InputError
 from ..parallel.messages import message
+from ..parallel.progress import counted
 from ..parallel.ranges import Band
 from .components.component import Component
 from .reduce import reduce
@@ -132,7 +133,7 @@ class IRKA(Reductor):
                 moved = np.abs(points - before).max() / np.abs(before).max()
                 if moved <= self.change:
                     return reduced
-        said = f"irka: after {self.turns} turns points still move by {moved:.1e} of themselves"
+        said = f"irka: after {counted(self.turns, 'turn')} points still move by {moved:.1e} of themselves"
         if model.comm.rank == 0:
             message(logging.WARNING, said)
         return replace(reduced, record=replace(reduced.record, warnings=(*reduced.record.warnings, said)))

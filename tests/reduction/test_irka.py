@@ -70,6 +70,8 @@ def test_two_sided_points_are_matched_on_both_sides(linkage):
 def test_its_results_are_written_and_read(comm, folder, linkage):
     rom = IRKA(size=6, band=(0, 300), frame=FRAME, damping=DAMPING, turns=2, change=1e-12).reduce(linkage)
     assert any("irka: after 2 turns points still move" in text for text in rom.record.warnings)
+    once = IRKA(size=6, band=(0, 300), frame=FRAME, damping=DAMPING, turns=1).reduce(linkage)
+    assert any("irka: after 1 turn points still move" in text for text in once.record.warnings)
     rom.save(folder / "a.h5")
     assert hpcred.read_result(folder / "a.h5", comm).reduced.record == rom.record
 

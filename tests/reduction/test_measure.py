@@ -12,8 +12,17 @@ from pydantic import TypeAdapter
 import hpcred
 from hpcred.analysis.error import errors_of
 from hpcred.analysis.frequency_response import response_and_drive
-from hpcred.reduction.result.accuracy import Accuracy
-from hpcred.reduction.result.measure import FEELS_NOTHING, NO_INPUT, PAPER, UnknownMeasure, directions, drive_points
+from hpcred.reduction.result.accuracy import Accuracy, in_percent
+from hpcred.reduction.result.directions import directions_table
+from hpcred.reduction.result.measure import (
+    FEELS_NOTHING,
+    NO_INPUT,
+    PAPER,
+    Directions,
+    UnknownMeasure,
+    directions,
+    drive_points,
+)
 from hpcred.reduction.result.reduced_model import as_measured
 
 pytestmark = pytest.mark.mpi
@@ -90,6 +99,22 @@ def test_an_error_where_nothing_moves_is_infinite_and_none_is_zero(random):
     zero, one = np.zeros((1, 1, 1)), np.ones((1, 1, 1))
     assert PAPER.eps(zero, zero, None) == 0 and PAPER.eps(one, zero, None) == np.inf
     assert PAPER.eps(one, 2 * one, None) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("error", "tolerance", "said"), [
+    (0.00123, 1e-2, "0.12 %"), (5.28e-7, 1e-4, "0.000053 %"), (3e-11, 1e-4, "3.0e-09 %"), (3.2e-8, 1e-7, "3.2e-08"),
+    (1.004e-4, 1e-4, "0.01004 %"), (0.0, 1e-4, "0 %"), (np.inf, 1e-4, "not known"),
+])  # fmt: skip
+def test_errors_are_in_percent_but_far_below_one(error, tolerance, said):
+    assert in_percent(error, tolerance) == said
+
+
+def test_an_output_without_drive_point_has_the_largest_response_to_inputs_of_one_size():
+    """A force of 1 N, and one of 100 N that moves twice as much."""
+    by = Directions(inputs=(1.0, 1e4), outputs=(1.0,), drive=(NO_INPUT,))
+    first = np.array([[1e-3, 2e-3]]), np.array([[1.0, 2.0]])
+    (found,) = directions_table(by, [5.0], np.array([[4e-3]]), np.array([[1]]), first, ["u"], ["one", "hundred"])
+    assert (found.input, found.static, found.static_error, found.worst_input) == ("one", 1.0, 1e-3, "hundred")
 
 
 def test_an_output_that_feels_nothing_is_left_out(random):

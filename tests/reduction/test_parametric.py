@@ -32,6 +32,7 @@ from hpcred.parallel.decisions import shared_out
 from hpcred.parallel.petsc import PETSc
 from hpcred.reduction import parametric_reductor
 from hpcred.reduction.parametric import compression
+from hpcred.reduction.parametric.reduced import _modes
 from hpcred.reduction.parametric.training import (
     corner_points,
     distances,
@@ -614,6 +615,15 @@ def test_points_where_a_pole_is_at_an_end_of_the_band(modes, comm):
     near = np.array([each[np.abs(each).argmin()] for each in (one[:, k] for one, k in zip(off, places, strict=True))])
     assert set(places) == set(range(len(ends))) and len(found) >= 4 * len(ends)
     assert (np.abs(near) < 0.01).all() and (np.where(ends[places] == band[1], -near, near) >= 0).all()
+
+
+def test_the_largest_entry_of_a_mode_is_positive():
+    A = np.random.default_rng(2).normal(size=(6, 6))
+    K, M = A @ A.T, np.diag(np.arange(1.0, 7.0))
+    found = _modes({"M": M, "K": K}, {}, SimpleNamespace(M=M, K=K))
+    assert pytest.approx(np.eye(6), abs=1e-12) == found.X.T @ M @ found.X
+    assert pytest.approx(np.diag(found.stiffnesses), abs=1e-10) == found.X.T @ K @ found.X
+    assert (found.X[np.abs(found.X).argmax(axis=0), range(6)] > 0).all()
 
 
 def test_training_points_fill_the_ranges():
