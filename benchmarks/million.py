@@ -3,7 +3,7 @@
 usage: python benchmarks/million.py [--cells 24 33] [--ranks 2] [--tolerance 1e-4] [--cycle] [-- OPTIONS]
 
 The bands end where 38 modes of the cube lie below, whatever its cells an edge are; 69 of them make 1,014,300 dofs (up
-to 5655 Hz), which take 8 GB and minutes. Another version of hpcred is measured with its folder as
+to 5655 Hz), which take 6 GB and minutes. Another version of hpcred is measured with its folder as
 PYTHONPATH. OPTIONS are those of PETSc. With --cycle one cycle over all columns is compared with PCMatApply of PETSc's
 own cycle, over the same levels with the same smoother.
 """
