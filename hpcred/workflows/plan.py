@@ -39,8 +39,8 @@ ON_TWO, MORE_BY_RANKS = 1.3, 1.1
 ON_DISK, DISK_SLOWER = 0.5, 1.4
 PROGRAM = 0.15 * GB  # a rank: 0.09 GB after the start, buffers of messages and files
 MATRICES = 160  # bytes a nonzero, docs/large.md, "Time and memory": M and K with two copies
-# docs/evidence.md, "Large models": bytes a nonzero in all, and processor seconds a nonzero, to a tolerance over 38 modes
-# of the larger cube; a third as many dofs have the same, on a slower machine 1.9 times as long
+# docs/evidence.md, "Large models": bytes a nonzero in all, and processor seconds a nonzero, to a tolerance over 38
+# modes, of the larger cube; the smaller one has the same bytes, and on a slower machine took 1.9 times as long
 MULTIGRID, SECONDS_OF_MULTIGRID = 75, 1440 / 243_000_000
 # seconds a dof beside factors, on one rank and divided by the root of the ranks (docs/evidence.md, "More ranks"); at
 # 10^5 dofs a reduction to a tolerance takes more
