@@ -37,7 +37,7 @@ def test_groups_give_the_same_model(comm, groups):
         wanted = comm.size if groups == "all" else groups
         shared, many = responses(model, basis, damping, groups=wanted)
     assert np.abs(shared - alone).max() < 1e-8 * np.abs(alone).max()
-    assert one.size == many.size
+    assert one.size == many.size and (one.record.groups, many.record.groups) == (1, comm.size)
     where = [[item.where for item in rom.record.components] for rom in (one, many)]
     assert where[0] == where[1]
     if groups == "all":
