@@ -9,11 +9,12 @@ import scipy.sparse
 import hpcred
 from hpcred.reduction.search import hidden_modes, point_solver
 from hpcred.reduction.search import search as searches
-from hpcred.reduction.search.hidden_modes import UNCOUNTED, find_hidden
+from hpcred.reduction.search.hidden_modes import PASSES, UNCOUNTED, find_hidden
 
 
-def rounds(monkeypatch, counts, answers, room):
-    """Which columns were added, and their numbers; `answers`: (moving, missing) a time, before the first too."""
+def rounds(monkeypatch, counts, answers, room, doubtful=None, multigrid=False):
+    """Which columns were added, and their numbers; `answers`: (moving, missing) a time, before the first too;
+    `doubtful`: what seems to be no mode then."""
     basis, taken, first = SimpleNamespace(size=0), [], answers[0][1] if answers else 1
 
     def extend(kind):
@@ -30,9 +31,9 @@ def rounds(monkeypatch, counts, answers, room):
     monkeypatch.setattr(hidden_modes, "_extend_by_modes", extend("modes"))
     monkeypatch.setattr(hidden_modes, "_moving", lambda *_: next(answers, (None, 1)))
     monkeypatch.setattr(hidden_modes, "_change", lambda *_: 0.0)
-    monkeypatch.setattr(hidden_modes, "doubtful_modes", lambda *_: None)
+    monkeypatch.setattr(hidden_modes, "doubtful_modes", lambda *_: doubtful)
     run = SimpleNamespace(note=lambda *_: None, model=SimpleNamespace(comm=SimpleNamespace(size=1)))
-    solver = SimpleNamespace(projections=SimpleNamespace(basis=basis), run=run, multigrid=False)
+    solver = SimpleNamespace(projections=SimpleNamespace(basis=basis), run=run, multigrid=multigrid)
     judge = SimpleNamespace(settings=SimpleNamespace(band=(0.0, 10.0)))
     find_hidden(solver, judge, (0.0, 10.0), (lambda _: first) if counts else None, lambda: basis.size >= room)
     return taken
@@ -56,6 +57,13 @@ PAIR, MODES = ("random", 2), ("modes", 2)
 )
 def test_rounds_of_columns(monkeypatch, counts, answers, taken):
     assert rounds(monkeypatch, counts, answers, room=100) == taken
+
+
+@pytest.mark.parametrize(("multigrid", "passes"), [(False, PASSES - 1), (True, 0)])
+def test_what_seems_to_be_no_mode_is_improved_some_times(monkeypatch, multigrid, passes):
+    """By factors, which show by how little soft modes move."""
+    taken = rounds(monkeypatch, True, [(None, 1)] + [(None, 0)] * 9, 100, "V", multigrid)
+    assert taken == [PAIR] + [MODES] * passes
 
 
 @pytest.mark.mpi
