@@ -353,6 +353,7 @@ def test_other_motions_as_input(comm, quantity, tmp_path):
 def test_direct_part_over_time(comm, tmp_path):
     """Absolute accelerations over time, in a simulation and by the matrices of a .mat, are those of the full model; the
     same for a displacement and a velocity of the base as for its acceleration."""
+    pytest.importorskip("scipy_dae")
     from scipy.io import loadmat
     from scipy.signal import lsim
 
