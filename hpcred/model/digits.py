@@ -46,7 +46,7 @@ def digits_of_numbers(
     values = np.abs(values[values != 0])
     values = values[:: 1 + len(values) // 500]
     needed, rest = np.full(len(values), MOST + 1), np.arange(len(values))
-    for digits in range(MOST, 0, -1):  # what changes is not looked at with fewer
+    for digits in range(MOST, 0, -1):  # a value that rounding to these changes is changed by fewer too
         rounded = np.array([float(f"{value:.{digits - 1}e}") for value in values[rest]])
         rest = rest[np.abs(rounded - values[rest]) <= SAME * values[rest]]
         needed[rest] = digits

@@ -19,9 +19,9 @@ ROWS_OF_DIGEST = 4096  # records of results keep digests over so many: with anot
 def digest(comm, first: int, rows: int, between) -> str:
     """XXH3 (128 bits) over the digests of ROWS_OF_DIGEST rows each (hexadecimal), the same on all ranks. Collective.
 
-    The ranks hold the rows in order, this one `rows` of them from row `first` on. `between(low, high)`: what is held of
-    its rows low to high, in pairs: how many values each row has (high - low,), and the values (their sum,), which count
-    as bytes; so do the numbers.
+    The ranks hold the rows in order, this one `rows` of them from row `first` on. `between(low, high)` gives pairs of
+    arrays for its rows low to high: how many values each row has (high - low,), and these values in one line. Both
+    count as bytes.
     """
     held = comm.allgather((int(first), rows))
     # rows of a chunk that begins on an earlier rank go there
